@@ -1,4 +1,4 @@
-"""The exact box of a posed vehicle in an image, known before a pixel is rendered (paper, section 2.1.7).
+"""The exact box of a posed vehicle in an image, known before rendering (paper, section 2.1.7).
 
 The rule is `surface_box`: clip every triangle, project what is left, take the extremes. `VehicleBoxes` gives the
 same answer from the few vertices that can be extreme, and clips only where a plane cuts the vehicle.
@@ -59,10 +59,10 @@ from hulldown.camera.lenses import Lenses, Optics, lenses
 from hulldown.camera.projection import NEAR, Camera
 from hulldown.geometry.arrays import checked
 
-POSES = 4096  # poses of a batch whose matrices are held at a time
-FAR = 1e9  # pixels; polynomials of a lens take what stands beside it beyond the numbers that plans hold
-CLEAR = 1e-6  # pixels beside the image from which on no rounding brings a point into it
-BLOCK = 1 << 15  # points moved at a time: what stays in the second-level cache
+POSES = 4096  # poses whose matrices are in memory at a time
+FAR = 1e9  # pixels: limit of a lens's polynomial far off its axis, for numbers that plans can store
+CLEAR = 1e-6  # pixels outside the image beyond which rounding can't move a point into it
+BLOCK = 1 << 15  # points moved at a time, which stay in the second-level cache
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -96,13 +96,13 @@ def surface_box(
     faces
         (f, 3) vertex indices.
     camera
-        What it is seen by.
+        The camera.
     frame
         Whether only the surface inside the image counts, or all of it in front of the near plane (`NEAR` meters).
 
     Returns
     -------
-    xywh in continuous pixels, or None if no surface counts. What occludes the surface plays no part.
+    xywh in continuous pixels, or None if no surface counts. Occlusion is ignored.
 
     Examples
     --------
@@ -244,7 +244,7 @@ class VehicleBoxes:
     def _curved_boxes(
         self, camera_from_parts: Float[np.ndarray, "p 3 4"], lens: Lenses
     ) -> tuple[Float[np.ndarray, "4"], Float[np.ndarray, "4"]]:
-        """The boxes in the image and out of it that a distorting lens gives; nan where there is none."""
+        """Boxes through distorting lenses, in the image and amodal; nan if there is none."""
         nothing = np.full(4, np.nan)
         amodal = self._curved(camera_from_parts, lens, frame=False)
         if amodal is None:
@@ -291,7 +291,7 @@ class VehicleBoxes:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Hull:
-    """Where the convex hulls of n poses are: their extremes in pixels, which are meant for those in front."""
+    """Convex hulls of n poses relative to the camera; extremes in pixels are valid for those in front."""
 
     extremes: Float[np.ndarray, "n 4"]
     behind: Bool[np.ndarray, " n"]  # wholly behind the near plane
@@ -303,7 +303,7 @@ class _Hull:
 def truncated_fraction(xywh: ArrayLike, amodal: ArrayLike) -> Float[np.ndarray, "..."]:
     """Share of an amodal box's area that the box in the image lacks.
 
-    Of a box without width or height the other side alone counts. Where `xywh` is nan nothing is in the image: 1.
+    For a box without width or height the other side alone counts. It's 1 if `xywh` is nan: out of the image.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ def extremes_of_mesh(points: Float[np.ndarray, "3 v"], faces: np.ndarray, frustu
 
 
 def extremes_of_triangles(triangles: Float[np.ndarray, "3 f 3"], frustum: Frustum) -> Float[np.ndarray, "4"]:
-    """The same for loose triangles (coordinate, face, corner)."""
+    """Extremes of loose triangles (coordinate, face, corner), clipped."""
     outside = frustum.outside(triangles)
     either = np.bitwise_or.reduce(outside, axis=1)
     whole = extremes_of_points(frustum.project(triangles[:, either == 0]))
@@ -48,7 +48,7 @@ def extremes_of_clipped(triangles: Float[np.ndarray, "3 f 3"], frustum: Frustum)
     points, _, on = clipped(triangles, frustum)
     pixels = frustum.project(points)
     u, v = pixels
-    # A corner cut by an edge of the image lies on it, whatever rounding says.
+    # A corner cut by an edge of the image is exactly on it.
     u[on & LEFT_BIT != 0] = 0.0
     u[on & RIGHT_BIT != 0] = frustum.size[0]
     v[on & TOP_BIT != 0] = 0.0

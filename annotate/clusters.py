@@ -1,4 +1,4 @@
-"""The box of a clipped surface by branch and bound: only triangles that can still widen it are looked at."""
+"""The box of a clipped surface by branch and bound: only triangles that can widen it are clipped."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class ClusteredSurface:
         self._made = False
 
     def _make(self) -> None:
-        """Cut the triangles into clusters, the first time that these are asked for."""
+        """Group the triangles into clusters, on first use."""
         if self._made:
             return
         self._made, parts = True, self._parts
@@ -89,7 +89,7 @@ class ClusteredSurface:
     def curved_extremes(
         self, camera_from_parts: Float[np.ndarray, "p 3 4"], view: CurvedView
     ) -> Float[np.ndarray, "4"]:
-        """The same as a distorting lens shows it: by clusters that may reach beyond the hull's vertices."""
+        """`extremes` through a distorting lens, from clusters that may reach beyond the hull's vertices."""
         self._make()
         first = move(self._parts.extreme, self._parts.extreme_slices, camera_from_parts[None])[:, 0]
         if (first[2] < NEAR).all():

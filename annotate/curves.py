@@ -1,4 +1,4 @@
-"""Extremes of a surface that a distorting lens projects: its straight edges become curves.
+"""Extremes of a surface seen through a distorting lens, in which straight edges become curves.
 
 A lens maps the disk that it sees one to one, so what it shows of a triangle is bounded by the images of the triangle's
 edges. The box of a surface inside the image is then the box of all edges' images inside it, and of those corners of the
@@ -20,19 +20,19 @@ from hulldown.camera.lenses import Lenses
 from hulldown.camera.projection import NEAR
 from hulldown.geometry.portable import sin_cos
 
-CLOSE = 1e-7  # pixels that what isn't looked at any closer may widen a box by
+CLOSE = 1e-7  # pixels that edges may still widen a box by when halving ends
 ROUNDS = 60  # of halving; crossings of the image's sides take about 30
 AROUND = 64  # places on the circle of the fold that are compared at a time
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CurvedView:
-    """What one camera with a distorting lens sees.
+    """The view of one camera with a distorting lens.
 
     Parameters
     ----------
     lens
-        Of one camera.
+        The lens of one camera.
     frame
         Whether the image's sides bound what is seen, or the lens's fold alone.
     """
@@ -78,7 +78,7 @@ class CurvedView:
         return ~(beside | (first > last).any(axis=1) | (_beyond(best, first.T, last.T) <= 0.0))
 
     def cut(self, low: Float[np.ndarray, "n 2"], high: Float[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray]:
-        """What of boxes in pixels is in the image, if its sides count."""
+        """Clip boxes in pixels to the image, if its sides count."""
         return (np.maximum(low, 0.0), np.minimum(high, self.lens.size)) if self.frame else (low, high)
 
     def inside(self, pixels: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:

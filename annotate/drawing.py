@@ -1,4 +1,4 @@
-"""Pictures with boxes, masks and class names on them, and sheets of such pictures."""
+"""Draw boxes, masks, and class names on pictures, and make sheets of pictures."""
 
 from __future__ import annotations
 

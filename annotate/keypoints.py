@@ -1,4 +1,4 @@
-"""Keypoints of a posed vehicle in an image, and whether anything hides them."""
+"""Keypoints of a posed vehicle in an image, and their visibility."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def keypoints_in_image(vehicle: PosedVehicle, camera: Camera, world: World) -> F
     camera
         What sees it; nothing nearer than `NEAR` is seen.
     world
-        What may hide a keypoint: ground, obstacles, and vehicles, this one included. A surface less than `SLACK` in
+        Occluders: ground, obstacles, and vehicles, this one included. A surface less than `SLACK` in
         front of a keypoint doesn't hide it.
 
     Returns

@@ -1,6 +1,6 @@
-"""What is known about labels, such as size, distance or weather, and the bins that reports put it into.
+"""Attributes of labels, such as size, distance, or weather, and their bins in reports.
 
-What records say comes first; distance, elevation, side and slope are else derived from their poses.
+Fields of records come first; distance, elevation, side, and slope otherwise follow from poses.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Records = Sequence[Mapping[str, Any]]
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """A number that may be known of labels: what it is called, its unit, edges of its bins, and the bins' names."""
+    """A numeric attribute of labels: title, unit, bin edges, and bin names."""
 
     name: str
     title: str
@@ -63,7 +63,7 @@ SCALES = (
 
 
 def numbers_of(labels: Records, images: Records, image: Int[np.ndarray, " g"]) -> dict[str, Float[np.ndarray, " g"]]:
-    """Every number that is known of labels by the names of `SCALES`, and ``azimuth``; nan where it is not known.
+    """Return the numbers of `SCALES` and ``azimuth`` for labels; nan if unknown.
 
     Parameters
     ----------
@@ -94,9 +94,9 @@ def numbers_of(labels: Records, images: Records, image: Int[np.ndarray, " g"]) -
 def seen_from(
     world_from_vehicle: Float[np.ndarray, "n 4 4"], world_from_camera: Float[np.ndarray, "n 4 4"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Distance in meters, elevation and azimuth in degrees at which cameras stand, seen from targets.
+    """Distance in meters, elevation, and azimuth in degrees of cameras, seen from targets.
 
-    From the target's origin, the center of its underside: where its center is, records do not say. Azimuth is 0 in
+    Measured from the target's origin, the center of its underside, since records don't have its center. Azimuth is 0 in
     front of the target and positive to its left; elevation is above the horizon.
     """
     toward = world_from_camera[:, :3, 3] - world_from_vehicle[:, :3, 3]
@@ -122,7 +122,7 @@ def bins_of(values: Float[np.ndarray, " n"], scale: Scale) -> Int[np.ndarray, " 
 
 
 def weather_of(value: Any) -> str | None:
-    """Bins of what a row says about weather: null is clear."""
+    """Bin names of a row's weather; null is clear."""
     if value is None:
         return "clear"
     if isinstance(value, str):
@@ -137,7 +137,7 @@ def weather_of(value: Any) -> str | None:
 
 
 def poses_of(records: Records, key: str) -> Float[np.ndarray, "n 4 4"]:
-    """(n, 4, 4) poses of records; nan where there is none."""
+    """Poses (n, 4, 4) of records; nan if there is none."""
     poses = np.full((len(records), 4, 4), np.nan)
     for i, record in enumerate(records):
         if isinstance(record.get(key), list):
@@ -147,10 +147,10 @@ def poses_of(records: Records, key: str) -> Float[np.ndarray, "n 4 4"]:
 
 
 def name_of(value: Any) -> str | None:
-    """A record's name of something; None if it is none."""
+    """A name in a record; None if it isn't a string."""
     return value if isinstance(value, str) and value else None
 
 
 def number(value: Any) -> float:
-    """A record's number; nan if it is none."""
+    """A number in a record; nan if it isn't one."""
     return float(value) if type(value) in (int, float) and math.isfinite(value) else math.nan

@@ -1,4 +1,4 @@
-"""Masks of vehicles in images by rays, and as COCO stores them: run lengths, area, box, overlap."""
+"""Masks of vehicles by rays, and COCO's run lengths, area, box, and IoU."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from hulldown.camera.world import World
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.transforms import rotate
 
-FIRST_LOOK = 256  # pixels at which a vehicle is looked for before all others
+FIRST_LOOK = 256  # pixels that are tested first
 MOST_RAYS = 1 << 18  # cast together
 LONGEST_NUMBER = 7  # characters of a run length: 35 bits
 MOST_PIXELS = 2**32 - 1  # of an image with polygons: pycocotools counts in 32 bits
@@ -37,14 +37,14 @@ def vehicle_mask(
     camera
         What sees it; nothing nearer than `NEAR` is seen.
     xywh
-        The vehicle's box in the image: only pixels with their center in it are looked at. None: all pixels.
+        The vehicle's box in the image: only pixels with their center in it are tested. None: all pixels.
     world
-        What may hide the vehicle: ground, obstacles and other vehicles. None: the mask is the whole silhouette in the
+        Occluders: ground, obstacles, and other vehicles. None: the mask is the whole silhouette in the
         image.
 
     Returns
     -------
-    (height, width), true where the vehicle is seen.
+    (height, width), true where the vehicle is visible.
     """
     rows, columns = _pixels(camera, xywh)
     mask = np.zeros((camera.intrinsics.height, camera.intrinsics.width), dtype=bool)
@@ -61,7 +61,7 @@ def show_pixels(
     xywh: Float[np.ndarray, "n 4"],
     world: World,
 ) -> Bool[np.ndarray, " n"]:
-    """Whether the `vehicle_mask` of what each camera looks at has any pixel; a few of them are looked at first.
+    """Whether the `vehicle_mask` of each camera's subject has any pixel; a few pixels are tested first.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def show_pixels(
     xywh
         (n, 4) boxes of the subjects.
     world
-        What may hide them.
+        Their occluders.
     """
     shown = np.zeros(len(xywh), dtype=bool)
     first = np.clip(np.ceil(xywh[:, :2] - 0.5), 0, lens.size).astype(int)
@@ -81,7 +81,7 @@ def show_pixels(
     few = pixels // FIRST_LOOK + 1
 
     def look(cameras: Int[np.ndarray, " k"], step: Int[np.ndarray, " k"]) -> None:
-        """At every step-th pixel of the boxes of these cameras."""
+        """Test every step-th pixel of these cameras' boxes."""
         count = -(-pixels[cameras] // step)
         row = np.repeat(np.arange(len(cameras)), count)
         pixel = (np.arange(len(row)) - (np.cumsum(count) - count)[row]) * step[row]
@@ -125,7 +125,7 @@ def _seen(
     rows: Int[np.ndarray, " n"],
     columns: Int[np.ndarray, " n"],
 ) -> Int[np.ndarray, " k"]:
-    """Which of these pixels show the vehicle."""
+    """Whether each pixel shows the vehicle."""
     if not len(rows):
         return np.zeros(0, dtype=np.int64)
     along = directions(camera.intrinsics, np.stack([columns, rows], axis=1) + 0.5) @ camera.world_from_camera[:3, :3].T
@@ -157,7 +157,7 @@ def decode(segmentation: Any, width: int, height: int) -> Bool[np.ndarray, "h w"
 
 
 def run_lengths(segmentation: Any, width: int, height: int) -> Int[np.ndarray, " n"]:
-    """A COCO segmentation as run lengths, column by column, beginning with what is not in the mask; errors of `decode`.
+    """A COCO segmentation as run lengths, column by column, background first; errors of `decode`.
 
     They are few however large the image is.
     """
@@ -182,7 +182,7 @@ def run_lengths(segmentation: Any, width: int, height: int) -> Int[np.ndarray, "
 
 
 def extent(segmentation: Any, width: int, height: int) -> tuple[int, Float[np.ndarray, "4"] | None]:
-    """Pixels of a COCO segmentation and `mask_box` of its mask, which is not unfolded; errors of `decode`."""
+    """Area and `mask_box` of a COCO segmentation, without decoding it; errors of `decode`."""
     ends = np.cumsum(run_lengths(segmentation, width, height))
     first, end = ends[:-1:2], ends[1::2]
     first, end = first[end > first], end[end > first]
@@ -199,8 +199,8 @@ def extent(segmentation: Any, width: int, height: int) -> tuple[int, Float[np.nd
 def _counts(text: str) -> Int[np.ndarray, " n"]:
     """The run lengths in COCO's compressed text, read here: pycocotools writes past its memory if they are damaged.
 
-    A number is written five bits a character, the lowest first, 32 on all but its last; from the fourth number on it is
-    what the run is longer than the one before last.
+    A number has five bits a character, lowest first, plus 32 on all but its last. From the fourth number on, it's the
+    difference from the run before the last.
     """
     codes = np.frombuffer(text.encode("ascii", "replace"), dtype=np.uint8).astype(np.int64) - 48
     last = np.flatnonzero(codes & 32 == 0)

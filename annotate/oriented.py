@@ -1,4 +1,4 @@
-"""Oriented boxes: the smallest rectangle around a visible mask, and the ground under a vehicle as its camera sees it.
+"""Oriented boxes: smallest rectangles around masks, and their corners and overlaps.
 
 A rectangle is written as center, width, height, and the angle of its width from the image's x axis to its y axis.
 """
@@ -52,7 +52,7 @@ def mask_rectangle(segmentation: Any, width: int, height: int) -> Float[np.ndarr
 
 
 def fits(rectangle: ArrayLike, segmentation: Any, width: int, height: int) -> bool:
-    """Whether a rectangle is, but for rounding, a smallest one that holds a mask; of a triangle three are.
+    """Whether a rectangle is a smallest one around a mask, up to rounding; a triangle has three.
 
     Parameters and errors as of `mask_rectangle`.
     """

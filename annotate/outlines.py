@@ -1,4 +1,4 @@
-"""Masks as polygons, for readers that know no run lengths, and what is lost by leaving corners out."""
+"""Masks as polygons, for tools without run lengths, with simplification."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def polygons(segmentation: Any, width: int, height: int, *, within: float = 0.0)
     width, height
         Of the image, in pixels.
     within
-        Pixels: corners are left out where the outline moves by no more. A piece or a hole that has fewer than three
-        corners left goes.
+        Pixels: corners are dropped if the outline moves by no more. A piece or hole with fewer than three
+        corners left is dropped.
 
     Returns
     -------
@@ -73,7 +73,7 @@ def bridged(rings: Sequence[Ring]) -> Ring:
 
 
 def simplified(ring: Ring, within: float) -> Ring:
-    """A ring without the corners that lie within a distance of the line between the corners that are kept.
+    """Drop corners of a ring that are within a distance of the line between the kept ones.
 
     References
     ----------

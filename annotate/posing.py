@@ -1,4 +1,4 @@
-"""A vehicle's surface as coordinate rows that are moved into camera frames by plain sums, the same bits every time."""
+"""A vehicle's surface as coordinate rows, transformed into camera frames by explicit sums for reproducible bits."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NEAR_VERTEX = 1e-9  # of a part's size: points this close to a hull vertex may b
 
 
 class PosedParts:
-    """The used vertices of a vehicle, grouped by rigid part, and those of them that can be extreme in an image.
+    """The used vertices of a vehicle by rigid part, and those that can be extreme in an image.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class PosedParts:
         world_from_camera: Float[np.ndarray, "n 4 4"],
         angles: Float[np.ndarray, "n p"],
     ) -> Float[np.ndarray, "n p 3 4"]:
-        """Where poses and angles take each part at rest, in the camera's frame."""
+        """Poses of each part in the camera's frame."""
         camera_axes = np.swapaxes(world_from_camera[:, :3, :3], 1, 2)
         camera_from_vehicle = np.empty((len(world_from_vehicle), 3, 4))
         camera_from_vehicle[:, :, :3] = product(camera_axes, world_from_vehicle[:, :3, :3])
@@ -78,7 +78,7 @@ def move(
 ) -> Float[np.ndarray, "3 n v"]:
     """Points of all parts in n frames.
 
-    Sums are written out, so that a point's result depends on nothing but the point and the pose: a matrix product
+    Sums are explicit, so that a point's result depends on the point and the pose alone: a matrix product
     rounds differently with the number of points beside it.
     """
     moved = np.empty((3, len(b_from_parts), points.shape[1]))

@@ -1,4 +1,4 @@
-"""Pictures that tell people something, on disk: marked as ours, so that nobody else's is ever replaced."""
+"""Pictures for people on disk, marked as ours so that other files are never replaced."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hulldown.geometry.files import make_room, open_regular, replacing
 
 SOFTWARE = {"Software": "hulldown"}  # the text by which a PNG file is known as ours
 _MARK = b"tEXtSoftware\0hulldown"
-_START = 4096  # bytes in which the mark stands, before the pixels
+_START = 4096  # bytes before the pixels that contain the mark
 
 
 def save_sheet(sheet: Image.Image, path: Path) -> None:
@@ -36,7 +36,7 @@ def save_sheet(sheet: Image.Image, path: Path) -> None:
 
 
 def refuse_foreign(path: Path) -> None:
-    """Refuse to replace what is no picture of ours; to be asked before the work, too.
+    """Refuse to replace a file that isn't our picture; also called before the work.
 
     Raises
     ------
@@ -57,13 +57,13 @@ def refuse_foreign(path: Path) -> None:
 
 
 def make_room_for_picture(path: Path) -> None:
-    """As `make_room`, and refuse to replace what is no picture of ours."""
+    """As `make_room`, and refuse to replace a file that isn't our picture."""
     make_room(path)
     refuse_foreign(path)
 
 
 def notebook_page(title: str, facts: Mapping[str, object], sheet: Image.Image | None) -> str:
-    """HTML that a notebook shows of a plan or dataset: what there is in a table, then pictures."""
+    """HTML of a plan or dataset in a notebook: a table of its contents, then pictures."""
     rows = "".join(f"<tr><th>{escape(key)}</th><td>{escape(str(value))}</td></tr>" for key, value in facts.items())
     png = f'<img src="data:image/png;base64,{b64encode(encoded(sheet)).decode()}">' if sheet else ""
     return f"<div><b>{escape(title)}</b><table>{rows}</table>{png}</div>"

@@ -1,4 +1,4 @@
-"""Bundle files: what Blender made of a file, as arrays in an .npz that is written whole or not at all."""
+"""Bundle files: vehicles and sceneries as arrays in an .npz, written atomically."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hulldown.geometry.errors import AssetError
 from hulldown.geometry.files import open_regular, replacing
 from hulldown.geometry.meshes import Mesh
 
-FORMAT = 6  # also when what finds undersides or extreme vertices changes
+FORMAT = 6  # also raised when undersides or extreme vertices are computed in another way
 # RuntimeError: zipfile takes damaged flags for encryption. MemoryError: a header may claim any shape.
 _DAMAGE = (OSError, ValueError, EOFError, KeyError, TypeError, RuntimeError, MemoryError, zipfile.BadZipFile)
 REMEDY = "delete the file, it is made again when it is needed"
@@ -122,7 +122,7 @@ def load_scenery(path: Path | str) -> Scenery:
 
 
 def _arrays(kind: type) -> tuple[str, ...]:
-    """Names of the fields that are single arrays, so that a new one is neither forgotten nor named twice."""
+    """Names of the fields that are single arrays, so that new fields are stored too."""
     return tuple(f.name for f in fields(kind) if "np.ndarray" in str(f.type))
 
 

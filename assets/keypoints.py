@@ -1,4 +1,4 @@
-"""Which keypoints a dataset has, in what order, and which of them lines join."""
+"""The list of a dataset's keypoints, and the skeleton that connects them."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ def category_fields(
     *,
     path: Path,
 ) -> dict[str, Any]:
-    """`keypoints` and `skeleton` of COCO's categories: the same for all, so that the labels of an image are one array.
+    """Return COCO's `keypoints` and `skeleton`, the same for all categories, so an image's labels are one array.
 
     Parameters
     ----------
     shapes
-        The vehicles that are labeled.
+        The labeled vehicles.
     patterns
-        The config's `annotate.keypoints`; None: no keypoints are labeled, and there is nothing to return.
+        The config's `annotate.keypoints`; None: no keypoints, and an empty result.
     lines
         The config's `annotate.skeleton`; None: between the default keypoints.
     path
@@ -44,7 +44,7 @@ def category_fields(
     Raises
     ------
     ConfigError
-        Naming a pattern that matches none, or a line to what isn't a keypoint.
+        Naming a pattern without a match, or a line to an unknown keypoint.
     """
     if patterns is None:
         return {}

@@ -1,4 +1,4 @@
-"""What a plan is made from besides its config: vehicles, sceneries and HDRIs that are already in memory."""
+"""The assets of a plan in memory: vehicles, sceneries, and HDRIs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hulldown.assets.vehicle import VehicleShape
 
 @dataclass(frozen=True, slots=True)
 class AssetFile:
-    """Where an asset came from, as the plan's header records it.
+    """An asset's file, as in the plan's header.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ class AssetFile:
     sha256
         Hexadecimal digest of the file's bytes; empty if the asset was made in memory.
     mended_sha256
-        Digest of the copy that is rendered in its place; empty if it is used as it is.
+        Digest of the repaired copy that is rendered; empty if the file is used unchanged.
     """
 
     path: str
@@ -32,7 +32,7 @@ class AssetFile:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Assets:
-    """Everything a planner needs in memory; all mappings are by the asset's name in the config.
+    """All assets of a plan; mappings are by the asset's name in the config.
 
     Parameters
     ----------
@@ -45,13 +45,13 @@ class Assets:
     hdris
         Names of the HDRIs, in the order of the config.
     distractors
-        Shape of each vehicle that is no target, in the order of the config.
+        Shape of each distractor, in the order of the config.
     skies
-        How HDRIs light open land; those without an entry were made in memory, and are even skies of radiance 1.
+        Light of HDRIs on open land; those without an entry are even skies of radiance 1, made in memory.
     vehicle_files, scenery_files, hdri_files, distractor_files
         The files they came from; assets without an entry were made in memory.
     photographs
-        What cameras follow; the planner reads them if they aren't here and the config names them.
+        Photographs that cameras follow; None: the planner reads those that the config names.
 
     Raises
     ------
@@ -79,5 +79,5 @@ class Assets:
             raise ValueError(f"categories: expected one for every vehicle, got none for {lacking}")
 
     def sky(self, hdri: str) -> SkyLight:
-        """How an HDRI lights open land."""
+        """Light of an HDRI on open land."""
         return self.skies.get(hdri, EVEN)

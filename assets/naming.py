@@ -1,4 +1,4 @@
-"""How names in people's files are matched: whole words in any case and spelling, or globs."""
+"""Matching of names in files: whole words in any case and spelling, or globs."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from functools import lru_cache
 from typing import NamedTuple
 
 TURRET = ("turret",)
-LAUNCHER = ("launcher", "tower")  # the turret of files that have no turret
+LAUNCHER = ("launcher", "tower")  # the turret in files without one named so
 NOT_LAUNCHER = ("smoke", "grenade")
 GUN = ("gun", "barrel", "cannon", "howitzer", "mantlet")
 NOT_GUN = ("machine", "mg", "coax", "oil", "fuel", "water", "drum", "rack")
 PIVOT = ("pivot",)
-# Asked where no name has one of those as a word of its own: parts of words, other languages, slips of one letter.
+# Tried if no name has one of those as a whole word: parts of words, other languages, typos of one letter.
 TURRET_HINTS = (
     *("turret", "turm", "tourelle", "bashnya", "bashnia", "torreta", "torretta", "torre", "wieza", "vez", "torn"),
     *("koepel", "torony", "kupol", "taret", "houtou", "paota", "башня", "башн", "炮塔", "砲塔", "포탑"),
@@ -32,36 +32,36 @@ NOT_GUN_HINTS = (
     *("treib", "oil", "drum", "rack", "ammo", "munition", "coax", "gunner", "gunmetal", "gunpowder", "begun"),
 )
 
-ARMED = ("missile", "rocket", "trunnion", "muzzle", "breech", "cradle arm")  # what hangs from something that aims
+ARMED = ("missile", "rocket", "trunnion", "muzzle", "breech", "cradle arm")  # carried by an aiming part
 
-FRONT = (  # what is at the nose of a vehicle, and
+FRONT = (  # parts at a vehicle's nose
     *("front", "windscreen", "windshield", "headlight", "head light", "head lamp", "headlamp", "grille", "grill"),
     *("bonnet", "hood", "cab", "cabin", "driver", "glacis", "radiator", "wiper", "steering", "mirror", "fog light"),
     *("scheinwerfer", "motorhaube", "kuehlergrill", "fahrerhaus", "fuehrerhaus", "frontscheibe", "vorne", "lenkrad"),
     *("capot", "phare", "pare brise", "avant", "cabine", "volant", "kabina", "kapot", "fara", "cofano", "faro"),
     *("delantero", "anteriore", "cabina", "parabrezza", "parabrisas"),
 )
-REAR = (  # what is at the other end
+REAR = (  # parts at its tail
     *("rear", "tail", "taillight", "tail lamp", "tailgate", "trunk", "brake light", "back", "exhaust", "tow bar"),
     *("tow hook", "tow hitch", "trailer hitch"),
     *("heck", "hinten", "rueckleuchte", "auspuff", "arriere", "hayon", "zad", "posteriore", "trasero"),
 )
 
-VEHICLE = (  # what only a vehicle has
+VEHICLE = (  # parts that only vehicles have
     *("turret", "gun", "cannon", "howitzer", "launcher", "hull", "chassis", "wheel", "tyre", "tire", "axle"),
 )
 
-NO_TURRET = (  # groups of a vehicle that has none
+NO_TURRET = (  # vehicles without a turret
     *("interior", "cockpit", "cabin", "dashboard", "seat", "steering", "door", "window", "indicator", "convertible"),
     *("roof", "lamp", "light", "mirror", "wiper", "hood", "bonnet", "trunk"),
 )
 
-BODY = (  # what else vehicles have: a file with such names would name a turret too
+BODY = (  # other parts of vehicles: a file with such names would name a turret too
     *("body", "door", "track", "suspension", "engine", "fender", "skirt", "armor", "armour", "seat", "window", "glass"),
     *("bumper", "roof", "plate", "hatch", "rim", "lamp", "light", "frame"),
 )
 
-NOT_PAINT = (  # materials that keep their colour when a vehicle is painted, unless their names also say
+NOT_PAINT = (  # materials that keep their color when a vehicle is painted, unless their names also have
     *("tyre", "tire", "rubber", "track", "tread", "chain", "glass", "window", "windscreen"),
     *("windshield", "lens", "lamp", "light", "headlight", "taillight", "reflector", "mirror", "chrome", "periscope"),
     *("wheel", "rim", "interior", "cockpit", "seat", "dashboard", "decal", "logo", "insignia", "number plate"),
@@ -80,7 +80,7 @@ STAGES = (
     *("floor", "ground", "groundplane", "terrain", "landscape", "stage", "ref", "reference", "platform", "pedestal"),
     *("podium", "plinth", "turntable"),
 )
-PRIMITIVES = ("grid", "plane")  # what Blender calls a new sheet, and whatever is modelled from one: many a car's body
+PRIMITIVES = ("grid", "plane")  # Blender's names of a new sheet, which things modeled from it keep, such as car bodies
 
 GROUND = (
     *("ground", "groundplane", "terrain", "landscape", "floor", "road", "soil", "dirt", "sand", "grassland", "field"),
@@ -93,13 +93,13 @@ NOT_GROUND = (
     *("barrier", "guardrail", "kerb", "curb", "fog", "asset", "prop", "vegetation", "foliage", "forest", "obstacle"),
     *("prototype",),
 )
-WATER = (  # what it is made of
+WATER = (  # substances
     *("water", "wasser", "eau", "agua", "água", "acqua", "woda", "voda", "vatten", "vann", "vand", "вода", "水"),
     *("waterplane", "watersurface", "watermesh", "waterbody", "watersheet", "watervolume", "waterlevel", "水面"),
     *("wasserfläche", "wasserflaeche", "wasseroberfläche", "wasserspiegel", "seawater", "lakewater", "riverwater"),
     *("seewasser",),
 )
-WATERS = (  # where it is found
+WATERS = (  # bodies of water
     *("lake", "river", "sea", "ocean", "pond", "pool", "stream", "creek", "brook", "lagoon", "canal", "swamp"),
     *("puddle",),
     *("flood", "lakesurface", "riversurface", "oceansurface", "oceanplane", "seasurface"),
@@ -110,7 +110,7 @@ WATERS = (  # where it is found
     *("озеро", "река", "море", "пруд", "rivier", "vijver", "sjö", "sjø", "hav", "flod", "elv", "göl", "deniz", "nehir"),
     *("湖", "河", "海", "川", "池", "湖面", "海面"),
 )
-NOT_WATER = (  # about water, and not it
+NOT_WATER = (  # things near water
     *("bed", "bottom", "shore", "bank", "beach", "coast", "side", "edge", "tower", "tank", "pump", "bottle", "barrel"),
     *("drum", "trough", "mill", "wheel", "lily", "lilies", "weed", "melon", "pipe", "hose", "hydrant", "fall", "well"),
     *("barrier", "barriers", "guardrail", "kerb", "curb", "boat", "ship", "bird", "dam", "pier", "gate", "lock"),
@@ -122,7 +122,7 @@ BACKDROPS = ("sky", "skydome", "sky sphere", "backdrop", "cloud", "atmosphere", 
 def words(name: str) -> tuple[str, ...]:
     """The lower-case words of `name`, without Blender's ``.001``.
 
-    Split at anything that is no letter or digit, between letters and digits, and at camelCase.
+    Split at anything but letters and digits, between letters and digits, and at camelCase.
     """
     return _words(re.sub(r"\.\d{3,}$", "", name))
 
@@ -156,7 +156,7 @@ def says(name: str, patterns: Iterable[str]) -> str | None:
     name
         Name of an object, mesh or collection.
     patterns
-        With ``*``, ``?`` or ``[``: a glob over the whole name in any case. Without: words that must stand in the
+        With ``*``, ``?`` or ``[``: a glob over the whole name in any case. Without: words that must be in the
         name one after the other, however they are joined, with a plural s or without.
     """
     patterns = tuple(patterns)
@@ -168,7 +168,7 @@ def says(name: str, patterns: Iterable[str]) -> str | None:
 
 
 class _Asked(NamedTuple):
-    """Patterns, made ready: the number of the first that asks for a word, with its plural; and the globs."""
+    """Compiled patterns: the number of the first pattern with a word, and the globs."""
 
     words: dict[str, int]
     longest: int
@@ -188,7 +188,7 @@ def _asked(patterns: tuple[str, ...]) -> _Asked:
 
 
 def _first_said(name: tuple[str, ...], asked: dict[str, int], longest: int) -> int:
-    """The lowest number of all words that stand in the name, written as one or as several; a large one if none does."""
+    """The lowest number of all words in the name, written as one or several; a large one if there are none."""
     found = sys.maxsize
     for first in range(len(name)):
         joined = ""
@@ -201,7 +201,7 @@ def _first_said(name: tuple[str, ...], asked: dict[str, int], longest: int) -> i
 
 
 def hints(name: str, stems: Iterable[str]) -> str | None:
-    """The first of `stems` that a word of `name` begins or ends with, or is but for one letter; None if none.
+    """The first of `stems` that a word of `name` begins or ends with, or differs from by one letter; None if none.
 
     Accents make no difference. Stems of up to four letters must be a whole word or begin or end a longer one, and are
     never taken for another by a slip, which keeps the first letter: the Spanish "pieza" is no Polish "wieza". Scripts

@@ -1,4 +1,4 @@
-"""The boxes of a user's photographs as arrays relative to their pictures: what plans match and reports compare."""
+"""The boxes of photographs as arrays, relative to their pictures, for plans to match and reports to compare."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.files import open_regular
 
 NAMES = ("annotations.json", "_annotations.coco.json")
-EDGE = 0.003  # of the picture's width or height: a box that ends this near to a side is cut off by it
+EDGE = 0.003  # share of the picture's width or height: a box this near to a side is cut off by it
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -100,7 +100,7 @@ class _Coco(Struct):
 
 
 def read_photographs(path: Path) -> Photographs:
-    """The boxes in a COCO file, or in that of a folder; the pictures themselves aren't opened.
+    """Read the boxes in a COCO file, or a folder's; pictures aren't opened.
 
     Regions of many (`iscrowd`) and boxes without area in the frame are left out. Where a record states
     `truncated_fraction`, as this package's do, 0 means that no side cuts the box off, however near it is.

@@ -1,4 +1,4 @@
-"""A scenery: the ground that vehicles stand on, and the obstacles that stand in their way and in the camera's."""
+"""A scenery: ground, and obstacles for vehicles and cameras."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Scenery:
     name
         The scenery's name, unique in a config.
     origin
-        (3,) what was subtracted from the file's coordinates, in meters; everything else here is relative to it.
+        (3,) meters, subtracted from the file's coordinates; everything else here is relative to it.
     ground
         All ground meshes merged, or None if the file has none: the ground is then the plane z = fallback_z.
     ground_names
@@ -28,7 +28,7 @@ class Scenery:
     face_ground
         (f,) for each ground face the index into `ground_names`.
     obstacle_meshes
-        Unique meshes of everything that is no ground (boulders, trees), each in its own frame.
+        Unique meshes of everything but ground (boulders, trees), each in its own frame.
     instance_mesh
         (k,) for each obstacle instance the index into `obstacle_meshes`.
     world_from_instance
@@ -36,9 +36,9 @@ class Scenery:
     instance_names
         Object name of each instance.
     instance_gives_way
-        (k,) whether it only hides, as grass does: vehicles drive over it and cameras look out of it.
+        (k,) whether it only hides, like grass: vehicles drive over it, and cameras look out of it.
     instance_is_water
-        (k,) whether it is water: a surface that hides, and that nothing is placed below.
+        (k,) whether it's water: a surface that hides, with nothing placed below.
     removed_names
         Objects of the file that the config drops; they are not rendered.
     scenery_from_file
@@ -64,7 +64,7 @@ class Scenery:
 
     @property
     def solid(self) -> Bool[np.ndarray, " k"]:
-        """(k,) which instances nothing may touch: all but grass and water."""
+        """(k,) instances that nothing may touch: all but grass and water."""
         return ~(self.instance_gives_way | self.instance_is_water)
 
     def water(self) -> Mesh | None:

@@ -1,4 +1,4 @@
-"""How an HDRI lights open land: the light that falls on level ground, and what of it is no sky."""
+"""The light of an HDRI on level ground, and its signs of surroundings."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from jaxtyping import Float
 
 @dataclass(frozen=True, slots=True)
 class SkyLight:
-    """The light of a sky, and what it shows.
+    """The light of an HDRI, and whether it shows surroundings.
 
     Parameters
     ----------
     irradiance
         Of level ground, linear Rec. 709.
     horizon_deg
-        Elevation up to which something other than sky is seen.
+        Elevation up to which it shows something other than sky.
     misfits
-        What tells that it does not show open land, a sentence each.
+        Signs that it doesn't show open land, one sentence each.
     shows_land
-        Whether grass, trees, or streets are seen below its horizon, and not one plain color.
+        Whether there are grass, trees, or streets below its horizon, instead of one color.
     """
 
     irradiance: tuple[float, float, float] = (math.pi, math.pi, math.pi)
@@ -35,7 +35,7 @@ EVEN = SkyLight()  # of radiance 1 everywhere
 
 
 def level_irradiance(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "3"]:
-    """Irradiance of level ground under an equirectangular picture: the integral of what it is, small suns included.
+    """Irradiance of level ground under an equirectangular picture: the exact integral, small suns included.
 
     Between the centers of its pixels a picture is linear, as it is rendered; the integral is in closed form.
 
@@ -55,7 +55,7 @@ def level_irradiance(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "3
 
 
 def row_weights(height: int) -> Float[np.ndarray, " h"]:
-    """What a row of an equirectangular picture, the lowest first, adds to the light on level ground, per radian.
+    """Weight of each row of an equirectangular picture, lowest first, in the light on level ground, per radian.
 
     The integral of sin(e) cos(e) above the horizon times the row's hat function, which is 1 at its center and 0 at
     those of its neighbors; the last row goes on to the zenith.
@@ -70,5 +70,5 @@ def row_weights(height: int) -> Float[np.ndarray, " h"]:
         return np.asarray((1.0 - slope * center) * constant + slope * linear)
 
     weights = integral(center - step, center, 1.0 / step) + integral(center, center + step, -1.0 / step)
-    weights[-1] += 0.5 - weights.sum()  # above its center, where it has no neighbor
+    weights[-1] += 0.5 - weights.sum()  # the half row above its center
     return weights

@@ -8,7 +8,7 @@ import numpy as np
 
 from hulldown.geometry.alpha import AlphaMap, Cutouts, Extension, Step
 
-TEXTURE_SIZE = 1024  # texels of the longer side that is kept, if nothing else is said
+TEXTURE_SIZE = 1024  # texels of the longer side, by default
 ARRAYS = (
     "cut_faces", "cut_uv", "cut_maps", "cut_counts",
     "map_texels", "map_extension", "map_smooth", "map_step_counts", "step_kinds", "step_numbers",

@@ -31,14 +31,14 @@ class VehicleShape:
     vertex_part
         (v,) index of the part each vertex belongs to; part 0 is the hull. No face spans two parts.
     part_names
-        ("hull", "turret", "gun", ...): what articulations are called.
+        ("hull", "turret", "gun", ...), as in articulations.
     part_parent
         (p,) index of the part each part rides on; -1 for the hull. Parents come before children.
     part_pivot
         (p, 3) a point on each part's axis of rotation, vehicle frame at rest; zeros for the hull.
     part_axis
         (p, 3) unit axis of rotation, vehicle frame at rest; +z for the hull, which never turns. Positive angles
-        turn a turret counter-clockwise seen from above and raise a gun.
+        turn a turret counterclockwise seen from above and raise a gun.
     part_limits
         (p, 2) lowest and highest angle in radians; zeros for the hull.
     vehicle_from_file
@@ -76,7 +76,7 @@ class VehicleShape:
         Raises
         ------
         ValueError
-            If one names a part the vehicle does not have.
+            If one names a part that the vehicle doesn't have.
         """
         column = {name: i for i, name in enumerate(self.part_names) if i}
         angles = np.zeros((len(articulations), len(self.part_names)))
@@ -90,12 +90,12 @@ class VehicleShape:
     def vehicle_from_parts(
         self, articulation: Articulation | Sequence[Articulation] | Float[np.ndarray, "n p"]
     ) -> Float[np.ndarray, "... p 4 4"]:
-        """Where articulation takes each part's rest position: (p, 4, 4), or (n, p, 4, 4) for n of them or their angles.
+        """Poses of articulated parts relative to rest: (p, 4, 4), or (n, p, 4, 4) for n articulations or their angles.
 
         Raises
         ------
         ValueError
-            If it names a part the vehicle does not have.
+            If it names a part that the vehicle doesn't have.
         """
         if isinstance(articulation, Mapping):
             return self.vehicle_from_turned(self.angles([articulation]))[0]
@@ -104,7 +104,7 @@ class VehicleShape:
         return self.vehicle_from_turned(self.angles(articulation))
 
     def vehicle_from_turned(self, angles: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "n p 4 4"]:
-        """`vehicle_from_parts` for angles as `angles` gives them; a row's bits depend on nothing but the row."""
+        """`vehicle_from_parts` for angles as `angles` gives them; a row's bits depend on that row alone."""
         poses = np.zeros((*angles.shape, 4, 4))
         poses[:] = np.eye(4)
         affine = poses[:, :, :3]
@@ -136,9 +136,9 @@ class VehicleShape:
         return apply(poses, self.keypoints[:, None])[:, 0]
 
     def with_keypoints(self, points: Mapping[str, tuple[ArrayLike, int | None]]) -> VehicleShape:
-        """The same with more keypoints: place in the vehicle frame at rest, and index of its part.
+        """Add keypoints: position in the vehicle frame at rest, and index of the part.
 
-        A keypoint whose part isn't given belongs to that whose surface is nearest; one of a known name is replaced.
+        A keypoint without a part belongs to the part with the nearest surface. One with an existing name replaces it.
         """
         known = zip(self.keypoint_names, self.keypoints, self.keypoint_part.tolist(), strict=True)
         every: dict[str, tuple[ArrayLike, int | None]] = {name: (point, part) for name, point, part in known}

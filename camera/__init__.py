@@ -1,1 +1,1 @@
-"""Where the camera stands, what it frames and what it sees (paper, section 2.1.6)."""
+"""Camera poses, framing, and what a camera sees (paper, section 2.1.6)."""

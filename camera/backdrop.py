@@ -1,4 +1,4 @@
-"""What a camera sees in place of things that stand high around an HDRI: a sky without them.
+"""The backdrop for HDRIs with a high horizon: an even color in place of buildings and trees.
 
 The renderer uses it too, inside Blender; needs numpy only.
 """
@@ -9,12 +9,12 @@ import math
 
 import numpy as np
 
-HIGH = math.radians(15.0)  # horizons above it are streets, woods and rooms: their colors would be streaks below
-FADE = math.radians(10.0)  # above such a horizon, over which the HDRI comes in
+HIGH = math.radians(15.0)  # higher horizons are streets, woods, and rooms, whose colors would become streaks below
+FADE = math.radians(10.0)  # angle above such a horizon over which the HDRI fades in
 
 
 def even_color(sky: np.ndarray, horizon: float) -> np.ndarray:
-    """Radiance (3,) of what is seen below a high horizon: the median around, by channel, of the HDRI where it comes in.
+    """Radiance (3,) of the backdrop below a high horizon: the median per channel where the HDRI begins.
 
     Parameters
     ----------

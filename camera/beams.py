@@ -1,4 +1,4 @@
-"""Obstacles in the way of many rays of one camera: all rays of a camera go down the tree of instances together."""
+"""Ray casts against obstacles for all rays of a camera together, which pass the tree of instances as beams."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from hulldown.geometry.cutouts import PASSED
 from hulldown.geometry.instances import InstancedScene, InstanceHits
 from hulldown.geometry.transforms import apply, invert_rigid
 
-# A beam is cut into so many lengths, whose boxes hold less that is beside the beam than its own would.
+# Parts of a beam along its length: their boxes enclose less empty space than one box.
 LENGTHS = 4
-RAYS = 1 << 18  # pairs of ray and instance held at a time
+RAYS = 1 << 18  # pairs of ray and instance in memory at a time
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 
 
@@ -27,7 +27,7 @@ def passed_in_beams(
     which: Int[np.ndarray, " k"],
     reach: Float[np.ndarray, " k"],
 ) -> Float[np.ndarray, " k"]:
-    """How much of each ray gets through: 0 or 1, as `scene.occluded` says, but for what is cut out by textures.
+    """Return each ray's transmittance: 0 or 1 as by `scene.occluded`, or a share behind alpha textures.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def passed_in_beams(
     world_from_camera
         (n, 4, 4) their poses.
     which
-        (k,) ascending indices of the rays that are asked for.
+        (k,) ascending indices of the rays to cast.
     reach
         (k,) how far each looks, in meters from the near plane.
     """
@@ -70,7 +70,7 @@ def nearest_in_beams(
     *,
     reach: Float[np.ndarray, " k"],
 ) -> InstanceHits:
-    """What all rays of n cameras meet first: as `scene.cast`, several times as fast for whole pictures.
+    """Return the first hit of all rays of n cameras: as `scene.cast`, several times as fast for whole images.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Rays of many cameras: each camera's go through the same pattern of points in its own window."""
+"""Rays of many cameras, through the same pattern of points in each camera's window."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class CameraRays:
 
 
 def box_at_unit_depth(points_camera: Float[np.ndarray, "p k 3"]) -> Float[np.ndarray, "p 2 2"]:
-    """Low and high corner of what holds the projected points' hull; endless if not all lie beyond the near plane."""
+    """Corners of a box around the projected points; infinite if a point is nearer than the near plane."""
     # Points first: NumPy takes extremes over a short last axis many times slower.
     x, y, depth = np.ascontiguousarray(points_camera.transpose(2, 1, 0))
     beyond = depth.min(axis=0) > NEAR

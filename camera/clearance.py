@@ -1,4 +1,4 @@
-"""Where a camera may be: above ground and water, and in or near no obstacle and no vehicle."""
+"""Clearance of cameras from ground, water, obstacles, and vehicles."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from hulldown.placement.terrain import Terrain
 
 
 class CameraRoom:
-    """Judges places for cameras in one scenery. Built once, never changes.
+    """Checks positions of cameras in one scenery. Immutable.
 
     Parameters
     ----------
     terrain
         The ground.
     obstacles
-        All that is no ground and no vehicle.
+        Everything but ground and vehicles.
     solid
         (k,) which instances count; by default all. A camera may look out of grass.
     water

@@ -1,4 +1,4 @@
-"""The Brown-Conrady distortion of a lens, as OpenCV has it, its inverse, and where it folds.
+"""Brown-Conrady lens distortion in OpenCV's form, its inverse, and the radius at which it folds.
 
 A point (x, y) of the plane at unit depth, at the distance r from the axis, goes to
 
@@ -34,7 +34,7 @@ Coefficients = tuple[float, float, float, float, float]
 
 
 def distorted(points: np.ndarray, distortion: np.ndarray, radius: np.ndarray | float = math.inf) -> np.ndarray:
-    """Where points go; nan beyond the radius that is seen.
+    """Distort points; nan beyond the visible radius.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def distorted(points: np.ndarray, distortion: np.ndarray, radius: np.ndarray | f
     x, y = points[..., 0], points[..., 1]
     k1, k2, p1, p2, k3 = (distortion[..., i] for i in range(5))
     square = x * x + y * y
-    with np.errstate(over="ignore", invalid="ignore"):  # beyond all numbers is beyond all images
+    with np.errstate(over="ignore", invalid="ignore"):  # infinity is outside the image
         radial = 1.0 + square * (k1 + square * (k2 + square * k3))
         across = x * radial + 2.0 * p1 * x * y + p2 * (square + 2.0 * x * x)
         down = y * radial + p1 * (square + 2.0 * y * y) + 2.0 * p2 * x * y
@@ -81,7 +81,7 @@ def bend(length: np.ndarray, distortion: np.ndarray) -> np.ndarray:
 def undistorted(points: np.ndarray, distortion: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
     """The points within the radius that `distorted` takes to these, by Newton's method; nan where there are none.
 
-    Every point has its own number of rounds, so an answer doesn't depend on the points beside it.
+    Every point has its own number of rounds, so a result doesn't depend on the other points.
     """
     wanted = np.asarray(points, dtype=np.float64)
     lead = wanted.shape[:-1]
@@ -115,7 +115,7 @@ def undistorted(points: np.ndarray, distortion: np.ndarray, radius: np.ndarray |
 
 @lru_cache(maxsize=256)
 def seen_radius(distortion: Coefficients) -> float:
-    """How far from the axis, at unit depth, a lens sees: to just before it folds; infinite if it never does."""
+    """Radius at unit depth up to which a lens sees: just before it folds; infinite if it never does."""
     k1, k2, p1, p2, k3 = distortion
     if not any(distortion):
         return math.inf
@@ -134,7 +134,7 @@ def seen_radius(distortion: Coefficients) -> float:
 def frame_bounds(
     width: float, height: float, pinhole: tuple[float, float, float, float], distortion: Coefficients
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Lowest and highest corner of the smallest rectangle at unit depth that holds all that an image shows.
+    """Corners of the smallest rectangle at unit depth around everything that an image shows.
 
     Raises
     ------

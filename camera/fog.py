@@ -1,4 +1,4 @@
-"""How air hides what is far away, for the renderer and the preview: needs numpy only, as it runs in Blender too."""
+"""Layers of fog for the renderer and the preview. Runs in Blender too, so it needs numpy only."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DUST_ALBEDO = (0.56, 0.42, 0.34)
 
 
 def extinction(visibility_m: float) -> float:
-    """Extinction in 1/m of air through which one sees so many meters.
+    """Extinction in 1/m of air with this visibility in meters.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""Turning a camera so that its target is off-center, wholly in the frame or cut on purpose (paper 2.1.6)."""
+"""Turn cameras so that the target is off-center: completely in the frame, or truncated on purpose (paper 2.1.6)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PLACED_PX = 1e-3
 
 
 class Framed(NamedTuple):
-    """Cameras that were turned, and what they then see of the target."""
+    """Turned cameras, and the target's truncation in each."""
 
     world_from_camera: Float[np.ndarray, "n 4 4"]
     pixel: Float[np.ndarray, "n 2"]  # where the point that was on the optical axis is now
@@ -75,7 +75,7 @@ def turned(
 def _panned(
     rotation: Float[np.ndarray, "... 3 3"], seen: Float[np.ndarray, "... 3"], possible: Bool[np.ndarray, "..."]
 ) -> Float[np.ndarray, "... 3 3"]:
-    """Axes of the level camera in which the old forward direction has camera coordinates `seen`."""
+    """Axes of the level camera for which the old forward direction has the camera coordinates `seen`."""
     right, forward = rotation[..., :, 0], rotation[..., :, 2]
     seen_x, seen_y, seen_z = np.moveaxis(seen, -1, 0)
     flat, rise = hypot(forward[..., 0], forward[..., 1]), forward[..., 2]
@@ -230,7 +230,7 @@ def _turned_until(
     size = np.broadcast_to(lens.size, (n, 2))
     best, best_pixel, best_box = first.copy(), np.array(np.broadcast_to(lens.center, (n, 2))), box
     best_miss = np.full(n, np.inf)
-    # Cameras that have their place are done, whatever the others still need: answers do not depend on company.
+    # Finished cameras stay as they are, so a result doesn't depend on the other cameras.
     todo = np.flatnonzero(known)
     pixel = best_pixel[todo]
     for _ in range(ROUNDS):

@@ -1,4 +1,4 @@
-"""What a camera sees as half-spaces: near plane and edges of the image."""
+"""View frustums as half-spaces: the near plane and the image's edges."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NEAR_BIT, LEFT_BIT, RIGHT_BIT, TOP_BIT, BOTTOM_BIT = 1, 2, 4, 8, 16
 
 @dataclass(frozen=True, slots=True)
 class Frustum:
-    """What a camera sees, as half-spaces of its own frame that are linear in (x, y, z).
+    """A view frustum as half-spaces in the camera's frame.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class Frustum:
         return code
 
     def project(self, points: Float[np.ndarray, "3 *n"]) -> Float[np.ndarray, "2 *n"]:
-        """Continuous pixels of points inside the frustum; rounding does not take them out of the image."""
+        """Continuous pixels of points inside the frustum, clamped to the image against rounding."""
         x, y, z = points
         u = x / z * self.focal[0] + self.center[0]
         v = y / z * self.focal[1] + self.center[1]

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from hulldown.camera.distortion import NONE, frame_bounds
 
-WHOLE = (int, np.integer)  # a union made anew for each camera of a plan would cost more than all it checks
+WHOLE = (int, np.integer)  # built once: building the union for each camera would take longer than the checks
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Intrinsics:
     fov_x
         Horizontal field of view in radians, between 0 and pi.
     pinhole
-        fx, fy, cx, cy in pixels, if the camera is calibrated: `fov_x` doesn't count then; see `calibrated`.
+        fx, fy, cx, cy in pixels of a calibrated camera, which replace `fov_x`; see `calibrated`.
     distortion
         k1, k2, p1, p2, k3 of a calibrated camera; see `camera.distortion`.
 

@@ -1,4 +1,4 @@
-"""Intrinsics of one camera or of many as arrays: between pixels and the plane at unit depth."""
+"""Intrinsics of one or many cameras as arrays, which convert between pixels and the plane at unit depth."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ class Lenses:
     distortion: Float[np.ndarray, "... 5"]
 
     def rows(self, index: Int[np.ndarray, " k"] | Bool[np.ndarray, " m"]) -> Lenses:
-        """Those of some of the cameras; the same where one stands for all."""
+        """Select cameras; unchanged if there is one for all."""
         if self.focal.ndim == 1:
             return self
         return Lenses(self.focal[index], self.center[index], self.size[index], self.distortion[index])
 
     def spread(self, n: int) -> Lenses:
-        """One for each of n cameras."""
+        """Repeat to n cameras."""
         return Lenses(*(np.broadcast_to(each, (n, each.shape[-1])) for each in self._fields))
 
     @property
@@ -62,7 +62,7 @@ class Lenses:
 
     @classmethod
     def unknown(cls, n: int) -> Lenses:
-        """Room for n cameras."""
+        """Uninitialized intrinsics of n cameras."""
         nan = np.full((n, 2), np.nan)
         return cls(nan, nan.copy(), nan.copy(), np.zeros((n, 5)))
 
@@ -78,14 +78,14 @@ class Lenses:
 
     @property
     def radius(self) -> Float[np.ndarray, "..."]:
-        """How far from the axis, at unit depth, each lens sees: `camera.distortion.seen_radius`."""
+        """Radius at unit depth that each lens sees; see `camera.distortion.seen_radius`."""
         return np.array(
             [seen_radius(tuple(each)) for each in self.distortion.reshape(-1, 5).tolist()], dtype=np.float64
         ).reshape(self.distortion.shape[:-1])
 
     @property
     def window(self) -> tuple[Float[np.ndarray, "... 2"], Float[np.ndarray, "... 2"]]:
-        """Lowest and highest corner of the image at unit depth: of the smallest rectangle that holds it."""
+        """Corners of the smallest rectangle at unit depth around the image."""
         low, high = -self.center / self.focal, (self.size - self.center) / self.focal
         if not self.distorted:
             return low, high
@@ -129,9 +129,9 @@ class Lenses:
     def image_of(
         self, low: Float[np.ndarray, "m 2"], high: Float[np.ndarray, "m 2"]
     ) -> tuple[Float[np.ndarray, "m 2"], Float[np.ndarray, "m 2"]]:
-        """Lowest and highest corner, in pixels, of a box in the image of each camera that holds a window at unit depth.
+        """Corners in pixels of a box around the image of a window at unit depth, for each camera.
 
-        Where the lens doesn't see the whole window, that is the whole image.
+        It's the whole image if the lens doesn't see the whole window.
         """
         t = np.linspace(0.0, 1.0, ALONG + 1)
         zero, one = np.zeros_like(t), np.ones_like(t)

@@ -1,4 +1,4 @@
-"""Rain and snow near the camera: which drops and flakes are in view, and the quads that show them with their motion.
+"""Rain and snow near the camera: drops and flakes in view, and the quads that draw their streaks.
 
 Needs numpy only, as it runs in Blender too. Diameters are in meters, positions relative to the eye.
 
@@ -29,8 +29,8 @@ SNOW_MM = (0.5, 8.0)
 FLAKE_MM = 1.5  # mean diameter of the flakes' exponential distribution
 CLASSES = 100  # of diameters
 FLUTTER = 0.2  # m/s, standard deviation of each component of a flake's own motion
-NEAREST, FARTHEST = 0.4, 10.0  # meters from the camera; what is farther is in the veil alone
-FAINTEST = 0.01  # the least opacity that a drop is drawn for; what hides less is in the veil alone
+NEAREST, FARTHEST = 0.4, 10.0  # meters from the camera; the veil alone contains farther drops
+FAINTEST = 0.01  # least opacity of a drawn drop; the veil alone contains fainter ones
 MOST = 40_000  # drops in an image: where more would be seen, the faintest are left out
 MOST_ON_A_RAY = 0.15  # quads that a pixel's ray meets, as a mean: Cycles shades each, and the air before it
 WIDEST = 0.75  # pixels: the least radius of a drawn disc, so that a finer one fades instead of flickering
@@ -40,7 +40,7 @@ OF_DROPS = 0x57EA  # sets their draw apart from others by an image's seed
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Sizes:
-    """How many drops or flakes of each size are in the air, and how they move.
+    """Size classes of drops or flakes: number density and motion.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Sizes:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class View:
-    """What a camera sees and how long it looks.
+    """A camera's view and shutter time.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class View:
     pixel
         Width of a pixel at a distance of 1.
     exposure_s
-        How long the shutter is open.
+        Shutter time in seconds.
     """
 
     axes: np.ndarray
@@ -84,7 +84,7 @@ class View:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Drops:
-    """Drops or flakes in the middle of the exposure.
+    """Drops or flakes at the middle of the exposure.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class Streaks:
 
 
 def view_of(world_from_camera: np.ndarray, intrinsics: Intrinsics, exposure_s: float) -> View:
-    """What a camera sees while its shutter is open, and what is beside it if its center isn't the middle."""
+    """The symmetric view around a camera's image, whose principal point may be off-center."""
     half = intrinsics.half_tangents
     pixel = 2.0 * half[0] / intrinsics.width if intrinsics.pinhole is None else 1.0 / intrinsics.pinhole[0]
     return View(world_from_camera[:3, :3], half, pixel, exposure_s)
@@ -144,12 +144,12 @@ def rain_sizes(rate_mm_h: float) -> Sizes:
 
 
 def snow_sizes(visibility_m: float) -> Sizes:
-    """Flakes of snow: as many as dim the air as far as one sees, falling as Locatelli and Hobbs' aggregates.
+    """Flakes of snow: as many as give the visibility, falling as Locatelli and Hobbs' aggregates.
 
     Parameters
     ----------
     visibility_m
-        How far one sees.
+        Meteorological visibility in meters.
     """
     edges = np.linspace(*SNOW_MM, CLASSES + 1)
     middle = (edges[1:] + edges[:-1]) / 2.0
@@ -160,7 +160,7 @@ def snow_sizes(visibility_m: float) -> Sizes:
 
 
 def rng_of(seed: int) -> np.random.Generator:
-    """Where the drops of an image with this seed are drawn from."""
+    """The generator of an image's drops."""
     return np.random.default_rng([seed, OF_DROPS])
 
 
@@ -170,13 +170,13 @@ def drops_in_view(sizes: Sizes, view: View, wind_m_s: tuple[float, float], rng: 
     Parameters
     ----------
     sizes
-        What is in the air.
+        Size classes in the air.
     view
-        What the camera sees.
+        The camera's view.
     wind_m_s
-        Where the wind blows to, along the scenery's x and y.
+        Wind velocity along the scenery's x and y.
     rng
-        Where they are.
+        Generator of their positions.
     """
     speed = np.hypot(sizes.fall, math.hypot(*wind_m_s))
     behind = float(speed.max()) * view.exposure_s / 2.0 / min(view.half)  # streaks reach into the image from outside
@@ -194,12 +194,12 @@ def drops_in_view(sizes: Sizes, view: View, wind_m_s: tuple[float, float], rng: 
 
 
 def _volume(view: View, reach: np.ndarray, behind: float) -> np.ndarray:
-    """Of the pyramid of view, its tip so far behind the eye, between the nearest drop and the farthest."""
+    """Volume of the view pyramid between the nearest and the farthest drop; its apex is `behind` the eye."""
     return 4.0 / 3.0 * view.half[0] * view.half[1] * np.maximum((reach + behind) ** 3 - (NEAREST + behind) ** 3, 0.0)
 
 
 def _reaches(sizes: Sizes, speed: np.ndarray, view: View, behind: float) -> np.ndarray:
-    """(k,) how far away drops of each class are drawn."""
+    """Distance up to which drops of each class are drawn, (k,)."""
     distances = np.geomspace(NEAREST, FARTHEST, 100)
     radius = (sizes.edges[1:] + sizes.edges[:-1])[:, None] / 2.0 / math.sqrt(2.0)
     wide = np.maximum(radius, WIDEST * view.pixel * distances)
@@ -217,7 +217,7 @@ def _reaches(sizes: Sizes, speed: np.ndarray, view: View, behind: float) -> np.n
 
 
 def streaks(drops: Drops, view: View) -> Streaks:
-    """The quads of drops.
+    """Return the quads of drops.
 
     A drop hides each point of its streak while it passes, which is D / (D + length) of the time along the middle. The
     disc that `opacity` moves has the drop's area and, as a streak, its width at half of its darkness.
@@ -239,7 +239,7 @@ def streaks(drops: Drops, view: View) -> Streaks:
 
 
 def opacity(profile: np.ndarray) -> np.ndarray:
-    """How much of what is behind it a moving disc hides on average: the law that the material of streaks follows.
+    """Average opacity of a moving disc, which the streaks' material uses.
 
     At rest it hides ``1 - r^2`` at `r` radii from its center, which is as much in all as a hard disc of half its area.
 

@@ -1,4 +1,4 @@
-"""World points to pixels and back, for one camera or for stacks of them."""
+"""Projection of world points to pixels and back, for one or many cameras."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NEAR = 0.1  # meters along the optical axis; nothing closer is seen: boxes are c
 
 
 class Projected(NamedTuple):
-    """Where points fall in the image."""
+    """Projected points."""
 
     pixels: Float[np.ndarray, "... n 2"]  # continuous, may lie outside the image; nan where depth <= 0
     depth: Float[np.ndarray, "... n"]  # meters along the optical axis; negative behind the camera
@@ -39,18 +39,18 @@ def project(intrinsics: Optics, world_from_camera: ArrayLike, points_world: Arra
     Returns
     -------
     Projected
-        pixels (..., n, 2) and depth (..., n). A point at or behind the camera's plane has no pixel: nan, never a
+        pixels (..., n, 2) and depth (..., n). A point at or behind the camera's plane has no pixel: nan, not a
         number that could be taken for one.
     """
     return project_camera(intrinsics, apply(invert_rigid(world_from_camera), points_world))
 
 
 def project_camera(intrinsics: Optics, points_camera: ArrayLike) -> Projected:
-    """The same for points (..., n, 3) that are in the camera's frame already."""
+    """Project points (..., n, 3) of the camera's frame."""
     points = checked(points_camera, "points_camera", ("...", "n", 3), finite=False)
     depth = points[..., 2]
     ahead = np.where(depth > 0.0, depth, np.nan)[..., None]
-    # Just in front of the plane the quotient may overflow to infinity, which is where such a point projects to.
+    # Just in front of the plane the quotient may overflow to infinity, the right limit.
     with np.errstate(over="ignore"):
         return Projected(lenses(intrinsics).pixels(points[..., :2] / ahead), depth)
 
@@ -77,7 +77,7 @@ class Camera:
     Raises
     ------
     ValueError
-        If the pose is no rigid transform.
+        If the pose isn't a rigid transform.
 
     Examples
     --------
@@ -108,7 +108,7 @@ class Camera:
 
     @property
     def position(self) -> Float[np.ndarray, "3"]:
-        """Where the camera is, in the world."""
+        """The camera's position in the world."""
         return self.world_from_camera[:3, 3]
 
     def project(self, points_world: ArrayLike) -> Projected:

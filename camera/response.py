@@ -1,4 +1,4 @@
-"""What a camera makes of light: white balance, Blender's view transform, and the exposure at which a card is mid-gray.
+"""White balance, Blender's view transform, and the exposure at which a gray card is mid-gray.
 
 References
 ----------
@@ -14,7 +14,7 @@ import numpy as np
 from hulldown.geometry.color import LUMINANCE, srgb_from_linear
 
 ALBEDO = 0.18  # of the gray card
-CARD = 117.64  # of 255: what a neutral radiance of 0.18 has in a picture of Blender 5.0; 118 in whole levels
+CARD = 117.64  # of 255: level of a neutral radiance of 0.18 in a picture of Blender 5.0; 118 in whole levels
 NEUTRAL_K = 6500.0  # the light that Blender's white balance leaves white
 COOLEST, WARMEST = -2500.0, 13500.0  # offsets in kelvin that the daylight locus reaches
 FARTHEST_EV = 32.0  # what Blender's view settings allow
@@ -34,7 +34,7 @@ _CONES = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389
 
 
 def displayed(radiance: np.ndarray) -> np.ndarray:
-    """Levels from 0 to 255 that linear Rec. 709 radiance has in a picture.
+    """Levels from 0 to 255 of linear Rec. 709 radiance in a picture.
 
     Examples
     --------
@@ -49,7 +49,7 @@ def displayed(radiance: np.ndarray) -> np.ndarray:
 
 
 def white_balance(offset_k: float) -> np.ndarray:
-    """What a camera multiplies linear Rec. 709 by if it takes daylight for so many kelvin cooler than it is.
+    """Matrix on linear Rec. 709 of a camera whose white balance is off by some kelvin.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def _daylight(kelvin: float) -> np.ndarray:
 
 
 def off_daylight(light: np.ndarray, *, warmest: float = 2000.0) -> float:
-    """Return how far a light's color is from sunsets and daylight: CIE 1976 u'v', 0 for one of 2000 to 25000 K.
+    """Distance of a light's color from sunsets and daylight in CIE 1976 u'v'; 0 for 2000 to 25000 K.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def _uv(xyz: np.ndarray) -> np.ndarray:
 
 
 def metered(radiance: np.ndarray) -> np.ndarray:
-    """Exposures in EV at which the luminance of these colors is `CARD` in a picture; of black the largest there is.
+    """Exposures in EV at which these colors have the luminance `CARD` in a picture; the maximum for black.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a camera's lens and sensor do to the light of an image, in numbers; it runs in Blender too."""
+"""Parameters of a camera's lens, sensor, and processing. Runs in Blender too."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """Lens, sensor, and processing of an image; with its defaults nothing changes.
+    """Lens, sensor, and processing of an image. The defaults change nothing.
 
     Parameters
     ----------
@@ -18,15 +18,15 @@ class Sensor:
     aberration_px
         How far red lies outward, and blue inward, of green in the corners.
     vignetting_ev
-        What the corners lose, in stops.
+        Loss of light in the corners, in stops.
     full_well_e
         Electrons at which a pixel clips at base gain; 0 for a sensor without noise.
     read_noise_e
         Standard deviation of the readout, in electrons.
     gain
-        Over base gain: every level is made of so many times fewer electrons.
+        Factor over base gain: a level needs that many times fewer electrons.
     sharpening
-        Share of the detail that is added again.
+        Share of the detail that is added.
     jpeg_quality
         1 to 100; 0 for PNG.
 
@@ -58,7 +58,7 @@ class Sensor:
         x, y
             Distances from where the lens's axis meets the picture.
         corner
-            Half the picture's diagonal, in the same unit: there it's `vignetting_ev` stops less.
+            Half the picture's diagonal, in the same unit; the loss there is `vignetting_ev`.
 
         References
         ----------
@@ -68,7 +68,7 @@ class Sensor:
 
     @property
     def suffix(self) -> str:
-        """Of the pictures' names."""
+        """Extension of the pictures' file names."""
         return ".jpg" if self.jpeg_quality else ".png"
 
 

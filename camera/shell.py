@@ -1,4 +1,4 @@
-"""Camera poses on a spherical shell around a target, and the draws that choose them (paper 2.1.6)."""
+"""Camera poses on a spherical shell around a target, and their sampling (paper 2.1.6)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from hulldown.geometry.uniform import UniformNumbers
 def camera_pose(
     center: ArrayLike, distance: ArrayLike, azimuth: ArrayLike, elevation: ArrayLike
 ) -> Float[np.ndarray, "... 4 4"]:
-    """Pose of a camera on the shell that looks at the center, its horizon level.
+    """Pose of a level camera on the shell that looks at the center.
 
     Straight above and straight below need no up vector: the image's right is always (-sin azimuth, cos azimuth, 0),
     so the pose is a continuous function of both angles, poles included.
@@ -30,7 +30,7 @@ def camera_pose(
     distance
         (...) meters, positive.
     azimuth
-        (...) radians counter-clockwise from +x, of the camera as seen from the center.
+        (...) radians counterclockwise from +x, from the center to the camera.
     elevation
         (...) radians above the horizontal plane through the center, from -pi/2 to pi/2.
 
@@ -72,14 +72,14 @@ def shell_place(
 
 
 def draw_azimuth(n: int, *, rng: UniformNumbers) -> Float[np.ndarray, " n"]:
-    """`n` azimuths uniform in 0 to 2 pi."""
+    """Sample `n` azimuths, uniform in 0 to 2 pi."""
     return rng.uniform(0.0, 2.0 * math.pi, n)
 
 
 def draw_elevation(
     n: int, bounds: tuple[float, float], *, rng: UniformNumbers, uniform_in: Literal["angle", "sphere"] = "angle"
 ) -> Float[np.ndarray, " n"]:
-    """`n` elevations within bounds.
+    """Sample `n` elevations within bounds.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def draw_elevation(
     rng
         Source of randomness.
     uniform_in
-        ``"angle"``, as in the paper: every degree of elevation is as likely as any other. The rings of equal elevation
+        ``"angle"``, as in the paper: uniform in elevation. The rings of equal elevation
         shrink toward the pole, so cameras crowd there: 80 to 90 degrees gets 11 % of the draws of 0 to 90 degrees
         but is 1.5 % of the dome. ``"sphere"``: uniform on the shell's area, which is
         uniform in sin(elevation) (Archimedes).

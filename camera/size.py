@@ -1,4 +1,4 @@
-"""How large a target appears, and the exact distance at which it appears as large as wanted."""
+"""Projected size of a target, and the exact distance for a wanted size."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SECANTS = 12  # of a distorting lens: 4 to 6
 
 
 class ProjectedSize(NamedTuple):
-    """Size of the tight box around projected points, in pixels, wherever in or out of the frame it is; nan: no box."""
+    """Size in pixels of the tight box around projected points, in the frame or not; nan: no box."""
 
     width: Float[np.ndarray, "..."]
     height: Float[np.ndarray, "..."]
@@ -63,7 +63,7 @@ def solve_distance(
     pixels
         () or (m,) wanted size, positive: of the height, width or diagonal in pixels, of the area in square pixels.
     measure
-        What of the box shall have that size.
+        Which size of the box.
 
     Returns
     -------
@@ -108,7 +108,7 @@ def refine_distance(
     distance: Float[np.ndarray, " m"],
     wanted: Float[np.ndarray, " m"],
 ) -> Float[np.ndarray, " m"]:
-    """Distances at which a size is as wanted, by secants of its inverse, from distances at which it nearly is.
+    """Refine distances by secants until a size is as wanted.
 
     Parameters
     ----------

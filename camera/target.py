@@ -1,4 +1,4 @@
-"""A vehicle as rays meet it: one ray caster a part, turned by its articulation, never moved into the world."""
+"""Vehicles for ray casts: one ray caster per part, with rays transformed into the part's frame."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class TargetPart:
 
 
 class VehicleTarget:
-    """Built once for a vehicle; answers which rays meet it in any pose and articulation.
+    """A vehicle for ray casts in any pose and articulation. Immutable.
 
     Parameters
     ----------
@@ -65,12 +65,12 @@ class VehicleTarget:
 
     @cached_property
     def at_rest(self) -> tuple[TargetPart, ...]:
-        """The vehicle at rest as one part: quicker than one a part, for those who articulate nothing."""
+        """The vehicle at rest as one part, which is faster if nothing is articulated."""
         mesh = self.shape.mesh
         return self.parts if len(self.parts) == 1 else (_part(0, mesh, np.arange(len(mesh.faces)), mesh.name),)
 
     def hull_points(self, articulation: Articulation) -> Float[np.ndarray, "k 3"]:
-        """Vehicle-frame points with the convex hull of the articulated vehicle; any projected box is theirs."""
+        """Points in the vehicle's frame with the convex hull of the articulated vehicle."""
         poses = self.shape.vehicle_from_parts(articulation)
         return np.concatenate([apply(poses[part.index], part.hull) for part in self.parts])
 
@@ -79,7 +79,7 @@ class VehicleTarget:
         camera_from_vehicle: Float[np.ndarray, "n 4 4"],
         articulation: Articulation | Sequence[Articulation] | Float[np.ndarray, "n p"],
     ) -> list[tuple[TargetPart, Float[np.ndarray, "n 4 4"]]]:
-        """The parts to cast against and where each is in n cameras' frames."""
+        """The parts to cast against, and their poses in n cameras' frames."""
         poses = self.shape.vehicle_from_parts(articulation)
         if (poses == np.eye(4)).all():
             return [(part, camera_from_vehicle) for part in self.at_rest]
@@ -88,7 +88,7 @@ class VehicleTarget:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PosedVehicle:
-    """A vehicle in k poses, each in the scene of one camera, such as a companion that may hide a target.
+    """A vehicle in k poses, each for one camera: a companion that may hide a target, for example.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class PosedVehicle:
     row: Int[np.ndarray, " k"] | None = None
 
     def rows(self, index: Int[np.ndarray, " c"]) -> PosedVehicle:
-        """The poses of some of the cameras, which become cameras 0, 1, ..."""
+        """Select cameras, which become cameras 0, 1, ..."""
         kept, row = index, None
         if self.row is not None:
             place = np.full(max(self.row.max(initial=0), index.max(initial=0)) + 1, -1)
@@ -127,7 +127,7 @@ class PosedVehicle:
     def seen_from(
         self, world_from_camera: Float[np.ndarray, "n 4 4"]
     ) -> tuple[Int[np.ndarray, " k"], list[tuple[TargetPart, Float[np.ndarray, "k 4 4"]]]]:
-        """The camera of each pose, and the parts to cast against with where each is in the cameras' frames."""
+        """The camera of each pose, and the parts to cast against with their poses in the cameras' frames."""
         row = np.arange(len(world_from_camera)) if self.row is None else self.row
         camera_from_vehicle = compose(invert_rigid(world_from_camera)[row], self.world_from_vehicle)
         return row, self.target.placed(camera_from_vehicle, self.articulation)

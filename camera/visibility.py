@@ -1,4 +1,4 @@
-"""What part of a target a camera sees, by rays at the target: small targets get as many as large ones."""
+"""Visible share of targets, by rays at each target; small targets get as many as large ones."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from hulldown.camera.world import BATCH, World
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.transforms import apply, invert_rigid
 
-# What touches the target does not hide it: float32 rays of a few hundred meters are good to a tenth of this.
+# Surfaces this close to the target don't hide it; float32 rays of a few hundred meters err by a tenth of this.
 TOUCHING = 1e-3
 # Rays of all cameras whose array work is done at once: enough of each model that occurs to be worth its calls.
 BLOCK = 1 << 18
@@ -27,10 +27,10 @@ BLOCK = 1 << 18
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Visibility:
-    """What n cameras see of their targets.
+    """Visible and hidden shares of n cameras' targets.
 
     Shares are of the target's silhouette in the frame, as it would be with nothing else in the world; they add up to 1.
-    All are nan where no ray met the target in the frame.
+    All are nan if no ray met the target in the frame.
 
     Parameters
     ----------
@@ -56,19 +56,19 @@ class Visibility:
     area: Float[np.ndarray, " n"]
 
     def error(self, *, confidence: float = 0.95) -> Float[np.ndarray, " n"]:
-        """By how much `fraction` may be off, at that confidence; see `error_bound`."""
+        """Bound of the error of `fraction` at a confidence; see `error_bound`."""
         return error_bound(self.hits, confidence=confidence)
 
 
 def error_bound(hits: ArrayLike, *, confidence: float = 0.95) -> Float[np.ndarray, "..."]:
-    """How far from the truth a fraction from so many rays on the target is, at most, with this confidence.
+    """Bound the error of a visible share from so many rays on the target, at a confidence.
 
-    Every ray has a cell of the target's box to itself and a uniformly random place in it. With p the true fraction, V
+    Every ray is uniformly random in its own cell of the target's box. With p the true fraction, V
     and M the numbers of visible rays and of rays on the target, V - p M is a sum of independent terms of mean 0 within
     [-1, 1], whose variances add up to at most p (1 - p) E[M]. So the standard error is at most 1 / (2 sqrt(M)), and by
     Bernstein's inequality |V / M - p| <= (L / 3 + sqrt(L^2 / 9 + L M / 2)) / M, L = ln(2 / (1 - confidence)), where M
-    stands in for its mean. This holds for any silhouette and any occluders; usual ones, with edges that are lines and
-    not dust, do several times better, as cells that no edge crosses have no error at all.
+    stands in for its mean. This holds for any silhouette and any occluders; usual ones
+    are several times better, since cells that no edge crosses have no error.
 
     References
     ----------
@@ -113,11 +113,11 @@ def visible_fraction(
     articulation
         Part name to radians; one for all, or a sequence of n. None: at rest.
     world
-        What may hide the target: ground, obstacles and other vehicles, each in one pose or in n. None: nothing.
+        Occluders: ground, obstacles, and other vehicles, each in one pose or in n. None: no occluders.
     rays
         Rays into the target's box for each camera; `Visibility.error` says what they buy.
     seed
-        Of the jitter, which is the same for all cameras: a camera's answer does not depend on its company.
+        Seed of the jitter, which is the same for all cameras, so a result doesn't depend on the other cameras.
     threads
         How many threads share the work.
 
@@ -149,7 +149,7 @@ def visibility_of(
     seed: int = 0,
     threads: int = 1,
 ) -> Visibility:
-    """The same of vehicles of several models: each camera looks at one pose of one of them.
+    """`visible_fraction` for several models: each camera looks at one pose of one model.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""How weather hides and wets, by its rate of rain and its visibility: the laws that plans, previews and checks share.
+"""Laws of extinction, contrast, and wetness by rain rate and visibility.
 
-Portable arithmetic (`geometry.portable`), since plans hold what follows from it.
+In portable arithmetic (`geometry.portable`), since the results are in plans.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from hulldown.camera.fog import CONTRAST_THRESHOLD, extinction
 from hulldown.geometry.portable import exp, log
 
-GHOST = 0.05  # of the contrast left: the World Meteorological Organization's limit of what is seen
+GHOST = 0.05  # share of contrast: the World Meteorological Organization's limit of visibility by day
 WETTING_MM_H = 2.0  # a rain of this rate keeps surfaces at 63 % of the wettest
 _FARTHEST = 700.0  # optical depth: nothing is left, and an exponential still has a value
 
@@ -49,7 +49,7 @@ def rain_visibility_m(rate_mm_h: ArrayLike) -> Float[np.ndarray, "..."]:
 
 
 def wetness(rate_mm_h: ArrayLike) -> Float[np.ndarray, "..."]:
-    """How wet surfaces are, from 0 to 1, in rain of these rates: 1 - exp(-R / 2), a choice and no measurement.
+    """Wetness of surfaces, 0 to 1, in rain of these rates: 1 - exp(-R / 2), a choice without a source.
 
     Examples
     --------
@@ -60,7 +60,7 @@ def wetness(rate_mm_h: ArrayLike) -> Float[np.ndarray, "..."]:
 
 
 def air_contrast(visibility_m: ArrayLike, distance_m: ArrayLike) -> Float[np.ndarray, "..."]:
-    """Share of its contrast with the air that something keeps at a distance: exp(-3.912 distance / visibility).
+    """Share of an object's contrast left after haze at a distance: exp(-3.912 distance / visibility).
 
     Parameters
     ----------

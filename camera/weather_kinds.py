@@ -1,4 +1,4 @@
-"""The weather of an image, and its kinds: one object each, with all that sets a kind apart from the others.
+"""The weather of an image, and its kinds: one object each with all properties of the kind.
 
 A new kind is an entry of `KINDS`, its keys in `planning.config.weather_section`, and a section of docs/weather.md; if
 it covers surfaces in its own way, also `render.blender.surfaces`. Needs numpy only, as it runs in Blender too.
@@ -25,22 +25,22 @@ FOG_KEEPS = (0.02, 0.05)  # CIE 1976 u'v' off daylight from which fog has some o
 
 @dataclass(frozen=True, slots=True)
 class Weather:
-    """What is in the air of an image and covers things.
+    """Weather of an image: visibility, precipitation, wind, and covers.
 
     Parameters
     ----------
     visibility_m
-        Meteorological visibility: how far one sees through the air.
+        Meteorological visibility in meters.
     kind
         A name among `KINDS`.
     rain_mm_h
         Rate of the rain; 0 of other kinds.
     wind_m_s
-        Where the wind blows to along the scenery's x and y; it slants what falls.
+        Wind velocity along the scenery's x and y, which slants rain and snow.
     exposure_s
-        Shutter time: what falls in it leaves a streak.
+        Shutter time in seconds, which sets the length of streaks.
     ground_cover, vehicle_cover
-        How wet, or how far under snow or dust, scenery and vehicles are.
+        Wetness or cover by snow or dust of scenery and vehicles, 0 to 1.
 
     Raises
     ------
@@ -66,7 +66,7 @@ class Weather:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class WeatherKind:
-    """A kind of weather: keys of `[weather]` that are its own, and its effect on air, light, surfaces, and previews.
+    """A kind of weather: its keys in `[weather]` and its effect on air, light, surfaces, and previews.
 
     The key with the share of images is the kind's name.
 
@@ -75,9 +75,9 @@ class WeatherKind:
     visibility, rate
         Keys of the range of visibilities, or of the rates of rain that visibility and wetness follow from.
     covers
-        Keys of how far ground and vehicles are covered; empty where nothing covers them, or the rate decides.
+        Keys of the covers of ground and vehicles; empty if there are none, or the rate decides.
     windy
-        Whether wind and shutter time show.
+        Whether wind and shutter time matter.
     overcast
         Whether it comes with clouds that hide the sun.
     layers
@@ -140,7 +140,7 @@ KINDS: Mapping[str, WeatherKind] = MappingProxyType(
 
 
 def air_layers(kind: str, visibility_m: float) -> list[AirLayer]:
-    """Layers of air in one another, the lowest first, that share the extinction evenly.
+    """Nested layers of air with equal extinction, lowest first.
 
     Most kinds are one layer. Dust gets thinner by ``exp(-z / h)`` above the camera, where h is the height of a layer of
     fog: in steps, each as high as the mean of its part of the decay, so that as much of it is overhead. From the camera

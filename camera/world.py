@@ -1,4 +1,4 @@
-"""A world as rays meet it: ground, obstacles and posed vehicles, asked as one."""
+"""The world for ray casts: ground, obstacles, and posed vehicles together."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ TILE = 64  # pixels, each way, that are traced together
 
 
 class Kind(IntEnum):
-    """What a ray meets."""
+    """Kind of surface that a ray hits."""
 
     NOTHING = 0
     GROUND = 1
@@ -39,7 +39,7 @@ class Kind(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """The endless ground at one height, for sceneries without ground; it is one face."""
+    """An infinite level ground of one face, for sceneries without ground."""
 
     z: float
 
@@ -72,7 +72,7 @@ class Plane:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class WorldHits:
-    """What n rays met first.
+    """First hits of n rays.
 
     Parameters
     ----------
@@ -112,14 +112,14 @@ NO_OBSTACLES = InstancedScene([], [], [])
 
 @dataclass(frozen=True, eq=False, slots=True)
 class World:
-    """Ground, obstacles and vehicles. What is left out is not there.
+    """Ground, obstacles, and vehicles; each is optional.
 
     Parameters
     ----------
     ground
         A mesh, or the endless plane.
     obstacles
-        All that is no ground and no vehicle.
+        Everything but ground and vehicles.
     vehicles
         Each in one pose, or in several for the rays of different cameras.
 
@@ -145,7 +145,7 @@ class World:
         scenery
             The scenery.
         fallback_z
-            Height of the plane that stands in for missing ground, in the file's coordinates. None: no plane.
+            Height of the plane that replaces missing ground, in the file's coordinates. None: no plane.
         """
         ground: RayCaster | CutoutCaster | Plane | None = None
         if scenery.ground is not None:
@@ -159,13 +159,13 @@ class World:
         return replace(self, vehicles=vehicles)
 
     def rows(self, index: Int[np.ndarray, " k"]) -> World:
-        """The same for some of the cameras, which become cameras 0, 1, ..."""
+        """Select cameras, which become cameras 0, 1, ..."""
         return self.with_vehicles([vehicle.rows(index) for vehicle in self.vehicles])
 
     def nearest(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
     ) -> WorldHits:
-        """What each ray meets first; of equals ground, then obstacles, then vehicles. Arguments as for `occluded`."""
+        """First hit of each ray; on ties ground, then obstacles, then vehicles. Arguments as for `occluded`."""
         start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
 
         def cast(thing: Thing, reach: Float[np.ndarray, " n"]) -> RayHits | InstanceHits:
@@ -174,7 +174,7 @@ class World:
         return self._first(along, cast)
 
     def seen_by(self, camera: Camera, *, threads: int = 1) -> WorldHits:
-        """What the centers of a camera's pixels show, row by row; (n,) is (height * width,).
+        """First hit at the center of each pixel of a camera, row by row; (n,) is (height * width,).
 
         As `nearest` for rays from the near plane on, with distances from the camera's position; several times as fast,
         since the pixels of a tile go down the tree of instances together.
@@ -211,7 +211,7 @@ class World:
         return hits
 
     def _seen(self, camera_rays: CameraRays, world_from_camera: Float[np.ndarray, "n 4 4"]) -> WorldHits:
-        """What all rays of n cameras meet, from the near plane on."""
+        """First hits of all rays of n cameras, from the near plane on."""
         start, along = camera_rays.rays(world_from_camera, np.arange(len(world_from_camera) * camera_rays.count))
 
         def cast(thing: Thing, reach: Float[np.ndarray, " n"]) -> RayHits | InstanceHits:
@@ -229,7 +229,7 @@ class World:
         along: Float[np.ndarray, "n 3"],
         cast: Callable[[Thing, Float[np.ndarray, " n"]], RayHits | InstanceHits],
     ) -> WorldHits:
-        """The nearest of what `cast` meets of each thing, within the reach that it's given."""
+        """The nearest hit of several casts, each within the distance of the hits before."""
         hits = WorldHits.missed(len(along))
         for kind, i, thing in self._things():
             met = cast(thing, hits.distance)
@@ -293,10 +293,10 @@ class World:
         which: Int[np.ndarray, " k"],
         reach: Float[np.ndarray, " k"],
     ) -> Float[np.ndarray, "k 3"]:
-        """How much of rays of n cameras gets past the ground, past obstacles too, and past vehicles too.
+        """Transmittance of rays of n cameras past the ground, then obstacles too, then vehicles too.
 
-        Where nothing is cut out by a texture it is 0 or 1: what `occluded` says ray by ray, several times as fast.
-        Where something is, the shares that its faces let through are multiplied, as Cycles does.
+        It's 0 or 1 without alpha textures, like `occluded`, several times as fast.
+        With them, the transmittances of faces are multiplied, as in Cycles.
 
         Parameters
         ----------
@@ -305,7 +305,7 @@ class World:
         world_from_camera
             (n, 4, 4) their poses.
         which
-            (k,) ascending indices of the rays that are asked for.
+            (k,) ascending indices of the rays to cast.
         reach
             (k,) how far each looks, in meters from the near plane.
         """

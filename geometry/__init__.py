@@ -1,1 +1,1 @@
-"""Meshes, rays and rigid transforms; knows no vehicles, no cameras and no Blender."""
+"""Meshes, rays, and rigid transforms, without vehicles, cameras, or Blender."""

@@ -1,4 +1,4 @@
-"""How opaque a surface is that a texture cuts out: lookups as Cycles makes them, and what a whole face can show."""
+"""Opacity of surfaces with alpha textures: lookups as in Cycles, and bounds for whole faces."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from jaxtyping import Bool, Float, Float32, Int, UInt8
 
 from hulldown.geometry.color import linear_from_srgb
 
-HIDES = 0.5  # opacity from which on a point hides what is behind it, for masks and the nearest hit
-NEGLIGIBLE = 1e-3  # of a face as opaque or as clear as this nothing is looked up
-ROUNDING = 1e-3  # texels by which a lookup at the edge of a face may be off it
+HIDES = 0.5  # opacity from which a point is a hit, for masks and nearest hits
+NEGLIGIBLE = 1e-3  # faces this close to opaque or clear need no lookups
+ROUNDING = 1e-3  # texels by which rounding may move a lookup beyond a face's edge
 
 
 class Extension(IntEnum):
-    """What is beyond the edges of an image."""
+    """How an image continues beyond its edges."""
 
     REPEAT = 0
     EXTEND = 1
@@ -25,7 +25,7 @@ class Extension(IntEnum):
 
 
 class Step(IntEnum):
-    """What a material does with the value of a texel; all grow or fall with it."""
+    """An operation of a material on a texel's value; each is monotone."""
 
     MULTIPLY = 0
     ADD = 1
@@ -43,7 +43,7 @@ Steps = tuple[tuple[Step, float], ...]
 
 
 class Cut(IntEnum):
-    """What a texture makes of a whole face."""
+    """Whether a texture makes a whole face opaque, clear, or mixed."""
 
     OPAQUE = 0
     CLEAR = 1
@@ -59,7 +59,7 @@ class AlphaMap:
     texels
         (h, w) values from 0 to 1: uint8 in 255ths, or float32. The first row is the lowest. Maps may share one array.
     extension
-        What is beyond the edges.
+        How the image continues beyond its edges.
     smooth
         Whether values between texels are interpolated; the nearest counts if not.
     steps
@@ -122,14 +122,14 @@ class AlphaMap:
 
 
 def stepped(values: Float32[np.ndarray, "..."], steps: Sequence[tuple[Step, float]]) -> Float32[np.ndarray, "..."]:
-    """What steps make of values."""
+    """Apply steps to values."""
     for step, number in steps:
         values = _STEP[step](values, np.float32(number))
     return values
 
 
 def fewer_texels(texels: np.ndarray, steps: Steps, longest: int) -> tuple[np.ndarray, Steps]:
-    """Texels whose longer side is at most so long, each the mean opacity of those in its place, and what is left to do.
+    """Shrink texels so that the longer side is at most `most`, by mean opacity; also return the steps that remain.
 
     The steps come before the mean: so that the share of the surface that is opaque stays the same.
     """
@@ -171,7 +171,7 @@ _STEP: dict[Step, Callable[[np.ndarray, np.float32], np.ndarray]] = {
 
 
 class Footprints:
-    """What the texels under a stretch of texture can show, by summed areas: exact, whatever the size of the stretch.
+    """Count marked texels in any rectangle of a texture, exactly, by summed areas.
 
     An interpolated value lies between those of its four texels, and steps keep that order; so where all texels of a
     stretch are above a threshold, all that is looked up there is.

@@ -1,4 +1,4 @@
-"""Arrays: checked where they enter, in one place and with one wording; and two kinds of index."""
+"""Checks for arrays that callers pass in, and two kinds of index."""
 
 from __future__ import annotations
 
@@ -60,14 +60,14 @@ def whole(value: object, name: str) -> int:
     Parameters
     ----------
     value
-        What the caller handed over: an int, or an integer of numpy's.
+        The caller's argument: an int or a NumPy integer.
     name
         The argument's name, for the error.
 
     Raises
     ------
     ValueError
-        If it is no whole number.
+        If it isn't a whole number.
     """
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
         raise ValueError(f"{name}: expected a whole number, got {value!r:.80}")

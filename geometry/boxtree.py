@@ -1,4 +1,4 @@
-"""Which of many axis-aligned boxes does each query touch: a bounding volume hierarchy in NumPy, in float64.
+"""A bounding volume hierarchy over axis-aligned boxes, in NumPy and float64.
 
 Embree answers for the nearest triangle only. Finding every instance whose box a ray crosses, or every triangle near a
 vehicle, needs all boxes; here thousands of queries go down the tree together, one array operation a level.
@@ -14,10 +14,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 FANOUT = 8
-SLACK = 1e-14  # what rounding may take from a ray that runs through an edge of a box
-PARALLEL = 1e-200  # a direction's coordinate below which a ray keeps its place on that axis
-PACKET = 16  # rays that go down together
-SPREAD = 0.1  # by which a coordinate of their directions may differ
+SLACK = 1e-14  # relative rounding error of a ray through a box's edge
+PARALLEL = 1e-200  # below this, a direction's coordinate counts as 0
+PACKET = 16  # rays that are tested together
+SPREAD = 0.1  # largest difference of their directions' coordinates
 VISITS = 1 << 12  # (query, node) pairs expanded at a time: what they touch stays in cache
 
 

@@ -1,4 +1,4 @@
-"""A child process: started, spoken to, listened to, weighed, and ended."""
+"""A supervised child process with pipes, a memory count, and a sure end."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ import psutil
 
 from hulldown.geometry.files import open_in_place
 
-LISTENER_S = 2.0  # what its listener gets to end: processes that the child has started may hold the other end
+LISTENER_S = 2.0  # time for its listener to end: the child's own processes may still hold the pipe
 LONGEST = 1 << 20  # bytes of a line
-LOG_TAIL = 2000  # bytes of the log in which last words are looked for
+LOG_TAIL = 2000  # bytes at the log's end that are searched for its last line
 
 
 class Child:
@@ -31,9 +31,9 @@ class Child:
     env
         All its environment variables.
     hear
-        Called in another thread with each line that it writes to stdout, and with an empty one when it has ended.
+        Called in another thread with each line of its stdout, and with an empty line when it ends.
     log
-        File that its stderr is added to; None if that is heard too.
+        File that its stderr is appended to; None: stderr goes to `hear` too.
 
     Raises
     ------
@@ -77,19 +77,19 @@ class Child:
 
     @property
     def code(self) -> int | None:
-        """Its exit code, negative for a signal; None as long as it runs."""
+        """Its exit code, negative for a signal; None while it runs."""
         return self._process.poll()
 
     @property
     def memory(self) -> int:
-        """Bytes of memory that it holds; 0 if it has ended."""
+        """Bytes of memory in use; 0 after its end."""
         try:
             return int(psutil.Process(self.pid).memory_info().rss)
         except psutil.Error:
             return 0
 
     def write(self, line: bytes) -> None:
-        """Write to its stdin; if it has just ended, `hear` learns that."""
+        """Write to its stdin. If it has just ended, `hear` gets the empty line."""
         assert self._process.stdin is not None
         with contextlib.suppress(OSError):
             self._process.stdin.write(line)
@@ -140,5 +140,5 @@ class Child:
 
 
 def memory_share(processes: int) -> float:
-    """Bytes that each of so many processes may hold: its share of nine tenths of the machine's memory."""
+    """Return each process's share of nine tenths of the machine's memory, in bytes."""
     return 0.9 * float(psutil.virtual_memory().total) / processes

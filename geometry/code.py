@@ -1,4 +1,4 @@
-"""What code a process runs, so that two machines can tell whether they run the same."""
+"""Versions and a hash of the running code, to compare two machines."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def versions(*packages: str) -> dict[str, str]:
 
 
 def difference(client: Mapping[str, str]) -> str:
-    """What this process has in another version than a client, to complete a sentence about it; empty if nothing."""
+    """Describe the first version in which this process differs from a client; empty if there is none."""
     own = versions(*client.keys() - {"hulldown"})
     for name, version in client.items():
         if own[name] != version:

@@ -1,4 +1,4 @@
-"""Rays against meshes that textures cut out: opaque faces as ever, and through the holes of the others.
+"""Rays against meshes with alpha textures, which let rays through holes.
 
 A texture makes most faces wholly opaque or wholly clear. The opaque ones are traced as any mesh, the clear ones are
 left out; only rays that pass the opaque ones are stepped through the mixed ones, face by face, with a lookup at each.
@@ -15,14 +15,14 @@ from hulldown.geometry.alpha import HIDES, Cut, Footprints
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster, RayHits, checked_rays
 
-BEYOND = 4  # units in the last place by which a ray goes on beyond a hit
-GRAZING = 1e-3  # cosine to a face's normal below which it goes on no farther
-PASSED = 1e-3  # of the light that a ray lets through: less is none
+BEYOND = 4  # units in the last place from a hit to the next start
+GRAZING = 1e-3  # cosine to a face's normal below which the step no longer grows
+PASSED = 1e-3  # share of light below which a ray counts as blocked
 ON_PLANE = 1e-4  # cosine from which on a hit is where the ray meets the face's plane in float64
 
 
 def caster_of(mesh: Mesh) -> RayCaster | CutoutCaster:
-    """What casts rays against the mesh; a mesh without holes costs no more than its faces."""
+    """Return a ray caster for a mesh; one without holes is as fast as `RayCaster`."""
     if mesh.cutouts is None:
         return RayCaster(mesh)
     cuts = mesh.cutouts.cuts()
@@ -40,7 +40,7 @@ class CutoutCaster:
     mesh
         What the rays meet.
     cuts
-        (m,) what their texture makes of `mesh.cutouts.face`.
+        (m,) a `Cut` for each of `mesh.cutouts.face`.
     """
 
     def __init__(self, mesh: Mesh, cuts: np.ndarray) -> None:
@@ -202,12 +202,12 @@ class _Holes:
 
 
 class Solidity:
-    """Answers whether what of a face is inside a box hides anything. Built once, never changes.
+    """Tells whether the part of a face inside a box is opaque anywhere. Immutable.
 
     Parameters
     ----------
     mesh
-        With cut-outs.
+        A mesh with cut-outs.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -228,7 +228,7 @@ class Solidity:
         middle: Float[np.ndarray, "p 3"],
         half_sides: Float[np.ndarray, "p 3 3"],
     ) -> Bool[np.ndarray, " p"]:
-        """Whether a face has a point inside a box that may be `HIDES` opaque; true for faces that no texture cuts out.
+        """Whether a face may be at least `HIDES` opaque somewhere inside a box; true for faces without a texture.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""The user's mistakes. Everything else that goes wrong is a bug and stays a plain exception."""
+"""Errors that the user can fix. Everything else is a bug and stays a plain exception."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ LONGEST = 1000  # characters of a problem or a path in a message
 
 
 class HulldownError(Exception):
-    """A mistake of the user's that one line can explain.
+    """A mistake in a file or setting, explained in one line.
 
     Parameters
     ----------
@@ -34,21 +34,21 @@ class HulldownError(Exception):
 
 
 def shortened(text: str) -> str:
-    """One line, not longer than a person reads: names in other people's files may hold line breaks, or a megabyte."""
+    """Return text as one line of limited length: names in files may contain line breaks, or a megabyte."""
     text = " ".join(text.splitlines())
     return text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} ... {text[-LONGEST // 2 :]}"
 
 
 class AssetError(HulldownError):
-    """A vehicle, scenery, HDRI or bundle that cannot be used as it is."""
+    """An unusable vehicle, scenery, HDRI, or bundle."""
 
 
 class ConfigError(HulldownError):
-    """A config or plan file that does not say what it must."""
+    """An invalid config or plan file."""
 
 
 class DatasetError(HulldownError):
-    """A dataset folder that cannot be read or written."""
+    """A dataset folder that can't be read or written."""
 
 
 def shown(value: object) -> str:

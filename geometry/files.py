@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and names that stay in their folder."""
+"""Atomic writes, safe opens, and paths that stay inside their folder."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from hulldown.geometry.errors import HulldownError
 
 @contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
-    """A file to write to, which takes the place of the one at `path` in one step, once all of it is on disk.
+    """Open a temporary file that replaces `path` in one step when all of it is on disk.
 
     Parameters
     ----------
     path
-        Its folder must exist. Until the block ends, what is written stands beside it under a name of its own.
+        Its folder must exist. Until the block ends, the data is in a temporary file next to it.
 
     Raises
     ------
     OSError
-        If it cannot be written. The file at `path` is then as it was, as it is after any error in the block.
+        If it can't be written. After any error the file at `path` is unchanged.
 
     Examples
     --------
@@ -39,7 +39,7 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        temporary.unlink(missing_ok=True)  # were it a link, writing would follow it
+        temporary.unlink(missing_ok=True)  # writing would follow a link
         with temporary.open("wb") as file:
             yield file
             file.flush()
@@ -62,14 +62,14 @@ def replace_file(path: Path, content: bytes | memoryview) -> None:
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """A file open for reading, its bytes as they are, if it is a file and no pipe or device, which never ends.
+    """Open a regular file for reading bytes; pipes and devices, which may never end, are refused.
 
     Raises
     ------
     OSError
         If it cannot be read, or is something else.
     """
-    # A pipe that nobody writes to would be waited for.
+    # Without O_NONBLOCK, opening a pipe waits for a writer.
     descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     return _regular(descriptor, "rb", path)
 
@@ -100,7 +100,7 @@ def open_in_place(path: Path) -> BinaryIO:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make names created or renamed in `folder` survive a crash of the machine, where folders can be synced."""
+    """Flush names created or renamed in `folder` to disk, where the system can."""
     if os.name == "nt":
         return
     descriptor = os.open(folder, os.O_RDONLY)
@@ -127,7 +127,7 @@ def stays_inside(file_name: object) -> TypeGuard[str]:
 
 
 def make_room(path: Path) -> None:
-    """Make the folder of a file that shall be written, before the long work.
+    """Make a file's folder before the long work that writes the file.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Which points of a set can be extreme: the vertices of its convex hull, and what rounding cannot tell from them."""
+"""Vertices of convex hulls, and points that rounding can't tell from them."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from scipy.spatial import ConvexHull, QhullError
 
 
 def extreme_points(points: Float[np.ndarray, "n 3"], *, near: float = 0.0) -> Int[np.ndarray, " k"]:
-    """Indices, ascending, of points among which a linear function of all of them is greatest.
+    """Return ascending indices of points that include the maximum of every linear function over all points.
 
     Parameters
     ----------
     points
-        Any frame; how far from its origin does not matter.
+        In any frame, at any distance from its origin.
     near
         Points that Qhull's rounding puts on a side of the hull, and that are no farther from one of its vertices than
         this share of the set's size, are taken too: after each point has been moved and rounded by itself, one of

@@ -1,4 +1,4 @@
-"""Scenes of many copies of few meshes: rays are moved into the copies, the copies are never moved into the world.
+"""Scenes of many copies of few meshes: rays are transformed into each copy's frame.
 
 A hierarchy is built once per unique mesh, in its own frame; ten thousand copies of a tree cost one tree and ten
 thousand small matrices. Embree's own instancing is out of embreex's reach, so the upper level is `geometry.boxtree`,
@@ -21,7 +21,7 @@ from hulldown.geometry.meshes import Mesh, unit_normals
 from hulldown.geometry.rays import RayCaster, checked_rays
 from hulldown.geometry.transforms import apply, invert_affine
 
-RAYS = 1 << 16  # rays whose crossings are held at a time
+RAYS = 1 << 16  # rays whose crossings are in memory at a time
 # Flatter than this (least over largest stretch), an instance has no inverse that keeps float32 rays apart.
 FLATTEST = 1e-6
 # From so many instances on, Embree first tells which rays cross no box at all, if there are rays enough to build for.
@@ -49,7 +49,7 @@ class InstanceHits:
 
     @classmethod
     def missed(cls, n: int) -> InstanceHits:
-        """Those of n rays that met nothing."""
+        """Hits for n rays that met nothing."""
         return cls(np.full(n, np.inf), np.full(n, -1, dtype=np.int32), np.full(n, -1, dtype=np.int64))
 
     @property
@@ -59,7 +59,7 @@ class InstanceHits:
 
 
 class InstancedScene:
-    """Copies of meshes in the world, for rays to meet; seen from both sides. Built once, never changes.
+    """Instances of meshes in the world, for two-sided ray casts. Immutable.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class InstancedScene:
         self.world_from_instance = poses
         self.bounds = _bounds(self.meshes, which, poses)
 
-        # What is traced: the meshes, and after them those that had to be moved into the world after all.
+        # Traced meshes: the unique ones, then flattened instances, which were moved into the world.
         self.traced_meshes = list(self.meshes)
         self.traced = which.copy()
         self.world_from_traced = poses.copy()
@@ -159,7 +159,7 @@ class InstancedScene:
         instance: Int[np.ndarray, " p"],
         max_distance: ArrayLike = np.inf,
     ) -> Float[np.ndarray, " n"]:
-        """How much of each ray the instances it is paired with let through; for callers that know which it may meet.
+        """Return each ray's transmittance through the instances that it's paired with.
 
         Parameters
         ----------
@@ -306,7 +306,7 @@ def _bounds(
 
 
 def _roomy(bounds: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "k 2 3"]:
-    """Boxes larger by more than float32 can take away at the scale of the scene."""
+    """Grow boxes by more than float32's rounding error at the scene's scale."""
     extent = np.ptp(bounds.reshape(-1, 3), axis=0).max() if len(bounds) else 0.0
     return bounds + 1e-5 * (extent + 1e-3) * np.array([[-1.0], [1.0]])
 
@@ -322,7 +322,7 @@ def _box_mesh(bounds: Float[np.ndarray, "k 2 3"]) -> Mesh:
 
 
 def _padded(bounds: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "k 2 3"]:
-    """Boxes that the float32 meshes inside cannot stick out of."""
+    """Grow boxes so that the float32 meshes stay inside."""
     pad = 1e-6 * np.ptp(bounds, axis=1) + 1e-14 * np.abs(bounds).max(axis=1) + 1e-12
     pad = pad.max(axis=1, keepdims=True)[:, None]
     return bounds + pad * np.array([-1.0, 1.0])[:, None]

@@ -21,16 +21,16 @@ FORMATS = (".ply", ".stl", ".obj", ".gltf", ".glb")
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Mesh:
-    """A triangle mesh, in whatever frame its owner says.
+    """A triangle mesh, in its owner's frame.
 
     Parameters
     ----------
     vertices
         (v, 3) float64, finite, in meters.
     faces
-        (f, 3) integer vertex indices. Winding carries no meaning in hulldown.
+        (f, 3) integer vertex indices. Winding has no meaning.
     name
-        What errors call this mesh.
+        Its name in errors.
     cutouts
         Which faces textures cut out; None: none. Only `geometry.cutouts` looks at them.
     extreme
@@ -100,7 +100,7 @@ class Mesh:
         return np.flatnonzero(self._used())
 
     def extreme_vertices(self) -> Int[np.ndarray, " k"]:
-        """Vertices, ascending, among which a linear function of all that a face uses is greatest."""
+        """Ascending vertices that include the maximum of every linear function over all used ones."""
         if self.extreme is not None:
             return self.extreme
         used = self.used
@@ -146,7 +146,7 @@ class Mesh:
         Parameters
         ----------
         path
-            The file; its ending says the format. The mesh is named after it.
+            The file; its extension is the format, its name the mesh's.
 
         Raises
         ------
@@ -172,7 +172,7 @@ class Mesh:
         try:
             scene = trimesh.load_scene(path, process=False, allow_remote=False)
             mesh = scene.to_mesh()
-        except Exception as error:  # trimesh's readers of damaged files raise what Python happens to
+        except Exception as error:  # on damaged files, trimesh raises any exception
             why = " ".join(f"{type(error).__name__}: {error}".split())
             raise AssetError(f"cannot be read as a mesh ({why})", path=path, remedy="export it anew") from None
         if not len(mesh.faces):
@@ -191,7 +191,7 @@ class Mesh:
         Parameters
         ----------
         path
-            The file; its ending says the format.
+            The file; its extension is the format.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Do oriented boxes touch each other, or triangles: separating axes, for thousands of pairs at once.
+"""Tests whether oriented boxes touch boxes or triangles, by separating axes, for thousands of pairs at once.
 
 Two convex bodies are apart exactly if some axis separates them; for boxes and triangles the face normals and the
 crosses of their edges are all the axes there are to look at. All tests are closed: touching counts.
@@ -17,7 +17,7 @@ from hulldown.geometry.cutouts import Solidity
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.transforms import apply, compose, invert_rigid, rotate
 
-ROOM = 100.0  # meters; what is farther away shuts nothing in, as a sky dome does not
+ROOM = 100.0  # meters; surfaces farther away, such as a sky dome, shut nothing in
 PAIRS = 1 << 14  # pairs of box and triangle tested at a time
 _CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
@@ -107,7 +107,7 @@ def _touch_origin_box(
 
 
 class SceneTouch:
-    """Answers whether oriented boxes touch the surfaces of a scene. Built once, never changes.
+    """Tells whether oriented boxes touch the surfaces of a scene. Immutable.
 
     Parameters
     ----------

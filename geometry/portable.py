@@ -1,4 +1,4 @@
-"""Sines, angles, logarithms with the same bits on every processor: nothing but +, -, *, / and square roots is used.
+"""Sines, angles, and logarithms with the same bits on every processor, from +, -, *, /, and square roots alone.
 
 NumPy and the C library pick another implementation of these functions for each processor, and those differ in the last
 bits. IEEE 754 leaves no choice for the four operations and the square root. Plans are made with the functions below.
@@ -66,7 +66,7 @@ def sin(angle: ArrayLike) -> Float[np.ndarray, "..."]:
 
 
 def tan(angle: float) -> float:
-    """Tangent of one angle in radians, by Python's own floats: of one number they are the quickest."""
+    """Tangent of one angle in radians, by Python floats, which are fastest for one number."""
     turns = float(round(angle * (2.0 / math.pi)))
     sine, cosine = _around_zero(angle, turns)
     return float(-cosine / sine if turns % 2.0 else sine / cosine)

@@ -1,4 +1,4 @@
-"""Exact answers from float64: on which side of a line a point lies, and how high a triangle is above a point.
+"""Exact predicates for float64 input: the side of a line that a point is on, and a triangle's height above a point.
 
 Each is first tried in floating point with a proven bound on its error; what the bound leaves open is computed in
 Python's integers, for every finite float64 is an integer times a power of two.

@@ -1,4 +1,4 @@
-"""Rays against a triangle mesh: the one owner of embreex, and of float32.
+"""Rays against a triangle mesh: the only module that uses embreex and float32.
 
 Undocumented behavior of Embree and embreex, and how it is handled: coordinates are float32, so a mesh is traced
 about its own center, and rays that come from afar start where they enter its bounding sphere; `dists` is overwritten,
@@ -33,7 +33,7 @@ from hulldown.geometry.meshes import Mesh
 T = TypeVar("T")
 R = TypeVar("R")
 
-_FAR = np.float32(1e37)  # what embreex calls no limit
+_FAR = np.float32(1e37)  # embreex's value for no limit
 BLOCK = 1 << 16  # rays traced at a time: large enough to be coherent once sorted, small enough to stay in cache
 _WORTH_SORTING = 4096
 _LARGEST = 1e30  # coordinates whose squares stay inside float64, and that stay inside float32 once centered
@@ -61,7 +61,7 @@ class RayHits:
 
 
 class RayCaster:
-    """Casts rays against one mesh, seen from both sides.
+    """Casts rays against one mesh, from both sides.
 
     Answers are those of float32 arithmetic about the mesh's own center. An origin on a surface may or may not hit
     that surface: start a little off it.
@@ -93,7 +93,7 @@ class RayCaster:
             with self._building:
                 if self._built is None:
                     scene = EmbreeScene(_device(os.getpid()), robust=True)
-                    with np.errstate(over="ignore"):  # of vertices that no face uses
+                    with np.errstate(over="ignore"):  # vertices without a face may be huge
                         vertices = (self.mesh.vertices - self._center).astype(np.float32)
                     TriangleMesh(scene, vertices, self.mesh.faces)
                     # Builds the BVH now; afterwards the scene is only read, from any number of threads.
@@ -205,7 +205,7 @@ def _device(process: int) -> EmbreeDevice:
 def checked_rays(
     origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
-    """Origins, unit directions and how far to look, from the arguments of `RayCaster.cast`."""
+    """Check the arguments of `RayCaster.cast`; return origins, unit directions, and maximum distances."""
     start = checked(origins, "origins", ("n", 3))
     along = checked(directions, "directions", (len(start), 3))
     reach = np.asarray(max_distance, dtype=np.float64)
@@ -220,7 +220,7 @@ def checked_rays(
 
 
 def bounds_within_reach(mesh: Mesh) -> Float[np.ndarray, "2 3"]:
-    """The mesh's bounds, or a ValueError if its coordinates leave no room for computing with them."""
+    """Return the mesh's bounds; a ValueError if its coordinates are too large to compute with."""
     bounds = mesh.bounds
     if np.abs(bounds).max() > _LARGEST:
         raise ValueError(f"mesh {mesh.name!r}: expected coordinates within 1e30 m, got bounds {bounds.tolist()}")
@@ -294,7 +294,7 @@ _DILATED = (_dilated(0), _dilated(1))
 
 
 class WorkerThreads:
-    """So many threads, or none but the caller's own."""
+    """A pool of threads; with one thread, the caller's own."""
 
     def __init__(self, threads: int) -> None:
         if threads < 1:
@@ -317,7 +317,7 @@ class WorkerThreads:
 def in_coherent_blocks(
     work: Callable[[Int[np.ndarray, " k"]], None], points: Float[np.ndarray, "n d"], *, threads: int
 ) -> None:
-    """`work` on the indices of all points, compact block by compact block, on so many threads."""
+    """Call `work` with the indices of all points, in spatially compact blocks, on some threads."""
     with WorkerThreads(threads if len(points) > BLOCK else min(threads, 1)) as pool:
         for _ in pool.map(work, coherent_blocks(points, pool)):
             pass

@@ -1,7 +1,7 @@
-"""Products of small matrices by sums that are written out: a row's bits do not depend on how many rows there are.
+"""Products of small matrices as explicit sums, so a row's bits don't depend on the number of rows.
 
 A matrix product may round differently with the number of rows beside one, and what is planned or annotated must not
-depend on its company. On many small matrices it is quicker, too. No checks: for inner loops.
+depend on other rows. On many small matrices it is quicker, too. No checks: for inner loops.
 """
 
 from __future__ import annotations

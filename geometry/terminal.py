@@ -1,4 +1,4 @@
-"""What a terminal or a notebook shows during long work: messages and progress on stderr, which names can't steer."""
+"""Messages and progress bars on stderr, safe from control codes in names."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from rich.progress import (
 from rich.segment import Segment
 from rich.text import Text
 
-SPEED_S = 300.0  # over which the speed of a bar is taken
+SPEED_S = 300.0  # the period over which a bar's speed is measured
 
 
 class Terminal(Console):
-    """Where the command writes to; what is written cannot steer it."""
+    """A stream for messages; control codes in them are escaped."""
 
     def render(self, renderable: Any, options: Any = None) -> Iterator[Segment]:
-        """As Rich does, but names from other people's files cannot steer the terminal."""
+        """Render as Rich does, with control codes escaped."""
         for segment in super().render(renderable, options):
             yield segment if segment.control else Segment(printable(segment.text), segment.style)
 
     def on_broken_pipe(self) -> None:
-        """Leave it to `main`: Rich would end the process with exit code 1, as if something had been found."""
+        """Let `main` handle it: Rich would exit with code 1, which means findings."""
         raise BrokenPipeError
 
 
@@ -42,7 +42,7 @@ STDERR = Terminal(stderr=True, highlight=False)
 
 
 def printable(text: str) -> str:
-    r"""The text with what would steer a terminal written out: escape codes, returns, changes of direction.
+    r"""Escape the characters that control a terminal: escape codes, returns, direction marks.
 
     Examples
     --------
@@ -59,37 +59,37 @@ def _written_out(char: str) -> str:
 
 
 def say(line: str) -> None:
-    """Tell the user something on stderr."""
+    """Print a message on stderr."""
     STDERR.print(escape(line), soft_wrap=True)
 
 
 def warn(line: str) -> None:
-    """Tell the user on stderr what deserves a look."""
+    """Print a warning on stderr."""
     STDERR.print(f"[yellow]warning:[/] {escape(line)}", soft_wrap=True)
 
 
 @contextmanager
 def reading_status() -> Iterator[Callable[[str], None]]:
-    """A sign of life on stderr; yields what is to be called with the path that is read."""
+    """Show a status line on stderr; yields a function that takes the path being read."""
     with STDERR.status("reading assets") as status:
         yield lambda path: status.update(f"reading {escape(path)}")
 
 
 @contextmanager
 def progress_bar(title: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar on stderr; yields what is to be called with the steps done and their total."""
+    """Show a bar on stderr; yields a function of steps done and their total."""
     with titled_bar() as advance:
         yield lambda done, total: advance(title, done, total)
 
 
 @contextmanager
 def titled_bar(*, unit: str = "") -> Iterator[Callable[[str, int, int], None]]:
-    """A bar on stderr; yields what is to be called with its title, the steps done and their total.
+    """Show a bar on stderr; yields a function of title, steps done, and their total.
 
     Parameters
     ----------
     unit
-        What the steps are, to show how many a second there are; empty for not.
+        Name of a step, to show the speed; empty: no speed.
     """
     speed = [Speed(unit)] if unit else []
     columns = (
@@ -112,12 +112,12 @@ def titled_bar(*, unit: str = "") -> Iterator[Callable[[str, int, int], None]]:
 
 
 class Speed(ProgressColumn):
-    """Steps a second, lately.
+    """A bar's column with recent steps per second.
 
     Parameters
     ----------
     unit
-        What the steps are.
+        Name of a step.
     """
 
     def __init__(self, unit: str) -> None:
@@ -131,7 +131,7 @@ class Speed(ProgressColumn):
 
 @contextmanager
 def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
-    """Bars on stderr, one after the other; yields what is to be called with a title, the steps done, their total."""
+    """Show bars on stderr, one after the other; yields a function of title, steps done, and their total."""
     with ExitStack() as bars:
         advance: dict[str, Callable[[int, int], None]] = {}
 
@@ -146,7 +146,7 @@ def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
 
 @contextmanager
 def shown(title: str, progress: Callable[[int, int], None] | None) -> Iterator[Callable[[int, int], None]]:
-    """What to call with the steps done and their total: `progress`, or if that's None a bar where a person looks on."""
+    """Yield `progress`, or if it's None a function that shows a bar in a terminal or notebook."""
     if progress is not None:
         yield progress
     elif watched():

@@ -1,4 +1,4 @@
-"""TOML files as checked models: every mistake is one line that names its key and what is allowed."""
+"""TOML files as validated models. Every error is one line with the key and the allowed values."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def validated(model: type[Model], data: Mapping[str, Any], path: Path | None) ->
         raise ConfigError(_explained(dict(first), model) + tail, path=path) from None
 
 
-# What pydantic says in words of Python, in words of TOML.
+# Pydantic's terms for Python types, as TOML's.
 _ALLOWED = {
     "too_short": "expected at least one",
     "tuple_type": "expected a list",

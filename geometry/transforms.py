@@ -128,7 +128,7 @@ def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Float[np.ndarray, "... 
 
 
 def rotation_z(angle: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
-    """Rotation by `angle` radians (...) about +z, counter-clockwise seen from above."""
+    """Rotation by `angle` radians (...) about +z, counterclockwise seen from above."""
     theta = checked(angle, "angle", ("...",))
     (s, c), zero, one = sin_cos(theta), np.zeros_like(theta), np.ones_like(theta)
     return np.stack([np.stack([c, -s, zero], -1), np.stack([s, c, zero], -1), np.stack([zero, zero, one], -1)], -2)

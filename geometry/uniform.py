@@ -1,4 +1,4 @@
-"""Where random numbers come from, for functions that draw."""
+"""A protocol for sources of uniform random numbers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 
 @runtime_checkable
 class UniformNumbers(Protocol):
-    """A NumPy Generator, or anything else that hands out uniform numbers, such as one stream for each row."""
+    """A NumPy Generator, or another source of uniform numbers, such as one stream per row."""
 
     def random(self, size: Any) -> Any:
         """Numbers uniform in [0, 1)."""

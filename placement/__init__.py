@@ -1,1 +1,1 @@
-"""Where a vehicle may stand on the terrain, and how it stands there (paper, section 2.1.5)."""
+"""Positions and resting poses of vehicles on terrain (paper, section 2.1.5)."""

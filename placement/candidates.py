@@ -1,4 +1,4 @@
-"""Where to try: positions and headings drawn uniformly over a scenery."""
+"""Candidates for places: positions and headings, uniform over a scenery."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ def candidates(
     Parameters
     ----------
     bounds
-        (2, 2) or (2, 3) lowest and highest corner in the world, meters; z is not looked at.
+        (2, 2) or (2, 3) lowest and highest corner in the world, meters; z is ignored.
     n
         How many candidates; 0 is legal.
     rng
-        Where the numbers come from.
+        Source of random numbers.
     margin
         Share of the bounds that is kept along each axis, about the center; in (0, 1].
 
     Returns
     -------
     xy, yaw
-        (n, 2) meters, and (n,) radians in [-pi, pi), counter-clockwise from +x.
+        (n, 2) meters, and (n,) radians in [-pi, pi), counterclockwise from +x.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""The obstacles that a vehicle must keep clear of: tested by their triangles, for stacks of oriented boxes."""
+"""Clearance of vehicles from obstacles: stacks of oriented boxes against triangles."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ def _skyward(n: int) -> Float[np.ndarray, "n 3"]:
 
 
 SKYWARD = _skyward(48)
-OPEN = 4  # of these rays must be free where the first isn't: a wide sheet overhead lets two level ones pass
+OPEN = 4  # free rays needed if the first is blocked; below a wide sheet, two level ones are free
 
 
 class Obstacles:
-    """The obstacles of a scenery, prepared for testing whether vehicles are clear of them. Built once, never changes.
+    """A scenery's obstacles, for clearance tests. Immutable.
 
     Parameters
     ----------
     scene
-        All that is no ground and no vehicle.
+        Everything but ground and vehicles.
     solid
         (k,) which instances count; by default all. Grass gives way.
     """
@@ -57,7 +57,7 @@ class Obstacles:
         Parameters
         ----------
         point
-            (n, 3) world. Inside a closed house, a boulder or a hall no ray finds a way out, and no light a way in.
+            (n, 3) world. No ray leaves a closed house, a boulder, or a hall.
         """
         found = np.zeros(len(point), dtype=bool)
         free = np.zeros(len(point), dtype=int)

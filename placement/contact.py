@@ -1,4 +1,4 @@
-"""Where the underside of a vehicle is compared with the ground, and how well a posed one touches it."""
+"""Sample points of a vehicle's underside, and its gap, penetration, and depth in a pose."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from hulldown.placement.terrain import Method, Terrain
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Footing:
-    """Where a vehicle's underside is compared with the ground.
+    """Points at which a vehicle's underside is compared with the ground.
 
     Parameters
     ----------
     samples
-        Points from which the rest plane follows.
+        Points for the rest plane.
     contact
         Points at which gap and penetration are measured.
     """
@@ -30,7 +30,7 @@ class Footing:
 
     @classmethod
     def of(cls, footprint: Float[np.ndarray, "2 2"] | Underside, rules: SettleRules) -> Footing:
-        """The points of a footprint at which these rules look."""
+        """Return the sample points of a footprint by these rules."""
         contact = contact_samples(footprint, rules.contact_n)
         if isinstance(footprint, Underside) and rules.rule == "support":
             return cls(underside_samples(footprint, rules.n), contact)
@@ -39,7 +39,7 @@ class Footing:
 
 
 def stacked(samples: Sequence[Samples]) -> Samples:
-    """Samples of several vehicles as one; those that have fewer repeat their first."""
+    """Stack the samples of several vehicles, padded with each one's first sample."""
     most = max(len(one.xy) for one in samples)
     padded = [np.minimum(np.arange(most), len(one.xy)) % max(len(one.xy), 1) for one in samples]
     xy, height, foot = (
@@ -52,7 +52,7 @@ def stacked(samples: Sequence[Samples]) -> Samples:
 def gap_and_penetration(
     terrain: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples, *, method: Method = "certified"
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """`settle.Settled.gap` and `penetration` of posed vehicles; points over no ground count for neither.
+    """Measure `settle.Settled.gap` and `penetration` of posed vehicles; points without ground don't count.
 
     Parameters
     ----------
@@ -61,9 +61,9 @@ def gap_and_penetration(
     world_from_vehicle
         (k, 4, 4) rigid poses.
     contact
-        The points of the underside that are looked at, `placement.footprint.contact_samples`: of all, or of each.
+        Points of the underside, as by `placement.footprint.contact_samples`: one set for all, or one for each.
     method
-        How top hits are found; see `Terrain.top_hits`.
+        Method of `Terrain.top_hits`.
     """
     points, up = underside_points(world_from_vehicle, contact), world_from_vehicle[:, 2, 2, None]
     hits = terrain.top_hits(points[..., :2].reshape(-1, 2), method=method)
@@ -77,12 +77,12 @@ def gap_and_penetration(
 def depth_below(
     surface: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples
 ) -> Float[np.ndarray, " k"]:
-    """How far in meters the underside of posed vehicles lies below a surface such as water, at most; 0 beside it.
+    """Largest depth in meters of posed vehicles' undersides below a surface such as water; 0 next to it.
 
     Parameters
     ----------
     surface
-        Its topmost height counts.
+        The surface, of which the topmost height counts.
     world_from_vehicle, contact
         As of `gap_and_penetration`.
     """
@@ -92,7 +92,7 @@ def depth_below(
 
 
 def underside_points(world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples) -> Float[np.ndarray, "k p 3"]:
-    """The points of the underside of posed vehicles, in the world."""
+    """Return the points of posed vehicles' undersides in the world."""
     x, y, height = contact.xy[..., 0], contact.xy[..., 1], contact.height
     forward, left, up, origin = (world_from_vehicle[:, :3, i, None] for i in range(4))
     points = np.stack([origin[:, i] + (forward[:, i] * x + left[:, i] * y) for i in range(3)], axis=2)

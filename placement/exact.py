@@ -42,7 +42,7 @@ class _Over:
 
 
 class ExactGround:
-    """Answers from exact arithmetic wherever float64 cannot decide; slower than Embree, and right on every input."""
+    """Top hits in exact arithmetic wherever float64 can't decide; slower than Embree, and correct on every input."""
 
     def __init__(self, ground: Ground, low: Float[np.ndarray, "2 f"], high: Float[np.ndarray, "2 f"]) -> None:
         self._ground = ground

@@ -1,4 +1,4 @@
-"""Which triangles may lie under a point: a hierarchy of XY grids that no mixture of sizes defeats.
+"""Find triangles that may contain a point seen from above, by a hierarchy of XY grids for any mixture of sizes.
 
 Every face is filed once, under the cell of its lowest corner, on a level whose cells are at least half as wide as its
 bounding box. The index g of a cell is monotone, and a face whose computed cells span more than two steps is moved a

@@ -1,4 +1,4 @@
-"""What of a vehicle stands on the ground, how high the rest of its underside is, and where to look at both."""
+"""The contact footprint of a vehicle, the heights of its underside, and sample points on both."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from hulldown.geometry.rays import RayCaster
 
 RASTER = 128  # cells a side of an underside: 3 to 7 cm under a tank
 LEAN = 0.05  # meters higher that a spot may be for each meter that it is nearer; measured in docs/settling.md
-FOOT = 0.01  # of the footprint's longer side: what is no higher than this above the lowest spot is a foot
+FOOT = 0.01  # of the footprint's longer side: a foot is no higher than this above the lowest spot
 
 
 def contact_footprint(vertices: ArrayLike, *, band: float = 0.05, least: float = 0.2) -> Float[np.ndarray, "2 2"]:
-    """Lowest and highest (x, y) of what touches the ground: the lowest part of a mesh, seen from above.
+    """Lowest and highest (x, y) of the lowest band of a mesh, which touches the ground.
 
-    A long barrel, a dozer blade held high or an antenna widen the bounding box and touch no ground; wheels, tracks and
-    skids are low. The band begins at the lowest vertex and is doubled until what it holds is wide enough to stand on.
+    A long barrel, a raised dozer blade, or an antenna widens the bounding box without touching the ground; wheels,
+    tracks, and skids are low. The band begins at the lowest vertex and is doubled until it's wide enough to stand on.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def contact_footprint(vertices: ArrayLike, *, band: float = 0.05, least: float =
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Underside:
-    """How high a vehicle's underside is, seen from straight below.
+    """Heights of a vehicle's underside, seen from straight below.
 
     Parameters
     ----------
@@ -74,8 +74,8 @@ class Underside:
 def underside(mesh: Mesh, *, known: Float[np.ndarray, "a b"] | None = None) -> Underside:
     """The underside of a vehicle over its contact footprint.
 
-    The lowest of what a ray straight up through the middle of each cell meets and of the vertices and edges in it: a
-    sheet that stands on its edge meets no such ray.
+    The minimum over the hit of a ray straight up through each cell's middle, and vertices and edges in the cell: a
+    an upright sheet meets no such ray.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def underside(mesh: Mesh, *, known: Float[np.ndarray, "a b"] | None = None) -> U
 
 
 def _lowest_faces(mesh: Mesh, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
-    """Heights of the first face straight up from below; inf where there is none."""
+    """Heights of the first face straight up from below; inf if there is none."""
     start = 2.0 * mesh.bounds[0, 2] - mesh.bounds[1, 2] - 1.0
     face = (
         RayCaster(mesh)
@@ -112,7 +112,7 @@ def _lowest_faces(mesh: Mesh, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray,
     met = face >= 0
     a, b, c = np.moveaxis(mesh.vertices[mesh.faces[face[met]]], 1, 0)
     normal = np.cross(b - a, c - a)
-    # Which face is Embree's to say, in float32; how high it is, is not, so that poses keep all their digits.
+    # Embree finds the face in float32; its height is computed in float64, so that poses keep all digits.
     with np.errstate(divide="ignore", invalid="ignore"):
         z = a[:, 2] - ((xy[met] - a[:, :2]) * normal[:, :2]).sum(axis=1) / normal[:, 2]
     corners = np.stack([a[:, 2], b[:, 2], c[:, 2]])
@@ -146,7 +146,7 @@ class Samples:
     height
         (m,) of the underside there above z = 0; inf where there is none.
     foot
-        (m,) whether the vehicle means to stand there: the underside is next to its lowest.
+        (m,) whether it's a foot: the underside there is near its lowest point.
     center
         (2,) where the center of gravity is taken to be: the middle of the footprint, or the centroid of what can touch
         the ground if the middle is not above that.
@@ -158,17 +158,17 @@ class Samples:
     center: Float[np.ndarray, "... 2"]
 
     def of(self, which: Int[np.ndarray, " k"]) -> Samples:
-        """Those of each of k candidates, from samples of several vehicles."""
+        """Select the samples of each of k candidates from those of several vehicles."""
         return Samples(self.xy[which], self.height[which], self.foot[which], self.center[which])
 
     def solid(self) -> Samples:
-        """Those that are under something."""
+        """Samples below the underside."""
         kept = np.isfinite(self.height)
         return Samples(self.xy[kept], self.height[kept], self.foot[kept], self.center)
 
 
 def plate_samples(box: Float[np.ndarray, "2 2"], n: int) -> Samples:
-    """N x n points over a rectangle, border included; one point is its middle. All are feet of height 0."""
+    """Return n x n points over a rectangle, border included (n = 1: its middle). All are feet of height 0."""
     share = _shares(n)
     x, y = np.meshgrid(*(low + share * (high - low) for low, high in box.T), indexing="ij")
     xy = np.stack([x.ravel(), y.ravel()], axis=1)
@@ -182,7 +182,7 @@ def _shares(n: int) -> Float[np.ndarray, " n"]:
 
 @lru_cache(maxsize=64)
 def underside_samples(footprint: Underside, n: int) -> Samples:
-    """The lowest spot near each of n x n points that cover an underside: under wheels and tracks where there are any.
+    """Return the lowest spot near each of n x n points of an underside, under wheels and tracks if there are any.
 
     Near each point is what is nearer to it than to the others. A spot gives way to one nearer to the point that is
     higher by less than a twentieth of the distance saved, so that both edges of a track have their spots, and a flat
@@ -213,5 +213,5 @@ def underside_samples(footprint: Underside, n: int) -> Samples:
 
 
 def contact_samples(footprint: Underside | Float[np.ndarray, "2 2"], n: int) -> Samples:
-    """Where gap and penetration are measured: at n x n samples, but at none that is under nothing."""
+    """Return n x n samples for gap and penetration, without those below no underside."""
     return underside_samples(footprint, n).solid() if isinstance(footprint, Underside) else plate_samples(footprint, n)

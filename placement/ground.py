@@ -1,4 +1,4 @@
-"""Ground faces made ready: counter-clockwise, none without area, each with its slope and how far float64 serves it."""
+"""Prepared ground faces: counterclockwise, with area, slope, and a bound of float64's error."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ _SMALLEST = 1e-120
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Ground:
-    """The faces of a mesh that have an XY area, in their order; arrays by column, for NumPy gathers those fastest.
+    """The faces of a mesh with an XY area, in order; arrays by column, which NumPy gathers fastest.
 
     Parameters
     ----------
     x, y, z
         (v,) coordinates of the mesh's vertices.
     corners
-        (3, f) vertices of each ground face, counter-clockwise seen from above.
+        (3, f) vertices of each ground face, counterclockwise seen from above.
     mesh_face
         (f,) the mesh's number for each ground face.
     slope
@@ -97,7 +97,7 @@ def plane_heights(
     dy: Float[np.ndarray, " n"],
     z: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, " n"]:
-    """Heights of planes of these slopes so far from where they are `z` high."""
+    """Heights of planes with these slopes at offsets from where they are `z` high."""
     with np.errstate(over="ignore", invalid="ignore"):  # only on faces that are not well-conditioned
         height = slope.real * dx
         height += slope.imag * dy

@@ -1,4 +1,4 @@
-"""Why a place or a camera that was tried is not taken."""
+"""Reasons for rejecting a place or a camera."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ from enum import IntEnum
 
 
 class Rejection(IntEnum):
-    """Reasons, with a phrase that completes "of 100 tries 3 % ..."; 0 stands for a try that was taken.
+    """Reasons, each with a phrase that completes "of 100 tries 3 % ..."; 0 is an accepted try.
 
-    Those of a place come first, in the order in which they are looked for, then those of a camera, then what was added
-    later. Codes and names are those of plan files, and never change.
+    Those of a place come first, in the order of the checks, then those of a camera, then later additions.
+    Codes and names are in plan files and never change.
     """
 
     phrase: str
 
     def __new__(cls, code: int, phrase: str) -> Rejection:
-        """A code that knows its phrase."""
+        """A code with its phrase."""
         member = int.__new__(cls, code)
         member._value_ = code
         member.phrase = phrase
@@ -49,5 +49,5 @@ class Rejection(IntEnum):
 
     @property
     def key(self) -> str:
-        """The reason as `rejected` in a plan's rows writes it."""
+        """The reason's name in `rejected` of a plan's rows."""
         return self.name.lower()

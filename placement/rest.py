@@ -1,8 +1,8 @@
-"""Three rules by which a footprint's samples of the ground become the plane a vehicle rests on.
+"""Three rules that fit the resting plane to a footprint's samples of the ground.
 
 All three work in the footprint's own frame, turned by the heading but level, where the samples' positions are the same
 for every candidate. They are compared with a reference rest pose in docs/settling.md. None uses a matrix product that
-rounds: its rounding may depend on the number of rows, and a candidate's pose must not depend on its company. (The one
+rounds: its rounding may depend on the number of rows, and a candidate's pose must not depend on the others. (The one
 in `placement.simplex` is of whole numbers, and exact.)
 """
 
@@ -21,7 +21,7 @@ from hulldown.placement.support import support_plane
 class Rest:
     """Rest planes z = height + gradient . (x, y) about the vehicle's origin, in frames turned by the headings.
 
-    `margin` is that of `placement.support.Support`; nan for the rules that know no contacts.
+    `margin` is that of `placement.support.Support`; nan for rules without contacts.
     """
 
     height: Float[np.ndarray, " k"]
@@ -36,7 +36,7 @@ def averaged(
     normals: Float[np.ndarray, "k m 3"],
     valid: Bool[np.ndarray, "k m"],
 ) -> Rest:
-    """Through the mean of the hits, at right angles to the mean of their normals.
+    """The plane through the mean of the hits, normal to the mean of their normals.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def averaged(
     normals
         (k, m, 3) unit normals in the turned frames.
     valid
-        (k, m) samples that met ground; the rest are not looked at.
+        (k, m) samples that met ground; the others are ignored.
 
     References
     ----------
@@ -93,7 +93,7 @@ def support(samples: Samples, heights: Float[np.ndarray, "k m"], valid: Bool[np.
     Where the underside is higher than the plane, a hit may be as much higher too. That height is taken straight up from
     the plane: docs/settling.md bounds what this leaves out.
     """
-    solid = np.isfinite(samples.height)  # what is above nothing carries nothing
+    solid = np.isfinite(samples.height)  # others support nothing
     clear = np.compress(solid, heights, axis=1) - samples.height[solid]
     plane = support_plane(samples.xy[solid] - samples.center, clear, np.compress(solid, valid, axis=1))
     height = plane.height - plane.gradient[:, 0] * samples.center[0] - plane.gradient[:, 1] * samples.center[1]

@@ -1,4 +1,4 @@
-"""How vehicles come to rest, and what a resting pose may be like."""
+"""The rules of settling, and the limits of a resting pose."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ RULES = ("averaged", "least_squares", "support")
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SettleRules:
-    """How vehicles come to rest, and what a resting pose may be like.
+    """The rules of settling, and the limits of a resting pose.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class SettleRules:
     max_gap, max_penetration
         Largest `Settled.gap` and `Settled.penetration`, in meters.
     method
-        How top hits are found; see `Terrain.top_hits`.
+        Method of `Terrain.top_hits`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""How a vehicle stands on the ground: slope gate, footprint, resting pose, and how well that pose touches.
+"""Settle vehicles on the ground: slope gate, footprint, resting pose, gap, and penetration.
 
 The contact point of a candidate is where the vertical line through (x, y) meets the rest plane. The vehicle's origin,
 the center of its underside, is put there, and the vehicle is tilted about it until its up axis is the plane's normal;
@@ -27,13 +27,13 @@ from hulldown.placement.rest import Rest, averaged, least_squares, support
 from hulldown.placement.rules import SettleRules
 from hulldown.placement.terrain import Terrain
 
-BLOCK_RAYS = 1 << 16  # footprint rays at a time: what they touch stays in cache
+BLOCK_RAYS = 1 << 16  # footprint rays at a time, whose data stay in cache
 DEFAULT_RULES = SettleRules()
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Settled:
-    """What became of each candidate; nan where the rejection came before the value was known.
+    """The results for each candidate; nan for values after its rejection.
 
     Parameters
     ----------
@@ -47,10 +47,10 @@ class Settled:
         (k,) share of the footprint's rays that met ground.
     margin
         (k,) meters: how far inside the triangle of its three contacts the center of gravity lies, seen from above; the
-        nearer to 0, the less sure the pose. nan for the rules that know no contacts.
+        nearer to 0, the less sure the pose. nan for rules without contacts.
     gap
         (k,) meters: the largest vertical distance from the vehicle's tilted z = 0, which it stands on, down to the
-        ground beneath its feet. All points are feet unless `footprint` is an `Underside`, whose belly is no foot.
+        ground below its feet. All points are feet, except the belly of an `Underside`.
     penetration
         (k,) meters: the largest vertical distance from the tilted underside, at its own height, up to the ground.
     rejection
@@ -68,7 +68,7 @@ class Settled:
 
     @property
     def ok(self) -> Bool[np.ndarray, " k"]:
-        """Which candidates stand."""
+        """Candidates that settled."""
         return self.rejection == Rejection.NONE
 
 
@@ -93,13 +93,13 @@ def settle(
     xy
         (k, 2) positions of the vehicle's origin in the world, meters.
     yaw
-        (k,) headings in radians, counter-clockwise from +x.
+        (k,) headings in radians, counterclockwise from +x.
     footprint
         (2, 2) lowest and highest (x, y) of what touches ground, vehicle frame: a flat plate at z = 0; by default the
-        whole underside of the bounding box. See `placement.footprint.contact_footprint`. Or an `Underside`, which knows
-        how high the vehicle is above the ground between wheels and tracks: `placement.footprint.underside`.
+        whole underside of the bounding box. See `placement.footprint.contact_footprint`. Or an `Underside`, with the
+        heights between wheels and tracks: `placement.footprint.underside`.
     rules
-        How vehicles come to rest, and what a resting pose may be like.
+        The rules of settling, and the limits of a resting pose.
     threads
         Threads that share the candidates.
 
@@ -123,7 +123,7 @@ def settle(
     >>> from hulldown.geometry.meshes import Mesh
     >>> ramp = Mesh(np.array([[0.0, 0, 0], [40, 0, 8], [40, 40, 8], [0, 40, 0]]), np.array([[0, 1, 2], [0, 2, 3]]))
     >>> settled = settle(Terrain(ramp), [7.0, 3.5, 2.4], xy=[[20.0, 20.0], [-5.0, 20.0]], yaw=[0.0, 0.0])
-    >>> settled.ok.tolist()  # the second stands beside the ground
+    >>> settled.ok.tolist()  # the second is off the ground
     [True, False]
     >>> settled.world_from_vehicle[0, :3, 3].round(6).tolist(), settled.gap[0].round(6) == 0.0
     ([20.0, 20.0, 4.0], True)

@@ -1,4 +1,4 @@
-"""Where the ground is a single sheet: a raster that says so only where it is proven.
+"""A raster of the places where the ground is proven to be a single sheet.
 
 Take every ground face, seen from above, counter-clockwise. N(p), the number of faces over a point p, changes only
 across edges that faces have on their left more often, or less often, than on their right; where faces meet as they
@@ -172,7 +172,7 @@ def unbalanced(corners: Int[np.ndarray, "3 f"], xy: Float[np.ndarray, "v 2"]) ->
     keys = keys.ravel()
     keys.sort()
     edges, balance = _left_over(keys, None, len(xy))
-    # What is left over may still cancel against vertices of another number at the same place.
+    # The rest may still cancel against other vertices at the same place.
     used, local = np.unique(edges, return_inverse=True)
     a, b = used[first_alike(xy[used])][local].reshape(-1, 2).T
     keys = _key(a, b, len(xy), out=np.empty(len(edges), dtype=np.int64))

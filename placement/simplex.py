@@ -1,8 +1,8 @@
-"""Of all triangles of samples around a center, the one that carries it highest, for many rows of heights at once.
+"""Find the triangle of samples around a center with the highest plane there, for many rows of heights at once.
 
 A linear program. The samples' positions are the same for every row, only their heights differ. So a table of
 triangles around the center and of the shares in which their corners carry it is made once; one product with it names a
-good triangle for every row, and the simplex method walks on from there. A row's answer does not depend on its company:
+good triangle for every row, and the simplex method walks on from there. A row's answer doesn't depend on other rows:
 the product is one of whole numbers, exact in whatever order it is summed up, and the rest goes row by row.
 """
 
@@ -46,7 +46,7 @@ def highest_triangles(
 
     Returns
     -------
-    (n, 3) samples, counter-clockwise.
+    (n, 3) samples, counterclockwise.
 
     References
     ----------

@@ -20,7 +20,7 @@ from hulldown.placement.simplex import above_planes, highest_triangles, opposite
 # A center exactly on a line through two samples (always so on a regular grid) leaves the triangle to chance and lets
 # the simplex method cycle. Moved by these shares of the footprint, no line through two samples meets it.
 NUDGE = np.array([1.0e-6, 1.0e-6 * (math.sqrt(5.0) - 1) / 2])
-TIED = 1e-4  # a sample that carries less than this share of the weight carries nothing: the center is on an edge
+TIED = 1e-4  # least share of the weight on a sample; below it the center counts as on an edge
 OTHER_WAYS = np.array([[-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 
 
@@ -57,7 +57,7 @@ def support_plane(
     Returns
     -------
     Support
-        `found` is False where the center lies outside the hull of the valid samples: nothing carries the vehicle there.
+        `found` is False if the center is outside the hull of the valid samples, which then don't support it.
     """
     n = len(heights)
     coefficients, margin, contacts = np.full((n, 3), np.nan), np.full(n, np.nan), np.full((n, 3), -1)

@@ -1,4 +1,4 @@
-"""The ground: the topmost surface under a point, its height, normal and face."""
+"""The ground, and top hits: the topmost surface under a point, its height, normal, and face."""
 
 from __future__ import annotations
 
@@ -45,15 +45,15 @@ class Hits:
 
 
 class Terrain:
-    """Ground that answers where its top is.
+    """Ground for top hits.
 
     Parameters
     ----------
     ground
         A mesh: all ground triangles, of any winding, connected or not, in meters, with coordinates within 1e30.
-        Triangles that are exactly vertical or have no area are no ground. Or the height of a plane without end.
+        Exactly vertical triangles and those without area don't count. Or the height of an infinite plane.
     caster
-        Of the same mesh, if there is one already.
+        An existing ray caster of the same mesh.
 
     Examples
     --------
@@ -94,17 +94,17 @@ class Terrain:
 
     @classmethod
     def flat(cls, z: float) -> Terrain:
-        """The plane at this height, which goes on for ever: face 0 everywhere."""
+        """The infinite plane at this height: face 0 everywhere."""
         return cls(z)
 
     @property
     def mesh(self) -> Mesh:
-        """The ground as it was given; of a plane, one triangle of it."""
+        """The ground's mesh; for a plane, one triangle of it."""
         return self._mesh
 
     @property
     def bounds(self) -> Float[np.ndarray, "2 3"]:
-        """Lowest and highest corner of the ground; of a plane, without end in x and y."""
+        """Lowest and highest corner of the ground; infinite in x and y for a plane."""
         return self._bounds.copy()
 
     def top_hits(self, xy: ArrayLike, *, method: Method = "certified", threads: int = 1) -> Hits:
@@ -115,8 +115,8 @@ class Terrain:
         xy
             (n, 2) meters, in the mesh's frame; anywhere.
         method
-            "float32": what Embree says. "refined": the height and normal, in float64, of the face that Embree names.
-            "certified": the exact face, whatever float32 makes of it; its height within 8 ulp of the ground's
+            "float32": Embree's answer. "refined": height and normal of Embree's face in float64.
+            "certified": the exact face; its height within 8 ulp of the ground's
             largest |z|, its normal within 1e-12 radians.
         threads
             How many threads share the work.
@@ -135,12 +135,12 @@ class Terrain:
             return Hits(np.full(n, self._bounds[0, 2]), up, np.zeros(n, dtype=np.int32))
         if self._missing:
             return Hits(np.full(n, np.nan), np.full((n, 3), np.nan), np.full(n, -1, dtype=np.int32))
-        # Left to the blocks to fill, for it takes time to touch so much new memory, and the threads share that too.
+        # Filled block by block: first touching so much memory takes time, which threads share.
         hits = Hits(np.empty(n), np.empty((n, 3)), np.empty(n, dtype=np.int32))
         answer = {"float32": self._float32, "refined": self._refined, "certified": self._certified}[method]
 
         def block(i: Int[np.ndarray, " k"]) -> None:
-            # Points may be so far away that nothing but their being outside can be computed.
+            # Some points are so far away that only their being outside can be computed.
             with np.errstate(over="ignore", invalid="ignore"):
                 answer(points, i, hits)
 
@@ -162,7 +162,7 @@ class Terrain:
         self._write(hits, i, face, z, normal)
 
     def _certified(self, points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"], hits: Hits) -> None:
-        """Embree proposes; where a single sheet is certain and the point certainly inside, that is the answer."""
+        """Accept Embree's face if the sheet is single and the point certainly inside; else compute exactly."""
         g = self._ground
         x, y = _columns(points, i)
         face = self._caster.down(x, y).astype(np.intp)  # -1 reads the last face, and is accepted nowhere
