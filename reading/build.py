@@ -1,4 +1,4 @@
-"""From what Blender drew to a vehicle or a scenery: plain arrays, no Blender."""
+"""Build a vehicle or a scenery from evaluated pieces, without Blender."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ NAMES = (
 
 @dataclass(frozen=True, eq=False, slots=True)
 class BuiltVehicle:
-    """A vehicle, for each piece its role and part (-1 for none), the parts that turn, the axes, the doubts."""
+    """A vehicle with the role and part (-1: none) of each piece, the moving parts, the axes, and the doubts."""
 
     shape: VehicleShape
     roles: list[Role]
@@ -54,7 +54,7 @@ def build_vehicle(
     Raises
     ------
     AssetError
-        If nothing is left of it, or the config names a turret, gun or pivot that is not there.
+        If nothing is left of it, or the config names a turret, gun, or pivot that doesn't exist.
     """
     pieces = upright.pieces
     roles = vehicle_roles(pieces, keep=options.keep, drop=options.drop)
@@ -81,7 +81,7 @@ def build_vehicle(
         left_out += strays.out_doubts
         for k, why in strays.out.items():
             roles[kept[k]] = Role("dropped", why)
-        # Without them the nose may be another, and so what sticks out.
+        # Without them the nose, and so the protruding parts, may change.
         kept = [i for k, i in enumerate(kept) if k not in strays.out]
     try:
         parts = find_parts(
@@ -135,7 +135,7 @@ def build_vehicle(
 
 
 def _compact(mesh: Mesh, points: Float[np.ndarray, "v 3"], name: str) -> Mesh:
-    """Without vertices that no face uses: they are not rendered and must not count for boxes."""
+    """Remove vertices without faces, which aren't rendered and must not widen boxes."""
     return replace(mesh.at(points).of_faces(np.arange(len(mesh.faces))), name=name)
 
 
@@ -154,14 +154,14 @@ def _part_rows(shape: VehicleShape, parts: Parts) -> tuple[PartRow, ...]:
 
 
 def xyz(vector: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
-    """A vector as reports have it."""
+    """A vector for reports."""
     return float(vector[0]), float(vector[1]), float(vector[2])
 
 
 def build_scenery(
     name: str, drawn: Evaluated, roles: Sequence[Role], *, meters: Float[np.ndarray, "4 4"], options: Options
 ) -> tuple[Scenery, tuple[str, ...]]:
-    """Ground and obstacles by their roles; and the names of pieces of ground of whose mesh a part is water.
+    """Ground and obstacles by their roles, and the names of ground pieces whose mesh is partly water.
 
     The ground-plane inventory is paper, section 2.1.5.
 
@@ -171,7 +171,7 @@ def build_scenery(
     Raises
     ------
     AssetError
-        If the file draws nothing, or the scenery's own patterns name what is not there.
+        If the file draws nothing, or a pattern of the scenery matches nothing.
     """
     meshes, pieces = drawn.meshes, drawn.pieces
     if wrong := unmatched(pieces, options):
@@ -221,7 +221,7 @@ def build_scenery(
 
 
 def _there(wanted: str, pieces: Sequence[Piece]) -> str:
-    """Names in the file, those that are most like the wanted one first."""
+    """Names in the file, most similar to the wanted one first."""
     names = sorted({piece.name for piece in pieces})
     alike = get_close_matches(wanted, names, n=8, cutoff=0.4)
     return ", ".join(repr(name) for name in (alike or names[:8])) or "nothing that is rendered"

@@ -1,7 +1,7 @@
-"""Exports kept by the content of what they were made from, so that a file is read again only when it has changed.
+"""A cache of exports by content: a file is read again only after a change.
 
-An entry is a folder with a list of its files' hashes, sealed with a key of the user's account: an entry that came with
-somebody else's plan, or that was changed, isn't used.
+An entry is a folder with a list of its files' hashes, sealed with a key of the user's account. An entry that came with
+someone else's plan, or was changed, isn't used.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ def cached(
     limits: ReadLimits = DEFAULT_LIMITS,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[Exported, str]:
-    """What reading `path` leaves behind, out of `cache` if it is there, and the SHA-256 of the file.
+    """Return the export of `path`, from `cache` if possible, and the file's SHA-256.
 
     An entry counts if this user sealed it, file, options and exporter are the same, and every texture and library that
-    the file refers to is as it was.
+    the file refers to is unchanged.
 
     Parameters
     ----------
@@ -63,9 +63,9 @@ def cached(
     options
         How to read it.
     limits
-        When reading it is given up.
+        Limits of reading.
     progress
-        Called with the path if it has to be exported.
+        Called with the path if it must be read.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def cached(
     digest = sha256(path)
     entry = cache / entry_name(EXPORTER, FORMAT, kind, asdict(options), digest)
     make_cache(cache)
-    # Two plans at a time must not export the same file into each other's feet.
+    # Two plans must not export the same file at once.
     with locked(entry):
         exported = _entry(entry, path)
         if exported is None:
@@ -101,13 +101,13 @@ def _export_into(entry: Path, path: Path, kind: str, options: Options, limits: R
 
 
 def _entry(entry: Path, path: Path) -> Exported | None:
-    """The entry, if it is whole and nothing that it was made from has changed."""
+    """The entry, if it's complete and its sources are unchanged."""
     note = unseal(entry)
     if note is None:
         return None
     report = FileReport.from_json({**note["report"], "path": str(path)})
     files: Mapping[str, Any] = note["files"]
-    # Relative paths of textures mean something else in another folder.
+    # Relative paths of textures change their meaning in another folder.
     if (files or report.missing) and note["path"] != str(path.resolve()):
         return None
     if not all(_unchanged(Path(file), was, path) for file, was in files.items()):
@@ -136,7 +136,7 @@ def locked(entry: Path) -> Iterator[None]:
     Raises
     ------
     AssetError
-        If its file cannot be opened, as a link cannot.
+        If its file can't be opened, or is a link.
     """
     lock = FileLock(f"{entry}.lock")
     try:
@@ -151,7 +151,7 @@ def locked(entry: Path) -> Iterator[None]:
 
 @contextmanager
 def new_folder(cache: Path) -> Iterator[Path]:
-    """A folder in the cache to make an entry in; gone at the end of the block unless it was sealed."""
+    """A temporary folder in the cache for a new entry, removed after the block unless it was sealed."""
     folder = Path(tempfile.mkdtemp(prefix=".new-", dir=cache)).resolve()
     try:
         yield folder
@@ -160,12 +160,12 @@ def new_folder(cache: Path) -> Iterator[Path]:
 
 
 def entry_name(*parts: object) -> str:
-    """The name of the entry made from `parts`; another one for every user."""
+    """The name of the entry made from `parts`; different for every user."""
     return hmac.digest(_key(), json.dumps(parts).encode(), "sha256").hex()[:24]
 
 
 def seal(made: Path, entry: Path, note: Mapping[str, Any]) -> None:
-    """Make the folder `made` the entry `entry`, with a note and the hashes of its files, sealed."""
+    """Turn the folder `made` into the entry `entry`, with a sealed note and hashes of its files."""
     content = {file.name: sha256(file) for file in sorted(made.iterdir()) if file.is_file()}
     body = json.dumps({"name": entry.name, "content": content, "note": note}, indent=1).encode()
     with replacing(made / NOTE_NAME) as file:
@@ -178,7 +178,7 @@ def seal(made: Path, entry: Path, note: Mapping[str, Any]) -> None:
 
 
 def unseal(entry: Path) -> dict[str, Any] | None:
-    """The note of an entry; None unless this user sealed it and its files are what they were then."""
+    """The note of an entry; None unless this user sealed it and its files are unchanged."""
     try:
         if entry.is_symlink():
             return None
@@ -199,7 +199,7 @@ def _seal_of(body: bytes) -> bytes:
 
 
 def _key() -> bytes:
-    """The user's secret, made when it is first needed."""
+    """The user's secret key, created on first use."""
     state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
     path = state / "hulldown" / "cache.key"
     try:
@@ -220,12 +220,12 @@ def _key() -> bytes:
 
 
 def _may_read(file: Path, asset: Path) -> bool:
-    """Whether the reader could have opened a file that an asset names; this process opens no other, either."""
+    """Whether the reader could have opened a file that an asset refers to; this process opens no others."""
     return bool(unconfined()) or is_inside(file, asset_folders(asset))
 
 
 def _print_of(file: Path, asset: Path) -> list[Any] | None:
-    """Size, time and content of a file that an asset names; None if it is not there to be read."""
+    """Size, time, and content of a file that an asset refers to; None if it can't be read."""
     if not _may_read(file, asset):
         return None
     try:

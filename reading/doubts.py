@@ -1,4 +1,4 @@
-"""Sentences for a person: what in a file looks as if it were not meant so."""
+"""Doubts: sentences for the user about things in a file that look unintended."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LONGEST_VEHICLE = 60.0  # meters; the longest road trains
 SHORTEST_VEHICLE = 0.8
 SMALLEST_SCENERY = 20.0
 LARGEST_SCENERY = 200_000.0
-EDGE = 0.05  # of a scenery's height and length: it's no wider, as is ground that stands upright
+EDGE = 0.05  # of a scenery's height and length: largest width of ground that stands upright
 USUAL_LENGTH = 7.0
 USUAL_UNITS = (1.0, 0.01, 0.001, 0.0254, 0.3048, 100.0, 10.0, 0.1)
 
@@ -38,7 +38,7 @@ def vehicle_doubts(
     options: Options,
     pictures: Sequence[str] = (),
 ) -> tuple[str, ...]:
-    """What is strange about a vehicle's size, its look, and what is dropped of it; `pictures` beside it aren't used."""
+    """Doubts about a vehicle's size, look, dropped pieces, and unused `pictures` next to its file."""
     doubts = []
     length, width, height = size
     longest = max(size)
@@ -80,7 +80,7 @@ def vehicle_doubts(
 
 
 def is_pale(materials: Sequence[MaterialRow]) -> bool:
-    """Whether nearly all of a vehicle's surface has the light gray that materials begin with."""
+    """Whether nearly all of a vehicle's surface has the light gray of new materials."""
     return sum(row.share for row in materials if _pale(row)) > MOSTLY
 
 
@@ -99,7 +99,7 @@ def scenery_doubts(
     up: str = "z",
     options: Options,
 ) -> tuple[str, ...]:
-    """What is strange about a scenery; that it has no ground first. Of ground called as `wet`, a part is water."""
+    """Doubts about a scenery, missing ground first. Ground named in `wet` is partly water."""
     doubts = []
     used = [(piece, role) for piece, role in zip(pieces, roles, strict=True) if role.use not in ("dropped", "removed")]
     if not any(role.use == "ground" for _, role in used):
@@ -148,7 +148,7 @@ def scenery_doubts(
 
 
 def _perhaps_water(used: Sequence[tuple[Piece, Role]], wet: Sequence[str]) -> list[str]:
-    """Water that is taken for something else: a part of the ground's mesh, and small sheets without a name."""
+    """Doubts about possible water: parts of the ground's mesh, and small sheets without a name."""
     ground = [piece for piece, role in used if role.use == "ground"]
     dressed = [(p.name, m) for p in ground if p.name not in wet for m in p.materials if is_water_name(m)]
     doubts = [
@@ -165,7 +165,7 @@ def _perhaps_water(used: Sequence[tuple[Piece, Role]], wet: Sequence[str]) -> li
 
 
 def _proposed_ground(among: Sequence[Piece]) -> str:
-    """What to write for the widest of these pieces to be ground."""
+    """The config line that makes the widest of these pieces ground."""
     able = [piece for piece in among if not (piece.hair or piece.scattered)]
     if not able:
         return "name what is to be ground in this scenery's `ground`"

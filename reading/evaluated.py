@@ -1,4 +1,4 @@
-"""What Blender draws of a file, as plain arrays, from which parts, pivots and axes are judged without Blender."""
+"""Everything that Blender draws of a file, as plain arrays for analysis without Blender."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hulldown.reading.roles import Link, Piece
 
 @dataclass(frozen=True, slots=True)
 class Left:
-    """An object of the file that is no piece, and why."""
+    """An object of the file without a piece, and the reason."""
 
     name: str
     kind: str
@@ -23,22 +23,22 @@ class Left:
 
 @dataclass(eq=False, slots=True)
 class Evaluated:
-    """What a scene draws.
+    """The evaluated contents of a scene.
 
     Parameters
     ----------
     meshes
         Unique evaluated meshes, each in its own frame and the file's units.
     wet
-        By the number of a mesh, which of its faces wear a material called like water, where only some do.
+        By mesh index, the faces whose material is named like water, if only some are.
     pieces
         Every drawn mesh, where it is drawn; `bounds` after `meters_from_file`.
     markers
         Chains of all empties.
     left
-        Objects that are no piece, and how often they are drawn.
+        Objects without a piece, and how often they're drawn.
     doubts
-        What is rendered otherwise than it is read.
+        Sentences about things that are rendered differently than read.
     dressed
         Whether anything of it has a material.
     """

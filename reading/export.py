@@ -1,4 +1,4 @@
-"""A vehicle or scenery out of an asset file, read by Blender in a process of its own."""
+"""Export a vehicle or scenery from an asset file, by a separate Blender process."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from hulldown.reading.options import DEFAULTS, Options
 from hulldown.reading.report import FileReport
 
 ANSWER = "answer.json"
-LAST_WORDS = 2000  # characters of what Blender said before it crashed
+LAST_WORDS = 2000  # characters of Blender's last output before a crash
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """What the reading process is told.
+    """A job for the reading process.
 
     Parameters
     ----------
@@ -55,16 +55,16 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """What reading a file left behind.
+    """The files and the report of one export.
 
     Parameters
     ----------
     report
-        What was found in the file and what was made of it.
+        The report about the file.
     bundle
         The geometry, for `assets.bundle.load_vehicle` or `load_scenery`.
     tidy
-        A .blend that holds what is rendered and nothing else, see `reading.blender.tidy`.
+        A .blend with only the rendered objects; see `reading.blender.tidy`.
     files
         Absolute path of every file that the asset refers to: textures, libraries.
     """
@@ -93,9 +93,9 @@ def export(
     folder
         Exists; files of an earlier export in it are overwritten.
     kind
-        "vehicle", "scenery", or None to judge by what is in it.
+        "vehicle", "scenery", or None to judge by the contents.
     name
-        What to call it; the file's name without suffix if empty.
+        Its name; the file's name without suffix if empty.
     options
         How to read it.
     limits
@@ -104,7 +104,7 @@ def export(
     Raises
     ------
     AssetError
-        If the file cannot be read, or does not hold what is wanted.
+        If the file can't be read, or contains another kind of asset.
     """
     job = job_for(Path(path), Path(folder), kind=kind, name=name, options=options)
     ask_reader([job], limits=limits)
@@ -112,12 +112,12 @@ def export(
 
 
 def job_for(path: Path, folder: Path, *, kind: str | None, name: str = "", options: Options = DEFAULTS) -> Job:
-    """What to tell the reader; arguments as of `export`.
+    """The reader's job; arguments as of `export`.
 
     Raises
     ------
     AssetError
-        If the file is of no format that can be read.
+        If the file's format isn't supported.
     """
     kind_of_file = format_of(path)
     refuse_odd_references(path, kind_of_file)
@@ -127,12 +127,12 @@ def job_for(path: Path, folder: Path, *, kind: str | None, name: str = "", optio
 
 
 def exported_by(job: Job) -> Exported:
-    """What the reader has made of a job.
+    """The export of a finished job.
 
     Raises
     ------
     AssetError
-        If it could make nothing of it.
+        If it failed.
     """
     answer = _answer(job)
     report = FileReport.from_json(answer["report"])
@@ -140,7 +140,7 @@ def exported_by(job: Job) -> Exported:
 
 
 def ask_reader(jobs: Sequence[Job], *, limits: ReadLimits = DEFAULT_LIMITS) -> list[dict[str, Any]]:
-    """Have jobs done one after the other by one process, confined and watched; the answer to each.
+    """Run jobs one after the other in one confined and watched process; return their answers.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def ask_reader(jobs: Sequence[Job], *, limits: ReadLimits = DEFAULT_LIMITS) -> l
         job.file(ANSWER).unlink(missing_ok=True)
         job_file.write_text(json.dumps(asdict(job)), encoding="utf-8")
     temporary = Path(tempfile.mkdtemp(prefix="tmp-", dir=jobs[0].folder))
-    # -P: a folder `reading` where the user happens to be must not come first. The matrices here are 4x4, for which
+    # -P: a folder `reading` in the working directory must not be imported. The matrices here are 4x4, for which
     # OpenBLAS would wake all its threads each time.
     command = [sys.executable, "-P", "-m", "hulldown.reading.blender.reader", *map(str, job_files)]
     readable = [folder for job in jobs for folder in asset_folders(Path(job.path))]
@@ -180,7 +180,7 @@ def _answer(job: Job) -> dict[str, Any]:
 
 
 def _explain(ended: Ended, path: str) -> NoReturn:
-    """Why there is no answer."""
+    """Reason why there is no answer."""
     if ended.exceeded:
         raise AssetError(
             ended.exceeded, path=path, remedy="make it smaller, leave it out, or raise --read-timeout or --read-memory"

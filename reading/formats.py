@@ -1,4 +1,4 @@
-"""What format a file is in, judged by its first bytes, and refusals that need no Blender."""
+"""File formats by first bytes, and refusals that need no Blender."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def first_bytes(path: Path) -> bytes:
     Raises
     ------
     AssetError
-        If it is something else, or can't be read.
+        If it isn't a regular file, or can't be read.
     """
     try:
         if (kind := _kind(path.stat().st_mode)) != "a file":
@@ -53,7 +53,7 @@ def first_bytes(path: Path) -> bytes:
 
 
 def kind_of_file(path: Path) -> str:
-    """What a path leads to: "a file", "a folder", "a FIFO", "a socket", "a device", or "" for nothing."""
+    """Kind of a path: "a file", "a folder", "a FIFO", "a socket", "a device", or "" if it doesn't exist."""
     try:
         return _kind(path.stat().st_mode)
     except (OSError, ValueError):
@@ -71,7 +71,7 @@ def format_of(path: Path) -> str:
     Raises
     ------
     AssetError
-        If `path` is no file, is empty, or is of no format that can be read.
+        If `path` isn't a file, is empty, or has an unsupported format.
     """
     start = first_bytes(path)
     if not start:
@@ -107,7 +107,7 @@ def format_of(path: Path) -> str:
 
 
 def refuse_large_json(path: Path, size: int) -> None:
-    """Raise if the JSON of a glTF file is larger than can be read at once.
+    """Raise if the JSON of a glTF file is too large to read at once.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def refuse_large_json(path: Path, size: int) -> None:
 
 
 def _gltf_version(path: Path) -> str:
-    """The version that a .gltf file claims, "2.0" if none; empty if it is no JSON object."""
+    """The version in a .gltf file, "2.0" if there is none; empty if it isn't a JSON object."""
     refuse_large_json(path, path.stat().st_size)
     try:
         data = json.loads(path.read_bytes())

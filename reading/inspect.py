@@ -1,4 +1,4 @@
-"""`hulldown inspect`: what files are used as, alone or as a config lists them, as data and as pictures."""
+"""`hulldown inspect`: the use of each object in files, alone or as a config lists them, as data and pictures."""
 
 from __future__ import annotations
 
@@ -39,16 +39,16 @@ VIEWS = (
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Inspected:
-    """What a file is used as.
+    """An inspected file.
 
     Parameters
     ----------
     name
         Of the vehicle or scenery.
     report
-        What was found in its file and what was made of it.
+        The report about its file.
     picture
-        What it looks like (see `draw`); None if no picture was requested.
+        A picture of it (see `draw`); None if not requested.
     """
 
     name: str
@@ -65,14 +65,14 @@ def inspect(
     progress: Callable[[str], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Inspected:
-    """What an asset file would be used as, read afresh and without options.
+    """Inspect an asset file, read without cache and options.
 
     Parameters
     ----------
     path
         A .blend, .glb, .gltf, .fbx or .obj file.
     kind
-        "vehicle" or "scenery"; None to judge by what is in it.
+        "vehicle" or "scenery"; None to judge by the contents.
     strict
         Refuse a file whose textures or libraries are missing.
     pictures
@@ -80,7 +80,7 @@ def inspect(
     progress
         Called with a file's path before it is read.
     limits
-        When reading it is given up.
+        Limits of reading.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def inspect(
 
 
 def pages(path: Path, assets: int) -> list[Path]:
-    """The files that the pictures of so many assets are written to: all.png, all-2.png, ...
+    """File names for the pictures of some assets: all.png, all-2.png, ...
 
     Examples
     --------
@@ -141,7 +141,7 @@ def draw(asset: VehicleShape | Scenery, *, size: int = 480) -> Image.Image:
     Parameters
     ----------
     asset
-        What to draw.
+        The vehicle or scenery.
     size
         Width and height of each of the four views in pixels.
     """
@@ -163,7 +163,7 @@ def draw(asset: VehicleShape | Scenery, *, size: int = 480) -> Image.Image:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Subject:
-    """What is drawn: a world, which of the names each hit is, what is worth seeing of it, names and their colors."""
+    """The drawn subject: a world, the name of each hit, the visible bounds, names, and colors."""
 
     world: World
     name_of: Callable[[WorldHits], Int[np.ndarray, " n"]]
@@ -194,12 +194,12 @@ def _scenery(scenery: Scenery) -> _Subject:
 
 
 def _worth_seeing(scenery: Scenery, boxes: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "2 3"]:
-    """The ground with what stands on it, not the hills on the horizon; everything, if there is no ground."""
+    """Bounds of the ground and the objects on it, without hills on the horizon; of everything without ground."""
     if scenery.ground is not None:
         low, high = scenery.ground.bounds
         middle = boxes.mean(axis=1)
         boxes = boxes[((middle >= low) & (middle <= high))[:, :2].all(axis=1)]
-        # A hill on the horizon may have its middle here: what is larger than the ground does not stand on it.
+        # A hill on the horizon may have its middle here; pieces larger than the ground aren't on it.
         boxes = boxes[((boxes[:, 1] - boxes[:, 0]) <= high - low)[:, :2].all(axis=1)]
         boxes = np.concatenate([boxes, scenery.ground.bounds[None]])
     return np.array([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
@@ -224,7 +224,7 @@ class _View:
         self.depth = float(np.linalg.norm(bounds[1] - bounds[0]))
 
     def shade(self, subject: _Subject) -> UInt8[np.ndarray, "h w 3"]:
-        """The picture: a color each, shaded by how the surface turns from the light."""
+        """Shade each pixel's color by the angle between surface and light."""
         center = (np.arange(self.size) + 0.5 - self.size / 2) / self.scale
         x, y = np.meshgrid(center, -center)
         start = self.middle + x[..., None] * self.right + y[..., None] * self.up - self.depth * self.sight
@@ -238,7 +238,7 @@ class _View:
         return image.reshape(self.size, self.size, 3).astype(np.uint8)
 
     def pixel(self, point: Float[np.ndarray, "3"]) -> tuple[float, float]:
-        """Where a point of the world is in the picture."""
+        """Pixel of a world point."""
         x, y = (point - self.middle) @ self.right, (point - self.middle) @ self.up
         return self.size / 2 + x * self.scale, self.size / 2 - y * self.scale
 

@@ -1,4 +1,4 @@
-"""Whether a file is a vehicle or a scenery, by its contents, and refusals of entries that are probably mistakes."""
+"""Tell vehicles from sceneries by their contents, and refuse config entries that are probably mistakes."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from hulldown.reading.options import Options
 from hulldown.reading.roles import FLAT, Piece, Role, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
 
-BIGGEST_VEHICLE = 30.0  # meters; what is larger and stands on ground is taken for a scenery
+BIGGEST_VEHICLE = 30.0  # meters; larger files with ground count as sceneries
 
 
 def likely_kind(pieces: Sequence[Piece], options: Options, *, roles: Sequence[Role] = ()) -> str:
-    """Whether a file is a "vehicle" or a "scenery", judged by what is in it.
+    """Return "vehicle" or "scenery" by a file's contents.
 
-    A scenery has ground, by name or by shape, and what is no ground fills more than a vehicle would, and is not called
-    like one; or it is flat and wide.
+    A scenery has ground, by name or by shape, and its other objects extend farther than a vehicle and aren't named
+    like one; or it's flat and wide.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def likely_kind(pieces: Sequence[Piece], options: Options, *, roles: Sequence[Ro
     options
         How to read the file.
     roles
-        What `scenery_roles` makes of the pieces; asked if it is not given.
+        The result of `scenery_roles` for the pieces; computed if not given.
     """
     if not pieces:
         return "vehicle"
@@ -43,9 +43,9 @@ def likely_kind(pieces: Sequence[Piece], options: Options, *, roles: Sequence[Ro
 
 
 def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options, *, roles: Sequence[Role] = ()) -> str:
-    """Refuse a scenery that is listed as a vehicle, or a vehicle as a scenery; a doubt where it may be meant, or "".
+    """Refuse a scenery listed as a vehicle, or a vehicle as a scenery; return a doubt if it may be intended, or "".
 
-    Options that say more about the file than names and sizes do (a scale, what to keep, what is ground) win.
+    Options that describe the file (a scale, what to keep, what is ground) override names and sizes.
     Arguments are those of `likely_kind`.
 
     Raises
@@ -95,7 +95,7 @@ def _vehicle(pieces: Sequence[Piece]) -> list[Piece]:
 
 
 def _extent(pieces: Sequence[Piece]) -> tuple[float, float, float]:
-    """Length, width and height of them all."""
+    """Length, width, and height of all pieces."""
     bounds = np.array([p.bounds for p in pieces])
     length, width, height = (bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)).tolist()
     return length, width, height

@@ -1,4 +1,4 @@
-"""The system libraries that Blender needs, and what helps where it doesn't start.
+"""The system libraries that Blender needs, and remedies if it doesn't start.
 
 `make setup` runs this file before anything is installed, so it imports the standard library alone:
 ``python reading/libraries.py`` installs what is missing, as root on Debian or Ubuntu, and else tells how.
@@ -30,7 +30,7 @@ INSTALL = f"apt-get install {' '.join(SYSTEM_LIBRARIES.values())}"
 
 
 def missing_libraries() -> tuple[str, ...]:
-    """Those of `SYSTEM_LIBRARIES` that this process can't load; none where wheels bring all they need."""
+    """Libraries of `SYSTEM_LIBRARIES` that this process can't load."""
     if not sys.platform.startswith("linux"):
         return ()
     return tuple(library for library in SYSTEM_LIBRARIES if not _loads(library))
@@ -45,7 +45,7 @@ def _loads(library: str) -> bool:
 
 
 def remedy_for(output: str) -> str | None:
-    """What to do about a Blender that ended with these words; None if they are no sign of a missing part."""
+    """Remedy for a Blender that ended with this output; None if it doesn't indicate a missing part."""
     if "No module named 'bpy'" in output:
         return "install hulldown[blender]"
     if re.search(r"ImportError: lib\S+: cannot open shared object file", output):

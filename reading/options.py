@@ -1,4 +1,4 @@
-"""What the config says about how a file is to be read."""
+"""Options of reading a file, from the config."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hulldown.assets.textures import TEXTURE_SIZE
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """How to read a file; None leaves it to the file.
+    """Options of reading a file; None: as in the file.
 
     Parameters
     ----------
@@ -18,24 +18,24 @@ class Options:
     scale
         Meters to one unit of the file.
     forward
-        Where a vehicle's nose points once z is up: "+x", "-x", "+y", "-y", degrees counter-clockwise from +x,
+        Direction of a vehicle's nose once z is up: "+x", "-x", "+y", "-y", degrees counterclockwise from +x,
         or a vector.
     yaw_deg
-        Degrees counter-clockwise from there to where it really points.
+        Degrees counterclockwise from there to its true direction.
     keep, drop
-        Patterns of what belongs to a vehicle and what does not; of a scenery, `drop` is in neither plan nor picture.
+        Patterns of objects that belong to a vehicle, and that don't; a scenery's `drop` isn't planned or rendered.
     turret, gun
         Pattern of a vehicle's turret and gun; "" for none.
     turret_pivot, gun_pivot
-        About what they turn: a point in the file's axes and units, or the name of an object.
+        Their pivots: a point in the file's axes and units, or the name of an object.
     include, exclude
-        Patterns of what is ground and what is not in all sceneries.
+        Patterns of ground, and of other objects, in all sceneries.
     ground, not_ground, water
-        The same of this scenery; and all of its water, or None to find it by name, material and shape.
+        The same in this scenery, and its water; None: found by name, material, and shape.
     texture_size
-        Texels of the longer side that a texture which cuts out is kept at.
+        Texels on the longer side of stored alpha textures.
     area
-        West, south, east, and north end of what is read of a GeoTIFF, in its own coordinates.
+        West, south, east, and north bound of the read part of a GeoTIFF, in its own coordinates.
     texture
         A GeoTIFF's orthophoto, relative to its folder.
     buildings

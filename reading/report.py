@@ -1,4 +1,4 @@
-"""What was found in an asset file and what was made of it, as data that prints as a table or as JSON."""
+"""The report about an asset file, as data that prints as a table or JSON."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ class Row:
     why
         The reason.
     count
-        How often it is drawn.
+        Number of times it's drawn.
     triangles
-        Of one of them, evaluated as rendered.
+        Triangles of one of them, as rendered.
     size
         Extents in meters of the largest of them along x, y, z.
     """
@@ -53,8 +53,8 @@ class Row:
 def gathered(rows: Sequence[Row]) -> tuple[Row, ...]:
     """The rows, with numbered copies (Tree.001, Tree.002, ...) in one row where there are many of them.
 
-    Copies are gathered if they are alike in kind and use; the row is called after them with an asterisk, gives the
-    reason of the first, counts all, and is as large as the largest.
+    Copies of the same kind and use are gathered. The row has their name with an asterisk, the
+    reason of the first, the total count, and the largest size.
     """
     families: dict[tuple[str, str, str], list[Row]] = {}
     for row in rows:
@@ -73,7 +73,7 @@ def _stem(name: str) -> str:
 
 
 def _dropped_together(rows: Sequence[Row]) -> list[Row]:
-    """What is used, then what is not: one row for all that is left out for one reason, where they are many."""
+    """Rows of used objects, then of dropped ones, with one row per reason if they're many."""
     families: dict[str, list[Row]] = {}
     for row in rows:
         if row.use == "dropped":
@@ -95,7 +95,7 @@ def _together(family: Sequence[Row], name: str, why: str) -> Row:
 
 @dataclass(frozen=True, slots=True)
 class PartRow:
-    """A part that turns: where, about what, how far, and how that was found out. Meters and radians."""
+    """A moving part: pivot, axis, limits, and the reasons. Meters and radians."""
 
     name: str
     parent: str
@@ -107,7 +107,7 @@ class PartRow:
 
 @dataclass(frozen=True, slots=True)
 class Missing:
-    """A file that is wanted but not there."""
+    """A missing file."""
 
     path: str
     wanted_by: tuple[str, ...]
@@ -115,7 +115,7 @@ class Missing:
 
 @dataclass(frozen=True, slots=True)
 class FileReport:
-    """What a file was read as.
+    """The report about a file.
 
     Parameters
     ----------
@@ -126,29 +126,29 @@ class FileReport:
     size
         Extents in meters: of the vehicle, or of the ground (of everything if there is none).
     triangles
-        Drawn triangles of what is used, each instance counted.
+        Drawn triangles of used objects, each instance counted.
     unit
         Meters to one unit of the file.
     up
         The axis of the file that points up: "z", "y", "-y", ...
     origin
-        What was subtracted from a scenery's coordinates, meters.
+        Meters subtracted from a scenery's coordinates.
     rows
-        Every object and what it is used as.
+        Every object and its use.
     parts
-        Parts of a vehicle that turn.
+        Moving parts of a vehicle.
     missing
-        Textures and libraries that are not there.
+        Missing textures and libraries.
     doubts
-        What a person should look at, a sentence each.
+        Sentences for the user.
     written_by
         The version of Blender that wrote the file, or the format.
     axes
-        Which way a vehicle's up and nose are in the file, and how that was found out.
+        Directions of a vehicle's up and nose in the file, with reasons.
     materials
-        What a vehicle's surface is of, the largest share first.
+        Materials of a vehicle's surface, largest share first.
     painted
-        What the config paints of it, a line each.
+        Parts that the config paints, one line each.
     """
 
     kind: str
@@ -168,7 +168,7 @@ class FileReport:
     painted: tuple[str, ...] = ()
 
     def table(self) -> Table:
-        """Every object and what it is used as, for a terminal."""
+        """A table of every object and its use, for a terminal."""
         table = Table(title=escape(f"{self.path}: {self.kind}"), title_justify="left")
         for column in ("object", "used as", "why", "count", "triangles", "size (m)"):
             justify: Literal["left", "right"] = "right" if column in ("count", "triangles", "size (m)") else "left"
@@ -180,7 +180,7 @@ class FileReport:
         return table
 
     def notes(self) -> list[str]:
-        """What the table does not say, a line each: size, parts that turn, doubts."""
+        """Lines below the table: size, moving parts, doubts."""
         size = " x ".join(f"{x:.2f}" for x in self.size)
         lines = [f"size {size} m, {self.triangles:,} triangles, {self.up} up, 1 unit = {self.unit:g} m"]
         lines += [self.axes] if self.axes else []
@@ -194,7 +194,7 @@ class FileReport:
         return [line.replace("\n", "\\n") for line in (*lines, *(f"doubt: {doubt}" for doubt in self.doubts))]
 
     def to_json(self) -> dict[str, Any]:
-        """The report as what JSON can hold."""
+        """The report as JSON values."""
         return asdict(self)
 
     @classmethod
@@ -204,7 +204,7 @@ class FileReport:
 
 
 def _materials(rows: Sequence[MaterialRow]) -> list[str]:
-    """Which materials can be painted, and why the others cannot."""
+    """Materials that can be painted, and reasons for the others."""
     able = [f"{row.name} ({100 * row.share:.0f} %)" for row in rows if not row.left_alone]
     others = [f"{row.name} ({row.left_alone})" for row in rows if row.left_alone]
     lines = [f"materials that can be painted: {', '.join(able)}"] if able else []

@@ -1,6 +1,6 @@
-"""What a file draws, piece by piece, and what of a vehicle's file is the vehicle. Knows names, bounds and counts.
+"""The pieces of a file, and which belong to the vehicle, by names, bounds, and counts.
 
-What a scenery's pieces are is in `reading.scenery.scenery_roles`.
+See `reading.scenery.scenery_roles` for sceneries.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MUCH_LARGER = 4.0  # times the area of the rest's footprint
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Link:
-    """One object on the way from a piece up to the root: itself, its parents, then what instances it.
+    """An object on the way from a piece up to the root: itself, its parents, then its instancers.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Link:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Piece:
-    """One mesh where it is drawn, or the mesh that stands for hair.
+    """One drawn mesh, or the mesh that replaces hair.
 
     Parameters
     ----------
@@ -61,23 +61,23 @@ class Piece:
     faces
         Number of triangles.
     scattered
-        Instanced by particles, geometry nodes, vertices or faces, and so no ground for its carrier's sake.
+        Whether it's instanced by particles, geometry nodes, vertices, or faces, and so doesn't inherit "ground".
     anonymous
-        Made by geometry nodes, so that its object name is its carrier's.
+        Whether geometry nodes made it, so that its object name is its carrier's.
     hair
-        Made of hair curves: grass that hides, and gives way to what drives over it.
+        Whether it's made of hair curves: grass that hides, and that vehicles drive over.
     unseen
-        Why the camera does not see it, although it is drawn; None if it does.
+        Reason why the camera doesn't see it although it's drawn; None if it does.
     hidden
-        Whether its author does not see it: hidden from the viewport, but rendered.
+        Whether it's hidden in the viewport but rendered.
     carrier
-        Name of the object that draws it as an instance; "" if nothing does.
+        Name of the object that instances it; "" if none.
     materials
         Names of its materials.
     clear
-        Whether one sees through all of its materials, as through water or glass.
+        Whether all of its materials are transparent like water or glass.
     level
-        Share of its area that is nearly horizontal; 0 for what is too narrow, or too high, to be ground or water.
+        Share of its area that is nearly horizontal; 0 if it's too narrow, or too high, to be ground or water.
     filled
         That area over the area of its bounds, seen from above; small for a curb around a track.
     """
@@ -107,7 +107,7 @@ class Piece:
 
 @dataclass(frozen=True, slots=True)
 class Role:
-    """What a piece is used as, such as "vehicle", "ground" or "dropped", and the reason."""
+    """The use of a piece, such as "vehicle", "ground", or "dropped", and the reason."""
 
     use: str
     why: str
@@ -126,7 +126,7 @@ def vehicle_roles(pieces: Sequence[Piece], *, keep: Sequence[str] = (), drop: Se
     roles: list[Role | None] = [_vehicle_by_name(piece, keep, drop) for piece in pieces]
     open_ = [i for i, role in enumerate(roles) if role is None]
     doubtful = [i for i in open_ if _stage_name(pieces[i]) or _is_sheet(pieces[i])]
-    # What is beyond doubt says how large the vehicle is; judged from the smallest up, what is kept is added to it.
+    # Certain pieces give the vehicle's size. The others are judged from the smallest up; kept ones are added.
     doubtful.sort(key=lambda i: _footprint(pieces[i].bounds))
     sure = set(open_) - set(doubtful)
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
@@ -176,7 +176,7 @@ def _stage_name(piece: Piece) -> tuple[str, str] | None:
     for name in (piece.name, piece.data, *piece.chain[0].collections):
         if pattern := says(name, (*STAGES, *FIGURES)):
             return name, pattern
-    # Half of the meshes in the world are called "Plane", or "truck_Plane" by exporters, after what they began as.
+    # Many meshes are named "Plane", or "truck_Plane" by exporters, after the primitive they were made from.
     named = [word for word in words(piece.name) if not word.isdigit()]
     if named and set(named) <= set(PRIMITIVES) and _is_thin(piece):
         return piece.name, named[0]
@@ -194,7 +194,7 @@ def _is_sheet(piece: Piece) -> bool:
 
 
 def _vehicle_by_place(piece: Piece, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> Role | None:
-    """Why a piece is dropped beside the rest, which is between `low` and `high`; None if it's kept."""
+    """Reason to drop a piece next to the rest, which is between `low` and `high`; None to keep it."""
     size, height = float(max(high[:2] - low[:2])), float(high[2] - low[2])
     under = bool(piece.bounds[1, 2] <= low[2] + UNDERSIDE * height)
     if named := _stage_name(piece):

@@ -1,1 +1,1 @@
-"""Runs inside Blender: opens one asset file and takes out of it what the renderer would draw."""
+"""Runs inside Blender: opens one asset file and extracts everything that the renderer would draw."""

@@ -1,4 +1,4 @@
-"""The files that a .blend names, found without opening any: Blender opens libraries and fonts while it reads.
+"""List the files that a .blend refers to, without opening them: Blender opens libraries and fonts while it reads.
 
 References
 ----------
@@ -19,12 +19,12 @@ from hulldown.reading.formats import kind_of_file
 
 OPENED = (b"LI\0\0", b"VF\0\0", b"IM\0\0", b"MC\0\0", b"SO\0\0", b"CF\0\0", b"VO\0\0")
 PATH = re.compile(rb"(?:^|\0)((?://|/|\.\.?/)[^\0]{1,1023})\0")
-LONGEST = 1 << 20  # bytes of a block that is looked at; these have some thousand
+LONGEST = 1 << 20  # largest block that is read, in bytes; usual ones have some thousand
 MOST_LIBRARIES = 1000  # that refer to each other
 
 
 def refuse_odd_references(path: Path) -> None:
-    """Raise if a .blend, or a library of it, names something that is there but is no file to be read.
+    """Raise if a .blend or one of its libraries refers to something that exists and isn't a regular file.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def refuse_odd_references(path: Path) -> None:
 
 
 def named_files(path: Path) -> Iterator[tuple[bytes, str]]:
-    """Code of the block and path as written, of all that a .blend names; what cannot be read names nothing."""
+    """Block code and path, as written, of every file that a .blend refers to; unreadable blocks are skipped."""
     try:
         with open(path, "rb") as raw, unpacked(raw) as file:
             for code, _, data in blocks(file):
@@ -56,7 +56,7 @@ def named_files(path: Path) -> Iterator[tuple[bytes, str]]:
 
 
 def unpacked(raw: BinaryIO) -> BinaryIO:
-    """A .blend as it was before it was compressed."""
+    """Decompress a .blend."""
     start = raw.read(4)
     raw.seek(0)
     if start == b"\x28\xb5\x2f\xfd":
@@ -69,7 +69,7 @@ def unpacked(raw: BinaryIO) -> BinaryIO:
 
 
 def blocks(file: BinaryIO) -> Iterator[tuple[bytes, int, bytes]]:
-    """Code, offset and data of each block of the kinds in `OPENED`; `file` is one that is not compressed.
+    """Code, offset, and data of each block of the kinds in `OPENED`, of an uncompressed file.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Buildings as objects in Blender: outlines pulled up from the ground, with level roofs."""
+"""Buildings as objects in Blender: extruded outlines with level roofs."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from hulldown.placement.terrain import Terrain
 from hulldown.reading.scenery.buildings import Building
 from hulldown.reading.scenery.geotiff import Elevations
 
-DEEP = 1.0  # meters that walls go on below the lowest ground
+DEEP = 1.0  # meters of wall below the lowest ground
 COLOR = (0.36, 0.31, 0.25, 1.0)
 
 
 def add_buildings(buildings: Sequence[Building], terrain: Elevations) -> int:
-    """Make an object of each building that stands wholly on the terrain; their number.
+    """Make an object of each building completely on the terrain; return their number.
 
     A height counts from the mean of the ground along the outline.
     """

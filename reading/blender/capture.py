@@ -1,7 +1,7 @@
-"""The depsgraph of a render: what Cycles would be given, not what the viewport shows.
+"""The depsgraph of a render, with the meshes that Cycles would get instead of the viewport's.
 
-The scene is rendered once by an engine that paints nothing and hands over what it is given; Blender has no other way to
-ask for the meshes of a render.
+The scene is rendered once by an engine that draws nothing and returns its depsgraph. Blender has no other way to
+get the meshes of a render.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ OUR_CAMERA = "hulldown camera"
 
 
 class _Capture(bpy.types.RenderEngine):
-    """Hands the depsgraph of a render over instead of rendering it."""
+    """A render engine that passes its depsgraph on instead of rendering."""
 
     bl_idname = "HULLDOWN_CAPTURE"
     bl_label = "hulldown capture"
@@ -25,7 +25,7 @@ class _Capture(bpy.types.RenderEngine):
     error: BaseException | None = None
 
     def render(self, depsgraph: Any) -> None:
-        """Called by Blender, which prints exceptions and goes on; so they are carried out by hand."""
+        """Called by Blender, which prints exceptions and continues, so they're stored and raised later."""
         try:
             if _Capture.visit:
                 _Capture.visit(depsgraph)

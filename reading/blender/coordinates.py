@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 
 def coordinates(mesh: Any, layer: str) -> Float[np.ndarray, "k 2"] | None:
-    """Of each corner of its faces, 0 where they are no numbers; None if it has no such layer.
+    """Texture coordinates of each face corner, 0 in place of NaN; None if there is no such layer.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""Objects that differ from another one in names and pose alone, taken out of the scene before it is evaluated.
+"""Take objects that differ from another in names and pose alone out of the scene before evaluation.
 
 Blender needs some 100 KB and a millisecond for an object that it evaluates, and large sceneries have a hundred thousand
-stones of ten shapes. What another object draws already need not be evaluated: its names and its pose are enough.
-Only objects that nothing else can move, change, use or depend on are taken.
+stones of ten shapes. A duplicate needn't be evaluated: its names and its pose are enough.
+Only objects that nothing else can move, change, use, or depend on are taken.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ class Duplicate:
 
 
 def take_duplicates() -> dict[str, list[Duplicate]]:
-    """Remove duplicates from the open file if there are many, by the name of the object that stays for them.
+    """Remove duplicates from the open file if there are many; returns them by the name of the object that stays.
 
-    To be called when the file is read and nothing of it is evaluated.
+    Call it after the file is read and before it's evaluated.
     """
     groups = [same for same in _alike().values() if len(same) > 1]
     if sum(len(same) - 1 for same in groups) < FEWEST:
@@ -64,7 +64,7 @@ def take_duplicates() -> dict[str, list[Duplicate]]:
 
 
 def _alike() -> dict[tuple[object, ...], list[Any]]:
-    """The plain objects of the file, those together that only name and pose tell apart."""
+    """Groups of the file's plain objects that differ in name and pose alone."""
     users = bpy.data.user_map()
     plain = [obj for obj in bpy.data.objects if _is_plain(obj) and _is_unused(users.get(obj, set()))]
     within: dict[Any, list[Any]] = defaultdict(list)
@@ -84,7 +84,7 @@ def _alike() -> dict[tuple[object, ...], list[Any]]:
 
 
 def _contents(meshes: set[Any]) -> dict[Any, object]:
-    """What each is drawn from, of those that may have an equal among them."""
+    """Everything that determines how each is drawn, for those that may have a duplicate."""
     sizes: dict[tuple[int, int, int], list[Any]] = defaultdict(list)
     for mesh in meshes:
         sizes[len(mesh.vertices), len(mesh.loops), len(mesh.polygons)].append(mesh)
@@ -92,7 +92,7 @@ def _contents(meshes: set[Any]) -> dict[Any, object]:
 
 
 def _is_plain(obj: Any) -> bool:
-    """Whether it draws its mesh where its location, rotation and scale say, and does nothing else."""
+    """Whether it draws its mesh at its own location, rotation, and scale, and nothing else."""
     if obj.type != "MESH" or obj.library or obj.override_library or obj.animation_data or obj.parent:
         return False
     if obj.modifiers or obj.constraints or obj.particle_systems or obj.instance_type != "NONE":

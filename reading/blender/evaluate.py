@@ -1,4 +1,4 @@
-"""Everything that a file's scene draws, as the renderer sees it: render-level modifiers, instances, particles."""
+"""Evaluate a scene as the renderer sees it: modifiers at render levels, instances, particles."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ DRAWN = (*SURFACES, *UNREAD, "CURVES")
 FARTHEST = 1e8  # meters, in any direction; the Earth is 4e7 m around
 REPAIR = "repair or delete it in Blender"
 SIGN_OF_LIFE_S = 5.0
-NARROWEST = 1.0  # meters; what is narrower is neither ground nor water by its shape
+NARROWEST = 1.0  # meters; narrower pieces aren't ground or water by their shape
 STRANDS = "strands of "  # in the place of a material: the key of a particle system's strands
 
 
@@ -62,16 +62,16 @@ def evaluate(
     meters_from_file
         The file's scale and up axis, for the bounds of the pieces.
     duplicates
-        What `reading.blender.duplicates` took out of the scene; each is read behind the one that it equals.
+        The duplicates taken out of the scene; each follows the object that it equals.
     texture_size
-        Texels of the longer side that textures which cut out are kept at.
+        Texels on the longer side of stored alpha textures.
     keeper
-        Takes what the tidy twin is made of.
+        Collects the contents of the tidy twin.
 
     Raises
     ------
     AssetError
-        If a mesh or an object has coordinates that are no numbers, or reaches farther than anything does.
+        If a mesh or an object has NaN or impossibly large coordinates.
     """
     result = Evaluated()
     cutouts = CutoutReader(texture_size)
@@ -98,12 +98,12 @@ class _Reader:
         self.box: list[np.ndarray] = []  # corners around each mesh
         self.used: list[np.ndarray] = []  # vertices of each mesh that a face uses
         self.unseen: dict[tuple[int, int], str | None] = {}
-        self.clear: dict[int, bool] = {}  # by mesh, whether one sees through all of its materials
+        self.clear: dict[int, bool] = {}  # by mesh, whether all of its materials are transparent
         self.level: dict[tuple[int, bytes], tuple[float, float]] = {}  # by mesh and turn
         self.chains: dict[tuple[int, int], tuple[Link, ...]] = {}
 
     def read(self, depsgraph: Any) -> None:
-        """Go through everything that the depsgraph draws."""
+        """Read every object that the depsgraph draws."""
         self.depsgraph, self.poses = depsgraph, Poses(depsgraph)
         spoken = time.monotonic()
         for instance in depsgraph.object_instances:
@@ -211,7 +211,7 @@ class _Reader:
             self._add_twin(duplicate, self.result.pieces[-1], drawn)
 
     def _add_twin(self, duplicate: Duplicate, piece: Piece, drawn: Any) -> None:
-        """Add what is like `piece`, that of `drawn`, but for its names and its pose."""
+        """Add the duplicates of `drawn`, whose piece is `piece`, with their own names and poses."""
         self.keeper.keep_look(drawn)
         bounds = self._bounds(duplicate.name, duplicate.pose, self.used[piece.mesh])
         link = replace(piece.chain[0], name=duplicate.name, pose=duplicate.pose)
@@ -222,7 +222,7 @@ class _Reader:
     def _bounds(
         self, name: str, pose: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "n 3"]
     ) -> Float[np.ndarray, "2 3"]:
-        """Around points of a mesh where it is drawn, in meters."""
+        """Bounds of a mesh's points where it's drawn, in meters."""
         if not np.isfinite(pose).all():
             raise AssetError(f"object {name!r} has a position that isn't finite", remedy=REPAIR)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -235,7 +235,7 @@ class _Reader:
     def _level(
         self, number: int, pose: Float[np.ndarray, "4 4"], bounds: Float[np.ndarray, "2 3"]
     ) -> tuple[float, float]:
-        """How level a piece is, if it is as wide as ground or water might be, and how much of its bounds it fills."""
+        """Level share of a piece's area, if it's as wide as ground or water, and its share of its bounds."""
         length, width, height = bounds[1] - bounds[0]
         if min(length, width) < NARROWEST or height > max(length, width):
             return 0.0, 0.0
@@ -246,7 +246,7 @@ class _Reader:
         return share, area / (length * width)
 
     def _doubt(self, drawn: Any) -> None:
-        """Speak of what Cycles makes of a mesh only later, where it cannot be read."""
+        """Add doubts about geometry that only Cycles makes, which can't be read."""
         name = drawn.original.name
         for modifier in drawn.modifiers:
             if (
@@ -306,7 +306,7 @@ def _is_own_surface(instance: Any) -> bool:
 
 @contextmanager
 def _named(drawn: Any) -> Iterator[None]:
-    """Have what is wrong with a mesh or hair say whose it is."""
+    """Add the object's name to errors about its mesh or hair."""
     try:
         yield
     except ValueError as error:
@@ -314,7 +314,7 @@ def _named(drawn: Any) -> Iterator[None]:
 
 
 def _is_clear(drawn: Any) -> bool:
-    """Whether one sees through all materials that its faces wear."""
+    """Whether all materials of its faces are transparent."""
     dressed = [slot.material for slot in drawn.material_slots]
     if drawn.type == "MESH" and len(dressed) > 1:
         worn = np.empty(len(drawn.data.polygons), np.int32)
@@ -337,14 +337,14 @@ def _faces(drawn: Any, cutouts: CutoutReader) -> Mesh | None:
 
 
 def _wearing(data: Any, slots: Sequence[int], count: int) -> Bool[np.ndarray, " f"]:
-    """Which triangles of a mesh of `count` materials wear those of these slots."""
+    """Triangles of a mesh of `count` materials that use these slots."""
     worn = np.empty(len(data.loop_triangles), np.int32)
     data.loop_triangles.foreach_get("material_index", worn)
     return np.isin(np.minimum(worn, count - 1), slots)
 
 
 def why_unseen(drawn: Any, depsgraph: Any) -> str | None:
-    """Why the camera does not see an object although it is drawn; None if it does."""
+    """Reason why the camera doesn't see an object although it's drawn; None if it does."""
     original = drawn.original
     if not drawn.visible_camera:
         return "invisible to the camera (ray visibility)"
@@ -361,12 +361,12 @@ def why_unseen(drawn: Any, depsgraph: Any) -> str | None:
 
 
 def _is_hidden(original: Any) -> bool:
-    """Whether the eye or the monitor icon hides it, its own or its collection's."""
+    """Whether its own or its collection's eye or monitor icon hides it."""
     return bool(original.hide_viewport or not original.visible_get())
 
 
 def _list_hidden(scene: Any, result: Evaluated, duplicates: Mapping[str, Sequence[Duplicate]]) -> None:
-    """Name what the file holds but the render does not."""
+    """List objects of the file that aren't rendered."""
     drawn = {link.name for piece in result.pieces for link in piece.chain} | {left.name for left in result.left}
     layer = next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
     off = dict(_switched_off(layer.layer_collection, False))

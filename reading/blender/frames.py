@@ -1,4 +1,4 @@
-"""The one place where hulldown's frames meet Blender's: the camera's axes, and float64 matrices going to float32.
+"""Conversion between hulldown's frames and Blender's: camera axes, and float64 matrices in float32.
 
 Imports numpy only, because it also runs inside an installed Blender.
 """
@@ -19,7 +19,7 @@ def world_from_blender_camera(world_from_camera: Any) -> np.ndarray:
 
 
 def pose(obj: Any, world_from_object: Any) -> None:
-    """Put a Blender object exactly where a float64 affine matrix (4, 4) says.
+    """Give a Blender object the pose of a float64 affine matrix (4, 4).
 
     The matrix goes into the parent inverse, which Blender multiplies as it is; setting `matrix_world` would split it
     into location, Euler angles and scale, which rounds a rotation and loses shear. The object's parent must stand at

@@ -1,4 +1,4 @@
-"""Opening an asset file in Blender, whatever its format, and never running what it brings along."""
+"""Open an asset file of any format in Blender, without running its scripts."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from hulldown.reading.options import Options
 from hulldown.reading.scenery.geotiff import Elevations
 from hulldown.reading.wording import quoted
 
-NODES_ONLY = (2, 80)  # since then materials are nodes and nothing else
+NODES_ONLY = (2, 80)  # materials are nodes only since then
 AGAIN = "open it in Blender and save it again"
 
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """What is known of a file that is open in Blender.
+    """Properties of the file that is open in Blender.
 
     Parameters
     ----------
@@ -36,13 +36,13 @@ class Opened:
     written_by
         The Blender that wrote it, or its format.
     doubts
-        What a person should look at.
+        Sentences for the user.
     duplicates
-        What was taken out of the scene, by the name of the object that it equals.
+        Duplicates taken out of the scene, by the name of the object that they equal.
     terrain
         Of a GeoTIFF: the elevations, in float64.
     files
-        What it refers to besides what Blender lists.
+        Files that it refers to besides those that Blender lists.
     """
 
     unit: float
@@ -127,7 +127,7 @@ def _open_blend(path: Path) -> Opened:
 
 
 def _lost_pictures() -> list[str]:
-    """Pictures of old files that no material uses any more: their texture slots are gone, the textures are not."""
+    """Pictures of old files whose texture slots no longer exist, so that no material uses them."""
     if tuple(bpy.data.version[:2]) >= NODES_ONLY:
         return []
     textures = [t for t in bpy.data.textures if t.type == "IMAGE" and t.users == 0]
@@ -135,7 +135,7 @@ def _lost_pictures() -> list[str]:
 
 
 def _one_line(error: Exception) -> str:
-    """What Blender says, without the prefixes and paths that the user knows already."""
+    """Blender's message without prefixes and paths."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     # Of an importer written in Python it says the place in that last; what is wrong stands before.
     lines = [line for line in lines if not line.startswith("Location:")]

@@ -1,4 +1,4 @@
-"""What a mesh is drawn from, as a key: people copy objects with their meshes, so that large files repeat a few."""
+"""A key of a mesh's content, to find copies: large files often repeat a few meshes."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ STORED = {
 
 
 def content_of(mesh: Any) -> object:
-    """A key that is equal for two meshes only if they are drawn alike in the same materials.
+    """Return a key that two meshes share only if they're drawn alike with the same materials.
 
-    It is the mesh itself if that has what is not compared: an attribute of text, a custom property, a library.
+    The key is the mesh itself if it has content that isn't compared: a text attribute, a custom property, a library.
     """
     if mesh.library or mesh.override_library or mesh.keys():
         return mesh

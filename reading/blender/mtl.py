@@ -1,4 +1,4 @@
-"""What .mtl files mean where Blender's importer of OBJ files takes them otherwise."""
+"""Corrections for .mtl files that Blender's OBJ importer misreads."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def clear_false_glass(path: Path) -> None:
 
 
 def _illumination(library: Path) -> dict[str, int]:
-    """The illumination model of each material of an .mtl file; 2, an opaque one, where it has none."""
+    """Illumination model of each material of an .mtl file; 2, an opaque one, by default."""
     models: dict[str, int] = {}
     name = ""
     for key, value in directives(library, b"newmtl", b"illum"):

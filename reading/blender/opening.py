@@ -1,7 +1,7 @@
-"""Opening a .blend that somebody else has made, so that it draws what it shows and does nothing else.
+"""Open someone else's .blend so that it's drawn and does nothing else.
 
-Nothing of it runs or is simulated, none of its caches is written, and what it says of Blender rather than of its own
-scene ends with the opening. Needs bpy only, because it also runs inside an installed Blender.
+No script or simulation runs, no cache is written, and settings of Blender rather than of its own
+scene are reset. Needs bpy only, because it also runs inside an installed Blender.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-WORKING_SPACE = "Linear Rec.709"  # what HDRIs and all of hulldown's own colors are in
+WORKING_SPACE = "Linear Rec.709"  # of HDRIs and of all colors in hulldown
 IMPORTS = ("GeometryNodeImportText", "GeometryNodeImportCSV")  # of files that no rendering needs, drawn as shapes
 SIMULATED = ("FLUID", "DYNAMIC_PAINT")  # modifiers whose files and folders cannot be forbidden
 
 
 def open_blend(path: str, *, then: Callable[[], None] | None = None) -> list[str]:
-    """Make `path` the open file; what of it is left out, a sentence each.
+    """Open the file at `path`; return a sentence for each part that is left out.
 
     Blender evaluates a file while it opens it, caches and fluids included. So the file is disarmed by a handler, which
     Blender calls when all is read and nothing is evaluated; right after it, `then` is called.
@@ -55,7 +55,7 @@ def open_blend(path: str, *, then: Callable[[], None] | None = None) -> list[str
 
 
 def forget_settings() -> None:
-    """Reset what a file sets for all of Blender: all that `bpy.data` has besides the data itself."""
+    """Reset a file's settings for all of Blender: everything in `bpy.data` but the data itself."""
     # With it, Blender packs a picture when it is reloaded, and from then on shows that one, whatever the path says.
     bpy.data.use_autopack = False
     space = getattr(bpy.data, "colorspace", None)
@@ -64,9 +64,9 @@ def forget_settings() -> None:
 
 
 def disarm() -> list[str]:
-    """Take away what writes or listens when a scene is evaluated; what of it is left out, a sentence each.
+    """Remove everything that writes or listens during evaluation; return a sentence for each removal.
 
-    To be called after anything is read of a file, by appending too, and before that is evaluated.
+    Call it after anything is read from a file, appended data too, and before evaluation.
     """
     left_out = []
     for obj in bpy.data.objects:
@@ -104,7 +104,7 @@ def _caches(modifier: Any) -> Iterator[Any]:
 
 
 def _keep_in_memory(cache: Any) -> bool:
-    """Have a cache write no file; whether that is so. What is baked is only read, so it stays as it is."""
+    """Stop a cache from writing files; return whether that worked. Baked caches are only read and stay."""
     if not cache.is_baked:
         every = cache.point_caches
         for flag in ("use_disk_cache", "use_external"):
@@ -114,7 +114,7 @@ def _keep_in_memory(cache: Any) -> bool:
 
 
 def _name_what_cannot_be_read() -> None:
-    """Rename what has a name that is no UTF-8, as files of Blender before 2.5 hold them: Python cannot say it."""
+    """Rename data whose names aren't UTF-8, as in files before Blender 2.5, which Python can't read."""
     for same in _named():
         for number, block in enumerate(same):
             try:
@@ -125,7 +125,7 @@ def _name_what_cannot_be_read() -> None:
 
 
 def _named() -> Iterator[Any]:
-    """Collections of all that has a name."""
+    """All collections of named data."""
     yield from (getattr(bpy.data, p.identifier) for p in bpy.data.bl_rna.properties if p.type == "COLLECTION")
     for obj in bpy.data.objects:
         yield from (obj.modifiers, obj.particle_systems, obj.material_slots, obj.vertex_groups, obj.constraints)

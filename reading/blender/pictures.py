@@ -1,4 +1,4 @@
-"""An HDRI as Blender reads it: checked, and written anew where it had to be mended."""
+"""Read an HDRI with Blender, check it, and write a repaired copy if needed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hulldown.reading.skies.hdri import MAP_NAME, MAP_ROWS, MENDED_NAME, mend
 
 
 def read_picture(job: Job) -> dict[str, Any]:
-    """Check a picture; write its map, and the picture itself if it has to be mended.
+    """Check a picture; write its small map, and a repaired copy if needed.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def read_picture(job: Job) -> dict[str, Any]:
 
 
 def _pixels(image: Any) -> Float[np.ndarray, "h w 3"]:
-    """Radiance in linear Rec. 709, whatever the file says that its colors are; the first row is the lowest."""
+    """Radiance in linear Rec. 709, converted from the file's color space; the first row is the lowest."""
     width, height = image.size
     if not width * height or not image.channels:
         what = "it has several layers" if image.type == "MULTILAYER" else "damaged, or of an unknown kind"

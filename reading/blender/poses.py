@@ -1,4 +1,4 @@
-"""Where a file's objects stand, in float64: Blender's own matrices are float32 and lose meters on a map."""
+"""Poses of a file's objects in float64: Blender's float32 matrices lose meters at map coordinates."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ AGREE = 16 * float(np.finfo(np.float32).eps)  # of the largest number in the cha
 
 
 class Poses:
-    """Poses and parents of evaluated objects, each worked out once.
+    """Poses and parents of evaluated objects, each computed once.
 
-    A pose is composed again in float64 from the location, rotation and scale that the file holds, up the chain of
+    A pose is composed in float64 from location, rotation, and scale in the file, up the chain of
     parents. It counts only where it agrees with Blender's float32 matrix to that matrix's rounding: where constraints,
-    bones, vertex parents, physics or particles have a hand in it, Blender's matrix is taken as it is.
+    bones, vertex parents, physics, or particles matter, Blender's matrix is used.
     """
 
     def __init__(self, depsgraph: Any) -> None:
@@ -126,7 +126,7 @@ def _span(outer: np.ndarray, outer_size: float, inner_size: float) -> float:
 
 
 def _agreed(exact: np.ndarray | None, size: float, seen: np.ndarray) -> np.ndarray:
-    # What is no number agrees with nothing.
+    # NaN agrees with nothing.
     agrees = exact is not None and np.abs(exact - seen).max() <= AGREE * max(size, float(np.abs(seen).max()))
     return exact if exact is not None and agrees else seen
 

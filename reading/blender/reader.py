@@ -1,7 +1,7 @@
 """The process that reads one asset file with Blender: a job as JSON in, bundle, tidy twin and report as files out.
 
-Run as ``python -m hulldown.reading.blender.reader JOB.json...``. Blender may crash on a damaged file, keeps what it
-once loaded, and talks on stdout; so every file gets a process of its own and answers come in files.
+Run as ``python -m hulldown.reading.blender.reader JOB.json...``. Blender may crash on a damaged file, keeps data it
+loaded before, and writes to stdout. So every file gets its own process, and answers are files.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ def read(job: Job) -> dict[str, Any]:
 
 
 def _refuse_nothing(drawn: Evaluated, kind: str | None) -> None:
-    """Say what hides everything; that is no matter of names, so no pattern in the config helps."""
+    """Raise with the reason why everything is hidden, which no pattern in the config can change."""
     hidden = [left for left in drawn.left if left.why.startswith(HIDDEN)]
     if drawn.pieces or not hidden:
         return
@@ -153,7 +153,7 @@ def _refuse_nothing(drawn: Evaluated, kind: str | None) -> None:
 
 
 def _missing(drawn: Evaluated, uses: Sequence[str]) -> tuple[Missing, ...]:
-    """What is missing of that which is used."""
+    """Missing files of the used objects."""
     used = zip(drawn.pieces, uses, strict=True)
     return missing_files(
         {link.name for piece, use in used if use not in ("dropped", "removed") for link in piece.chain}
@@ -161,7 +161,7 @@ def _missing(drawn: Evaluated, uses: Sequence[str]) -> tuple[Missing, ...]:
 
 
 def _rows(drawn: Evaluated, uses: Sequence[str], roles: Sequence[Role]) -> tuple[Row, ...]:
-    """One row for all pieces of one object that are used alike, then what is no piece."""
+    """One row for all pieces of an object with the same use, then objects that aren't pieces."""
     groups: dict[tuple[str, str, str], list[Piece]] = defaultdict(list)
     for piece, use, role in zip(drawn.pieces, uses, roles, strict=True):
         groups[piece.name, use, role.why].append(piece)

@@ -1,4 +1,4 @@
-"""Hair as Blender has it: hair curves, and particle strands, which are made into such."""
+"""Hair in Blender: hair curves, and particle strands, which become hair curves."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BARE_RADIUS = 0.005  # of curves that have none of their own, as Cycles draws th
 
 
 def curves_mesh(curves: Any, name: str) -> Mesh | None:
-    """What hides as much as hair curves do, in their frame; None if there are none.
+    """Return a mesh that hides as much as hair curves, in their frame; None if there are none.
 
     Raises
     ------
@@ -45,12 +45,12 @@ def strand_systems(drawn: Any) -> list[Any]:
 
 
 def strand_curves(drawn: Any, system: Any) -> Any:
-    """A new datablock of hair curves, in the object's frame, that is drawn as a particle system's strands.
+    """Make a datablock of hair curves, in the object's frame, from a particle system's strands.
 
     Raises
     ------
     ValueError
-        If the object or its strands stand at places that are no numbers.
+        If positions of the object or its strands aren't numbers.
     """
     settings, curves = system.settings, bpy.data.hair_curves.new(system.name)
     parents, children = len(system.particles), len(system.child_particles)

@@ -1,4 +1,4 @@
-"""A GeoTIFF's elevations as an object in Blender, which wears an orthophoto or is colored by slope; with buildings."""
+"""A GeoTIFF's elevations as an object in Blender, with an orthophoto or colors by slope, and buildings."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from hulldown.reading.scenery.geotiff import Elevations, read_elevations, read_o
 NAME = "terrain"
 # Linear colors by the upward component of the normal: rock, scree, soil, grass.
 SLOPES = ((0.65, (0.17, 0.15, 0.13)), (0.8, (0.2, 0.17, 0.13)), (0.9, (0.13, 0.11, 0.06)), (0.97, (0.06, 0.08, 0.025)))
-PATCHES = ((0.004, 0.5), (0.05, 0.35), (0.6, 0.3))  # waves per meter of noise, and by how much it darkens or brightens
+PATCHES = ((0.004, 0.5), (0.05, 0.35), (0.6, 0.3))  # noise: waves per meter, and amplitude of brightness
 
 
 def open_terrain(path: Path, options: Options) -> tuple[Elevations, list[str]]:
-    """Make the scene in Blender a GeoTIFF's terrain; its elevations, and the files it refers to.
+    """Fill Blender's scene with a GeoTIFF's terrain; return its elevations, and the files it refers to.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def open_terrain(path: Path, options: Options) -> tuple[Elevations, list[str]]:
 
 
 def _beside(path: Path, name: str) -> Path:
-    """A file that the elevations in `path` come with."""
+    """A file next to the elevations in `path`."""
     file = Path(os.path.normpath(path.parent / name))
     if not is_inside(file, asset_folders(path)):
         raise AssetError("isn't in the folder of the elevations or the one around it", path=file, remedy="move it")

@@ -1,8 +1,8 @@
-"""The tidy twin of a file: what it draws as plain posed meshes with their materials, for the renderer.
+"""The tidy twin of a file for the renderer: plain posed meshes with their materials.
 
-People's files have parents, modifiers, constraints, key frames, particles and drivers, all of which can undo a planned
-pose. Here they are worked out, once, from the same evaluation that the exported geometry comes from; so what is
-rendered is what was planned. Vehicles: one collection; every object has the index of its part and its pose in the
+Files have parents, modifiers, constraints, key frames, particles, and drivers, all of which can undo a planned
+pose. Here they're applied once, in the evaluation that the exported geometry comes from, so the
+planned geometry is rendered. Vehicles: one collection; every object has the index of its part and its pose in the
 vehicle frame as custom properties, see `reading.blender.tidy_properties`. Sceneries: a scene in meters, z up, relative
 to the scenery's origin.
 """
@@ -30,16 +30,16 @@ VISIBILITY = tuple(
 
 
 class Keeper:
-    """Takes what is to be written of evaluated meshes while the depsgraph lives.
+    """Collects evaluated meshes for the twin while the depsgraph exists.
 
     Attributes
     ----------
     meshes
         The unique meshes.
     looks
-        What objects add to the look of their meshes, each once.
+        Looks that objects add to their meshes, each once.
     piece_look
-        Which of them each piece has.
+        Index of each piece's look.
     """
 
     def __init__(self) -> None:
@@ -61,7 +61,7 @@ class Keeper:
         self.meshes.append(mesh)
 
     def keep_look(self, drawn: Any) -> None:
-        """Keep what the object of a piece adds to its mesh's look."""
+        """Keep the look that a piece's object adds to its mesh."""
         look = (*(getattr(drawn, name) for name in VISIBILITY), tuple(drawn.color), drawn.pass_index)
         if look not in self._known:
             self._known[look] = len(self.looks)
@@ -70,7 +70,7 @@ class Keeper:
 
 
 def _is_as_in_the_file(drawn: Any, data: Any, materials: Sequence[Any]) -> bool:
-    """Whether a mesh is drawn as the file itself has it, so that no copy is needed."""
+    """Whether a mesh is drawn unchanged, so that no copy is needed."""
     obj, file = drawn.original, drawn.original.data
     if not isinstance(file, bpy.types.Mesh) or not isinstance(data, bpy.types.Mesh):
         return False
@@ -120,7 +120,7 @@ def write_scenery(
     uses: Sequence[str],
     scenery_from_file: Float[np.ndarray, "4 4"],
 ) -> None:
-    """Write what is drawn, but for backdrops and what the config drops, as a file with one scene."""
+    """Write everything drawn, except backdrops and dropped objects, as a file with one scene."""
     scene = bpy.data.scenes.new("hulldown scenery")
     scene[TIDY] = True
     root = bpy.data.objects.new("hulldown scenery", None)
@@ -145,7 +145,7 @@ def write_scenery(
 
 
 def _carrier(thing: Any, poses: Float[np.ndarray, "k 4 4"]) -> Any:
-    """One object that draws `thing` in all these poses: ten thousand objects would take Blender minutes."""
+    """One object that draws `thing` in all these poses; ten thousand objects would take minutes."""
     points = bpy.data.meshes.new(thing.name)
     points.vertices.add(len(poses))
     # Blender stores matrices column by column.

@@ -1,4 +1,4 @@
-"""Custom properties by which a tidy twin says what is what: `reading.tidy` writes them, `scene` reads them."""
+"""Custom properties of tidy twins: `reading.blender.tidy` writes them, `render.blender.scene` reads them."""
 
 PART = "hulldown_part"  # of a vehicle's objects: the index of their part
 REST = "hulldown_rest"  # and the 16 numbers of vehicle_from_object at rest, float64, row by row

@@ -1,6 +1,6 @@
-"""Landlock: a process that reads other people's files writes nowhere but where it shall, and reads little else.
+"""Landlock: confine a process that reads other people's files to a few folders.
 
-Run as a program, ``python -I landlock.py POLICY COMMAND...`` confines itself and becomes COMMAND, so that all threads
+As a program, ``python -I landlock.py POLICY COMMAND...`` confines itself and becomes COMMAND, so that all threads
 of Blender, and what it may start, are confined from their first instruction. Needs the standard library only. Where the
 kernel has no Landlock, `confined` leaves the command as it is.
 
@@ -31,7 +31,7 @@ SINCE = {2: REFER, 3: TRUNCATE, 5: IOCTL}
 NETWORK_ABI, TCP = 4, 3  # bind and connect
 SCOPE_ABI, SCOPES = 6, 3  # abstract sockets and signals
 SPECIAL = 1 << 6 | 1 << 9 | 1 << 10 | 1 << 11 | 1 << 12  # making devices, sockets, FIFOs and links is allowed nowhere
-OF_FILES = EXECUTE | WRITE_FILE | READ_FILE | TRUNCATE | IOCTL  # what can be allowed of something that is no folder
+OF_FILES = EXECUTE | WRITE_FILE | READ_FILE | TRUNCATE | IOCTL  # rights that files can have
 SYSTEM = (
     *("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/nix/store"),
     *("/opt/rocm", "/opt/intel", "/run/opengl-driver"),
@@ -48,38 +48,38 @@ MORE = "HULLDOWN_READ"  # folders besides those of the assets that may be read, 
 
 @cache
 def abi() -> int:
-    """The version of Landlock that this kernel has; 0 for none."""
+    """The kernel's version of Landlock; 0: none."""
     if not sys.platform.startswith("linux"):
         return 0
     return max(0, ctypes.CDLL(None).syscall(CREATE_RULESET, None, ctypes.c_size_t(0), ctypes.c_uint32(GET_ABI)))
 
 
 def unconfined() -> str:
-    """Why processes that read files from elsewhere aren't confined here; empty if they are."""
+    """Reason why processes aren't confined on this machine; empty if they are."""
     if not abi():
         return "this kernel has no Landlock"
     return f"switched off by {OFF}" if os.environ.get(OFF, "").lower() == "off" else ""
 
 
 def confinement() -> str:
-    """What confines processes here, for records: "Landlock 4", or why nothing does."""
+    """The confinement on this machine, for records: "Landlock 4", or the reason why there is none."""
     return f"none: {why}" if (why := unconfined()) else f"Landlock {abi()}"
 
 
 def confined(
     command: Sequence[str], *, read: Iterable[Path | str], write: Iterable[Path | str], devices: Iterable[str] = ()
 ) -> list[str]:
-    """A command that runs `command` confined; `command` itself where that is impossible or switched off.
+    """A command that runs `command` confined; `command` itself if that's impossible or switched off.
 
     Parameters
     ----------
     command
         A program by its path, and its arguments.
     read, write
-        Files and folders; what is not there is left out. The system's libraries, this Python and the folders that the
+        Files and folders; missing ones are left out. The system's libraries, this Python and the folders that the
         user names in ``HULLDOWN_READ`` can be read besides.
     devices
-        Paths of devices that it shall use.
+        Paths of devices that it may use.
     """
     if unconfined():
         return list(command)
@@ -97,9 +97,9 @@ def confined(
 
 
 def asset_folders(path: Path) -> list[Path]:
-    """What may be read for the sake of an asset: its folder and the one around it, where textures and libraries are.
+    """Folders that an asset may read: its own and the one around it, for textures and libraries.
 
-    Not the one around it if that is the user's home, or so near to the root that it holds everything.
+    The one around it is left out if it's the user's home, or near the root.
     """
     folders = [path.absolute().parent, Path(os.path.realpath(path)).parent]
     around = [folder.parent for folder in folders if len(folder.parts) > 3 and folder.parent != Path.home()]
@@ -114,7 +114,7 @@ def is_inside(path: Path, folders: Iterable[Path | str]) -> bool:
 
 
 def restrict(policy: dict[str, list[str]]) -> None:
-    """Confine this process, and what it starts, for good. Threads that it has already are not confined.
+    """Confine this process and its children permanently. Existing threads aren't confined.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def _allow(ruleset: int, path: str, rights: int) -> None:
     try:
         opened = os.open(path, os.O_PATH | os.O_CLOEXEC)
     except OSError:
-        return  # what is not there cannot be reached either
+        return  # a missing path needs no rule
     try:
         if not os.path.isdir(path):
             rights &= OF_FILES

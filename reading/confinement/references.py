@@ -1,4 +1,4 @@
-"""What glTF and OBJ files refer to, checked before an importer opens it: that it is a file, and that it is there."""
+"""Check the files that glTF and OBJ files refer to before an importer opens them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GLB_JSON = b"JSON"
 
 
 def refuse_odd_references(path: Path, kind: str) -> None:
-    """Raise if a file of the format `kind` refers to what is no file, or to a part of itself that is not there.
+    """Raise if a file of the format `kind` refers to something other than a file, or to a missing part of itself.
 
     Raises
     ------
@@ -44,12 +44,12 @@ def _check_obj(path: Path) -> None:
 
 
 def material_libraries(path: Path) -> Iterator[Path]:
-    """The .mtl files that an OBJ file names, those that are there and may be read.
+    """The .mtl files of an OBJ file that exist and may be read.
 
     Raises
     ------
     AssetError
-        If one is no file.
+        If one isn't a regular file.
     """
     for _, named in directives(path, b"mtllib"):
         _refuse(path, named)

@@ -1,4 +1,4 @@
-"""A child process that reads somebody's file, watched: how much memory it holds, and whether it still writes output."""
+"""Watch the memory and the output of a child process that reads a file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LONGEST_LINE = 4096  # bytes
 
 @dataclass(frozen=True, slots=True)
 class ReadLimits:
-    """When the reading of a file is given up.
+    """Limits of reading a file.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class Ended:
     last_words
         The end of its output.
     exceeded
-        Which limit it was ended for, what it had and what it might have; empty if it ended by itself.
+        The limit that it exceeded, with both figures; empty if it ended by itself.
     """
 
     code: int

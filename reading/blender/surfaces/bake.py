@@ -1,4 +1,4 @@
-"""Opacity that no single lookup gives, rendered by Cycles over texture coordinates: where it depends on them alone."""
+"""Bake opacity over texture coordinates with Cycles, for node trees that are more than one lookup."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TEXTURES = tuple(f"Tex{name}" for name in ("Noise", "Voronoi", "Wave", "Magic", 
 
 
 def baked(material: Any, size: int) -> tuple[AlphaMap, str, tuple[np.ndarray, np.ndarray]]:
-    """The opacity of a material, and the layer and the range, low and high, of the coordinates that it is over.
+    """The opacity of a material, with the layer and the range, low and high, of its coordinates.
 
     Parameters
     ----------

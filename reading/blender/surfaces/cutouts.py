@@ -1,4 +1,4 @@
-"""Which faces of a mesh its materials cut out, and by what texture."""
+"""The faces of a mesh with alpha textures, and the textures."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ EXTENSION = {"REPEAT": Extension.REPEAT, "EXTEND": Extension.EXTEND, "CLIP": Ext
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Cutter:
-    """How a material cuts: a map, the layer of coordinates ("" for the one that is rendered), what is made of them."""
+    """A material's alpha: a map, the layer of its coordinates ("": the rendered one), and their transform."""
 
     alpha: AlphaMap
     layer: str
@@ -33,7 +33,7 @@ class CutoutReader:
     Parameters
     ----------
     longest
-        Texels of the longer side that an image is kept at.
+        Texels on the longer side of a stored image.
     """
 
     def __init__(self, longest: int) -> None:
@@ -43,7 +43,7 @@ class CutoutReader:
         self.doubts: list[str] = []
 
     def bake(self, materials: Iterable[Any]) -> None:
-        """Have Cycles work out the opacity of those materials that are no single lookup; while nothing is evaluated."""
+        """Bake the opacity of materials that are more than one lookup; call it while nothing is evaluated."""
         for material in materials:
             try:
                 opacity_of(material)
@@ -62,7 +62,7 @@ class CutoutReader:
                 self._cutters[key] = Cutter(alpha, layer, onto)
 
     def cutouts(self, data: Any, materials: list[Any]) -> Cutouts | None:
-        """Of an evaluated mesh whose loop triangles are calculated."""
+        """Cut-outs of an evaluated mesh with loop triangles."""
         cutters = [self._cutter(material) if material else None for material in materials]
         if not any(cutters):
             return None
@@ -121,12 +121,12 @@ class CutoutReader:
 
 
 def _load(image: Any) -> bool:
-    """Whether an image has pixels once it is asked for them."""
+    """Load an image; whether it has pixels."""
     return bool(image.original.size[0] * image.original.size[1])
 
 
 def _coordinates(data: Any, cutter: Cutter, corners: Int[np.ndarray, "m 3"]) -> Float32[np.ndarray, "m 3 2"]:
-    """Of the corners of faces; zeros where the mesh has no such layer, as in Cycles."""
+    """Coordinates of face corners; zeros if the mesh has no such layer, as in Cycles."""
     found = coordinates(data, cutter.layer)
     uv = np.zeros((*corners.shape, 2)) if found is None else found[corners]
     onto = np.array(cutter.image_from_uv)

@@ -1,4 +1,4 @@
-"""What a vehicle's surface is of: each material's share of it, its mean color, and whether it is paint."""
+"""Materials of a vehicle's surface: share, mean color, and whether it's paint."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from hulldown.reading.vehicle.paintable import (
 )
 
 BASE_COLORS = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}  # by shader, the input that has it
-METAL = 0.5  # least metalness of what is not painted
+METAL = 0.5  # least metalness of unpainted materials
 SIDE = 512  # pixels that images are shrunk to
 SAMPLES = 4096  # of an image, on each mesh
 DARK_EDGE, MOST_BETWEEN = 1.5, 0.2  # factor about the darkness of rubber, and share of texels there: dark paint
 DEEPEST = 48  # nodes between a shader and the images and colors that are looked at
-GRAY = 0.5  # what is taken for the mean of nodes that are not understood
+GRAY = 0.5  # assumed mean of unknown nodes
 # Nodes that change a color little on the whole.
 PASSING = ("HueSaturation", "Gamma", "BrightContrast", "RGBCurve", "MixRGB")
 SOCKETS = {"RGBA": (0, 6, 7), "VECTOR": (0, 4, 5), "FLOAT": (0, 2, 3)}  # of a Mix node: factor, A, B
@@ -39,14 +39,14 @@ SOCKETS = {"RGBA": (0, 6, 7), "VECTOR": (0, 4, 5), "FLOAT": (0, 2, 3)}  # of a M
 def material_rows(
     meshes: Sequence[Any], pieces: Sequence[Piece], piece_part: Sequence[int]
 ) -> tuple[tuple[MaterialRow, ...], list[bool]]:
-    """The materials of the pieces whose part is not -1, the largest share first; and which pieces aren't painted.
+    """Materials of the pieces with a part, largest share first, and the pieces that aren't painted.
 
     Parameters
     ----------
     meshes
         Blender's, in the order of `Piece.mesh`, with their materials.
     pieces, piece_part
-        What is drawn, and the part that each is of.
+        The pieces, and the part of each; -1: none.
     """
     areas: dict[Any, float] = defaultdict(float)
     own: dict[int, dict[Any, float]] = {}
@@ -94,7 +94,7 @@ def _areas(mesh: Any) -> dict[Any, float]:
 
 
 def why_left_alone(material: Any) -> str:
-    """Why a material is not painted; empty if it can be."""
+    """Reason why a material isn't painted; empty if it can be."""
     shaders = [shader for shader, _ in surface_shaders(material)]
     principled = [shader for shader in shaders if shader.type == "BSDF_PRINCIPLED"]
     if is_clear(material):
@@ -109,7 +109,7 @@ def why_left_alone(material: Any) -> str:
 
 
 def _least(shader: Any, name: str) -> float:
-    """What an input has all over; 0 if something is linked to it."""
+    """Value of an unlinked input; 0 if something is linked to it."""
     socket = shader.inputs[name]
     return 0.0 if socket.is_linked else float(socket.default_value)
 
@@ -123,7 +123,7 @@ def _glows(shader: Any) -> bool:
 
 
 class _MeanColors:
-    """Means of what is linked to sockets; looks at each image once.
+    """Mean colors of sockets; each image is read once.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ class _MeanColors:
         return (red, green, blue), float(np.mean(dark or [0.0]))
 
     def _worn(self, material: Any, found: Any) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]] | None:
-        """Texels that a material shows, and their weights; None if its color is no image on a UV map."""
+        """Texels that a material uses, and their weights; None if its color isn't an image on a UV map."""
         node = found[0].node if found and found[0].is_output else None
         if node is None or node.bl_idname != "ShaderNodeTexImage" or not node.image or found[0].name != "Color":
             return None

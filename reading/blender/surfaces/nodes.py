@@ -1,4 +1,4 @@
-"""Where a value in a node tree comes from, past reroutes, groups and muted nodes."""
+"""Follow values through node trees, past reroutes, groups, and muted nodes."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ Stack = tuple[Any, ...]  # the group nodes that a socket is inside of, the outer
 
 
 def material_output(material: Any) -> Any:
-    """The node that Cycles takes a material from; None without one, as in a damaged tree of no known kind."""
+    """The output node that Cycles uses; None in a damaged tree."""
     tree = material.node_tree
     return tree.get_output_node("CYCLES") if tree is not None and tree.bl_idname == "ShaderNodeTree" else None
 
 
 def source(socket: Any, stack: Stack) -> tuple[Any, Stack] | None:
-    """The output that a socket gets its value from; None if it has a value of its own.
+    """The output that a socket is linked to; None if it has its own value.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def source(socket: Any, stack: Stack) -> tuple[Any, Stack] | None:
 
 
 def upstream(socket: Any, stack: Stack) -> Iterator[tuple[Any, Any]]:
-    """Every node that a socket's value depends on, and the output of it that is used."""
+    """Every node that a socket's value depends on, with the used output."""
     found = source(socket, stack)
     seen = set()
     ring = [found] if found else []

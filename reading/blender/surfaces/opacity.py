@@ -1,4 +1,4 @@
-"""How opaque a material is: one lookup in one image and steps on its value, read off the node tree.
+"""Opacity of a material as one image lookup and steps on its value, from the node tree.
 
 Cycles lets a ray through what Transparent BSDFs leave of a surface. All other shaders stop it, whatever they do with
 light. So the opacity of a surface is 1 for those and 0 for Transparent, Principled has its own, and mixes mix it.
@@ -23,12 +23,12 @@ Affine = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 class NotUnderstoodError(Exception):
-    """A node tree is no single lookup."""
+    """A node tree that is more than one lookup."""
 
 
 @dataclass(frozen=True, slots=True)
 class Lookup:
-    """Where in which image the value is; a name of no layer is the one that is rendered."""
+    """An image, a channel, and a layer of coordinates; an empty name is the rendered layer."""
 
     node: Any
     channel: str
@@ -95,7 +95,7 @@ def _shader(socket: Any, stack: Stack) -> Value:
 
 
 def _value(socket: Any, stack: Stack) -> Value:
-    """Of a socket that holds a number, or a color that is taken for its luminance."""
+    """Value of a number socket, or of a color socket by its luminance."""
     found = source(socket, stack)
     if found is None:
         return constant(_own(socket))
@@ -135,7 +135,7 @@ def _times(a: Value, b: Value) -> Value:
 
 
 def _mixed(share: Value, first: Callable[[], Value], second: Callable[[], Value]) -> Value:
-    """(1 - share) first + share second; what has no share is not looked at."""
+    """(1 - share) first + share second; a side without a share isn't evaluated."""
     if share.lookup is None and share.constant in (0.0, 1.0):
         return second() if share.constant else first()
     a, b = first(), second()
@@ -261,7 +261,7 @@ def _is_mapped(node: Any) -> bool:
 
 
 def _coordinates(socket: Any, stack: Stack) -> tuple[str, Affine]:
-    """The layer of texture coordinates, and what is made of them."""
+    """The layer of texture coordinates, and their transform."""
     found = source(socket, stack)
     if found is None or not found[0].is_output:
         return "", IDENTITY

@@ -1,6 +1,6 @@
-"""The opacity of a material as a socket of its own node tree, so that Cycles works it out: baking and masks use it.
+"""The opacity of a material as a socket of its node tree, which Cycles evaluates for baking and masks.
 
-What `reading.blender.surfaces.opacity` reads off a node tree, here nodes compute; neither knows of the other.
+Nodes compute here what `reading.blender.surfaces.opacity` reads from a tree.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ SOCKET = "hulldown opacity"
 
 
 def opacity_socket(material: Any) -> Any:
-    """An output socket of the material's tree that has its opacity; a number where that is the same everywhere.
+    """An output socket with the material's opacity, or a number if it's constant.
 
-    Nodes are added to the tree and to the groups in it, which stay as opaque as they were.
+    Nodes are added to the tree and its groups; the material stays as opaque as before.
     """
     output = material_output(material)
     return _opacity(material.node_tree, output.inputs["Surface"], {}) if output else 1.0
 
 
 def _opacity(tree: Any, socket: Any, made: dict[Any, Any]) -> Any:
-    """Of what is linked to an input socket."""
+    """Opacity of the shader linked to an input socket."""
     links = [link for link in socket.links if link.is_valid and not link.is_muted]
     if not links:
         return 1.0
@@ -87,7 +87,7 @@ def _interface(tree: Any, name: str, way: str, node: Any) -> Any:
 
 
 def _own(socket: Any) -> Any:
-    """What gives a socket its value: the output linked to it, or its number."""
+    """The source of a socket's value: the linked output, or its number."""
     links = [link for link in socket.links if link.is_valid and not link.is_muted]
     return links[0].from_socket if links else socket.default_value
 
@@ -124,15 +124,15 @@ def _link(tree: Any, value: Any, socket: Any) -> None:
 
 
 def show_opacity(material: Any, *, hard: bool, strength: Any = None) -> None:
-    """Have a material glow as its opacity says, and do nothing else.
+    """Make a material emit its opacity and nothing else.
 
     Parameters
     ----------
     material
-        Is changed, and the groups in it.
+        Changed, with its groups.
     hard
-        Whether it glows where it is at least half opaque and is not there where it is less; if not, it glows all over,
-        as brightly as it is opaque.
+        Whether it emits where it's at least half opaque and is invisible elsewhere. Otherwise it emits everywhere,
+        in proportion to its opacity.
     strength
         Called with the tree for the socket that has the strength of a hard material's glow.
     """

@@ -1,4 +1,4 @@
-"""What a material does to light, as far as its shader nodes say: fills a volume, displaces, lets one see through."""
+"""Properties of a material by its shader nodes: volume, displacement, transparency."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from hulldown.reading.blender.surfaces.nodes import Stack, material_output, source
 
-SEEN_THROUGH = 0.5  # least transmission of a surface that one sees through
+SEEN_THROUGH = 0.5  # least transmission of a transparent surface
 TRANSPARENT = "BSDF_TRANSPARENT"
 REFRACTING = ("BSDF_GLASS", "BSDF_REFRACTION")
 GLOSSY = ("BSDF_GLOSSY", "BSDF_ANISOTROPIC")
@@ -21,15 +21,15 @@ def is_volume(material: Any) -> bool:
 
 
 def is_displaced(material: Any) -> bool:
-    """Whether a material displaces what wears it."""
+    """Whether a material displaces its surface."""
     output = material_output(material)
     return bool(output and output.inputs["Displacement"].is_linked)
 
 
 def is_clear(material: Any) -> bool:
-    """Whether one sees through a material, as through water or glass: by refraction, transmission or a volume.
+    """Whether a material is transparent like water or glass, by refraction, transmission, or a volume.
 
-    Leaves that are cut out by transparency are not clear: beside it their materials have an opaque shader.
+    Leaves cut out by an alpha texture aren't clear: their materials have an opaque shader too.
     """
     output = material_output(material)
     if not output:

@@ -34,7 +34,7 @@ def texels(image: Any, channel: str, *, alpha_used: bool) -> tuple[np.ndarray, S
     color = pixels[..., :3]
     if not is_data and not alpha_used and image.alpha_mode in ("STRAIGHT", "PREMUL") and not image.is_float:
         color = color * pixels[..., 3:]
-    # Cycles interpolates what is in sRGB before it makes it linear; Blender's floats are linear.
+    # Cycles interpolates sRGB values before it makes them linear; Blender's floats are linear.
     curved = image.colorspace_settings.name == "sRGB"
     if curved and image.is_float:
         color = srgb_from_linear(color)

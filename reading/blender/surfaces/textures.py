@@ -1,4 +1,4 @@
-"""Files that the file open in Blender refers to: textures and libraries, there or not, and who wants them."""
+"""Textures and libraries that the open file refers to, existing or missing, and the objects that use them."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from hulldown.reading.confinement.landlock import asset_folders, is_inside
 from hulldown.reading.report import Missing
 
 TILES = "<UDIM>"
-DEPTH = 2  # folders below that of an asset in which its missing textures are sought
+DEPTH = 2  # levels of folders below an asset's that are searched for missing textures
 TEXTURES = ("textures", "texture", "tex", "materials", "maps", "images")  # folders beside it that are searched too
 PICTURES = (".png", ".jpg", ".jpeg", ".tga", ".psd", ".tif", ".tiff", ".bmp", ".dds", ".webp")
 MOST = 20_000  # files that are looked at for them
 
 
 def used_files() -> list[str]:
-    """Absolute path of every file that the open file refers to, there or not; packed files are not referred to."""
+    """Absolute path of every file that the open file refers to, existing or not; without packed ones."""
     paths = {path for path in bpy.utils.blend_paths(absolute=True, packed=False, local=False) if path}
     paths |= {path for block in _referring() for path in _paths(block)}
     return sorted(paths)
@@ -39,7 +39,7 @@ def find_moved(path: Path) -> list[str]:
 
     Returns
     -------
-    A sentence for each image that was found, or that several different files could be.
+    A sentence for each image that was found, or that several different files match.
     """
     images = [block for block in _referring() if isinstance(block, bpy.types.Image) and TILES not in block.filepath]
     gone = [image for image in images if not all(map(_is_there, _paths(image)))]
@@ -63,13 +63,13 @@ def find_moved(path: Path) -> list[str]:
 
 
 def pictures_near(path: Path) -> list[str]:
-    """Pictures near an asset that may be its textures: as `find_moved` seeks them, relative to its folder."""
+    """Pictures that `find_moved` would search near an asset, relative to its folder."""
     files = (file for file in _files_near(path) if file.suffix.lower() in PICTURES)
     return sorted({os.path.relpath(file, path.parent) for file in files})
 
 
 def _replace(image: Any, file: str) -> None:
-    """Use a file in place of an image that was never read, which reloading wouldn't change."""
+    """Replace an image that was never read, which reloading wouldn't change."""
     new = bpy.data.images.load(file)
     new.colorspace_settings.name, new.alpha_mode = image.colorspace_settings.name, image.alpha_mode
     image.user_remap(new)
@@ -87,12 +87,12 @@ def _files_near(path: Path) -> Iterator[Path]:
 
 
 def missing_files(drawn: Collection[str]) -> tuple[Missing, ...]:
-    """Every file that something drawn refers to but that is not there.
+    """Missing files that drawn objects refer to.
 
     Parameters
     ----------
     drawn
-        Names of the objects that matter.
+        Names of the drawn objects.
     """
     users = bpy.data.user_map()
     found: dict[str, set[str]] = {}
@@ -112,7 +112,7 @@ def missing_files(drawn: Collection[str]) -> tuple[Missing, ...]:
 
 
 def _referring() -> Iterator[Any]:
-    """Blocks that refer to files which the look or the shape of an object depends on."""
+    """Blocks that refer to files for the look or the shape of objects."""
     for image in bpy.data.images:
         if image.source in ("FILE", "SEQUENCE", "MOVIE", "TILED") and not image.packed_file:
             yield image
@@ -138,13 +138,13 @@ def _is_there(path: str) -> bool:
 
 
 def _opens(path: str) -> bool:
-    """Whether this process may read it, which a confined one learns by trying alone."""
+    """Whether this process can open it, which a confined process learns only by trying."""
     with open(path, "rb"):
         return True
 
 
 def _objects_using(block: Any, users: dict[Any, set[Any]]) -> set[str]:
-    """Names of the objects that reach `block` through materials, node groups, modifiers and the like."""
+    """Names of objects that use `block` through materials, node groups, modifiers, and so on."""
     seen, ring, names = {block}, [block], set()
     while ring:
         for user in users.get(ring.pop(), ()):
