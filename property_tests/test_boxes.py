@@ -25,6 +25,7 @@ from hulldown.camera.projection import NEAR, Camera
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply, rigid, rotation_about
+from hulldown.tests.shapes import vehicle_of
 
 PIXEL_ERROR = 1e-6  # what the boxes promise; relative for boxes larger than a pixel's worth of digits
 FIELDS_OF_VIEW = [math.radians(degrees) for degrees in (0.1, 1.0, 30.0, 60.0, 120.0, 179.0)]
@@ -313,10 +314,7 @@ def test_skipping_what_is_inside_or_outside_changes_nothing(seed: int, frame: bo
 def test_the_box_holds_the_mask_and_touches_it_on_four_sides(kind, seed: int) -> None:
     rng = np.random.default_rng(seed)
     vertices, faces = kind(rng)
-    shape = VehicleShape(
-        "solid", Mesh(vertices * rng.uniform(1.0, 4.0, 3), faces), np.zeros(len(vertices), dtype=int), ("hull",),
-        np.array([-1]), np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.zeros((1, 2)), np.eye(4),
-    )  # fmt: skip
+    shape = vehicle_of(Mesh(vertices * rng.uniform(1.0, 4.0, 3), faces))
     pose = rigid(random_rotation(rng), rng.uniform(-3.0, 3.0, 3))
     view = rigid(np.eye(3), [0.0, 0.0, -8.0])
     box = VehicleBoxes(shape).box(pose, Camera(Intrinsics(64, 48, 1.0), view))

@@ -6,7 +6,6 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.beams import passed_in_beams
 from hulldown.camera.camera_rays import CameraRays
 from hulldown.camera.intrinsics import Intrinsics
@@ -18,25 +17,12 @@ from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import rigid, rotation_about
+from hulldown.tests.shapes import FACES, box, vehicle_of
 
-CORNERS = np.array([[x, y, z] for x in (0.0, 1) for y in (0, 1) for z in (0, 1)])
-FACES = np.array(
-    [
-        *([0, 1, 3], [0, 3, 2], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4]),
-        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 3, 7], [1, 7, 5]),
-    ]
-)
-CUBE = Mesh(CORNERS - 0.5, FACES)
-VERTICES = np.concatenate(
-    [(CORNERS - [0.5, 0.5, 0]) * [6, 3, 1.4], (CORNERS - [0.5, 0.5, 0]) * [2, 2, 0.8] + [0, 0, 1.4]]
-)
+CUBE = box((-0.5,) * 3, (0.5,) * 3)
 TANK = VehicleTarget(
-    VehicleShape(
-        "tank", Mesh(VERTICES, np.concatenate([FACES, FACES + 8])), np.repeat([0, 1], 8), ("hull", "turret"),
-        np.array([-1, 0]), np.array([[0, 0, 0], [0, 0, 1.4]]), np.array([[0.0, 0, 1], [0, 0, 1]]), np.zeros((2, 2)),
-        np.eye(4),
-    )
-)  # fmt: skip
+    vehicle_of(box((-3, -1.5, 0), (3, 1.5, 1.4)), box((-1, -1, 1.4), (1, 1, 2.2)), pivots=[[0, 0, 0], [0, 0, 1.4]])
+)
 HERE = np.eye(4)[None]
 
 lenses = st.builds(

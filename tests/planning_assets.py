@@ -7,22 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from hulldown.assets.library import Assets
-from hulldown.assets.scenery import Scenery
-from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.config.config_file import parse_config
+from hulldown.tests.shapes import box, scenery_of, vehicle_of
 
-CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
-QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-FACES = np.array([face for a, b, c, d in QUADS for face in ([a, b, c], [a, c, d])])
 CLASSES = {"t72": "tank", "leo": "tank", "ural": "truck"}
 VEHICLE_ENTRIES = [{"path": f"vehicles/{name}.blend", "category": category} for name, category in CLASSES.items()]
-
-
-def box(low, high):
-    low, high = np.array(low, float), np.array(high, float)
-    return Mesh(low + CORNERS * (high - low), FACES)
 
 
 def vehicle(name, scale=1.0):
@@ -35,17 +26,9 @@ def vehicle(name, scale=1.0):
     mesh, _ = merge(boxes)
     low, high = mesh.bounds
     foot = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
-    return VehicleShape(
-        name=name,
-        mesh=Mesh((mesh.vertices - foot) * scale, mesh.faces, name),
-        vertex_part=np.repeat(np.arange(3), 8),
-        part_names=("hull", "turret", "gun"),
-        part_parent=np.array([-1, 0, 1]),
-        part_pivot=np.array([[0, 0, 0], np.array([0, 0, 1.4]) - foot, np.array([1.3, 0, 1.8]) - foot]) * scale,
-        part_axis=np.array([[0, 0, 1.0], [0, 0, 1.0], [0, -1.0, 0]]),
-        part_limits=np.array([[0, 0], [-np.pi, np.pi], [-0.1, 0.35]]),
-        vehicle_from_file=np.eye(4),
-    )
+    pivots = np.array([[0, 0, 0], np.array([0, 0, 1.4]) - foot, np.array([1.3, 0, 1.8]) - foot]) * scale
+    moved = [Mesh((each.vertices - foot) * scale, each.faces) for each in boxes]
+    return vehicle_of(*moved, name=name, pivots=pivots)
 
 
 def hills(name, *, height=3.0, cells=40, size=240.0, trees=30, seed=0):
@@ -62,21 +45,9 @@ def hills(name, *, height=3.0, cells=40, size=240.0, trees=30, seed=0):
     poses = np.tile(np.eye(4), (trees, 1, 1))
     poses[:, :2, 3] = rng.uniform(-size / 2, size / 2, (trees, 2))
     poses[:, 2, 3] = Terrain(ground).top_hits(poses[:, :2, 3]).z
-    return Scenery(
-        name=name,
-        origin=np.array([500000.0, 5400000.0, 120.0]),
-        ground=ground,
-        ground_names=("ground",),
-        face_ground=np.zeros(len(faces), dtype=np.int64),
-        obstacle_meshes=(box((-1, -1, 0), (1, 1, 5)), box((-0.5, -0.5, -0.2), (0.5, 0.5, 0.8))),
-        instance_mesh=rng.integers(0, 2, trees),
-        world_from_instance=poses,
-        instance_names=tuple(f"tree {k}" for k in range(trees)),
-        instance_gives_way=np.zeros(trees, dtype=bool),
-        instance_is_water=np.zeros(trees, dtype=bool),
-        removed_names=(),
-        scenery_from_file=np.eye(4),
-    )
+    meshes = (box((-1, -1, 0), (1, 1, 5)), box((-0.5, -0.5, -0.2), (0.5, 0.5, 0.8)))
+    origin, which = (500000.0, 5400000.0, 120.0), rng.integers(0, 2, trees)
+    return scenery_of(name, ground, origin=origin, obstacles=meshes, which=which, poses=poses)
 
 
 def with_water(scenery, mesh, *poses):
@@ -94,30 +65,9 @@ def with_water(scenery, mesh, *poses):
     )
 
 
-def sheet(low, high, z=0.0):
-    """A level rectangle."""
-    (a, b), (c, d) = low, high
-    corners = np.array([[a, b, z], [c, b, z], [c, d, z], [a, d, z]], float)
-    return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), "sheet")
-
-
 def bare(name, origin_z=0.0):
     """A scenery whose file has nothing in it: the fallback plane."""
-    return Scenery(
-        name=name,
-        origin=np.array([0.0, 0.0, origin_z]),
-        ground=None,
-        ground_names=(),
-        face_ground=np.zeros(0, dtype=np.int64),
-        obstacle_meshes=(),
-        instance_mesh=np.zeros(0, dtype=np.int64),
-        world_from_instance=np.zeros((0, 4, 4)),
-        instance_names=(),
-        instance_gives_way=np.zeros(0, dtype=bool),
-        instance_is_water=np.zeros(0, dtype=bool),
-        removed_names=(),
-        scenery_from_file=np.eye(4),
-    )
+    return scenery_of(name, origin=(0.0, 0.0, origin_z))
 
 
 def small_assets(*, distractors=False):

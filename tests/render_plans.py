@@ -5,63 +5,15 @@ from pathlib import Path
 import numpy as np
 import orjson
 
-from hulldown.assets.scenery import Scenery
-from hulldown.assets.vehicle import VehicleShape
 from hulldown.dataset.store.document import read_coco
-from hulldown.geometry.meshes import Mesh
 from hulldown.render.jobs import RenderAssets, SceneryFile, VehicleFile
+from hulldown.tests.shapes import box, scenery_of, vehicle_of
 
-CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (0.0, 2.0)])
-CUBE_FACES = np.array(
-    [
-        (0, 1, 3),
-        (0, 3, 2),
-        (4, 6, 7),
-        (4, 7, 5),
-        (0, 4, 5),
-        (0, 5, 1),
-        (2, 3, 7),
-        (2, 7, 6),
-        (0, 2, 6),
-        (0, 6, 4),
-        (1, 5, 7),
-        (1, 7, 3),
-    ]
+ASSETS = RenderAssets(
+    {"cube": VehicleFile(vehicle_of(box((-1, -1, 0), (1, 1, 2)), name="cube"), Path("cube.blend"))},
+    {"void": SceneryFile(Path("void.blend"), np.eye(4), scenery_of("void"))},
+    {"sky": Path("sky.exr")},
 )
-
-
-def _cube_assets() -> RenderAssets:
-    shape = VehicleShape(
-        name="cube",
-        mesh=Mesh(CUBE, CUBE_FACES, "cube"),
-        vertex_part=np.zeros(8, dtype=np.int64),
-        part_names=("hull",),
-        part_parent=np.array([-1]),
-        part_pivot=np.zeros((1, 3)),
-        part_axis=np.array([[0.0, 0.0, 1.0]]),
-        part_limits=np.zeros((1, 2)),
-        vehicle_from_file=np.eye(4),
-    )
-    scenery = Scenery(
-        name="void",
-        origin=np.zeros(3),
-        ground=None,
-        ground_names=(),
-        face_ground=np.empty(0, dtype=np.int64),
-        obstacle_meshes=(),
-        instance_mesh=np.empty(0, dtype=np.int64),
-        world_from_instance=np.empty((0, 4, 4)),
-        instance_names=(),
-        instance_gives_way=np.empty(0, dtype=bool),
-        instance_is_water=np.empty(0, dtype=bool),
-        removed_names=(),
-        scenery_from_file=np.eye(4),
-    )
-    return RenderAssets(
-        {"cube": VehicleFile(shape, Path("cube.blend"))},
-        {"void": SceneryFile(Path("void.blend"), np.eye(4), scenery)},
-        {"sky": Path("sky.exr")},
-    )
 
 
 def make_row(i, **changes):
@@ -120,6 +72,3 @@ def contents(folder):
     pictures = {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*.png"))}
     coco = read_coco(folder)
     return coco["images"], coco["annotations"], coco["categories"], pictures
-
-
-ASSETS = _cube_assets()

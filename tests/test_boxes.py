@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,10 +10,9 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, Camera
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import rigid
+from hulldown.tests.shapes import CORNERS, FACES, box, vehicle_of
 
-CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-QUADS = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
-CUBE_FACES = np.concatenate([QUADS[:, [0, 1, 2]], QUADS[:, [0, 2, 3]]])
+CUBE = 2.0 * CORNERS - 1.0
 ROUNDING = 1e-11  # pixels
 # fov_x of 90 degrees: f_px is half the width.
 INTRINSICS = Intrinsics(200, 100, math.pi / 2)
@@ -30,23 +30,13 @@ def assert_box(box: np.ndarray | None, expected: list[float] | np.ndarray | None
 
 def vehicle() -> VehicleShape:
     """A cube with a smaller cube on it that turns about z."""
-    turret = 0.5 * CUBE + [1.0, 0.0, 1.5]
-    return VehicleShape(
-        "cubes",
-        Mesh(np.concatenate([CUBE, turret]), np.concatenate([CUBE_FACES, CUBE_FACES + 8])),
-        np.repeat([0, 1], 8),
-        ("hull", "turret"),
-        np.array([-1, 0]),
-        np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
-        np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]),
-        np.array([[0.0, 0.0], [-math.pi, math.pi]]),
-        np.eye(4),
-    )
+    cubes = box((-1, -1, -1), (1, 1, 1)), box((0.5, -0.5, 1.0), (1.5, 0.5, 2.0))
+    return vehicle_of(*cubes, name="cubes", pivots=[[0, 0, 0], [0, 0, 1]])
 
 
 def test_box_of_a_framed_cube_in_closed_form():
     # The near face, 4 m away and 2 m wide, spans 100 / 4 pixels a meter about the center.
-    box = surface_box(CUBE, CUBE_FACES, camera_at(0.0, 0.0, -5.0))
+    box = surface_box(CUBE, FACES, camera_at(0.0, 0.0, -5.0))
     assert_box(box, [75.0, 25.0, 50.0, 50.0])
 
 
@@ -60,19 +50,17 @@ def test_box_of_a_framed_cube_in_closed_form():
     ],
 )
 def test_nothing_in_the_frame_is_none(camera, why):
-    assert surface_box(CUBE, CUBE_FACES, camera) is None, why
+    assert surface_box(CUBE, FACES, camera) is None, why
     assert VehicleBoxes(vehicle()).box(rigid(np.eye(3), [0.0, 0.0, -1e-3]), camera) is None, why
 
 
 def test_vertices_that_no_face_uses_do_not_count():
     vertices = np.concatenate([CUBE, [[0.0, 30.0, 3.0]]])
     camera = camera_at(0.0, 0.0, -5.0)
-    assert_box(surface_box(vertices, CUBE_FACES, camera), [75.0, 25.0, 50.0, 50.0])
+    assert_box(surface_box(vertices, FACES, camera), [75.0, 25.0, 50.0, 50.0])
     shape = vehicle()
-    stray = VehicleShape(
-        "stray", Mesh(np.concatenate([shape.mesh.vertices, [[0.0, 30.0, 3.0]]]), shape.mesh.faces),
-        np.append(shape.vertex_part, 1), *(getattr(shape, name) for name in VehicleShape.__slots__[3:]),
-    )  # fmt: skip
+    vertices = np.concatenate([shape.mesh.vertices, [[0.0, 30.0, 3.0]]])
+    stray = replace(shape, mesh=Mesh(vertices, shape.mesh.faces), vertex_part=np.append(shape.vertex_part, 1))
     pose = np.eye(4)
     assert np.array_equal(VehicleBoxes(stray).box(pose, camera), VehicleBoxes(shape).box(pose, camera))
 

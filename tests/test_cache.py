@@ -13,8 +13,6 @@ import pytest
 import hulldown.reading.cache
 import hulldown.reading.skies.hdri
 from hulldown.assets.bundle import save_scenery, save_vehicle
-from hulldown.assets.scenery import Scenery
-from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.errors import AssetError, ConfigError
 from hulldown.geometry.meshes import Mesh
 from hulldown.planning.config.config_file import Config, parse_config
@@ -26,6 +24,7 @@ from hulldown.reading.confinement.landlock import abi
 from hulldown.reading.export import Exported
 from hulldown.reading.options import Options
 from hulldown.reading.report import FileReport, Missing
+from hulldown.tests.shapes import scenery_of, vehicle_of
 
 BLEND = b"BLENDER17-01v0500"
 MESH = Mesh(np.eye(3), np.array([[0, 1, 2]]))
@@ -38,24 +37,15 @@ class Exporter:
         self.read: list[str] = []
         self.files: tuple[str, ...] = ()
         self.missing: tuple[Missing, ...] = ()
-        self.parts: tuple[str, ...] = ("hull",)
+        self.parts = 1
 
     def __call__(self, path: Path, folder: Path, *, kind: str, **_: object) -> Exported:
         self.read.append(path.name)
         folder = Path(folder)
         if kind == "vehicle":
-            n = len(self.parts)
-            limits = np.tile([-1.0, 1.0], (n, 1)) * (np.arange(n) > 0)[:, None]
-            turning = np.arange(-1, n - 1), np.zeros((n, 3)), np.tile([0, 0, 1.0], (n, 1)), limits
-            shape = VehicleShape(path.stem, MESH, np.zeros(3, int), self.parts, *turning, np.eye(4))
-            save_vehicle(folder / "bundle.npz", shape)
+            save_vehicle(folder / "bundle.npz", vehicle_of(*[MESH] * self.parts, name=path.stem))
         else:
-            none = np.zeros(0, int)
-            scenery = Scenery(
-                *(path.stem, np.zeros(3), MESH, ("g",), np.zeros(1, int), (), none),
-                *(np.zeros((0, 4, 4)), (), np.zeros(0, bool), np.zeros(0, bool), (), np.eye(4)),
-            )
-            save_scenery(folder / "bundle.npz", scenery)
+            save_scenery(folder / "bundle.npz", scenery_of(path.stem, MESH))
         (folder / "tidy.blend").write_bytes(BLEND)
         report = FileReport(kind, str(path), (1.0, 1.0, 1.0), 1, 1.0, "z", missing=self.missing, doubts=("odd",))
         return Exported(report, folder / "bundle.npz", folder / "tidy.blend", self.files)
@@ -269,7 +259,7 @@ def test_the_assets_of_a_config(exporter: Exporter, tmp_path: Path) -> None:
 def test_limits_of_the_config_replace_those_of_the_file_without_reading_it_again(
     exporter: Exporter, tmp_path: Path
 ) -> None:
-    exporter.parts = ("hull", "turret", "gun")
+    exporter.parts = 3
     load_assets(config_in(tmp_path))
     vehicles = [
         {"path": "a.blend", "category": "large", "turret_limits_deg": [-30, 45], "gun_limits_deg": 0},
@@ -277,7 +267,7 @@ def test_limits_of_the_config_replace_those_of_the_file_without_reading_it_again
     ]
     assets = load_assets(config_in(tmp_path, vehicles=vehicles))
     assert np.degrees(assets.vehicles["a"].part_limits) == pytest.approx(np.array([[0, 0], [-30, 45], [0, 0]]))
-    assert assets.vehicles["b"].part_limits[1].tolist() == [-1.0, 1.0], "as the file says"
+    assert assets.vehicles["b"].part_limits[1].tolist() == [-np.pi, np.pi], "as the file says"
     assert np.degrees(assets.vehicles["b"].part_limits[2]) == pytest.approx([-10, 60])
     assert len(exporter.read) == 3
 

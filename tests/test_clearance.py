@@ -3,7 +3,6 @@ import math
 import numpy as np
 import pytest
 
-from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.clearance import CameraRoom
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.geometry.instances import InstancedScene
@@ -11,21 +10,10 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import rigid, rotation_z
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.terrain import Terrain
+from hulldown.tests.shapes import box, vehicle_of
 
-FACES = np.array(
-    [
-        *([0, 1, 3], [0, 3, 2], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4]),
-        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 3, 7], [1, 7, 5]),
-    ]
-)
-CORNERS = np.array([[x, y, z] for x in (0.0, 1) for y in (0, 1) for z in (0, 1)])
-HOUSE = Mesh((CORNERS - [0.5, 0.5, 0]) * [10, 10, 6], FACES)
-CRATE = VehicleTarget(
-    VehicleShape(
-        "crate", Mesh((CORNERS - [0.5, 0.5, 0]) * [6, 3, 2], FACES), np.zeros(8, int), ("hull",), np.array([-1]),
-        np.zeros((1, 3)), np.array([[0.0, 0, 1]]), np.zeros((1, 2)), np.eye(4),
-    )
-)  # fmt: skip
+HOUSE = box([-5, -5, 0], [5, 5, 6])
+CRATE = VehicleTarget(vehicle_of(box([-3, -1.5, 0], [3, 1.5, 2])))
 NOTHING = InstancedScene([], [], np.zeros((0, 4, 4)))
 # A house whose near wall is at x = 15.
 STREET = InstancedScene([HOUSE], [0], rigid(np.eye(3), [20.0, 0, 0])[None])

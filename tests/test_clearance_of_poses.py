@@ -3,21 +3,13 @@ import math
 import numpy as np
 
 from hulldown.geometry.instances import InstancedScene
-from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.meshes import merge
 from hulldown.geometry.overlap import boxes_touch
 from hulldown.geometry.transforms import compose, invert_rigid, rigid, rotation_about, rotation_z
 from hulldown.placement.clearance import Obstacles
+from hulldown.tests.shapes import box
 
 SIZE = np.array([4.0, 2.0, 1.5])
-_UNIT = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
-_SIDES = np.array(
-    [[0, 1, 3], [0, 3, 2], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4],
-     [1, 3, 7], [1, 7, 5]]
-)  # fmt: skip
-
-
-def block(low, high):
-    return Mesh(np.asarray(low) + _UNIT * (np.asarray(high) - np.asarray(low)), _SIDES, "block")
 
 
 def pose(x, y, z=0.0, yaw=0.0):
@@ -26,7 +18,7 @@ def pose(x, y, z=0.0, yaw=0.0):
 
 def post(height=3.0):
     """A thin post that stands at the origin."""
-    return InstancedScene([block([-0.1, -0.1, 0], [0.1, 0.1, height])], [0], [np.eye(4)])
+    return InstancedScene([box([-0.1, -0.1, 0], [0.1, 0.1, height])], [0], [np.eye(4)])
 
 
 def clear_of_obstacles(scene, size, poses, clearance=0.0, *, solid=None):
@@ -37,7 +29,7 @@ def clear_of_obstacles(scene, size, poses, clearance=0.0, *, solid=None):
 
 
 def test_clearance_is_kept_above_and_not_below():
-    beam = InstancedScene([block([-9, -0.1, 0], [9, 0.1, 0.2])], [0], [np.eye(4)])
+    beam = InstancedScene([box([-9, -0.1, 0], [9, 0.1, 0.2])], [0], [np.eye(4)])
     heights = [0.22, -1.45, -1.55, -1.75]
     assert clear_of_obstacles(beam, SIZE, [pose(0, 0, z) for z in heights], 0.0).tolist() == [True, False, True, True]
     assert clear_of_obstacles(beam, SIZE, [pose(0, 0, z) for z in heights], 0.1).tolist() == [True, False, False, True]
@@ -50,11 +42,7 @@ def test_a_turned_vehicle_passes_where_its_upright_box_would_not():
 
 def test_between_the_bounds_and_the_triangles_lies_room():
     # An arch: its bounds hold the vehicle, its stone does not.
-    arch = Mesh(
-        np.concatenate([block([-3, 3, 0], [3, 4, 5]).vertices, block([-3, -4, 0], [3, -3, 5]).vertices,
-                        block([-3, -4, 4], [3, 4, 5]).vertices]),
-        np.concatenate([_SIDES, _SIDES + 8, _SIDES + 16]),
-    )  # fmt: skip
+    arch, _ = merge([box([-3, 3, 0], [3, 4, 5]), box([-3, -4, 0], [3, -3, 5]), box([-3, -4, 4], [3, 4, 5])])
     scene = InstancedScene([arch], [0], [pose(50, 0, yaw=0.3)])
     poses = [pose(50, 0, yaw=0.3), pose(50, 0, yaw=0.3 + math.pi / 2), pose(50, 0, 3.0, yaw=0.3)]
     assert clear_of_obstacles(scene, SIZE, poses, 0.5).tolist() == [True, True, False]
@@ -62,12 +50,12 @@ def test_between_the_bounds_and_the_triangles_lies_room():
 
 
 def test_a_vehicle_wholly_inside_an_obstacle_is_not_clear():
-    hall = InstancedScene([block([-9, -9, -1], [9, 9, 9])], [0], [pose(100, 0, yaw=1.0)])
+    hall = InstancedScene([box([-9, -9, -1], [9, 9, 9])], [0], [pose(100, 0, yaw=1.0)])
     assert clear_of_obstacles(hall, SIZE, [pose(100, 0), pose(100, 20)]).tolist() == [False, True]
 
 
 def test_what_gives_way_stands_in_nobodys_way():
-    mesh = block([-0.1, -0.1, 0], [0.1, 0.1, 0.3])
+    mesh = box([-0.1, -0.1, 0], [0.1, 0.1, 0.3])
     field = InstancedScene([mesh], [0, 0], [pose(0, 0), pose(0, 20)])
     places = [pose(0, 0), pose(0, 20)]
     assert clear_of_obstacles(field, SIZE, places).tolist() == [False, False]
@@ -75,7 +63,7 @@ def test_what_gives_way_stands_in_nobodys_way():
 
 
 def test_mirrored_stretched_and_squashed_copies_are_held_where_they_are():
-    mesh = block([0, 0, 0], [1, 1, 1])
+    mesh = box([0, 0, 0], [1, 1, 1])
     flat = np.diag([5.0, 0.0, 2.0, 1.0])
     flat[:3, 3] = [-2.5, 30, 0]
     mirrored = np.diag([-5.0, 0.2, 2.0, 1.0])

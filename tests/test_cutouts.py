@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from hulldown.assets.textures import packed, unpacked
-from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import World
 from hulldown.geometry.alpha import AlphaMap, Cut, Cutouts, Extension, Step, fewer_texels
@@ -15,6 +14,7 @@ from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.geometry.overlap import SceneTouch
 from hulldown.geometry.transforms import rigid, rotation_z
+from hulldown.tests.shapes import vehicle_of
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]])
 HALVES = np.array([[0, 1, 2], [0, 2, 3]])
@@ -192,10 +192,7 @@ def test_fewer_texels_have_the_same_mean_opacity(longest: int, shape: tuple[int,
 
 def test_a_vehicle_is_seen_through_its_net():
     parts, _ = merge([card(y=-1.0), Mesh(SQUARE + np.array([2.0, 0.0, 0.0]), HALVES)])
-    shape = VehicleShape(
-        "net", parts, np.zeros(8, int), ("hull",), np.array([-1]), np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]),
-        np.zeros((1, 2)), np.eye(4),
-    )  # fmt: skip
+    shape = vehicle_of(parts, name="net")
     vehicle = PosedVehicle(VehicleTarget(shape), np.eye(4)[None], {})
     origins, along, at = through()
     opaque = np.floor(at * 4).sum(axis=1) % 2 == 1

@@ -3,7 +3,7 @@ import pytest
 
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.placement.footprint import LEAN, Underside, contact_footprint, plate_samples, underside, underside_samples
-from hulldown.tests.planning_assets import box
+from hulldown.tests.shapes import box
 
 
 def box_points(low, high, n=5):

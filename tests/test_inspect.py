@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hulldown.assets.scenery import Scenery
-from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.errors import AssetError, HulldownError
-from hulldown.geometry.meshes import Mesh
 from hulldown.reading.inspect import COLORS, PAGE, Inspected, draw, inspect, write_pictures
 from hulldown.reading.report import FileReport
+from hulldown.tests.shapes import box, scenery_of, vehicle_of
 
 FILE = """
 import bpy, sys
@@ -31,44 +29,7 @@ bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
 """
 
 
-def box(low: tuple, high: tuple) -> Mesh:
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = [f for a, b, c, d in quads for f in ((a, b, c), (a, c, d))]
-    return Mesh(np.array(low) + corners * np.subtract(high, low), np.array(faces))
-
-
-def vehicle() -> VehicleShape:
-    hull, turret = box((-3, -1.5, 0), (3, 1.5, 1)), box((-1, -1, 1), (1, 1, 2))
-    return VehicleShape(
-        name="v",
-        mesh=Mesh(np.concatenate([hull.vertices, turret.vertices]), np.concatenate([hull.faces, turret.faces + 8])),
-        vertex_part=np.repeat([0, 1], 8),
-        part_names=("hull", "turret"),
-        part_parent=np.array([-1, 0]),
-        part_pivot=np.array([[0, 0, 0], [0, 0, 1.0]]),
-        part_axis=np.array([[0, 0, 1.0], [0, 0, 1.0]]),
-        part_limits=np.zeros((2, 2)),
-        vehicle_from_file=np.eye(4),
-    )
-
-
-def scenery(*, ground: bool) -> Scenery:
-    return Scenery(
-        name="s",
-        origin=np.zeros(3),
-        ground=box((-50, -50, -1), (50, 50, 0)) if ground else None,
-        ground_names=("Ground",) if ground else (),
-        face_ground=np.zeros(12 * ground, int),
-        obstacle_meshes=(box((0, 0, 0), (5, 5, 5)),),
-        instance_mesh=np.array([0]),
-        world_from_instance=np.eye(4)[None],
-        instance_names=("Rock",),
-        instance_gives_way=np.array([False]),
-        instance_is_water=np.array([False]),
-        removed_names=(),
-        scenery_from_file=np.eye(4),
-    )
+VEHICLE = vehicle_of(box((-3, -1.5, 0), (3, 1.5, 1)), box((-1, -1, 1), (1, 1, 2)))
 
 
 def hue_of(pixels: np.ndarray) -> np.ndarray:
@@ -80,7 +41,7 @@ def hue_of(pixels: np.ndarray) -> np.ndarray:
 
 def test_the_picture_shows_each_part_in_its_color_where_it_is() -> None:
     size = 200
-    image = np.asarray(draw(vehicle(), size=size)).astype(float)
+    image = np.asarray(draw(VEHICLE, size=size)).astype(float)
     assert image.shape == (2 * size, 2 * size, 3)
     scale = size / (6 * 1.25)  # pixels a meter in the view from the left: the length fills it
     left = hue_of(image[:size, :size])
@@ -95,7 +56,9 @@ def test_the_picture_shows_each_part_in_its_color_where_it_is() -> None:
 
 @pytest.mark.parametrize("ground", [True, False])
 def test_a_scenery_is_drawn_too(ground: bool) -> None:
-    image = np.asarray(draw(scenery(ground=ground), size=120)).astype(float)
+    land = box((-50, -50, -1), (50, 50, 0)) if ground else None
+    scenery = scenery_of("s", land, obstacles=[box((0, 0, 0), (5, 5, 5))], which=[0], poses=np.eye(4))
+    image = np.asarray(draw(scenery, size=120)).astype(float)
     green = hue_of(image[120:, 120:])[30:, :] == 3
     assert bool(green.sum() > 1000) is ground
 

@@ -5,15 +5,9 @@ from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply
+from hulldown.tests.shapes import box
 
-CUBE = Mesh(
-    np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (0.0, 2.0)]),
-    np.array(
-        [[0, 1, 3], [0, 3, 2], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4],
-         [1, 3, 7], [1, 7, 5]]
-    ),
-    "cube",
-)  # fmt: skip
+CUBE = box((-1, -1, 0), (1, 1, 2), "cube")
 
 
 def soup(rng, faces, name="soup"):

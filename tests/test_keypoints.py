@@ -23,7 +23,8 @@ from hulldown.geometry.rays import RayCaster
 from hulldown.reading.roles import Link
 from hulldown.reading.vehicle.keypoints import marked_points
 from hulldown.tests.planning_assets import small_assets
-from hulldown.tests.test_masks import CAMERA, CUBE, FACES, SHAPE
+from hulldown.tests.shapes import FACES
+from hulldown.tests.test_masks import CAMERA, CUBE, SHAPE
 
 # On each face of the cube, in its middle, and in front of the camera but out of the picture.
 POINTS = {

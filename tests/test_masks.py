@@ -5,7 +5,6 @@ import pytest
 
 from hulldown.annotate.boxes import VehicleBoxes
 from hulldown.annotate.masks import area, decode, encode, extent, mask_box, vehicle_mask
-from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, Camera
 from hulldown.camera.target import PosedVehicle, VehicleTarget
@@ -13,15 +12,13 @@ from hulldown.camera.world import World
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import rigid
+from hulldown.tests.shapes import CORNERS, FACES, vehicle_of
 
-QUADS = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
-FACES = np.concatenate([QUADS[:, [0, 1, 2]], QUADS[:, [0, 2, 3]]])
-CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+CUBE = 2.0 * CORNERS - 1.0
 # Looks along +y of the world with z up; fov_x of 90 degrees makes f_px half the width.
 AXES = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 CAMERA = Camera(Intrinsics(200, 100, math.pi / 2), rigid(AXES, [0.0, -5.0, 0.0]))
-SHAPE = VehicleShape("cube", Mesh(CUBE, FACES), np.zeros(8, dtype=int), ("hull",), np.array([-1]), np.zeros((1, 3)),
-                     np.array([[0.0, 0.0, 1.0]]), np.zeros((1, 2)), np.eye(4))  # fmt: skip
+SHAPE = vehicle_of(Mesh(CUBE, FACES), name="cube")
 HERE = PosedVehicle(VehicleTarget(SHAPE), np.eye(4)[None], {})
 
 

@@ -1,7 +1,6 @@
 """Vehicles with turned parts, and the obstacles that they keep clear of."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +10,8 @@ from hulldown.geometry.transforms import rigid, rotation_z
 from hulldown.planning.search.instances import Instances
 from hulldown.planning.search.placing import clear_of_obstacles
 from hulldown.planning.search.stage import make_stage
-from hulldown.tests.planning_assets import CLASSES, bare, box, small_config, vehicle
+from hulldown.tests.planning_assets import CLASSES, small_config, vehicle
+from hulldown.tests.shapes import box, scenery_of
 
 POST = box((-0.1, -0.1, 0.0), (0.1, 0.1, 6.0))
 QUARTER = math.pi / 2
@@ -20,17 +20,7 @@ QUARTER = math.pi / 2
 @pytest.fixture(scope="module")
 def stage():
     """A post beside the place of a vehicle: out of its hull's reach, and within its gun's."""
-    at = np.eye(4)[None].copy()
-    at[0, :3, 3] = [100.0, 54.0, 0.0]
-    post = replace(
-        bare("bare"),
-        obstacle_meshes=(POST,),
-        instance_mesh=np.zeros(1, dtype=np.int64),
-        world_from_instance=at,
-        instance_names=("post",),
-        instance_gives_way=np.zeros(1, dtype=bool),
-        instance_is_water=np.zeros(1, dtype=bool),
-    )
+    post = scenery_of("bare", obstacles=(POST,), which=(0,), poses=(rigid(np.eye(3), [100.0, 54.0, 0.0]),))
     vehicles = {name: vehicle(name) for name in CLASSES}
     assets = Assets(vehicles, CLASSES, {"bare": post}, ("noon",))
     config = small_config(assets={"sceneries": [{"path": "bare.blend"}]})

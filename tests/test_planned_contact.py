@@ -9,7 +9,8 @@ from hulldown.assets.library import Assets
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.planning.search.stage import make_stage
 from hulldown.planning.write import write_plan
-from hulldown.tests.planning_assets import box, hills, small_assets, small_config, vehicle
+from hulldown.tests.planning_assets import hills, small_assets, small_config, vehicle
+from hulldown.tests.shapes import box
 
 BELLY = 0.45
 UP = np.array([0.0, 0.0, BELLY])

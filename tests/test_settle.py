@@ -9,7 +9,7 @@ from hulldown.placement.rejection import Rejection
 from hulldown.placement.rules import SettleRules
 from hulldown.placement.settle import settle
 from hulldown.placement.terrain import Terrain
-from hulldown.tests.planning_assets import box
+from hulldown.tests.shapes import box
 
 TANK = np.array([7.0, 3.5, 2.5])
 RULES = ["averaged", "least_squares", "support"]

@@ -3,7 +3,6 @@ import math
 import numpy as np
 import pytest
 
-from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, Camera
 from hulldown.camera.shell import camera_pose
@@ -12,40 +11,18 @@ from hulldown.camera.visibility import error_bound, visible_fraction
 from hulldown.camera.world import Plane, World
 from hulldown.geometry.hulls import extreme_points
 from hulldown.geometry.instances import InstancedScene
-from hulldown.geometry.meshes import Mesh, merge
+from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import rigid, rotation_z
+from hulldown.tests.oracles.nearest import nearest_triangle
+from hulldown.tests.shapes import box, vehicle_of
 
 VGA = Intrinsics(640, 480, math.radians(50))
-BOX_FACES = np.array(
-    [
-        *([0, 1, 3], [0, 3, 2], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4]),
-        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 3, 7], [1, 7, 5]),
-    ]
-)
-
-
-def box(low: list[float], high: list[float]) -> Mesh:
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
-    return Mesh(np.array(low) + corners * (np.array(high) - low), BOX_FACES)
-
-
-def shape_of(meshes: list[Mesh], names: tuple[str, ...], pivots: list[list[float]]) -> VehicleShape:
-    mesh, source = merge(meshes)
-    part = np.zeros(len(mesh.vertices), dtype=int)
-    part[mesh.faces] = source[:, None]
-    p = len(meshes)
-    axis = np.array([[0.0, 0, 1], [0, 0, 1], [0, -1, 0]])[:p]
-    limits = np.zeros((p, 2))
-    return VehicleShape("box", mesh, part, names, np.arange(p) - 1, np.array(pivots, float), axis, limits, np.eye(4))
-
-
-CRATE = VehicleTarget(shape_of([box([-3, -1.5, 0], [3, 1.5, 2])], ("hull",), [[0, 0, 0]]))
+CRATE = VehicleTarget(vehicle_of(box([-3, -1.5, 0], [3, 1.5, 2])))
 TANK = VehicleTarget(
-    shape_of(
-        [box([-3, -1.5, 0], [3, 1.5, 1.4]), box([-1, -1, 1.4], [1, 1, 2.2]), box([1, -0.1, 1.7], [5, 0.1, 1.9])],
-        ("hull", "turret", "gun"),
-        [[0, 0, 0], [0, 0, 1.4], [1, 0, 1.8]],
+    vehicle_of(
+        *(box([-3, -1.5, 0], [3, 1.5, 1.4]), box([-1, -1, 1.4], [1, 1, 2.2]), box([1, -0.1, 1.7], [5, 0.1, 1.9])),
+        pivots=[[0, 0, 0], [0, 0, 1.4], [1, 0, 1.8]],
     )
 )
 HERE = np.eye(4)[None]
@@ -92,26 +69,13 @@ def reference(target: VehicleTarget, camera: Camera, articulation: dict, yaw: fl
     u, v = np.random.default_rng(0).uniform(-0.6, 0.6, (2, *u.shape)) + np.stack([u, v])
     along = camera.ray_directions(np.stack([u.ravel(), v.ravel()], 1))
     vertices = target.shape.vertices_at(articulation) @ rotation_z(yaw).T
-    at = first_hit(camera.position, along, vertices[target.shape.mesh.faces])
+    at, _ = nearest_triangle(camera.position, along, vertices[target.shape.mesh.faces])
     met = np.isfinite(at).reshape(u.shape)
     assert not (met[0] | met[-1]).any()
     assert not (met[:, 0] | met[:, -1]).any()
-    blocked = first_hit(camera.position, along, occluder.triangles) < at
+    blocked = nearest_triangle(camera.position, along, occluder.triangles)[0] < at
     cell = 0.8 * VGA.width / 299 * 0.5 * VGA.height / 199
     return float((~blocked[met.ravel()]).mean()), float(met.sum() * cell)
-
-
-def first_hit(origin: np.ndarray, along: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    nearest = np.full(len(along), np.inf)
-    for a, b, c in triangles:
-        normal = np.cross(b - a, c - a)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            t = ((a - origin) @ normal) / (along @ normal)
-        at = origin + np.where(np.isfinite(t), t, 0)[:, None] * along
-        sides = [np.cross(q - p, at - p) @ normal for p, q in ((a, b), (b, c), (c, a))]
-        inside = np.all([s >= 0 for s in sides], axis=0) & (t > 0)
-        nearest = np.where(inside, np.minimum(nearest, t), nearest)
-    return nearest
 
 
 SCENES = {

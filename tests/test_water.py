@@ -19,7 +19,8 @@ from hulldown.placement.rejection import Rejection
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.planner import plan
 from hulldown.planning.search.stage import make_stage
-from hulldown.tests.planning_assets import bare, box, hills, sheet, small_config, vehicle, with_water
+from hulldown.tests.planning_assets import bare, hills, small_config, vehicle, with_water
+from hulldown.tests.shapes import box, sheet
 
 TANK = vehicle("t72")
 NOTHING = InstancedScene([], [], [])

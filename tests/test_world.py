@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from hulldown.assets.scenery import Scenery
-from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.camera_rays import CameraRays
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, Camera
@@ -13,32 +11,21 @@ from hulldown.camera.shell import camera_pose
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import Kind, Plane, World
 from hulldown.geometry.instances import InstancedScene
-from hulldown.geometry.meshes import Mesh, merge
+from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import rigid, rotation_about, rotation_z
+from hulldown.tests.oracles.nearest import nearest_triangle
+from hulldown.tests.shapes import box, scenery_of, vehicle_of
 
 TILT = rotation_about(np.array([0.6, 0.0, 0.8]), 0.7)
 
 
-def block(size: tuple, at: tuple) -> Mesh:
-    box = trimesh.creation.box(size)
-    return Mesh(np.array(box.vertices) + at, np.array(box.faces))
-
-
-def tank() -> VehicleTarget:
-    mesh, source = merge(
-        [block((6, 3, 1.4), (0, 0, 0.7)), block((2, 2, 0.8), (0, 0, 1.8)), block((4, 0.2, 0.2), (3, 0, 1.8))]
+TANK = VehicleTarget(
+    vehicle_of(
+        *(box((-3, -1.5, 0), (3, 1.5, 1.4)), box((-1, -1, 1.4), (1, 1, 2.2)), box((1, -0.1, 1.7), (5, 0.1, 1.9))),
+        pivots=[[0, 0, 0], [0, 0, 1.4], [1, 0, 1.8]],
     )
-    part = np.zeros(len(mesh.vertices), dtype=int)
-    part[mesh.faces] = source[:, None]
-    axis, pivot = np.array([[0.0, 0, 1], [0, 0, 1], [0, -1, 0]]), np.array([[0.0, 0, 0], [0, 0, 1.4], [1, 0, 1.8]])
-    names = ("hull", "turret", "gun")
-    return VehicleTarget(
-        VehicleShape("tank", mesh, part, names, np.array([-1, 0, 1]), pivot, axis, np.zeros((3, 2)), np.eye(4))
-    )
-
-
-TANK = tank()
+)
 VEHICLES = [
     PosedVehicle(TANK, rigid(TILT, [0.0, 0.0, 1.0])[None], {"turret": 0.8, "gun": 0.2}),
     PosedVehicle(TANK, rigid(rotation_z(1.0), [9.0, 4.0, 0.5])[None], {}),
@@ -46,7 +33,7 @@ VEHICLES = [
 GROUND = Mesh(np.array([[-20.0, -20, 0], [20, -20, 1], [20, 20, 0], [-20, 20, 2]]), np.array([[0, 1, 2], [0, 3, 2]]))
 STRETCHED = rigid(TILT, np.array([[-6.0, 3, 2], [4, -7, 1], [-5, -5, 1]]))
 STRETCHED[:, :3, :3] *= np.array([[1.0, 2.0, 0.5], [-1.0, 1.0, 3.0], [1.0, 1.0, 0.0]])[:, None]  # mirrored, flat
-WOOD = InstancedScene([block((2, 2, 2), (0, 0, 0)), block((1, 1, 4), (0, 0, 2))], [0, 1, 0], STRETCHED)
+WOOD = InstancedScene([box((-1, -1, -1), (1, 1, 1)), box((-0.5, -0.5, 0), (0.5, 0.5, 4))], [0, 1, 0], STRETCHED)
 WORLD = World(RayCaster(GROUND), WOOD, VEHICLES)
 
 
@@ -64,20 +51,6 @@ def in_the_world() -> tuple[trimesh.Trimesh, np.ndarray]:
     return made, np.array(named)
 
 
-def first_triangle(origin: np.ndarray, along: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distance and index of the first of all triangles along each ray, by float64 arithmetic on every one."""
-    nearest, index = np.full(len(along), np.inf), np.full(len(along), -1)
-    for k, (a, b, c) in enumerate(triangles):
-        normal = np.cross(b - a, c - a)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            t = ((a - origin) @ normal) / (along @ normal)
-        at = origin + np.where(np.isfinite(t), t, 0)[:, None] * along
-        inside = np.all([np.cross(q - p, at - p) @ normal >= 0 for p, q in ((a, b), (b, c), (c, a))], axis=0)
-        closer = inside & (t > 0) & (t < nearest)
-        nearest[closer], index[closer] = t[closer], k
-    return nearest, index
-
-
 def rays(n: int) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(0)
     origin = rng.uniform([-15, -15, 3], [15, 15, 9], (n, 3))
@@ -88,7 +61,7 @@ def rays(n: int) -> tuple[np.ndarray, np.ndarray]:
 def test_the_nearest_is_that_of_all_triangles_in_the_world():
     everything, named = in_the_world()
     origin, along = rays(3000)
-    distance, triangle = first_triangle(origin, along, np.array(everything.triangles))
+    distance, triangle = nearest_triangle(origin, along, np.array(everything.triangles))
     hits = WORLD.nearest(origin, along)
     # Rays that graze an edge may differ between float32 frames.
     same = np.isclose(hits.distance, distance, atol=1e-4) | (np.isinf(distance) & ~hits.hit)
@@ -170,21 +143,7 @@ def test_the_plane_is_met_from_both_sides_at_its_distance_and_not_along_it():
 
 
 def test_missing_ground_is_a_plane_at_a_height_of_the_file():
-    scenery = Scenery(
-        name="bare",
-        origin=np.array([0.0, 0.0, 500.0]),
-        ground=None,
-        ground_names=(),
-        face_ground=np.zeros(0, int),
-        obstacle_meshes=(),
-        instance_mesh=np.zeros(0, int),
-        world_from_instance=np.zeros((0, 4, 4)),
-        instance_names=(),
-        instance_gives_way=np.zeros(0, bool),
-        instance_is_water=np.zeros(0, bool),
-        removed_names=(),
-        scenery_from_file=np.eye(4),
-    )
+    scenery = scenery_of("bare", origin=(0.0, 0.0, 500.0))
     ground = World.of(scenery, fallback_z=503.0).ground
     assert isinstance(ground, Plane)
     assert ground.z == 3.0

@@ -1,0 +1,68 @@
+"""Boxes, and the vehicles and sceneries that tests make of a few meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hulldown.assets.scenery import Scenery
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.geometry.meshes import Mesh, merge
+
+CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+FACES = np.array([face for a, b, c, d in QUADS for face in ([a, b, c], [a, c, d])])
+PARTS = ("hull", "turret", "gun")
+AXES = np.array([[0, 0, 1.0], [0, 0, 1.0], [0, -1.0, 0]])
+LIMITS = np.array([[0, 0], [-np.pi, np.pi], [-0.1, 0.35]])
+
+
+def box(low, high, name: str = "mesh") -> Mesh:
+    low, high = np.array(low, float), np.array(high, float)
+    return Mesh(low + CORNERS * (high - low), FACES, name)
+
+
+def sheet(low, high, z: float = 0.0) -> Mesh:
+    """A level rectangle."""
+    (a, b), (c, d) = low, high
+    corners = np.array([[a, b, z], [c, b, z], [c, d, z], [a, d, z]], float)
+    return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), "sheet")
+
+
+def vehicle_of(*meshes: Mesh, name: str = "box", pivots=((0.0, 0.0, 0.0),) * 3) -> VehicleShape:
+    """A vehicle of a hull, a turret on it, and a gun on that: as many parts as there are meshes."""
+    parts = len(meshes)
+    return VehicleShape(
+        name=name,
+        mesh=merge(meshes, name=name)[0],
+        vertex_part=np.repeat(np.arange(parts), [len(mesh.vertices) for mesh in meshes]),
+        part_names=PARTS[:parts],
+        part_parent=np.arange(parts) - 1,
+        part_pivot=np.array(pivots, float)[:parts],
+        part_axis=AXES[:parts],
+        part_limits=LIMITS[:parts],
+        vehicle_from_file=np.eye(4),
+    )
+
+
+def scenery_of(
+    name: str, ground: Mesh | None = None, *, origin=(0.0, 0.0, 0.0), obstacles: Sequence[Mesh] = (), which=(), poses=()
+) -> Scenery:
+    """A scenery in which obstacle `which[k]` stands at `poses[k]`; without `ground`, the fallback plane."""
+    count = len(which)
+    return Scenery(
+        name=name,
+        origin=np.array(origin, float),
+        ground=ground,
+        ground_names=() if ground is None else ("ground",),
+        face_ground=np.zeros(0 if ground is None else len(ground.faces), dtype=np.int64),
+        obstacle_meshes=tuple(obstacles),
+        instance_mesh=np.array(which, dtype=np.int64),
+        world_from_instance=np.array(poses, float).reshape(-1, 4, 4),
+        instance_names=tuple(f"tree {k}" for k in range(count)),
+        instance_gives_way=np.zeros(count, dtype=bool),
+        instance_is_water=np.zeros(count, dtype=bool),
+        removed_names=(),
+        scenery_from_file=np.eye(4),
+    )
