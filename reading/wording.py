@@ -1,4 +1,4 @@
-"""How sentences for a person list names, and which doubts about files come first."""
+"""Lists of names in messages, and the order of doubts."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from collections.abc import Iterable, Mapping, Sequence
 
 MOST = 12  # names that a sentence lists
 SHOWN = 3  # doubts that a warning lists
-# Words of doubts about files whose pictures or labels are wrong unless somebody acts, the worst first,
+# Words of doubts about files whose pictures or labels would be wrong, worst first,
 WORST = (
     *("NO GROUND", "missing: ", "isn't there, and", "through most of its surface", "level sheet", "hides the HDRI"),
     *("plain white", "without its textures", "placed on their roofs"),
     *("set scale", "more triangles are dropped", 'set up = "', "set forward", "its light is tinted"),
     *("paint:", "above its horizon", "of what is overhead", "as warm as a ceiling"),
 )
-# and of those that only tell what was done.
+# and of doubts that only report a decision.
 MILDEST = (
     "is used in its place",
     "turns about",
@@ -26,7 +26,7 @@ MILDEST = (
 
 
 def quoted(names: Iterable[str], *, most: int = MOST) -> str:
-    """Names in quotes, each once, and how many more there are.
+    """Quote names, each once, and count the rest.
 
     Examples
     --------
@@ -39,7 +39,7 @@ def quoted(names: Iterable[str], *, most: int = MOST) -> str:
 
 
 def as_key(names: Iterable[str], *, most: int = MOST) -> str:
-    """Names as the config takes them, each once."""
+    """Format names as a config value, each once."""
     return json.dumps(list(dict.fromkeys(names))[:most], ensure_ascii=False)
 
 

@@ -1,1 +1,1 @@
-"""What a scenery's pieces are: ground, water, obstacles, and sky."""
+"""Classify a scenery's pieces: ground, water, obstacles, and sky."""

@@ -1,4 +1,4 @@
-"""Outlines of buildings in a GeoJSON file, on the map of a terrain."""
+"""Read outlines of buildings from a GeoJSON file, on a terrain's map."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hulldown.reading.scenery.geotiff import on_map
 
 # Keys of OpenStreetMap, Overture, and OpenMapTiles, with meters to one unit.
 HEIGHTS = {"height": 1.0, "building:height": 1.0, "render_height": 1.0, "building:levels": 3.0, "num_floors": 3.0}
-USUAL = 6.0  # meters, where a file has none of them
+USUAL = 6.0  # meters, for files without these keys
 MOST = 20_000  # each is an object in Blender
 
 
@@ -35,12 +35,12 @@ def read_buildings(path: Path, crs: str) -> list[Building]:
     path
         The file: longitudes and latitudes, unless its `crs` names another map.
     crs
-        The terrain's; "" where it's unknown: the file's coordinates are then the terrain's.
+        The terrain's; "" if unknown: the file's coordinates are then the terrain's.
 
     Raises
     ------
     AssetError
-        If it's no GeoJSON, or has none or too many polygons.
+        If it isn't GeoJSON, or has no polygons or too many.
 
     References
     ----------

@@ -37,9 +37,9 @@ class Elevations:
     anchor
         (3,) whole kilometers.
     crs
-        What `anchor` and `vertices` are coordinates of: "EPSG:32632", or WKT; "" if unknown.
+        Coordinate reference system of `anchor` and `vertices`: "EPSG:32632", or WKT; "" if unknown.
     doubts
-        What a person should look at.
+        Sentences for the user.
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -57,7 +57,7 @@ def read_elevations(path: Path, *, area: Sequence[float] | None, scale: float | 
     path
         The file.
     area
-        West, south, east, and north end of what is read, in the raster's own coordinates; None for all of it.
+        West, south, east, and north bound in the raster's own coordinates; None for all of it.
     scale
         Meters per unit of elevation; None to take it from the file.
 
@@ -117,7 +117,7 @@ def read_orthophoto(
     Raises
     ------
     AssetError
-        If the file is no picture, or doesn't show any of the rectangle.
+        If the file isn't a picture, or doesn't overlap the rectangle.
     """
     with _opened(path) as raster:
         import rasterio.transform
@@ -164,7 +164,7 @@ def longitude_latitude(crs: str, points: Float[np.ndarray, "n 2"]) -> Float[np.n
 
 
 def on_map(points: Float[np.ndarray, "n 2"], crs: str, other: str) -> Float[np.ndarray, "n 2"]:
-    """Points of one map on another one, x east and y north on both.
+    """Transform points from one map to another, x east and y north on both.
 
     Raises
     ------
@@ -230,7 +230,7 @@ def _applied(
 def _in_meters(
     x: Float[np.ndarray, "h w"], y: Float[np.ndarray, "h w"], wkt: str, path: Path, doubts: list[str]
 ) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"], str]:
-    """Coordinates on a map in meters and what map that is: the raster's own where it's true to scale, or UTM."""
+    """Coordinates on a map in meters, and that map: the raster's own if it's true to scale, or UTM."""
     import pyproj
     from pyproj.aoi import AreaOfInterest
     from pyproj.database import query_utm_crs_info
@@ -271,7 +271,7 @@ def _horizontal(wkt: str) -> Any:
 
 
 def _text(crs: Any) -> str:
-    """Name a coordinate reference system as briefly as it's unmistakable."""
+    """The shortest unambiguous name of a coordinate reference system."""
     authority = crs.to_authority()
     return ":".join(authority) if authority else str(crs.to_wkt())
 

@@ -1,7 +1,7 @@
-"""Hair curves as a mesh that hides what the hair hides: prisms along every curve.
+"""A mesh of prisms along hair curves that hides as much as the hair.
 
 Grass is made of hair. It is drawn as round strands along splines through the curves' points; a prism whose outline is
-as long as the strand's is seen, on average over all sides, exactly as wide (Cauchy: the mean width of a convex outline
+as long as the strand's has the strand's width on average over all sides (Cauchy: the mean width of a convex outline
 is its length / pi). Six sides and four times as many pieces bring a mask one thousandth nearer to Cycles'.
 """
 
@@ -36,7 +36,7 @@ def hair_mesh(
     straight: Bool[np.ndarray, " c"],
     name: str,
 ) -> Mesh | None:
-    """Prisms along every stretch of every curve, in pieces where it bends; None if there is nothing to see.
+    """Make prisms along every stretch of every curve, divided where it bends; None if there are none.
 
     Of fur that would fill the memory, one stretch in k is taken, k times as thick, which hides as much (Cook et al.,
     Stochastic Simplification of Aggregate Detail, 2007).
@@ -57,7 +57,7 @@ def hair_mesh(
     Raises
     ------
     ValueError
-        If a coordinate is no number.
+        If a coordinate isn't a number.
     """
     is_first, is_last = np.zeros((2, len(points)), dtype=bool)
     is_first[first], is_last[first - 1] = True, True
@@ -79,7 +79,7 @@ def hair_mesh(
 def _pieces(cubic: Float[np.ndarray, "s 4 4"], radius: Float[np.ndarray, " s"]) -> Int[np.ndarray, " s"]:
     """How many: a chord over a t of 1 / n is off by at most an eighth of the greatest second derivative / n^2.
 
-    What of it is along the stretch bends nothing.
+    The part of the derivative along the stretch doesn't bend it.
     """
     chord = cubic[:, 1:, :3].sum(axis=1)
     second = np.stack([2 * cubic[:, 2, :3], 2 * cubic[:, 2, :3] + 6 * cubic[:, 3, :3]])

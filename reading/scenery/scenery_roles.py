@@ -1,4 +1,4 @@
-"""What in a scenery's file is ground, water, obstacle or sky, and why: by the config, by name, material or shape."""
+"""Classify a scenery's pieces as ground, water, obstacle, or sky, by config, name, material, or shape."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _DRY = (*NOT_WATER, *GROUND, *(word for word in NOT_GROUND if word not in ("wate
 
 
 def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[Role]:
-    """For each piece of a scenery file its use, and why.
+    """The use of each piece of a scenery, and the reason.
 
     The ground-plane inventory is paper, section 2.1.5.
 
@@ -34,12 +34,12 @@ def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[Role]:
     pieces
         Everything that is drawn.
     options
-        How the config says that the file is to be read.
+        Options of reading the file.
 
     Returns
     -------
     Roles with one of these uses: "ground"; "water", which hides what is below it, and nothing is placed there;
-    "obstacle"; "backdrop", in whose place the HDRI is seen; "removed", which the config drops; and "dropped", which
+    "obstacle"; "backdrop", which the HDRI replaces; "removed", which the config drops; and "dropped", which
     no camera sees.
     """
     decided: dict[tuple, Role] = {}  # a forest is decided tree by tree, but only once
@@ -73,7 +73,7 @@ def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[Role]:
 
 
 def unmatched(pieces: Sequence[Piece], options: Options) -> tuple[str, str] | None:
-    """The first of a scenery's own keys, and of its patterns, that matches nothing; None if all match something."""
+    """The first key and pattern of a scenery without a match; None if all match."""
     for key in ("drop", "water", "not_ground", "ground"):
         for pattern in getattr(options, key) or ():
             drawn = any(piece.carrier and _is(piece.carrier, pattern) for piece in pieces) and key == "drop"
@@ -83,18 +83,18 @@ def unmatched(pieces: Sequence[Piece], options: Options) -> tuple[str, str] | No
 
 
 def removed_names(pieces: Sequence[Piece], roles: Sequence[Role], options: Options) -> tuple[str, ...]:
-    """Objects that have to be hidden, so that no picture shows the pieces that are removed."""
+    """Objects to hide so that removed pieces aren't rendered."""
     gone = [piece for piece, role in zip(pieces, roles, strict=True) if role.use == "removed"]
     return tuple(sorted({piece.name if matching(piece, options.drop) else piece.carrier for piece in gone}))
 
 
 def matching(piece: Piece, patterns: Sequence[str]) -> tuple[str, str, str] | None:
-    """The first of the patterns that names a piece: what it names, that one's name, and the pattern.
+    """The first pattern that matches a piece: the kind of name, the name, and the pattern.
 
     Parameters
     ----------
     piece
-        What is drawn.
+        The piece.
     patterns
         An object's whole name, or with ``*``, ``?`` or ``[`` a glob over it, in any case. After ``mesh:``,
         ``collection:`` or ``material:`` the name of one of those.
@@ -139,7 +139,7 @@ def _role(piece: Piece, options: Options) -> Role:
     if options.water is None and (water := _water(piece)):
         return water
     for level, name in named:
-        # A scattered tree is no ground because the ground carries it, or because it is filed under "terrain".
+        # A scattered tree isn't ground, although the ground carries it or its collection is "terrain".
         if piece.scattered and (level == "collection" or (level == "object" and piece.anonymous)):
             continue
         if pattern := says(name, NOT_GROUND):
@@ -159,7 +159,7 @@ def _by_config(piece: Piece, options: Options) -> Role | None:
         return Role("removed", f"it is drawn by {piece.carrier!r}, which the scenery's drop of the config names")
     for key, use, whose in ASKED:
         if use == "ground" and piece.anonymous:
-            continue  # it has no name of its own, only that of the ground that carries it
+            continue  # its only name is that of the ground that carries it
         if found := matching(piece, getattr(options, key) or ()):
             level, name, pattern = found
             return Role(use, f"{level} {name!r} matches {pattern!r} of {whose}")
@@ -167,7 +167,7 @@ def _by_config(piece: Piece, options: Options) -> Role | None:
 
 
 def is_water_name(name: str) -> bool:
-    """Whether a name is one of water, and not of what stands in it or beside it."""
+    """Whether a name means water, and not something in or near it."""
     return not says(name, _DRY) and says(name, (*WATER, *WATERS)) is not None
 
 
@@ -176,7 +176,7 @@ def _may_be_water(piece: Piece) -> bool:
 
 
 def _water(piece: Piece) -> Role | None:
-    """Water by name or by material: wide and level, and not called like ground, a house, a rock."""
+    """The role of water by name or material: wide, level, and not named like ground, a house, or a rock."""
     if not _may_be_water(piece):
         return None
     own = [("object", piece.name), ("mesh", piece.data)]

@@ -1,4 +1,4 @@
-"""What pieces are by their shape: ground that has no name for it, sheets that may be water, domes around everything."""
+"""Classify pieces by shape: ground without such a name, sheets that may be water, domes around everything."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ FLATTEST_GROUND = 0.25  # ground is not higher than this share of its longer sid
 LARGE = 0.05  # ground is in pieces of at least this share of the scenery's extent
 COVERED = 0.4  # and covers at least this share
 CARRIED = 0.7  # least share of what is above a piece of ground that does not reach below it
-SMALLEST = 20.0  # meters; less is no scenery
-SHEET = 20.0  # meters; a narrower sheet without a name is not taken for water
+SMALLEST = 20.0  # meters; a scenery is at least this wide
+SHEET = 20.0  # meters; narrower sheets without a name don't count as water
 FILLED = 0.1  # of its bounds seen from above; a barrier or a curb around a track is as wide and level, and a loop
-PUDDLE = 3.0  # meters; but is said to be one perhaps, down to this width
+PUDDLE = 3.0  # meters; down to this width, a doubt names the sheet
 FAR_BELOW = 30.0  # meters that a pit's highest point is below the main ground's lowest
 DROWNED = 0.5  # meters of ground below such a sheet
 
 
 def level_share(mesh: Mesh, meters_from_mesh: Float[np.ndarray, "4 4"]) -> tuple[float, float]:
-    """Share of a mesh's area that is inclined by 30 degrees at most, whichever side of it is up, and its square meters.
+    """Share of a mesh's area with a slope of at most 30 degrees on either side, and its square meters.
 
     Parameters
     ----------
@@ -44,13 +44,13 @@ def level_share(mesh: Mesh, meters_from_mesh: Float[np.ndarray, "4 4"]) -> tuple
 
 
 def is_wide_and_level(piece: Piece, *, least: float) -> bool:
-    """Whether a piece is at least so many meters wide, no higher than wide, and mostly level."""
+    """Whether a piece is at least `width` meters wide, no higher than wide, and mostly level."""
     length, width, height = piece.bounds[1] - piece.bounds[0]
     return bool(min(length, width) >= least and height <= max(length, width) and piece.level >= LEVEL)
 
 
 def ground_by_shape(pieces: Sequence[Piece], among: Sequence[int], solid: Sequence[Piece]) -> list[int]:
-    """Those pieces that are large, level, lowest, and together carry the rest; none if there is nothing like that.
+    """Pieces that are large, level, lowest, and together carry the rest; possibly none.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def _may_be_ground(piece: Piece, least: float) -> bool:
 
 
 def _carries(piece: Piece, rest: Float[np.ndarray, "n 2 3"]) -> bool:
-    """Whether most of what has its middle above or below a piece does not reach below it; or it is all there is."""
+    """Whether most pieces with their middle above or below a piece don't reach below it; true if it's the only one."""
     low, high = piece.bounds
     middle = rest.mean(axis=1)[:, :2]
     there = ((middle >= low[:2]) & (middle <= high[:2])).all(axis=1) & (rest != piece.bounds).any(axis=(1, 2))
@@ -106,7 +106,7 @@ def sheets_between(
     *,
     least: float = SHEET,
 ) -> list[int]:
-    """Those pieces that are wide flat sheets at a height between the lowest and the highest ground, as a lake is."""
+    """Pieces that are wide flat sheets between the lowest and the highest ground, like a lake."""
     if not ground:
         return []
     lowest, highest = min(b[0, 2] for b in ground), max(b[1, 2] for b in ground)
@@ -119,16 +119,16 @@ def sheets_between(
 
 
 def _is_sheet(piece: Piece, least: float) -> bool:
-    """Whether a piece is a wide flat sheet of its own, not one of many that are scattered."""
+    """Whether a piece is a single wide flat sheet, not one of many scattered ones."""
     size = piece.bounds[1] - piece.bounds[0]
     flat = size[2] <= FLAT * max(size[:2]) and piece.filled >= FILLED
     return bool(flat and is_wide_and_level(piece, least=least) and not piece.scattered)
 
 
 def sunken(among: Sequence[int], pieces: Sequence[Piece]) -> list[tuple[int, float]]:
-    """Find ground below the main ground, out of its sight, and how many meters below it's.
+    """Find ground hidden below the main ground, and its depth in meters.
 
-    The main ground is the largest piece seen from above. What's within its bounds, lower than all of it by `FAR_BELOW`,
+    The main ground is the largest piece seen from above. A piece in its bounds, lower than all of it by `FAR_BELOW`,
     is a pit, a hall, or a sky's reflection that the scenery's author hid there.
     """
     if not among:
@@ -176,7 +176,7 @@ def lawns(among: Sequence[int], pieces: Sequence[Piece], ground: Sequence[Float[
 
 
 def enclosing(pieces: Sequence[Piece]) -> Piece | None:
-    """The largest piece, if it is no sheet and all others are inside its bounds, as in a sky dome; else None."""
+    """The largest piece, if it isn't a sheet and all others are inside its bounds, as in a sky dome; else None."""
     if len(pieces) < 2:
         return None
     bounds = np.array([piece.bounds for piece in pieces])

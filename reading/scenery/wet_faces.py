@@ -1,4 +1,4 @@
-"""Water that is a part of the ground's mesh: faces that wear a material called like water."""
+"""Water that is part of the ground's mesh: faces with a material named like water."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from hulldown.reading.roles import Piece
 from hulldown.reading.scenery.scenery_roles import is_water_name
 from hulldown.reading.scenery.shape import is_wide_and_level, level_share
 
-NARROWEST = 1.0  # meters, as of water that is an object of its own
+NARROWEST = 1.0  # meters, as for water objects
 
 
 def wet_slots(materials: Sequence[str]) -> list[int]:
-    """Which of a mesh's materials are called like water."""
+    """Materials of a mesh that are named like water."""
     return [slot for slot, name in enumerate(materials) if is_water_name(name)]
 
 
 def is_partly_water(piece: Piece, drawn: Evaluated, meters: Float[np.ndarray, "4 4"]) -> bool:
-    """Whether the faces that wear a material called like water are water: together wide and mostly level.
+    """Whether faces with a material named like water are water: together wide and mostly level.
 
     Parameters
     ----------
     piece
         Ground.
     drawn
-        All that the file draws.
+        Everything that the file draws.
     meters
         (4, 4) affine, the file's scale and up axis.
     """
@@ -45,5 +45,5 @@ def is_partly_water(piece: Piece, drawn: Evaluated, meters: Float[np.ndarray, "4
 
 
 def part_of(number: int, drawn: Evaluated, *, wet: bool) -> Mesh:
-    """The faces of a mesh that wear a material called like water, or the others."""
+    """The faces of a mesh with a material named like water, or the others."""
     return drawn.meshes[number].of_faces(np.flatnonzero(drawn.wet[number] == wet))

@@ -1,1 +1,1 @@
-"""HDRIs: checked, mended, and reported."""
+"""Check, repair, and report HDRIs."""

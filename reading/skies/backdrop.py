@@ -1,6 +1,6 @@
-"""Whether an HDRI shows open land, and how high above its horizon something other than sky stands.
+"""Whether an HDRI shows open land, and the height of its surroundings above the horizon.
 
-The thresholds were set on 31 HDRIs, twelve of them of open land: all twelve pass, and all the others are told.
+The thresholds were set on 31 HDRIs and separate the twelve of open land from the others.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from jaxtyping import Float
 
 from hulldown.geometry.color import LUMINANCE
 
-ROWS = 128  # of the map that is judged: 1.4 degrees each
-FEWEST = 32  # rows that tell anything
-# What is darker than this share of the sky so many degrees above it stands before it; an overcast sky's horizon has a
+ROWS = 128  # rows of the analyzed map: 1.4 degrees each
+FEWEST = 32  # least rows for a judgment
+# Darker than this share of the sky so many degrees above it means surroundings; an overcast sky's horizon has a
 # third of its zenith.
 DARK = {(1.0, 25.0): 0.5, (25.0, 50.0): 0.3}
 GAP = 3  # rows of a street lamp's light, or of sky between two branches, that may be brighter
@@ -48,7 +48,7 @@ def small_map(pixels: Float[np.ndarray, "h w 3"], *, rows: int = ROWS) -> Float[
 
 
 def backdrop(sky: Float[np.ndarray, "m n 3"]) -> tuple[float, tuple[str, ...]]:
-    """Elevation in degrees up to which anything but sky is seen, and what tells that this is no open land.
+    """Elevation in degrees up to which it shows anything but sky, and signs that it isn't open land.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def backdrop(sky: Float[np.ndarray, "m n 3"]) -> tuple[float, tuple[str, ...]]:
 
 
 def _tops(gray: Float[np.ndarray, "m n"], elevation: Float[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
-    """How high, in degrees, what is dark before the sky reaches up from the horizon, in each column."""
+    """Elevation in degrees of the top of dark surroundings in each column."""
     tops = np.zeros(gray.shape[1])
     bright = np.zeros(gray.shape[1], dtype=int)  # rows since the last dark one
     for row in np.flatnonzero((elevation > 0.0) & (elevation < TOP_DEG))[::-1]:

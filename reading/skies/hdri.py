@@ -1,4 +1,4 @@
-"""HDRIs: read once, by Blender as it will render them, and checked; mended where that is sound, or refused."""
+"""Read HDRIs once with Blender, check them, and repair or refuse them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from hulldown.reading.formats import first_bytes
 MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
 MENDED_NAME, MAP_NAME = "mended.exr", "map.npy"
 MAP_ROWS = 256  # of a map: 0.7 degrees each
-CHECKED = 6  # raised whenever the same file would be judged or mended otherwise
+CHECKED = 6  # raised when the checks or repairs of a file change
 BRIGHTEST = 1e10  # of a pixel; the sun's disc has 1.6e9 cd/m2, and what is brighter is as good as infinite
 FEW = 1e-3  # of the pixels may be infinite: suns and their glare
 FEW_PIXELS = 4  # of a small picture
@@ -33,22 +33,22 @@ BATCH = 16  # pictures that one process reads, one after the other
 
 @dataclass(frozen=True, slots=True)
 class Hdri:
-    """An HDRI that can be rendered.
+    """A usable HDRI.
 
     Parameters
     ----------
     path
-        What is rendered: the file itself, or its mended copy in the cache.
+        The rendered file: the original, or its repaired copy in the cache.
     sha256
         Digest of the file's bytes.
     light
-        How it lights open land, and whether it shows any.
+        Its light on open land, and whether it shows open land.
     map_file
         A small map of it in the cache, see `sky_map`.
     mended_sha256
-        Digest of the mended copy's bytes; empty if the file is rendered as it is.
+        Digest of the repaired copy's bytes; empty if the file is rendered unchanged.
     notes
-        What was mended, a sentence each.
+        Repairs, a sentence each.
     """
 
     path: Path
@@ -60,7 +60,7 @@ class Hdri:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What a person should look at, a sentence each: light that is far from daylight's color."""
+        """Sentences for the user about light far from daylight's color."""
         light = np.array(self.light.irradiance)
         if not light.any() or off_daylight(light) <= TINTED:
             return ()
@@ -70,7 +70,7 @@ class Hdri:
 
 
 def mend(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:
-    """The radiance of a sky as it can be rendered, and what was mended, a sentence each.
+    """Return a sky's usable radiance, and its repairs, a sentence each.
 
     Parameters
     ----------
@@ -80,8 +80,8 @@ def mend(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"]
     Raises
     ------
     AssetError
-        If it is no sky: not twice as wide as high, not a number somewhere, infinite or negative in more than a few
-        places, the same everywhere, or so dark or bright that nothing can be seen by it.
+        If it isn't usable: not twice as wide as high, NaN anywhere, infinite or negative in more than a few
+        places, constant, or far too dark or bright.
     """
     height, width = pixels.shape[:2]
     if width != 2 * height:
@@ -127,23 +127,23 @@ def read_hdris(
     limits: ReadLimits = DEFAULT_LIMITS,
     progress: Callable[[str], None] | None = None,
 ) -> list[Hdri]:
-    """Each of the pictures as it can be rendered, out of `cache` where it has been read before.
+    """Read and check pictures, from `cache` if possible.
 
     Parameters
     ----------
     paths
         .exr or .hdr files.
     cache
-        Folder for what was found, and for mended copies; made if missing.
+        Folder for results and repaired copies; made if missing.
     limits
-        When reading is given up.
+        Limits of reading.
     progress
-        Called with the path of each file that has to be read.
+        Called with the path of each file that must be read.
 
     Raises
     ------
     AssetError
-        Naming the first that cannot be used, and why.
+        Naming the first unusable one, and the reason.
     """
     for path in paths:
         refuse_no_hdri(path)
@@ -168,7 +168,7 @@ def sky_map(hdri: Hdri) -> Float[np.ndarray, "_ _ 3"]:
 
 
 def refuse_no_hdri(path: Path) -> None:
-    """Raise if a file does not begin like a picture that can be an HDRI.
+    """Raise if a file doesn't begin like an HDRI.
 
     Raises
     ------
@@ -193,7 +193,7 @@ def _entry(path: Path, digest: str, cache: Path) -> Hdri | None:
 def _read(
     todo: Sequence[tuple[str, Path]], cache: Path, limits: ReadLimits, progress: Callable[[str], None] | None
 ) -> None:
-    """Have pictures read, and keep what was found."""
+    """Read pictures, and store the results."""
     with new_folder(cache) as folder:
         jobs = [Job(str(path), str(folder / digest), "hdri") for digest, path in todo]
         for job in jobs:

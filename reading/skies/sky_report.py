@@ -1,4 +1,4 @@
-"""What an HDRI lights open land with, and whether it shows any, as data that prints as a table or as JSON."""
+"""The report about an HDRI, as data that prints as a table or JSON."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ REMEDY = '`light.backdrop` other than "hdri" hides it and keeps its light'
 
 @dataclass(frozen=True, slots=True)
 class SkyReport:
-    """What an HDRI is.
+    """The report about an HDRI.
 
     Parameters
     ----------
@@ -29,13 +29,13 @@ class SkyReport:
     irradiance
         Of level ground, linear Rec. 709.
     exposure_ev
-        At which a gray card on open land is mid-gray under it, at a strength of 1.
+        Exposure at which a gray card on open land is mid-gray, at a strength of 1.
     horizon_deg
-        Elevation up to which something other than sky is seen.
+        Elevation up to which it shows something other than sky.
     notes
-        What was mended, a sentence each.
+        Repairs, a sentence each.
     doubts
-        Why it doesn't fit open land or lights it oddly, and what to do, a sentence each.
+        Sentences about why it doesn't fit open land or has odd light, and what to do.
     kind
         "hdri", beside those of `reading.report.FileReport`.
     """
@@ -61,11 +61,11 @@ class SkyReport:
         return table
 
     def lines(self) -> list[str]:
-        """What the table does not say, a line each."""
+        """Lines below the table."""
         return [*self.notes, *(f"doubt: {doubt}" for doubt in self.doubts)]
 
     def to_json(self) -> dict[str, Any]:
-        """The report as what JSON can hold."""
+        """The report as JSON values."""
         return asdict(self)
 
 
@@ -78,12 +78,12 @@ def sky_report(path: Path, hdri: Hdri) -> SkyReport:
 
 
 def inspect_sky(path: Path, *, limits: ReadLimits = DEFAULT_LIMITS) -> SkyReport:
-    """What an HDRI is, read afresh.
+    """Inspect an HDRI, read without the cache.
 
     Raises
     ------
     AssetError
-        If it cannot be used.
+        If it's unusable.
     """
     with tempfile.TemporaryDirectory(prefix="hulldown-") as cache:
         return sky_report(path, read_hdris([path], Path(cache), limits=limits)[0])

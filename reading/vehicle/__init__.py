@@ -1,1 +1,1 @@
-"""What a vehicle's pieces are: its axes, its front, its moving parts, and its paint."""
+"""Interpret a vehicle's pieces: axes, nose, moving parts, keypoints, and paint."""

@@ -1,4 +1,4 @@
-"""Which way is up in a vehicle's file: by its wheels, in any frame."""
+"""The up axis of a vehicle's file, by its wheels."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ UPS = ("z", "-z", "y", "-y", "x", "-x")
 PARALLEL = float(np.cos(np.radians(4.0)))
 LEAST_WHEELS = 4
 FLAT_WHEELS = 0.5  # centers of wheels lie in one plane, give or take this share of their radius
-CERTAIN = 6  # wheels on one plane: nothing else of a vehicle stands so
+CERTAIN = 6  # wheels on one plane that are sure
 UPRIGHT = float(np.cos(np.radians(12.0)))  # up is the file's axis that is this close
 
 
 @dataclass(frozen=True, slots=True)
 class Up:
-    """The axis of the file that points up ("z", "-y", ...), how that was found out, and the doubt about it, if any."""
+    """The file's up axis ("z", "-y", ...), the reason, and the doubt about it, if any."""
 
     axis: str
     why: str
@@ -31,12 +31,12 @@ class Up:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Wheels:
-    """The wheels that a vehicle stands on.
+    """A vehicle's wheels.
 
     Parameters
     ----------
     index
-        Of the solids.
+        Indices of their solids.
     up, across
         Unit vectors: up from the ground, and along the axles.
     level
@@ -51,7 +51,7 @@ class Wheels:
 
 
 def up_matrix(axis: str) -> Float[np.ndarray, "4 4"]:
-    """The turn that brings an axis of the file ("z", "y", "x", or with a minus) up to z.
+    """The rotation that turns an axis of the file ("z", "y", "x", or with a minus) to z.
 
     About x for y and -y, about y for x and -x, and a half turn about x for -z.
     """
@@ -69,7 +69,7 @@ def up_matrix(axis: str) -> Float[np.ndarray, "4 4"]:
 
 
 def find_wheels(solids: Solids) -> Wheels | None:
-    """The largest set of like discs that stand side by side on one plane, or None."""
+    """The largest set of similar discs side by side on one plane, or None."""
     discs = np.flatnonzero(
         (solids.round_about >= 0)
         & (solids.size[np.arange(len(solids)), np.maximum(solids.round_about, 0)] < 2.5 * solids.radius)
@@ -134,14 +134,14 @@ def _standing(
 
 
 def find_up(wheels: Wheels | None, stated: str) -> Up:
-    """The axis of the file that is up.
+    """Find the file's up axis.
 
     Parameters
     ----------
     wheels
-        As found with the stated axis up.
+        Wheels found with the stated axis up.
     stated
-        The axis that the file states is up: "z", or "y" by the habit of OBJ files, which isn't worth a doubt.
+        The file's stated up axis: "z", or "y" by convention in OBJ files, which needs no doubt.
     """
     if wheels is None:
         return Up(stated, "as the file states")

@@ -1,4 +1,4 @@
-"""Keypoints of a vehicle: the middle of its muzzle, its turret, its outer wheels, and empties that are named so."""
+"""Keypoints of a vehicle: muzzle, turret, outer wheels, and empties with keypoint names."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ OUT = 0.01  # meters from a wheel's outer side
 
 
 def keypoint_of(name: str) -> str | None:
-    """The keypoint that an empty of this name marks; None if it marks none."""
+    """The keypoint of an empty with this name; None if it isn't one."""
     found = _NAMED.fullmatch(name)
     return (found[1] or name) if found else None
 
@@ -31,7 +31,7 @@ def keypoint_of(name: str) -> str | None:
 def marked_points(
     markers: Sequence[tuple[Link, ...]], chains: Sequence[tuple[Link, ...]], piece_part: Sequence[int]
 ) -> dict[str, tuple[Float[np.ndarray, "3"], int | None]]:
-    """Keypoints that empties mark, where they are in the file, and the part that each hangs from, if it hangs from one.
+    """Keypoints of empties: positions in the file, and the part that each belongs to, if any.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def marked_points(
 def known_points(
     shape: VehicleShape, solids: Solids, wheels: Wheels | None, base: Float[np.ndarray, "3"]
 ) -> Mapping[str, tuple[Float[np.ndarray, "3"], int]]:
-    """Keypoints of the parts that a vehicle has, in its frame at rest, and the index of their part.
+    """Keypoints of a vehicle's parts, in its frame at rest, and the index of their part.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def known_points(
 
 
 def _muzzle(shape: VehicleShape, part: int) -> Float[np.ndarray, "3"]:
-    """A little ahead of the middle of the gun's front end."""
+    """The point just ahead of the middle of the gun's front end."""
     points = shape.mesh.vertices[shape.vertex_part == part]
     pivot, axis = shape.part_pivot[part], shape.part_axis[part]
     off = points - pivot
@@ -103,7 +103,7 @@ def _muzzle(shape: VehicleShape, part: int) -> Float[np.ndarray, "3"]:
 
 
 def _roof(shape: VehicleShape, part: int) -> Float[np.ndarray, "3"]:
-    """Where the axis that the turret turns about leaves it."""
+    """The point where the turret's axis leaves its roof."""
     mesh = shape.mesh.of_faces(np.flatnonzero(shape.vertex_part[shape.mesh.faces[:, 0]] == part))
     low, high = mesh.bounds
     x, y, _ = shape.part_pivot[part]

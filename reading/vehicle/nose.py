@@ -1,4 +1,4 @@
-"""Which way is ahead in a vehicle's file, once z is up: from its wheels, gun, names and shape."""
+"""The direction of a vehicle's nose, with z up, by wheels, gun, names, and shape."""
 
 from __future__ import annotations
 
@@ -39,16 +39,16 @@ NOT_FOUND = "which end is its nose was not found"
 
 @dataclass(frozen=True, slots=True)
 class Forward:
-    """Where the nose points once z is up.
+    """The direction of the nose, with z up.
 
     Parameters
     ----------
     angle
-        Radians counter-clockwise from +x.
+        Radians counterclockwise from +x.
     why
-        How that was found out.
+        The reason.
     doubt
-        What a person should look at; empty if nothing.
+        A sentence for the user; empty if it's sure.
     """
 
     angle: float
@@ -64,20 +64,20 @@ def find_forward(
     gun: Sequence[bool],
     default: float,
 ) -> Forward:
-    """Where the nose points, in a frame with z up.
+    """Find the direction of the nose, in a frame with z up.
 
     Parameters
     ----------
     solids
-        Of the vehicle without floors and the like.
+        Solids of the vehicle, without floors.
     wheels
         In the same frame.
     names
-        What each piece is called.
+        Name of each piece.
     gun
-        For each piece whether its name says gun.
+        Whether each piece is named a gun.
     default
-        Radians: which of two ends to take where nothing tells.
+        Radians: the end to use without any sign.
     """
     line, why = _line(solids, wheels, gun)
     ahead = np.array([np.cos(line), np.sin(line), 0.0])
@@ -107,9 +107,9 @@ def find_forward(
     lifted = 0.0 if names_doubt else lifted
     others = [end for end in (gun_end, named, *_shape_votes(solids, wheels, ahead, middle, rises=False)) if end]
     total = sum(shape)
-    # Two that tell the same are as good as a name.
+    # Two agreeing signs are as good as a name.
     alone = abs(total) < 2 or abs(total) < len(shape)
-    # In order of trust: the end that a clue points to (0 for neither), the reason, the doubt.
+    # In order of trust: the end of a sign (0 for neither), the reason, the doubt.
     clues = (
         (lifted, "its tubes rise there", "" if lifted in others else ONE_CLUE),
         (named if names_doubt else 0.0, "names of what is in front and behind", names_doubt),
@@ -139,13 +139,13 @@ def forward_said(angle: float) -> str:
 
 
 def snapped(angle: float) -> float:
-    """The angle, or the multiple of a right angle that it is close to."""
+    """Snap an angle to a close multiple of a right angle."""
     quarter = np.round(angle / (np.pi / 2)) * (np.pi / 2)
     return float(quarter) if abs(angle - quarter) < SNAP else angle
 
 
 def _line(solids: Solids, wheels: Wheels | None, gun: Sequence[bool]) -> tuple[float, str]:
-    """The angle of the vehicle's long axis, either way round."""
+    """The angle of the vehicle's long axis, in either direction."""
     if wheels is not None:
         across = wheels.across[:2] / max(float(np.linalg.norm(wheels.across[:2])), 1e-12)
         center = solids.center[wheels.index][:, :2]
@@ -168,7 +168,7 @@ def _line(solids: Solids, wheels: Wheels | None, gun: Sequence[bool]) -> tuple[f
 
 
 def _mirror_line(solids: Solids) -> tuple[float, str]:
-    """The line of the mirror plane of the largest solids, if there is one and x is none; else x."""
+    """The line of the mirror plane of the largest solids, if there is one and x isn't; else x."""
     largest = np.argsort(-solids.size.prod(axis=1))[:MIRRORED]
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) / 2
     corners = np.einsum("ck,nk,nkj->ncj", signs, solids.size[largest], solids.axes[largest])
@@ -200,14 +200,14 @@ def gun_barrel(
     half: float,
     named: Sequence[bool],
 ) -> int | None:
-    """The solid that is a gun's barrel: long, slender, along the vehicle, above its lower third, with a free end.
+    """The solid of a gun's barrel: long, slender, along the vehicle, above its lower third, with a free end.
 
     Parameters
     ----------
     solids, ahead, middle, half
         The vehicle's solids, the horizontal unit vector along it (either way), its middle, and half its length.
     named
-        For each piece whether its name says gun; then it may be shorter.
+        Whether each piece is named a gun; such a barrel may be shorter.
     """
     if not len(solids):
         return None
@@ -233,7 +233,7 @@ def gun_barrel(
 
 
 def _muzzle_end(solids: Solids, ahead: Float[np.ndarray, "3"], half: float, named: Sequence[bool]) -> tuple[float, int]:
-    """The end at which the longest piece named gun sticks out of the rest, and that piece; (0, -1) if none does.
+    """The end at which the longest piece named gun protrudes from the rest, and that piece; (0, -1) if none does.
 
     A gun on a hull reaches back over all of it, and its mesh has a mantlet or a brake, so that no barrel is found.
 
@@ -255,7 +255,7 @@ def _muzzle_end(solids: Solids, ahead: Float[np.ndarray, "3"], half: float, name
     own = solids.piece == piece
     middle = (aside[own].min() + aside[own].max()) / 2
     height = (solids.bounds[own, 0, 2].min() + solids.bounds[own, 1, 2].max()) / 2
-    # What its middle line runs through, or would.
+    # Pieces on its middle line or on its extension.
     others = ~is_gun & (aside.min(axis=1) < middle) & (aside.max(axis=1) > middle)
     others &= (solids.bounds[:, 0, 2] < height) & (solids.bounds[:, 1, 2] > height)
     if not others.any():
@@ -268,7 +268,7 @@ def _muzzle_end(solids: Solids, ahead: Float[np.ndarray, "3"], half: float, name
 
 
 def _votes(solids: Solids, names: Sequence[str], along: Float[np.ndarray, " n"]) -> float:
-    """How much what is named front lies ahead of what is named rear, in half lengths, the mean of all votes."""
+    """Mean distance of front-named pieces ahead of rear-named ones, in half lengths."""
     votes = []
     for piece, name in enumerate(names):
         sign = bool(says(name, FRONT)) - bool(says(name, REAR))
@@ -287,7 +287,7 @@ def _shape_votes(
     *,
     rises: bool = True,
 ) -> list[float]:
-    """Which way a vehicle looks by its shape, one sign for each thing that tells: lone axle, mirrors, raised tubes."""
+    """Signs of the nose by shape: lone axle, mirrors, raised tubes."""
     off = solids.bounds.reshape(-1, 3) - middle
     length = float(np.ptp(off @ ahead))
     votes = [rising(solids, ahead, length, np.zeros(len(solids), bool))] if rises else []
@@ -304,9 +304,9 @@ def _shape_votes(
 
 
 def rising(solids: Solids, ahead: Float[np.ndarray, "3"], length: float, named: Bool[np.ndarray, " n"]) -> float:
-    """The end to which launching tubes rise: nobody drives with them raised over the tail. 0 if there are none.
+    """The end to which launch tubes rise, which isn't the tail; 0 if there are none.
 
-    Where no name says gun there must be two that are parallel and alike.
+    Without a name, at least two must be parallel and alike.
     """
     axis = solids.axes[:, 0] * np.sign(solids.axes[:, :1, 2])
     along = axis @ ahead
@@ -322,7 +322,7 @@ def rising(solids: Solids, ahead: Float[np.ndarray, "3"], length: float, named: 
 
 
 def _mirrors(solids: Solids, ahead: Float[np.ndarray, "3"], middle: Float[np.ndarray, "3"], length: float) -> float:
-    """The end at which a pair of small things sticks out farthest to the sides, high up, as mirrors do; or 0."""
+    """The end at which a pair of small solids protrudes farthest to the sides, high up, like mirrors; or 0."""
     across = np.cross([0.0, 0.0, 1.0], ahead)
     low, high = solids.bounds[:, 0, 2].min(), solids.bounds[:, 1, 2].max()
     reach = np.einsum("nk,nk->n", solids.size / 2, np.abs(solids.axes @ across))

@@ -1,4 +1,4 @@
-"""Which materials, parts, and texels of a vehicle are paint: not its tires, tracks, glass, lamps, and bare metal."""
+"""The paintable materials, parts, and texels of a vehicle: not tires, tracks, glass, lamps, or bare metal."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from hulldown.assets.naming import NOT_PAINT, PAINT, says
 
-CLEAR = "one sees through it"  # why glass is left alone
+CLEAR = "one sees through it"  # reason why glass is left unpainted
 DARK = 0.045  # linear light, 60 of 255 in sRGB: rubber, and glass that is painted on
 NEUTRAL = 0.35  # saturation below which dark colors are rubber's
 DARK_SHARES = (0.01, 0.6)  # of a material's surface that rubber and glass may have; above it, its paint is dark
@@ -28,10 +28,10 @@ class MaterialRow:
     share
         Of the vehicle's surface.
     color
-        Mean of its base color, linear light: of what an image texture shows on the vehicle without texels that keep
-        their color, of other nodes an estimate.
+        Mean of its base color, linear light: of an image's texels on the vehicle without those that keep
+        their color, estimated for other nodes.
     left_alone
-        Why it is not painted; empty if it can be.
+        Reason why it isn't painted; empty if it can be.
     dark
         Share of its surface as dark as rubber and glass; `keeps_dark` says whether those texels keep their color.
     """
@@ -44,12 +44,12 @@ class MaterialRow:
 
     @property
     def keeps_dark(self) -> bool:
-        """Whether its dark texels are tires and windows, and not its paint."""
+        """Whether its dark texels are tires and windows, not paint."""
         return DARK_SHARES[0] <= self.dark <= DARK_SHARES[1]
 
 
 def is_dark(color: np.ndarray) -> np.ndarray:
-    """Whether linear colors are those of rubber or glass: dark, and neutral or bluish."""
+    """Whether linear colors are like rubber or glass: dark, and neutral or bluish."""
     low, high = color.min(axis=-1), color.max(axis=-1)
     return (high < DARK) & ((high - low < NEUTRAL * high) | (color[..., 2] >= color[..., 0]))
 
@@ -62,21 +62,21 @@ def parts_left_alone(names: Sequence[str], areas: np.ndarray, materials: Sequenc
     names, areas
         Of the parts.
     materials
-        How many each of them has; where it has several, those tell what is paint.
+        Number of materials of each; several materials decide instead of the name.
     """
     kept = np.array([n == 1 and bool(left_alone_by_name(name)) for name, n in zip(names, materials, strict=True)], bool)
     return kept & (areas[kept].sum() <= MOST_PARTS * areas.sum())
 
 
 def told_apart(rows: Sequence[MaterialRow], *, parts: bool) -> list[MaterialRow]:
-    """Leave alone what is as dark as rubber, and a material that has a whole vehicle if nothing tells its tires.
+    """Leave materials unpainted that are as dark as rubber, or that cover a whole vehicle without separate tires.
 
     Parameters
     ----------
     rows
         The materials of a vehicle.
     parts
-        Whether any of its parts is left alone.
+        Whether any of its parts is left unpainted.
     """
     made = []
     for row in rows:
@@ -91,7 +91,7 @@ def told_apart(rows: Sequence[MaterialRow], *, parts: bool) -> list[MaterialRow]
 
 
 def left_alone_by_name(name: str) -> str:
-    """Why a material of this name is no paint; empty if nothing says so."""
+    """Reason why a material of this name isn't paint; empty if there is none."""
     word = says(name, NOT_PAINT)
     return f"{word!r} is in its name" if word and not says(name, PAINT) else ""
 
@@ -106,12 +106,12 @@ def _is_whole(name: str, pattern: str) -> bool:
 
 
 def painted(materials: Sequence[MaterialRow], coats: Sequence[Sequence[str]]) -> dict[str, int]:
-    """Which coat each painted material gets, by name: the first with a pattern that matches.
+    """The coat of each painted material by name: the first with a matching pattern.
 
     Parameters
     ----------
     materials
-        Those of a vehicle. One that is to be left alone is painted only if a pattern is its whole name.
+        A vehicle's materials. Unpaintable ones are painted only if a pattern is their whole name.
     coats
         The patterns of each coat.
     """

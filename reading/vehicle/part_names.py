@@ -1,4 +1,4 @@
-"""Which part of a vehicle an object's name, its parents' and its collections' say it is."""
+"""The part of a vehicle that an object belongs to, by its name, its parents', and its collections'."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ TIERS = {
 
 
 def key_of(link: Link) -> Key:
-    """What tells one object, where it is drawn, from all others."""
+    """A key that identifies one drawn object."""
     return link.name, link.pose.tobytes()
 
 
 def pivot_named(name: str) -> str | None:
-    """The part whose pivot an object's name says it is, written as one word or as several; None if it says none."""
+    """The part whose pivot an object is by name, written as one word or several; None if it isn't one."""
     joined = "".join(words(name)).rstrip("0123456789")
     for word in HELPER_WORDS:
         for rest in (joined.removeprefix(word), joined.removesuffix(word)):
@@ -62,18 +62,18 @@ def _after_turret(name: str) -> bool:
 
 
 class Namer:
-    """Says which part a chain of objects belongs to: the nearest name that says anything decides.
+    """Finds the part that a chain of objects belongs to, by the nearest name of a part.
 
     Parameters
     ----------
     chains
         Of all pieces of the vehicle.
     turret, gun
-        The user's pattern in place of the built-in words; "" for none.
+        The user's pattern instead of the built-in words; "" for none.
     no_gun
-        Names that say gun and are none by their shape.
+        Names of guns that aren't guns by their shape.
     marked
-        Objects that are a part whatever they are called.
+        Objects that are a part regardless of their names.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class Namer:
         marked: Mapping[Key, tuple[str, str]] | None = None,
     ) -> None:
         all_names = [{n for link in c for n in (link.name, *link.collections)} for c in chains]
-        # A name that covers the whole vehicle names the vehicle, no part of it.
+        # A name that covers the whole vehicle is the vehicle's, not a part's.
         self.whole = set.intersection(*all_names) if all_names else set()
         self.no_gun, self.marked = frozenset(no_gun), dict(marked or {})
         some = set().union(*all_names) - self.whole
@@ -107,7 +107,7 @@ class Namer:
             return bool(pattern and says(name, (pattern,)))
         if tier == len(TIERS[part]) or (part == GUN_PART and name in self.no_gun):
             return False
-        # A helper is no part where another object is named so, but turns with it.
+        # A helper isn't the part if another object has the name, but turns with it.
         if (helped := pivot_named(name)) and (self.turns or tier == 0):
             return helped == part and self.turns
         if part == TURRET_PART and tier == 0 and _after_turret(name):
@@ -116,18 +116,18 @@ class Namer:
         return bool(match(name, wanted)) and not any(other(name, unwanted) for other, unwanted in unless)
 
     def part_named(self, name: str) -> str | None:
-        """The part that an object or collection of this name is, if any."""
+        """The part named by an object or collection, if any."""
         if name in self.whole:
             return None
         is_turret, is_gun = self._says(TURRET_PART, name), self._says(GUN_PART, name)
         return self.both if is_turret and is_gun else TURRET_PART if is_turret else GUN_PART if is_gun else None
 
     def part_of(self, chain: Sequence[Link]) -> str | None:
-        """The part that the first object of `chain` belongs to, None for the hull."""
+        """The part that the first object of `chain` belongs to; None: the hull."""
         return self.decided(chain)[0]
 
     def decided(self, chain: Sequence[Link]) -> tuple[str | None, str, str]:
-        """The part, by what that was decided, and the name that decided."""
+        """The part, the kind of name that decided, and the name."""
         for i, link in enumerate(chain):
             if mark := self.marked.get(key_of(link)):
                 return (*mark, link.name)

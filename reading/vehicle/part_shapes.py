@@ -1,4 +1,4 @@
-"""What shape and place say of a vehicle's turret and gun where names mislead or say nothing."""
+"""Turret and gun by shape and position, if names mislead or are missing."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Name
 from hulldown.reading.vehicle.pivots import RING
 from hulldown.reading.vehicle.solids import Solids
 
-STUBBY = 2.5  # times its width; what is shorter points nowhere
+STUBBY = 2.5  # times its width; shorter pieces have no direction
 SMALL = 0.2  # of the vehicle's length: a drum, not a gun
 NARROW = 0.45  # of the vehicle's width: what a gun with all that hangs on it is
 LOW = 0.3  # of the vehicle's height: no turret reaches below
@@ -26,7 +26,7 @@ PREFIXED = 2  # objects named turret: more of them, and the author has named all
 def screened(
     chains: Sequence[tuple[Link, ...]], points: Sequence[Float[np.ndarray, "_ 3"]], turret: str | None, gun: str | None
 ) -> tuple[Namer, set[str]]:
-    """A namer for which nothing is a gun that is shaped like a drum, and the names of such."""
+    """A namer that doesn't call drum-shaped parts guns, and the names of those parts."""
     no_guns: set[str] = set()
     while True:
         namer = Namer(chains, turret, gun, no_gun=no_guns)
@@ -47,7 +47,7 @@ def screened(
 
 
 def _clusters(clouds: Sequence[Float[np.ndarray, "_ 3"]]) -> list[list[int]]:
-    """Which of them come close to one another, directly or by others."""
+    """Clusters of pieces that are close to each other."""
     groups: list[list[int]] = []
     for i, cloud in enumerate(clouds):
         near = [g for g in groups if any(_touch(clouds[k], cloud) for k in g)]
@@ -56,7 +56,7 @@ def _clusters(clouds: Sequence[Float[np.ndarray, "_ 3"]]) -> list[list[int]]:
 
 
 def _is_drum(own: Float[np.ndarray, "n 3"], body: Float[np.ndarray, "m 3"]) -> bool:
-    """Small beside the vehicle, and stubby or lying across, and behind its middle or low."""
+    """Whether a piece is small, stubby or crosswise, and low or behind the middle."""
     low, high = body.min(axis=0), body.max(axis=0)
     off = own - own.mean(axis=0)
     axes = np.linalg.eigh(off.T @ off)[1].T[::-1]
@@ -85,7 +85,7 @@ def by_shape(
     *,
     turret_asked: bool,
 ) -> tuple[dict[Key, tuple[str, str]], list[str]]:
-    """What is gun, and turret if none is named, by a barrel's shape and by what it hangs from; and doubts."""
+    """The gun, and the turret if none is named, by a barrel's shape and its parents; and doubts."""
     bounds = np.array([[p.min(axis=0), p.max(axis=0)] for p in points])
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     wide = np.ptp(bounds[:, :, 0], axis=1) < 0.9 * (high - low)[0]
@@ -136,7 +136,7 @@ def _carried(pieces: Sequence[Piece]) -> dict[Key, list[int]]:
 def riding(
     chains: Sequence[tuple[Link, ...]], points: Sequence[Float[np.ndarray, "_ 3"]], part_of: Sequence[str | None]
 ) -> list[int]:
-    """What stands on a turret that nothing hangs from: its author has left out the hierarchy."""
+    """Pieces on a turret without children, for files without a hierarchy."""
     members = [i for i, part in enumerate(part_of) if part == TURRET_PART]
     if not members or any(len(chains[i]) > 1 and chains[i][1].kind == "MESH" for i in members):
         return []
@@ -161,9 +161,9 @@ def riding(
 
 
 def unnamed(pieces: Sequence[Piece], bounds: Float[np.ndarray, "k 2 3"], solids: Solids) -> list[str]:
-    """A doubt where something may aim: by what it hangs from, by a name, or by shape where names say nothing at all.
+    """A doubt about possible aiming parts: by parents, by a name, or by shape if names are meaningless.
 
-    Shape tells by a ring or tubes that rise; a truck of numbered objects has neither, and nothing is asked about it.
+    The shapes are a ring and rising tubes; a truck of numbered objects has neither, so there is no doubt.
     """
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     carried = _carried(pieces)
@@ -189,7 +189,7 @@ def unnamed(pieces: Sequence[Piece], bounds: Float[np.ndarray, "k 2 3"], solids:
 
 
 def _may_aim(solids: Solids, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> bool:
-    """Whether there are tubes that rise, or a level ring in the upper part, as turrets stand on."""
+    """Whether there are rising tubes, or a level ring in the upper part, as under turrets."""
     size = high - low
     ring = (solids.round_about >= 0) & (np.abs(solids.axle[:, 2]) > 0.99) & (2 * solids.radius > RING * size[1])
     ring &= solids.center[:, 2] > low[2] + LOW * size[2]

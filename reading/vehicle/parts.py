@@ -1,4 +1,4 @@
-"""Which pieces of a vehicle are turret and gun, and about what they turn. Knows names and places, not Blender."""
+"""The turret and the gun among a vehicle's pieces, and their pivots. Doesn't need Blender."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ class Parts:
     parent, pivot, axis, limits
         As in `assets.vehicle.VehicleShape`.
     why
-        For each part where its pivot comes from.
+        Source of each part's pivot.
     piece_why
-        For each piece the name by which it belongs to its part, or by which it seems to; empty for other parts of the
+        For each piece the name by which it belongs, or seems to belong, to its part; empty for other parts of the
         hull.
     doubts
-        What a person should look at, a sentence each, with the key to set.
+        Sentences for the user, with the key to set.
     """
 
     names: tuple[str, ...]
@@ -77,7 +77,7 @@ def find_parts(
     Parameters
     ----------
     pieces
-        Those that belong to the vehicle.
+        The vehicle's pieces.
     points
         For each piece its vertices after `vehicle_from_file`.
     markers
@@ -85,14 +85,14 @@ def find_parts(
     vehicle_from_file
         From the world of the file to meters, x forward, z up.
     options
-        What the config states of turret, gun, and pivots.
+        The config's turret, gun, and pivots.
     solids
-        Of the pieces, in the frame of `points`; without them nothing is judged by shape.
+        Solids of the pieces, in the frame of `points`; without them shapes aren't judged.
 
     Raises
     ------
     ValueError
-        If `options` name a pivot that is not there.
+        If `options` name a missing pivot.
     """
     chains = [p.chain for p in pieces]
     solids = find_solids((), ()) if solids is None else solids
@@ -225,7 +225,7 @@ def _asked_pivot(
 
 
 def _missing_parts(names: Sequence[str], options: Options, no_guns: set[str]) -> list[str]:
-    """A turret without a gun, or a gun without a turret, where the config does not say that this is so."""
+    """Doubts about a turret without a gun, or a gun without a turret, unless the config confirms it."""
     if TURRET_PART in names and GUN_PART not in names and options.gun is None:
         those = f" ({quoted(sorted(no_guns), most=3)} are shaped like drums)" if no_guns else ""
         return [f'it has a turret but no gun was found{those}; set gun to its name, or to "" if it has none']
@@ -235,7 +235,7 @@ def _missing_parts(names: Sequence[str], options: Options, no_guns: set[str]) ->
 
 
 def _raising_axis(own: Float[np.ndarray, "n 3"], pivot: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-    """The horizontal axis about which positive angles raise what sticks out from the pivot."""
+    """The horizontal axis about which positive angles raise the part that extends from the pivot."""
     out = own[:, :2] - pivot[:2]
     reach = np.linalg.norm(out, axis=1)
     tip = out[reach >= 0.95 * reach.max()].mean(axis=0)

@@ -1,4 +1,4 @@
-"""About what a turret and a gun turn: the origin of an object where that can be, else what their shape says."""
+"""Pivots of turrets and guns: an object's origin if it's plausible, else an estimate from shape."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Name
 from hulldown.reading.vehicle.solids import Solids
 
 BELIEVED = 0.25  # a mesh object's origin may lie outside the part by this share of the part's longest side
-REAR = 0.4  # a gun turns about something in this rear share of it, not about the middle that a cylinder starts with
+REAR = 0.4  # a gun's axis is in this rear share of it, not at the middle, a new cylinder's origin
 RING = 0.24  # a turret's ring is wider than this share of the hull's width
 RADIUS = 0.3  # a ring's radius, of the hull's width
 BASE = 0.3  # and lies in this lowest share of the turret's height
@@ -28,22 +28,22 @@ TWIN = 3  # solids as long as the barrel; more are the tubes of a launcher
 ASIDE = 1.5  # times as wide as long: it points to a side
 PLATE = 0.3  # thickness of a plate that holds a gun, in its height
 BEARING = 0.25  # and how far below its top the bearing is
-MIDDLE = 0.01  # an origin this close to the middle of its mesh, in shares of its longest side, was put there by a click
+MIDDLE = 0.01  # share of the longest side: an origin this close to its mesh's middle was set automatically
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Node:
-    """An object of a part, as a place to turn about."""
+    """An object of a part, as a candidate for the pivot."""
 
     link: Link
-    topmost: bool  # what it hangs from is another part
-    named: bool  # its own name says the part, not only its collection
+    topmost: bool  # its parent is another part
+    named: bool  # its own name is the part's, not only its collection's
     faces: int  # triangles of the part that it carries, itself included
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Pivot:
-    """A point on the axis, where it comes from, and whether that is no more than a guess."""
+    """A point on the axis, its source, and whether it's only a guess."""
 
     at: Float[np.ndarray, "3"]
     why: str
@@ -57,7 +57,7 @@ def nodes_of(
     namer: Namer,
     part: str,
 ) -> list[Node]:
-    """The objects that a part consists of and hangs from."""
+    """The objects of a part and their parents."""
     links: dict[tuple[str, bytes], tuple[Link, bool]] = {}
     faces: dict[tuple[str, bytes], int] = {}
     carried = [(p.chain, p.faces) for p, m in zip(pieces, members, strict=True) if m]
@@ -84,7 +84,7 @@ def find_pivot(
     resting: Float[np.ndarray, "k 3"],
     vehicle_from_file: Float[np.ndarray, "4 4"],
 ) -> Pivot:
-    """The pivot of a part: of an object named so, of an empty, of the part's mesh, or the guess.
+    """Find a part's pivot: an object named so, an empty, the part's mesh, or the guess.
 
     Parameters
     ----------
@@ -95,13 +95,13 @@ def find_pivot(
     part
         "turret" or "gun".
     guess
-        What the shape says.
+        The estimate from shape.
     behind
         A point behind a gun: the turret's pivot, or the vehicle's middle.
     middles
-        Of the boxes around the meshes of objects: an origin there was put there by a click.
+        Middles of objects' bounding boxes, where "set origin" puts origins.
     resting
-        Origins of the hull's objects: what most of them share is where the file was begun, and no pivot.
+        Origins of the hull's objects; one shared by most of them isn't a pivot.
     vehicle_from_file
         From the file to the frame of all other arguments.
     """
@@ -167,7 +167,7 @@ def turret_guess(
     *,
     trunnions: Float[np.ndarray, "3"] | None,
 ) -> Pivot:
-    """Where a turret turns by its shape: the middle of its ring, of the turret or of the hull under it.
+    """Estimate a turret's axis from shape: the middle of its ring, or of the hull below.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def turret_guess(
     part_solids, others
         Solids of the turret and of the hull.
     trunnions
-        Where its gun turns; None if it has none.
+        Trunnions of its gun; None if it has none.
     """
     low, high = own.min(axis=0), own.max(axis=0)
     width = float(np.ptp(hull[:, 1])) if len(hull) else float(high[1] - low[1])
@@ -216,7 +216,7 @@ def turret_guess(
 def cheeks(
     own: Float[np.ndarray, "n 3"], mount: Float[np.ndarray, "m 3"], others: Solids
 ) -> Float[np.ndarray, "3"] | None:
-    """The axis between two upright plates that hold a gun from both sides; None if there are no such plates.
+    """The axis between two upright plates that hold a gun; None if there are none.
 
     A bearing sits near the top of its plate, in the middle of what is level there.
 
@@ -225,7 +225,7 @@ def cheeks(
     own
         Points of the gun.
     mount, others
-        Points and solids of what carries it.
+        Points and solids of its mount.
     """
     low, high = own.min(axis=0), own.max(axis=0)
     middle = (low + high) / 2
@@ -257,7 +257,7 @@ def gun_guess(
     *,
     held: Float[np.ndarray, "3"] | None = None,
 ) -> Pivot:
-    """Where a gun turns by its shape: at its trunnions, in its mantlet, or at its rear end.
+    """Estimate a gun's axis from shape: its trunnions, its mantlet, or its rear end.
 
     Parameters
     ----------
@@ -268,7 +268,7 @@ def gun_guess(
     solids
         Its solids.
     held
-        The axis of the plates that hold it, if there are any.
+        The axis of the plates that hold it, if any.
     """
     rear, front = gun_ends(own, behind)
     length = float(np.linalg.norm(front - rear))
@@ -322,7 +322,7 @@ def gun_ends(
 
 
 def helper_pivot(part: str, pieces: Sequence[Piece], middles: Mapping[Key, Float[np.ndarray, "3"]]) -> Pivot | None:
-    """The pivot of a mesh that is there for nothing else, such as ``turretpivot`` or ``gun_axis``; None if none is.
+    """The pivot of a helper mesh such as ``turretpivot`` or ``gun_axis``; None if there is none.
 
     The middle of its box counts, since its origin often stays at the file's. Empties are among a part's nodes.
     """

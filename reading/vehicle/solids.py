@@ -1,4 +1,4 @@
-"""The loose solids that a vehicle is made of, and which of them are round: what shape says where names do not."""
+"""The connected solids of a vehicle, and which of them are round."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-MOST = 4000  # solids that are looked at, the largest first
+MOST = 4000  # solids that are kept, largest first
 ALIKE = 0.12  # two second moments are equal, so that the solid is round about the third axis, up to this share
 WIDEST_GAP = np.radians(65.0)  # between points on the rim of what is round: a hexagon is, a box is not
 RIM = 0.85  # of the largest radius: what lies beyond is the rim
@@ -33,7 +33,7 @@ class Solids:
     size
         (n, 3) extents along them.
     round_about
-        (n,) index of the row of `axes` that it is round about; -1 if it is not.
+        (n,) row of `axes` that it's round about; -1 if it isn't round.
     """
 
     piece: Int[np.ndarray, " n"]
@@ -48,24 +48,24 @@ class Solids:
 
     @property
     def axle(self) -> Float[np.ndarray, "n 3"]:
-        """The axis that each is round about; its longest where it is not round."""
+        """The axis that each is round about; the longest if it isn't round."""
         return self.axes[np.arange(len(self)), np.maximum(self.round_about, 0)]
 
     @property
     def radius(self) -> Float[np.ndarray, " n"]:
-        """Of those that are round, across that axis."""
+        """Radius across that axis."""
         across = np.where(self.round_about == 0, 1, 0)
         return self.size[np.arange(len(self)), across] / 2
 
     def turned(self, rotation: Float[np.ndarray, "3 3"]) -> Solids:
-        """The same after a rotation; boxes are around the turned solids' own boxes."""
+        """Rotate; boxes enclose the rotated solids' own boxes."""
         center, axes = self.center @ rotation.T, self.axes @ rotation.T
         reach = np.einsum("nk,nkj->nj", self.size / 2, np.abs(axes))
         bounds = np.stack([center - reach, center + reach], axis=1)
         return replace(self, bounds=bounds, center=center, axes=axes)
 
     def where(self, mask: Bool[np.ndarray, " n"] | Int[np.ndarray, " m"]) -> Solids:
-        """Some of them."""
+        """Select solids."""
         return Solids(*(getattr(self, each.name)[mask] for each in fields(self)))
 
 
@@ -96,7 +96,7 @@ def find_solids(points: Sequence[Float[np.ndarray, "_ 3"]], faces: Sequence[Int[
 
 
 def _loose(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> list[Float[np.ndarray, "_ 3"]]:
-    """Points of each connected piece; vertices at one place are one."""
+    """Points of each connected piece; coincident vertices are merged."""
     used = vertices[faces.ravel()]
     step = max(float(np.ptp(used, axis=0).max()), 1e-30) * 1e-6
     _, first, corner = np.unique(np.round(used / step).astype(np.int64), axis=0, return_index=True, return_inverse=True)
@@ -108,7 +108,7 @@ def _loose(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) ->
 
 
 def _shape(cloud: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    """Own axes, extents, middle, and the axis that it is round about or -1."""
+    """Its own axes, extents, middle, and the axis that it's round about, or -1."""
     off = cloud - cloud.mean(axis=0)
     moments, vectors = np.linalg.eigh(off.T @ off)
     found = -1

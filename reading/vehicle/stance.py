@@ -1,4 +1,4 @@
-"""A vehicle's pieces stood upright and turned ahead: from the file's axes to meters, x forward, z up."""
+"""Transform a vehicle's pieces from the file's axes to meters, x forward, z up."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class Upright:
     Parameters
     ----------
     pieces
-        With their bounds in that frame.
+        The pieces, with bounds in that frame.
     meters
         (4, 4) from the file to it.
     up
-        Which axis of the file points up.
+        The file's up axis.
     solids
-        Of all pieces, in that frame.
+        Solids of all pieces, in that frame.
     """
 
     pieces: list[Piece]
@@ -42,18 +42,18 @@ class Upright:
 
 
 def stand_upright(drawn: Evaluated, *, unit: float, stated_up: str, up: str | None) -> Upright:
-    """What is drawn, upright.
+    """Turn drawn pieces upright.
 
     Parameters
     ----------
     drawn
-        Its bounds are those with `stated_up` up.
+        The drawn pieces, with bounds for `stated_up`.
     unit
         Meters to one unit of the file.
     stated_up
-        The axis that the file says is up.
+        The file's stated up axis.
     up
-        The axis that the config says is up; found by the wheels if None.
+        The config's up axis; None: found by the wheels.
     """
     meters = meters_from_file(unit, stated_up)
     points = [apply(meters @ p.pose, drawn.meshes[p.mesh].vertices) for p in drawn.pieces]
@@ -72,25 +72,25 @@ def stand_upright(drawn: Evaluated, *, unit: float, stated_up: str, up: str | No
 
 
 def meters_from_file(unit: float, up: str) -> Float[np.ndarray, "4 4"]:
-    """From a file's coordinates to meters, z up; where the origin is stays."""
+    """The transform from a file's coordinates to meters, z up, with the same origin."""
     return np.diag([unit, unit, unit, 1.0]) @ up_matrix(up)
 
 
 def heading(
     upright: Upright, kept: Sequence[int], *, forward: str | float | tuple[float, ...] | None, yaw_deg: float
 ) -> tuple[Forward, Solids, Wheels | None]:
-    """Where the nose of the kept pieces points, their solids numbered like `kept`, and their wheels; z up.
+    """The nose of the kept pieces, their solids numbered as in `kept`, and their wheels; z up.
 
     Parameters
     ----------
     upright
         All pieces.
     kept
-        Those that are the vehicle.
+        Indices of the vehicle's pieces.
     forward
-        What the config says: an axis, degrees from +x, or a vector, once z is up; found by shape if None.
+        The config's direction with z up: an axis, degrees from +x, or a vector; None: found by shape.
     yaw_deg
-        Degrees counter-clockwise from there to where the nose really points.
+        Degrees counterclockwise from there to the nose.
     """
     place = np.full(len(upright.pieces), -1)
     place[list(kept)] = np.arange(len(kept))
@@ -119,7 +119,7 @@ def _angle(forward: str | float | tuple[float, ...]) -> float:
 
 
 def vehicle_from_upright(angle: float) -> Float[np.ndarray, "4 4"]:
-    """The turn about z that brings a nose at `angle` to +x; exact for multiples of a right angle."""
+    """The rotation about z from a nose at `angle` to +x; exact for multiples of a right angle."""
     turned = np.eye(4)
     rotation = rotation_z(-angle)
     quarter = abs(angle / (np.pi / 2) - np.round(angle / (np.pi / 2))) < 1e-12

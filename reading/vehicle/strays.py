@@ -1,4 +1,4 @@
-"""What is kept of a vehicle's file and may be no part of it: hidden from its author, unedited, or below the wheels."""
+"""Find kept pieces that don't belong to the vehicle: hidden ones, unedited primitives, pieces below the wheels."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from hulldown.reading.roles import MUCH_LARGER, UNDERSIDE, Piece
 from hulldown.reading.vehicle.axes import Wheels
 from hulldown.reading.wording import as_key, quoted
 
-# What Blender calls a new mesh, and how many vertices it has, None for any.
+# Blender's names of new meshes, and their number of vertices; None: any.
 PRIMITIVES = {
     "cube": 8, "plane": 4, "sphere": None, "icosphere": None, "cylinder": None, "cone": None, "torus": None,
     "suzanne": None, "monkey": None, "circle": None, "grid": None,
 }  # fmt: skip
-BELOW = 0.03  # of the vehicle's height: a tire that is pressed into the ground
+BELOW = 0.03  # of the vehicle's height: a tire pressed into the ground
 OUT = 0.1  # of the length of the rest
-APART = 0.02  # of the length of the rest: so much air around it
-BESIDE = (*STAGES, *FIGURES)  # and not "plane", which armor plates are called too
-FAR = 0.08  # and so much where it cannot belong to the rest
-SMALL = 0.75  # diagonal of what may stand beside a vehicle, in the diagonal of the rest: a trailer is as long
+APART = 0.02  # of the rest's length: least gap around it
+BESIDE = (*STAGES, *FIGURES)  # without "plane", which armor plates are named too
+FAR = 0.08  # least gap if it can't belong to the rest
+SMALL = 0.75  # diagonal of a thing next to a vehicle over that of the rest; trailers are longer
 FLAT = 1e-4  # of its longest side: a sheet without thickness
 NAMES = 6  # that a sentence lists
 
 
 @dataclass(frozen=True, slots=True)
 class Strays:
-    """What is left out of the kept pieces, by its place among them -> why; and doubts about that and about the rest."""
+    """Index of each dropped piece among the kept ones -> reason; and doubts about those and the rest."""
 
     out: dict[int, str]
     out_doubts: tuple[str, ...]
@@ -47,23 +47,23 @@ def find_strays(
     wheeled: Collection[int],
     wanted: Collection[int],
 ) -> Strays:
-    """What of the kept pieces is no part of the vehicle, and what may be none.
+    """Find pieces that don't belong to the vehicle, and pieces that might not.
 
-    One sign is a doubt, since parts of vehicles show each of them; two that do not follow from each other leave a thing
-    out: no part is both an untouched cube and below the wheels, or both hidden and a sheet that sticks out.
+    One sign is a doubt, since parts of vehicles may have it. Two independent signs drop a piece:
+    no part is both an unedited cube and below the wheels, or both hidden and a protruding sheet.
 
     Parameters
     ----------
     pieces
-        What is kept.
+        The kept pieces.
     points
-        For each its vertices, x forward, z up.
+        Vertices of each, x forward, z up.
     meshes
         The file's unique meshes.
     wheels
-        Upright too.
+        Wheels in the same frame.
     wheeled
-        Pieces that wheels are part of, and so no strays.
+        Pieces with wheels, which are never strays.
     wanted
         Pieces that the config keeps.
     """
@@ -72,7 +72,7 @@ def find_strays(
     loose = [i for i in range(len(pieces)) if i not in wheeled]
     hidden = [i for i, p in enumerate(pieces) if p.hidden]
     low = [] if wheels is None else [i for i, b in enumerate(bounds) if b[0, 2] < wheels.level - BELOW * height]
-    # If much hangs below, the wheels are not what it stands on: tracks around them, or skirts.
+    # If much is below the wheels, they aren't on the ground: tracks are around them, or skirts.
     low = low if len(low) <= max(2, len(pieces) // 10) else []
     regular = [i for i in loose if _is_regular(pieces[i], points[i])]
     unedited = [i for i, p in enumerate(pieces) if _is_primitive(p, meshes[p.mesh])]
@@ -119,7 +119,7 @@ def find_strays(
 
 
 def _is_regular(piece: Piece, points: Float[np.ndarray, "v 3"]) -> bool:
-    """Called like a new cube or sphere, and still as wide as it is high, however it is turned and scaled."""
+    """Whether it's named like a new cube or sphere, and as wide as high."""
     kind = _kind(piece)
     off = points - points.mean(axis=0)
     moments = np.linalg.eigvalsh(off.T @ off)
@@ -128,7 +128,7 @@ def _is_regular(piece: Piece, points: Float[np.ndarray, "v 3"]) -> bool:
 
 
 def _is_primitive(piece: Piece, mesh: Mesh) -> bool:
-    """Called like a new mesh, of its shape and size, and not stretched into a part of something."""
+    """Whether it's named like a new mesh, with its shape and size, and not stretched."""
     kind = _kind(piece)
     if kind not in PRIMITIVES:
         return False
@@ -140,13 +140,13 @@ def _is_primitive(piece: Piece, mesh: Mesh) -> bool:
 
 
 def _kind(piece: Piece) -> str:
-    """The one word of its name; "" if there are more."""
+    """The only word of its name; "" if there are more."""
     found = [word for word in words(piece.name) if not word.isdigit()]
     return found[0] if len(found) == 1 else ""
 
 
 def _is_sheet_beyond(i: int, bounds: np.ndarray) -> bool:
-    """A sheet without thickness that reaches beyond the rest."""
+    """Whether it's a sheet without thickness that reaches beyond the rest."""
     size = bounds[i, 1] - bounds[i, 0]
     if len(bounds) < 2 or size.min() > FLAT * size.max():
         return False
@@ -155,7 +155,7 @@ def _is_sheet_beyond(i: int, bounds: np.ndarray) -> bool:
 
 
 def _is_bulk(i: int, bounds: np.ndarray) -> bool:
-    """Larger than all the rest, in two directions."""
+    """Whether it's larger than the rest in two directions."""
     if len(bounds) < 2:
         return False
     low, high = _rest(i, bounds)
@@ -165,7 +165,7 @@ def _is_bulk(i: int, bounds: np.ndarray) -> bool:
 def _is_backdrop(
     i: int, points: Sequence[Float[np.ndarray, "_ 3"]], mesh: Mesh, bounds: np.ndarray, told: Collection[int]
 ) -> bool:
-    """A studio's backdrop: under all of the rest and level there, wider on all sides, with nothing above the rest.
+    """Whether it's a studio backdrop: level below the rest, wider on all sides, with nothing above the rest.
 
     A hull under a turret is wider too, but reaches lower than the turret does; a body around its seats has a roof.
     """
@@ -184,13 +184,13 @@ def _is_backdrop(
 
 
 def _is_under(own: Float[np.ndarray, "2 3"], wheels: Float[np.ndarray, "n 2 3"], ground: float) -> bool:
-    """What the wheels stand on, and nothing that hangs between them: it reaches out from under all of them."""
+    """Whether it's below all wheels and reaches beyond them, so it doesn't hang between them."""
     low, high = _around(wheels)
     return bool(own[1, 2] < ground and ((own[0] < low) & (own[1] > high))[:2].all())
 
 
 def _is_far(i: int, bounds: np.ndarray) -> bool:
-    """Much smaller than the rest, and more air around it than a part has that is drawn a little off its place."""
+    """Whether it's much smaller than the rest and farther away than a slightly displaced part."""
     low, high = _rest(i, bounds)
     small = np.linalg.norm(bounds[i, 1] - bounds[i, 0]) < SMALL * np.linalg.norm(high - low)
     return bool(small and not _near(i, bounds, FAR))
@@ -206,7 +206,7 @@ def _rest(i: int, bounds: np.ndarray) -> tuple[Float[np.ndarray, "3"], Float[np.
 
 
 def _near(i: int, bounds: np.ndarray, share: float) -> bool:
-    """Whether another box is closer than a share of the length of the rest."""
+    """Whether another box is closer than a share of the rest's length."""
     low, high = _rest(i, bounds)
     slack = share * float((high - low).max())
     near = (bounds[:, 0] < bounds[i, 1] + slack) & (bounds[:, 1] > bounds[i, 0] - slack)
