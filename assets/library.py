@@ -50,6 +50,8 @@ class Assets:
         Light of HDRIs on open land; those without an entry are even skies of radiance 1, made in memory.
     vehicle_files, scenery_files, hdri_files, distractor_files
         The files they came from; assets without an entry were made in memory.
+    without_material
+        Names of vehicles and distractors whose files have no material, so that they can't be painted.
     photographs
         Photographs that cameras follow; None: the planner reads those that the config names.
 
@@ -69,6 +71,7 @@ class Assets:
     distractors: Mapping[str, VehicleShape] = field(default_factory=dict)
     distractor_files: Mapping[str, AssetFile] = field(default_factory=dict)
     skies: Mapping[str, SkyLight] = field(default_factory=dict)
+    without_material: frozenset[str] = frozenset()
     photographs: Photographs | None = None
 
     def __post_init__(self) -> None:

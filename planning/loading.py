@@ -177,6 +177,7 @@ def load_library(
         distractors=shapes(listed.distractors),
         distractor_files=asset_files(DistractorEntry),
         skies={name: sky.light for name, sky in skies.items()},
+        without_material=frozenset(name for name, exported in models.items() if not exported.report.materials),
     )
     annotated = [*assets.vehicles.values(), *(assets.distractors[e.name] for e in listed.distractors if e.category)]
     category_fields(annotated, config.annotate.keypoints, config.annotate.skeleton, path=config.folder)

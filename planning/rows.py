@@ -34,7 +34,7 @@ def rows_of(
 ) -> list[Row]:
     """One row for each image of a block's positions that found a place, in the block's order."""
     views, table, image, scene = planned.views, planned.instances, block.image, block.scene
-    vehicles = _vehicles(block, table, config=config, draws=draws)
+    vehicles = _vehicles(block, table, config=config, draws=draws, assets=assets)
     target = np.flatnonzero(table.role == Role.TARGET)
     begins, length = np.append(target, len(table.row)), np.diff(np.append(target, len(table.row)))
     left_out = (length - np.add.reduceat(table.found, begins[:-1])).tolist() if len(target) else []
@@ -126,7 +126,9 @@ def _extras(
     return records
 
 
-def _vehicles(block: Block, table: InstanceTable, *, config: Config, draws: RandomStreams) -> list[dict[str, Any]]:
+def _vehicles(
+    block: Block, table: InstanceTable, *, config: Config, draws: RandomStreams, assets: Assets
+) -> list[dict[str, Any]]:
     """What rows say of each instance, whatever their cameras see of it."""
     settled, fleet = table.settled, block.fleet
     instances = Instances(fleet, table.row, table.model, settled.world_from_vehicle, table.angles)
@@ -145,7 +147,7 @@ def _vehicles(block: Block, table: InstanceTable, *, config: Config, draws: Rand
             "bounds": bounds_in_rows(instances),
             "geo": geo_in_rows(settled.world_from_vehicle, block.site),
             "track_id": _tracks(block, table),
-            "paint": _coats(block, table, config=config, draws=draws),
+            "paint": _coats(block, table, config=config, draws=draws, assets=assets),
         }
     )
 
@@ -157,7 +159,9 @@ def _tracks(block: Block, table: InstanceTable) -> list[int | None]:
     return [track if inside else None for track, inside in zip(number.tolist(), named.tolist(), strict=True)]
 
 
-def _coats(block: Block, table: InstanceTable, *, config: Config, draws: RandomStreams) -> list[list[Coat]]:
+def _coats(
+    block: Block, table: InstanceTable, *, config: Config, draws: RandomStreams, assets: Assets
+) -> list[list[Coat]]:
     """The coats of each instance: by its place among those of its role that are there."""
     places = np.zeros(len(table.row), dtype=np.int64)
     for role, first in ((Role.COMPANION, COMPANIONS), (Role.DISTRACTOR, DISTRACTORS)):
@@ -167,7 +171,8 @@ def _coats(block: Block, table: InstanceTable, *, config: Config, draws: RandomS
     coats: list[list[Coat]] = [[]] * len(table.row)
     for model in np.unique(table.model).tolist():
         of_model = np.flatnonzero(table.model == model)
-        paint = config.paint_of(block.fleet.models[model].shape.name)
+        name = block.fleet.models[model].shape.name
+        paint = () if name in assets.without_material else config.paint_of(name)
         drawn = draw_coats(paint, draws, position=block.position[table.row[of_model]], place=places[of_model])
         for i, coat in zip(of_model.tolist(), drawn, strict=True):
             coats[i] = coat

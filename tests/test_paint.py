@@ -1,5 +1,7 @@
 """What a config may say of paint, which materials it reaches, what is drawn, and where that is shown."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -114,6 +116,15 @@ def test_coats_are_drawn_for_each_vehicle_of_a_position(made):
     assert {first.color for first, _ in coats} == {GREEN, SAND, "#303030"}
     assert len({first.value for first, _ in coats}) == len(coats)  # no two draw the same numbers
     assert all((second.color, second.saturation, second.value) == (None, 1.0, 1.0) for _, second in coats)
+
+
+def test_vehicles_without_material_have_no_coats(assets, tmp_path):
+    bare = replace(assets, without_material=frozenset({"car"}))
+    wanted = config(PAINT, placement={"distractors_per_image": 2}, budget={"images_per_class": 4})
+    rows = list(write_plan(wanted, bare, tmp_path / "plan.jsonl"))
+    coats = {name: [len(v.paint) for row in rows for v in row.planned if v.vehicle == name] for name in ("car", "t72")}
+    assert set(coats["car"]) == {0}
+    assert set(coats["t72"]) == {2}
 
 
 def test_the_summary_counts_coats(made):
