@@ -72,6 +72,13 @@ class Settled:
         return self.rejection == Rejection.NONE
 
 
+def unsettled(k: int) -> Settled:
+    """Allocate results for k candidates: nan, and no rejection."""
+    slope, tilt, share, margin, gap, penetration = np.full((6, k), np.nan)
+    rejection = np.zeros(k, dtype=np.uint8)
+    return Settled(np.full((k, 4, 4), np.nan), slope, tilt, share, margin, gap, penetration, rejection)
+
+
 def settle(
     terrain: Terrain,
     size_xyz: ArrayLike,
@@ -204,10 +211,7 @@ def _settle_block(
     yaw: Float[np.ndarray, " k"],
     rules: SettleRules,
 ) -> Settled:
-    k = len(xy)
-    slope, tilt, share, margin, gap, penetration = np.full((6, k), np.nan)
-    rejection = np.zeros(k, dtype=np.uint8)
-    out = Settled(np.full((k, 4, 4), np.nan), slope, tilt, share, margin, gap, penetration, rejection)
+    out = unsettled(len(xy))
     spot = terrain.top_hits(xy, method=rules.method)
     out.slope[:] = _inclination(spot.normal)
     out.rejection[~spot.hit] = Rejection.OFF_GROUND
@@ -233,12 +237,19 @@ def _settle_block(
 
     rows = rows[out.rejection[rows] == Rejection.NONE]
     if contacts.xy.shape[1]:
-        out.gap[rows], out.penetration[rows] = gap_and_penetration(
-            terrain, out.world_from_vehicle[rows], contacts.of(which[rows]), method=rules.method
-        )
-        out.rejection[rows[out.penetration[rows] > rules.max_penetration]] = Rejection.PENETRATION
-        out.rejection[rows[out.gap[rows] > rules.max_gap]] = Rejection.GAP
+        limit_contact(out, rows, terrain, contacts.of(which[rows]), rules)
     return out
+
+
+def limit_contact(
+    settled: Settled, rows: Int[np.ndarray, " n"], terrain: Terrain, samples: Samples, rules: SettleRules
+) -> None:
+    """Measure gap and penetration of posed rows with n sets of contact samples, and reject those beyond the limits."""
+    settled.gap[rows], settled.penetration[rows] = gap_and_penetration(
+        terrain, settled.world_from_vehicle[rows], samples, method=rules.method
+    )
+    settled.rejection[rows[settled.penetration[rows] > rules.max_penetration]] = Rejection.PENETRATION
+    settled.rejection[rows[settled.gap[rows] > rules.max_gap]] = Rejection.GAP
 
 
 def _rest(

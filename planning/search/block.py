@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.geometry.errors import ConfigError
-from hulldown.placement.settle import Settled
+from hulldown.placement.settle import Settled, unsettled
 from hulldown.planning.config.schema import Config
 from hulldown.planning.search.aiming import Views
 from hulldown.planning.search.columns import take
@@ -18,7 +18,6 @@ from hulldown.planning.search.extras import MOST, Extras, Role
 from hulldown.planning.search.given import Given, nothing_given
 from hulldown.planning.search.instances import drawn_angles
 from hulldown.planning.search.likeness import Likeness
-from hulldown.planning.search.placing import unsettled
 from hulldown.planning.search.stage import Fleet, Site
 
 

@@ -9,9 +9,9 @@ from jaxtyping import Bool, Float
 
 from hulldown.geometry.overlap import boxes_touch
 from hulldown.geometry.transforms import apply, compose, invert_rigid, rigid, rotation_z
-from hulldown.placement.contact import depth_below, gap_and_penetration
+from hulldown.placement.contact import depth_below
 from hulldown.placement.rejection import Rejection
-from hulldown.placement.settle import Settled, settle_each
+from hulldown.placement.settle import Settled, limit_contact, settle_each, unsettled
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import rounded
 from hulldown.planning.search.columns import put
@@ -19,13 +19,6 @@ from hulldown.planning.search.instances import Instances
 from hulldown.planning.search.stage import Site, settle_rules
 
 ABOVE = 0.05  # meters above a vehicle's box from where its sky is looked for
-
-
-def unsettled(n: int) -> Settled:
-    """Room for n settled candidates."""
-    slope, tilt, share, margin, gap, penetration = np.full((6, n), np.nan)
-    poses, rejection = np.full((n, 4, 4), np.nan), np.zeros(n, dtype=np.uint8)
-    return Settled(poses, slope, tilt, share, margin, gap, penetration, rejection)
 
 
 def settle_clear(
@@ -52,13 +45,16 @@ def settle_clear(
     z
         (n,) heights of vehicles that stand upright instead of settling; nan: they settle.
     """
-    limits = config.placement
-    settled = settle_each(
-        site.terrain, instances.fleet.footings, instances.model, xy=xy, yaw=yaw, rules=settle_rules(limits)
-    )
+    limits, fleet, rules = config.placement, instances.fleet, settle_rules(config.placement)
+    settled = settle_each(site.terrain, fleet.footings, instances.model, xy=xy, yaw=yaw, rules=rules)
     if z is not None:
         rows = np.flatnonzero(~np.isnan(z))
-        put(settled, rows, _upright(site, instances.take(rows), np.column_stack([xy, z])[rows], yaw[rows], config))
+        upright = unsettled(len(rows))
+        upright.world_from_vehicle[:] = rigid(rotation_z(yaw[rows]), np.column_stack([xy, z])[rows])
+        upright.tilt[:] = 0.0
+        limit_contact(upright, np.arange(len(rows)), site.terrain, fleet.contacts.of(instances.model[rows]), rules)
+        upright.rejection[~site.terrain.top_hits(xy[rows]).hit] = Rejection.OFF_GROUND
+        put(settled, rows, upright)
     rejection = settled.rejection.copy()
     poses = rounded("world_from_vehicle", settled.world_from_vehicle)  # as they are written: labels follow from them
     placed = replace(instances, world_from_vehicle=poses)
@@ -70,22 +66,6 @@ def settle_clear(
     rows = rows[clear]
     rejection[rows[~sees_sky(site, placed.take(rows))]] = Rejection.DARK
     return replace(settled, world_from_vehicle=poses, rejection=rejection)
-
-
-def _upright(
-    site: Site, instances: Instances, xyz: Float[np.ndarray, "n 3"], yaw: Float[np.ndarray, " n"], config: Config
-) -> Settled:
-    """Upright vehicles at given heights; gap and penetration are limited as those of settled ones."""
-    settled, limits = unsettled(len(instances)), config.placement
-    settled.world_from_vehicle[:] = rigid(rotation_z(yaw), xyz)
-    settled.tilt[:] = 0.0
-    settled.gap[:], settled.penetration[:] = gap_and_penetration(
-        site.terrain, settled.world_from_vehicle, instances.fleet.contacts.of(instances.model)
-    )
-    settled.rejection[settled.penetration > limits.max_penetration] = Rejection.PENETRATION
-    settled.rejection[settled.gap > limits.max_gap] = Rejection.GAP
-    settled.rejection[~site.terrain.top_hits(xyz[:, :2]).hit] = Rejection.OFF_GROUND
-    return settled
 
 
 def depth_in_water(site: Site, instances: Instances) -> Float[np.ndarray, " n"]:

@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 from hulldown.geometry.arrays import joined
 from hulldown.placement.candidates import candidates
 from hulldown.placement.rejection import Rejection
-from hulldown.placement.settle import Settled
+from hulldown.placement.settle import Settled, unsettled
 from hulldown.planning.config.schema import Config
 from hulldown.planning.search.aiming import drawn_lenses, no_views, try_cameras, views_of_others
 from hulldown.planning.search.block import Block, HopelessPosition, Planned, Seen, instances_of
@@ -26,7 +26,7 @@ from hulldown.planning.search.draws import Purpose, RandomStreams, RowStreams
 from hulldown.planning.search.extras import MOST, Role, offsets
 from hulldown.planning.search.instances import Instances
 from hulldown.planning.search.likeness import PATIENCE, directions_of
-from hulldown.planning.search.placing import clear_of_vehicles, settle_clear, unsettled
+from hulldown.planning.search.placing import clear_of_vehicles, settle_clear
 from hulldown.planning.search.tally import AIMING, KINDS, PLACING, sentence, tally
 
 # Candidates settled together, and cameras aimed together: what keeps a worker's memory flat.
