@@ -1,7 +1,7 @@
-"""A COCO dataset in a folder that can be appended to, by several runs, and survives a crash at any moment.
+"""A COCO dataset that several runs append to, safe against crashes at any moment.
 
-``annotations.json`` holds what is merged, ``journal.jsonl`` one line for each image since the beginning. A line
-``{"merged": true}`` says that everything above it is in ``annotations.json``, which then overrides the journal: a
+``annotations.json`` holds the merged records, ``journal.jsonl`` one line for each image since the beginning. A line
+``{"merged": true}`` means that everything above it is in ``annotations.json``, which then overrides the journal: a
 record that a user deletes there stays deleted.
 """
 
@@ -29,11 +29,11 @@ from hulldown.geometry.errors import DatasetError
 
 LOCK_NAME = ".hulldown.lock"
 MERGE_EVERY_S = 30.0
-MERGE_SHARE = 0.02  # of a run's time may go into rewriting annotations.json, however large it has grown
+MERGE_SHARE = 0.02  # largest share of a run's time for rewriting annotations.json
 
 
 class CocoDataset:
-    """A COCO dataset that this process alone may append to; made by `CocoDataset.open`.
+    """A COCO dataset open for appending by this process alone; see `CocoDataset.open`.
 
     Examples
     --------
@@ -69,16 +69,16 @@ class CocoDataset:
         folder
             The dataset. An ``annotations.json`` in it, made here or elsewhere, keeps all its records and fields.
         categories
-            Names that get an id now, in this order, unless a category of that name exists.
+            Names of classes that get ids now, in this order, unless a category of that name exists.
 
         Raises
         ------
         DatasetError
-            If another process has it open, or a file in it cannot be read.
+            If another process has it open, or a file in it can't be read.
         """
         folder = Path(folder)
         lock = FileLock(folder / LOCK_NAME)
-        # The inner ones first, as they are to be removed again by `abandon`.
+        # Inner folders first, the order in which `abandon` removes them.
         files = (folder / JOURNAL_NAME, folder / LOCK_NAME, folder, *folder.parents)
         made = [path for path in files if not path.exists()]
         try:
@@ -104,12 +104,12 @@ class CocoDataset:
         return dataset
 
     def __len__(self) -> int:
-        """How many images are in the dataset, those of other origin included."""
+        """Number of images in the dataset, including those from other sources."""
         return len(self._document.images)
 
     @property
     def grown(self) -> bool:
-        """Whether it has got an image since it was opened."""
+        """Whether an image was appended since it was opened."""
         return len(self._document.images) > self._images
 
     def finished(self, file_name: str) -> bool:
@@ -122,7 +122,7 @@ class CocoDataset:
             yield image_id, str(orjson.loads(record).get("file_name"))
 
     def check_free(self, file_name: str, image_id: int, annotation_ids: range) -> None:
-        """Refuse ids, set aside for an image that is to be appended, which something else has got by hand.
+        """Refuse ids reserved for an image to be appended if other records have them after a manual edit.
 
         Raises
         ------
@@ -144,20 +144,20 @@ class CocoDataset:
         )
 
     def missing(self) -> int:
-        """How many images are set aside for a plan and not there."""
+        """Number of images reserved for a plan and not in the dataset."""
         ids = np.fromiter(self._document.image_ids, dtype=np.int64, count=len(self._document.image_ids))
         runs = self._document.runs.values()
         return sum(run.images - int(np.count_nonzero(run.has_image(ids))) for run in runs)
 
     def add_categories(self, records: Iterable[Mapping[str, Any]], *, keypoints: bool = False) -> None:
-        """Give an id to each category whose name is new here; its other fields stay as they are.
+        """Give an id to each category with a new name; its other fields are kept.
 
         Parameters
         ----------
         records
             COCO categories, in the order in which they get ids.
         keypoints
-            Refuse a category that's here already with other keypoints, or without.
+            Refuse an existing category with other keypoints, or without keypoints.
         """
         categories: list[dict[str, Any]] = []
         for record in records:
@@ -169,17 +169,17 @@ class CocoDataset:
             self._document.pending += 1
 
     def run(self, key: str, *, images: int, annotations: int) -> Run:
-        """Set ids and file names aside for a plan, or say again what was set aside for it.
+        """Reserve ids and file names for a plan, or return the reservation it has.
 
-        With them, the order in which images are finished leaves no trace in ``annotations.json``, and two plans
-        never fight for the same file name.
+        So ``annotations.json`` doesn't depend on the order in which images are finished, and two plans
+        never have the same file name.
 
         Parameters
         ----------
         key
-            What identifies the plan.
+            The plan's key.
         images, annotations
-            How many of each it can have.
+            Largest number of each.
         """
         if not key or images < 0 or annotations < 0:
             raise ValueError(f"run: expected a key and counts of at least 0, got {key!r}, {images}, {annotations}")
@@ -199,17 +199,17 @@ class CocoDataset:
         return run
 
     def append(self, image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]]) -> int:
-        """Add one finished image and what is on it; on disk when this returns.
+        """Append a finished image and its annotations; they're on disk when this returns.
 
         Parameters
         ----------
         image
-            ``file_name`` (relative to the folder, new in the dataset), ``width``, ``height`` and whatever else it
-            shall carry. An ``id`` is taken as it is, for ids set aside by `run`; without one it gets the next. With
+            ``file_name`` (relative to the folder, new in the dataset), ``width``, ``height``, and any other
+            fields. An ``id`` is used as given, for ids reserved by `run`; without one it gets the next. With
             ``picture_sha256``, the hash of its file, it and its annotations are sealed:
             `dataset.verification.verify` finds what is changed later.
         annotations
-            Each with ``category`` (a name) and ``bbox`` (xywh pixels) and whatever else it shall carry. ``id`` as
+            Each with ``category`` (a name), ``bbox`` (xywh pixels), and any other fields. ``id`` as
             for images. ``area`` is the box's unless given, ``iscrowd`` 0, ``segmentation`` empty.
 
         Returns
@@ -219,9 +219,9 @@ class CocoDataset:
         Raises
         ------
         ValueError
-            Naming what is missing, wrong, or there already.
+            Naming the missing, wrong, or duplicate field.
         DatasetError
-            If it cannot be written.
+            If it can't be written.
         """
         line = self._line(image, annotations)
         self._write(line)
@@ -230,11 +230,11 @@ class CocoDataset:
         return int(line["image"]["id"])
 
     def check(self, image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]]) -> None:
-        """Refuse what `append` would refuse, for the same reasons, and write nothing."""
+        """Raise as `append` would, without writing."""
         self._line(image, annotations)
 
     def _line(self, image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-        """What the journal is to say of an image."""
+        """The journal's line for an image."""
         document = self._document
         record = plain_json(image, "image")
         check_image(record)
@@ -276,7 +276,7 @@ class CocoDataset:
         self._merge_took = self._merged_at - start
 
     def close(self) -> None:
-        """Merge, and let other processes open the dataset. Closing twice does nothing more."""
+        """Merge, and release the dataset for other processes. Closing twice is harmless."""
         if not self._lock.is_locked:
             return
         try:
@@ -300,10 +300,10 @@ class CocoDataset:
         self._journal.truncate(self._length)
         self._journal.close()
         for path in self._made:
-            # What is not empty is somebody's.
+            # A folder that isn't empty stays.
             with contextlib.suppress(OSError):
                 path.rmdir() if path.is_dir() else path.unlink()
-        self._lock.release()  # last: what is there from then on is another process's
+        self._lock.release()  # last: afterwards the folder may be another process's
 
     def __enter__(self) -> CocoDataset:
         return self

@@ -1,4 +1,4 @@
-"""failures.jsonl: the images of a plan that were given up, and why."""
+"""failures.jsonl: failed images of plans, with reasons."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ FAILURES_NAME = "failures.jsonl"
 
 
 def read_failures(folder: Path) -> list[dict[str, Any]]:
-    """One record an image, with its `file_name`; none if there is no such file."""
+    """One record per image, with its `file_name`; empty without a file."""
     return [line for line in read_journal(folder / FAILURES_NAME) if isinstance(line.get("file_name"), str)]
 
 
 def write_failures(folder: Path, failures: Sequence[Mapping[str, Any]]) -> None:
-    """Replace the file in one step; no failures, no file."""
+    """Replace the file in one step; without failures there is no file."""
     path = folder / FAILURES_NAME
     if not failures:
         path.unlink(missing_ok=True)

@@ -1,7 +1,7 @@
-"""Parts put together: what several machines have rendered of a plan, or any datasets, appended to one.
+"""Join datasets: shares of a plan from several machines, or any others, are appended to one.
 
-An image is placed first and recorded then, each in one step, as in rendering: a join that is killed goes on where it
-was, and one that is repeated adds what has come since.
+Each picture is placed, then recorded, each in one step, as in rendering. A killed join continues where it
+was, and a repeated one adds new images.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from hulldown.geometry.terminal import shown
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """What joining did.
+    """The result of joining.
 
     Parameters
     ----------
     added
-        Images that were appended.
+        Number of appended images.
     already
-        Images of the parts that were in the dataset before.
+        Number of the parts' images that were in the dataset before.
     failed
-        Images that a part has given up and that are not in the dataset.
+        Number of failed images of parts that aren't in the dataset.
     missing
-        Images of the plans that are in no part yet, those given up included.
+        Number of the plans' images that are in no part yet, failed ones included.
     """
 
     added: int
@@ -49,7 +49,7 @@ class Joined:
 
 @dataclass(frozen=True, slots=True)
 class _Move:
-    """An image of a part, the name it gets, and for one of a plan its id and the runs of part and dataset."""
+    """An image of a part, its new name, and for a planned one its id and the runs of part and dataset."""
 
     part: Part
     index: int
@@ -70,24 +70,24 @@ def join(
     allow_links: Sequence[Path | str] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> Joined:
-    """Append the images of `parts` that a dataset does not have; those of one plan as if it had rendered them itself.
+    """Append the images of `parts` that a dataset lacks; a plan's images as if rendered there.
 
     Parameters
     ----------
     parts
-        Folders of datasets, read as far as they have got. They stay as they are.
+        Folders of datasets, possibly unfinished; they're unchanged.
     dataset
-        Where to; made if it does not exist. Pictures are hard links to those of the parts where the disk allows.
+        The target; made if it doesn't exist. Pictures are hard links to those of the parts if the disk allows.
     allow_links
-        Folders outside the parts that pictures which are links may lead to.
+        Folders outside the parts that symbolic links may lead to.
     progress
-        Told (done, all) after each image that is added; None for a bar on a terminal or in a notebook.
+        Called with (done, all) after each added image; None: a bar in a terminal or notebook.
 
     Raises
     ------
     DatasetError
-        If a part cannot be used, a picture is a link that leads elsewhere, or two different images have the same name
-        or id; the dataset is then as it was.
+        If a part is unusable, a picture is a link that leads elsewhere, or two different images have the same name
+        or id; the dataset is unchanged then.
 
     Examples
     --------
@@ -108,7 +108,7 @@ def join(
         for part in read:
             target.add_categories(part.document.categories)
         moves = list(_moves(read, target))
-        # Of an image that two parts have, the first is taken.
+        # If two parts have an image, the first part's is used.
         new = {move.name: move for move in reversed(moves) if not target.finished(move.name)}
         left = [move for move in moves if new.get(move.name) is move]
         for parent in sorted({str(PurePosixPath(move.name).parent) for move in left}):
@@ -116,7 +116,7 @@ def join(
         _refuse_other_images(moves, target)
         _check(left, target)
         failures = _failures(read, target)
-        read_provenance(folder)  # what is damaged there is met before anything is added
+        read_provenance(folder)  # damage is found before anything is added
     except BaseException:
         target.abandon()
         raise
@@ -133,7 +133,7 @@ def join(
 
 
 def _failures(parts: Sequence[Part], target: CocoDataset) -> dict[str, dict[str, Any]]:
-    """What dataset and parts have given up, by its name in the dataset."""
+    """Failed images of dataset and parts, by their name in the dataset."""
     latest = {line["file_name"]: line for line in read_failures(target.folder)}
     for part in parts:
         for line in part.failures:
@@ -143,13 +143,13 @@ def _failures(parts: Sequence[Part], target: CocoDataset) -> dict[str, dict[str,
 
 
 def _provenance(part: Part, target: CocoDataset) -> dict[str, dict[str, Any]]:
-    """What a part says of the making of its plans, as the dataset is to say it."""
+    """A part's provenance, for the dataset's."""
     runs = {key: _in(target, run) for key, run in part.document.runs.items() if key in part.provenance}
     return {key: {**part.provenance[key], "first_image_id": run.image_offset + 1} for key, run in runs.items()}
 
 
 def _in(target: CocoDataset, run: Run) -> Run:
-    """What the dataset has set aside for a part's plan."""
+    """The dataset's reservation for a part's plan."""
     return target.run(run.key, images=run.images, annotations=run.annotations)
 
 
@@ -168,7 +168,7 @@ def _moves(parts: Sequence[Part], target: CocoDataset) -> Iterator[_Move]:
 
 
 def _refuse_other_images(moves: Sequence[_Move], target: CocoDataset) -> None:
-    """An image of a plan is known by its id, any other by its name: another image in its place would be lost."""
+    """Refuse different images with the same id (planned ones) or name (others), of which one would be lost."""
     names, ids = {move.name for move in moves}, {move.image_id for move in moves} - {None}
     by_name: dict[str, tuple[int | None, Path]] = {}
     by_id: dict[int, tuple[str, Path]] = {}
@@ -200,7 +200,7 @@ def _same(one: Path, other: Path) -> bool:
 
 
 def _check(moves: Sequence[_Move], target: CocoDataset) -> None:
-    """Refuse what cannot be appended, while nothing has been."""
+    """Refuse records that can't be appended, before any is."""
     claimed: set[int] = set()
     for move in moves:
         image, boxes = _records(move)
@@ -219,7 +219,7 @@ def _check(moves: Sequence[_Move], target: CocoDataset) -> None:
 
 
 def _records(move: _Move) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """An image and its annotations, as the dataset is to have them."""
+    """An image and its annotations as records of the dataset."""
     document = move.part.document
     image = loaded(document.images[move.index])
     boxes = [loaded(document.annotations[i]) for i in move.part.boxes.get(image["id"], ())]
@@ -239,7 +239,7 @@ def _records(move: _Move) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
 
 def _new_name(part: Part, target: CocoDataset, name: str) -> str:
-    """The dataset's name for an image that a part has given up, and that has no id."""
+    """The dataset's name for a part's failed image, which has no id."""
     runs = sorted(part.document.runs.values(), key=lambda run: -len(run.prefix))
     run = next((run for run in runs if PurePosixPath(name).name.startswith(run.prefix)), None)
     return name if run is None else _in(target, run).file_name(run.planned(name))

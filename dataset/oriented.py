@@ -1,4 +1,4 @@
-"""The oriented boxes of labels: around what is visible, or of the ground under a vehicle, its front first."""
+"""Oriented boxes of labels: around the visible mask, or of the ground under a vehicle, front first."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _GROUND = np.array([[0.5, 0.5, -0.5], [0.5, -0.5, -0.5], [-0.5, -0.5, -0.5], [-0
 
 
 def visible_corners(label: Mapping[str, Any], image: Mapping[str, Any]) -> Float[np.ndarray, "4 2"]:
-    """Corners in pixels of a label's `obb`; of a label without one, of its mask's, and without a mask, of its box.
+    """Corners in pixels of a label's `obb`; without one, of its mask's rectangle; without a mask, of its box.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def visible_corners(label: Mapping[str, Any], image: Mapping[str, Any]) -> Float
 
 
 def ground_corners(label: Mapping[str, Any], image: Mapping[str, Any]) -> Float[np.ndarray, "4 2"]:
-    """Where the lower side of a label's `bbox_3d` is in its image: front left, front right, rear right, rear left.
+    """Pixels of the lower side of a label's `bbox_3d`: front left, front right, rear right, rear left.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A dataset that is to be appended to another one: read, and refused where that cannot be done faithfully."""
+"""Read a dataset for joining, and refuse it if records would be lost."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from hulldown.geometry.errors import DatasetError
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Part:
-    """What a part holds.
+    """A dataset to be joined.
 
     Parameters
     ----------
     folder
-        Where it is.
+        Its folder.
     document
         Its records.
     boxes
-        Image id -> which of the annotations are on it.
+        Image id -> indices of its annotations.
     provenance, failures
-        Its plans by their keys, and the images that were given up.
+        Its plans by their keys, and its failed images.
     """
 
     folder: Path
@@ -42,21 +42,21 @@ class Part:
 
 
 def read_part(folder: Path, target: Path, allowed: Sequence[Path] = ()) -> Part:
-    """Read a part that shall be appended to the dataset in `target`.
+    """Read a part for the dataset in `target`.
 
     Parameters
     ----------
     folder
-        Where it is.
+        Its folder.
     target
-        What it shall be appended to.
+        The dataset that it's appended to.
     allowed
         Folders that links in the part may lead to.
 
     Raises
     ------
     DatasetError
-        If there is none, it is the dataset itself, a picture is missing, or a record could not be carried over.
+        If there is none, it's the target itself, a picture is missing, or a record can't be copied completely.
     """
     check_is_dataset(folder)
     if target.exists() and folder.samefile(target):
@@ -69,7 +69,7 @@ def read_part(folder: Path, target: Path, allowed: Sequence[Path] = ()) -> Part:
             )
     images, annotations = document.images, document.annotations
     for kind, records in (("image", images), ("annotation", annotations)):
-        # Appending seals records anew, so that what is wrong here would be right there.
+        # Appending seals records anew, so a broken seal would become valid.
         if (spoilt := next((i for i, _ in filter(_is_broken, records)), None)) is not None:
             problem = f"{kind} {spoilt} is not as it was recorded"
             raise DatasetError(problem, path=folder, remedy="check it with `hulldown verify`")

@@ -15,7 +15,7 @@ from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.files import open_regular
 
 DECODERS = 4  # threads that decode pictures
-UPRIGHT = 1  # the EXIF orientation of a picture that is stored as it is displayed
+UPRIGHT = 1  # EXIF's orientation for a picture stored as displayed
 _SIXTEEN, _THIRTY_TWO = 2.0**16 - 1.0, 2.0**32 - 1.0
 
 
@@ -32,7 +32,7 @@ class PictureFile:
     orientation
         EXIF orientation, 1 to 8. From 5 on, stored width and height are swapped.
     pixels
-        (h, w, 3) colors as displayed; None for a picture of more pixels than the caller wanted to decode.
+        (h, w, 3) colors as displayed; None if it has more pixels than the caller's limit.
     """
 
     content: bytes

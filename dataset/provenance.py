@@ -1,4 +1,4 @@
-"""provenance.json: what each plan's part of a dataset was made from, and by what."""
+"""provenance.json: sources and software of each plan's images in a dataset."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ GROWING = ("blender", "devices", "systems", "confinement")  # lists that several
 
 
 def read_provenance(folder: Path) -> dict[str, dict[str, Any]]:
-    """The entry of each plan by its key; none if there is no such file.
+    """The entry of each plan by its key; empty without a file.
 
     Raises
     ------
     DatasetError
-        If there is a file of that name that is something else.
+        If the file is something else.
     """
     path = folder / PROVENANCE_NAME
     try:
@@ -41,19 +41,19 @@ def read_provenance(folder: Path) -> dict[str, dict[str, Any]]:
 
 
 def add_provenance(folder: Path, entries: Mapping[str, Mapping[str, Any]]) -> None:
-    """Add entries, or bring those of the same plans up to date; replaces the file in one step.
+    """Add entries, or update those of the same plans; replaces the file in one step.
 
     Parameters
     ----------
     folder
         The dataset.
     entries
-        By the plan's key; what `GROWING` names is added to what is there.
+        Entries by the plan's key; the lists in `GROWING` are extended.
 
     Raises
     ------
     DatasetError
-        If there is a file of that name that cannot be read, or none can be written.
+        If the file can't be read or written.
     """
     if not entries:
         return

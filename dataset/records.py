@@ -1,4 +1,4 @@
-"""What can be wrong with COCO records, whatever the files beside them."""
+"""Check COCO records, without their pictures."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, broken
 from hulldown.geometry.errors import DatasetError, shortened
 from hulldown.geometry.files import stays_inside
 
-MASK_OUTSIDE = 1.0  # pixels: what a mask may reach beyond its box
+MASK_OUTSIDE = 1.0  # pixels that a mask may reach beyond its box
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something that is not as it should be.
+    """A problem found by a check.
 
     Parameters
     ----------
     severity
-        ``"error"``: a training tool would fail or learn something wrong. ``"warning"``: worth a look.
+        ``"error"``: would break or mislead training. ``"warning"``: worth a look.
     where
         The record or file.
     problem
-        What is wrong with it.
+        A description.
     figure
-        What was measured, if the finding rests on a measurement.
+        The measured value, if there is one.
     """
 
     severity: Literal["error", "warning"]
@@ -58,7 +58,7 @@ class Finding:
 
 
 def listed(findings: Iterable[Finding], *, most: int = 20) -> list[str]:
-    """Return findings as lines, of each kind at most so many, and how many more there are."""
+    """Return findings as lines, at most `most` of each kind, and the number of further ones."""
     kinds: Counter[tuple[str, str]] = Counter()
     lines = []
     for finding in findings:
@@ -71,12 +71,12 @@ def listed(findings: Iterable[Finding], *, most: int = 20) -> list[str]:
 
 
 def read_usable(folder: Path) -> dict[str, Any]:
-    """The dataset in `folder` as one COCO dictionary whose records can all be drawn and exported.
+    """Read the dataset in `folder` as a COCO dictionary with complete records.
 
     Raises
     ------
     DatasetError
-        If there is none, or naming the first record that lacks what pictures and exports need.
+        If there is none, or naming the first incomplete record.
     """
     coco = read_coco(folder)
     check_usable(folder, coco["categories"], coco["images"], coco["annotations"])
@@ -86,7 +86,7 @@ def read_usable(folder: Path) -> dict[str, Any]:
 def by_image(
     images: Iterable[Mapping[str, Any]], annotations: Iterable[Mapping[str, Any]]
 ) -> dict[int, list[Mapping[str, Any]]]:
-    """The annotations of each image by its id, in their order; those of other images are left out."""
+    """The annotations of each image by its id, in order; without those of other images."""
     of_image: dict[int, list[Mapping[str, Any]]] = {image["id"]: [] for image in images}
     for annotation in annotations:
         if annotation["image_id"] in of_image:
@@ -100,7 +100,7 @@ def check_usable(
     images: Iterable[Mapping[str, Any]],
     annotations: Iterable[Mapping[str, Any]],
 ) -> None:
-    """Refuse records that cannot be drawn, exported or appended to another dataset.
+    """Refuse records that can't be drawn, exported, or appended to another dataset.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def _hindrances(
 
 
 def check_categories(categories: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
-    """Ids and names, each once."""
+    """Check that ids and names are unique."""
     yield from _repeated("category", [c["id"] for c in categories])
     spelled: dict[str, str] = {}
     for category in categories:
@@ -150,7 +150,7 @@ def check_categories(categories: Sequence[Mapping[str, Any]]) -> Iterator[Findin
 
 
 def check_images(images: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
-    """Ids, names and sizes."""
+    """Check ids, names, and sizes."""
     files: dict[int, str] = {}
     for image in images:
         if (other := files.setdefault(image["id"], _name(image))) != _name(image):
@@ -167,7 +167,7 @@ def check_images(images: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
 
 
 def check_annotations(coco: Mapping[str, Any]) -> Iterator[Finding]:
-    """Ids, references, boxes in their frames, masks, fractions, duplicates."""
+    """Check ids, references, boxes, masks, fractions, and duplicates."""
     yield from _repeated("annotation", [a["id"] for a in coco["annotations"]])
     images = {image["id"]: image for image in coco["images"]}
     categories = {category["id"]: category for category in coco["categories"]}
@@ -217,7 +217,7 @@ def _slightly_outside(where: str, annotation: Mapping[str, Any], image: Mapping[
 
 
 def _ghosts(where: str, annotation: Mapping[str, Any]) -> Iterator[Finding]:
-    """A full label of what the air hides."""
+    """Find full labels of targets hidden by haze."""
     left = annotation.get("air_contrast")
     if isinstance(left, int | float) and 0.0 <= left < GHOST and not annotation.get("iscrowd"):
         problem = f"is a ghost: the air leaves {100.0 * left:.1f} % of its contrast"
@@ -225,7 +225,7 @@ def _ghosts(where: str, annotation: Mapping[str, Any]) -> Iterator[Finding]:
 
 
 def check_seals(coco: Mapping[str, Any]) -> Iterator[Finding]:
-    """Records that are not as they were recorded, and those beside them that nobody has sealed."""
+    """Find changed records, and unsealed ones among sealed ones."""
     images = {image["id"]: image for image in coco["images"]}
     for image in coco["images"]:
         yield from _seal_problems(_name(image), image, image)
@@ -245,7 +245,7 @@ def _seal_problems(where: str, record: Mapping[str, Any], image: Mapping[str, An
 
 
 def check_runs(coco: Mapping[str, Any]) -> Iterator[Finding]:
-    """Find two plans that have the same ids set aside."""
+    """Find two plans with the same reserved ids."""
     runs = runs_of(coco)
     for kind in ("image", "annotation"):
         ranges = sorted((getattr(run, f"{kind}_offset"), getattr(run, f"{kind}s"), run.key) for run in runs)
@@ -256,7 +256,7 @@ def check_runs(coco: Mapping[str, Any]) -> Iterator[Finding]:
 
 
 def _name(image: Mapping[str, Any]) -> str:
-    """What to call an image where something is wrong with it: as its file, if it has one."""
+    """An image's name in findings: its file's, if it has one."""
     name = image.get("file_name")
     return name if isinstance(name, str) and name else f"image {image['id']}"
 
@@ -312,7 +312,7 @@ def _mask_problems(annotation: Mapping[str, Any], image: Mapping[str, Any]) -> I
 def _keypoint_problems(
     annotation: Mapping[str, Any], category: Mapping[str, Any], image: Mapping[str, Any]
 ) -> Iterator[str]:
-    """Keypoints that aren't as many as those of their class, lie outside of their image, or are counted otherwise."""
+    """Find keypoints with a wrong number, outside of their image, or with a wrong count."""
     found, names = annotation.get("keypoints"), category.get("keypoints")
     if found is None or any(_size_problems(image)):
         return

@@ -1,4 +1,4 @@
-"""Where a labeled vehicle is in its camera's frame: distance, box in space, side seen; from what rows hold."""
+"""A labeled vehicle in its camera's frame: distance, 3D box, and visible side, from a row."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from hulldown.geometry.portable import arctan2
 from hulldown.geometry.small_matrices import product
 from hulldown.planning.row import PlannedVehicle, Row
 
-DIGITS = 9  # a nanometer: what is the same on every processor
+DIGITS = 9  # to a nanometer, so that every processor gives the same
 TOLERANCE = 1e-6
-OVERHEAD = 1e-6  # radians from straight above a vehicle, nearer than which a camera has no azimuth
+OVERHEAD = 1e-6  # radians from straight above, within which a camera has no azimuth
 
 
 def space_of(vehicle: PlannedVehicle, row: Row) -> dict[str, Any]:
-    """What a label says about a vehicle's place as its camera sees it.
+    """A label's fields about the vehicle's position in the camera's frame.
 
     Parameters
     ----------
     vehicle
-        One of the row's.
+        A vehicle of the row.
     row
         Its image.
 
     Returns
     -------
     ``distance``: meters from the camera to the center of the box. ``azimuth_seen``: radians from straight ahead of the
-    vehicle to the camera, counter-clockwise from above; of a camera straight above it, to where the image's lower edge
-    is. ``bbox_3d``: ``center`` (x right, y down, z ahead of the camera, meters), ``size`` (length, width, height) and
+    vehicle to the camera, counterclockwise from above; for a camera straight above, to the image's lower
+    edge. ``bbox_3d``: ``center`` (x right, y down, z ahead of the camera, meters), ``size`` (length, width, height) and
     ``rotation`` (3, 3), whose columns are the vehicle's forward, left and up in the camera's frame.
     """
     low, high = np.array(vehicle.bounds.low), np.array(vehicle.bounds.high)
@@ -56,7 +56,7 @@ def space_of(vehicle: PlannedVehicle, row: Row) -> dict[str, Any]:
 
 
 def check_space(label: Mapping[str, Any]) -> Iterator[str]:
-    """What is wrong with a label's ``bbox_3d`` and ``distance``, if it has them."""
+    """Find problems of a label's ``bbox_3d`` and ``distance``, if it has them."""
     if (box := label.get("bbox_3d")) is None:
         return
     try:

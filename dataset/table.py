@@ -1,4 +1,4 @@
-"""A dataset for notebooks and reports: typed records, tables of numbers, pictures with their labels on them."""
+"""A dataset for notebooks and reports: typed records, tables of numbers, labeled pictures."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ class Label:
     bbox
         (4,) x, y, width and height in pixels.
     crowd
-        Whether it is a region to be ignored.
+        Whether it's an ignored region.
     visible_fraction, truncated_fraction
-        Shares; nan where they are not known.
+        Shares; nan if unknown.
     record
         All that the file says.
     """
@@ -84,13 +84,13 @@ class Dataset:
     Parameters
     ----------
     name
-        What it was read from.
+        Its source.
     categories
         Names of the classes by COCO's ids.
     images
         In the order of the file.
     opened
-        Gives the picture of an image, without labels.
+        Function from an image to its picture without labels.
 
     Examples
     --------
@@ -119,12 +119,12 @@ class Dataset:
 
     @classmethod
     def read(cls, folder: str | os.PathLike[str]) -> Dataset:
-        """The dataset in a folder, photographs too.
+        """Read the dataset in a folder, of photographs too.
 
         Raises
         ------
         DatasetError
-            If there is none, or a record cannot be used.
+            If there is none, or a record is unusable.
         """
         folder = Path(folder)
         coco = read_usable(folder)
@@ -135,7 +135,7 @@ class Dataset:
 
     @classmethod
     def of_plan(cls, plan: Plan, picture: Callable[[int], Pictures.Image]) -> Dataset:
-        """What a plan will be when it is rendered; `picture` gives a row's, such as its preview.
+        """The dataset that a plan will become; `picture` returns a row's picture, such as its preview.
 
         Raises
         ------
@@ -154,7 +154,7 @@ class Dataset:
         return cls(str(plan.path), names, images, picture)
 
     def picture(self, i: int, *, labels: bool = True, masks: bool = True) -> Pictures.Image:
-        """The picture of the i-th image, with boxes, class names and masks on it if asked for.
+        """The picture of the i-th image, by default with boxes, class names, and masks.
 
         Raises
         ------
@@ -172,7 +172,7 @@ class Dataset:
             raise DatasetError(problem, remedy="check the dataset with `hulldown verify`") from error
 
     def sheet(self, *, count: int = 24, columns: int = 4, tile_width: int = 480, masks: bool = True) -> Pictures.Image:
-        """A contact sheet of pictures with their labels on them, taken evenly from the whole dataset.
+        """A contact sheet of labeled pictures, an even selection of the dataset.
 
         Raises
         ------
@@ -194,7 +194,7 @@ class Dataset:
         return f"Dataset({self.name!r}, {len(self):,} images)"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: how many labels each class has, and a few pictures."""
+        """HTML for notebooks: the number of labels of each class, and a few pictures."""
         classes, counts = np.unique(
             [label.category for image in self.images for label in image.labels], return_counts=True
         )
@@ -218,9 +218,9 @@ class Dataset:
 
     @cached_property
     def labels(self) -> Columns:
-        """A table of labels: columns by name, one row a label, as pandas, polars and NumPy take it.
+        """A table of labels: columns by name, one row per label, for pandas, polars, and NumPy.
 
-        ``image`` is the row of `of_images`. Numbers that are not known are nan, names are empty; lengths are in meters
+        ``image`` is the row of `of_images`. Unknown numbers are nan, unknown names empty; lengths are in meters
         or pixels, angles in degrees.
         """
         rows = [(i, label) for i, image in enumerate(self.images) for label in image.labels]
@@ -246,7 +246,7 @@ class Dataset:
 
     @cached_property
     def of_images(self) -> Columns:
-        """A table of images, as `labels` is one of labels."""
+        """A table of images, like `labels`."""
         records = [image.record for image in self.images]
         return {
             "id": np.array([image.id for image in self.images], dtype=np.int64),

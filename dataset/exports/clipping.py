@@ -1,4 +1,4 @@
-"""Boxes that leave their images: clipped if it's by a rounding error, else listed, all at once."""
+"""Boxes that leave their images: clipped if slight, otherwise listed in one error."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from hulldown.dataset.store.seals import changed
 from hulldown.geometry.errors import DatasetError
 
-ROUNDED = 1e-6  # pixels: what decimal text may add
+ROUNDED = 1e-6  # pixels: rounding error of decimal text
 SLIGHT = 1.0  # pixels that a box may leave its image by without being refused
 LISTED = 10  # boxes that an error names
 
@@ -34,7 +34,7 @@ def clipped_boxes(
     Raises
     ------
     DatasetError
-        Naming every box without area, and without `clip` every box that leaves its image further (up to `LISTED`).
+        Naming every box without area, and without `clip` every box that leaves its image farther (up to `LISTED`).
     """
     kept: list[Mapping[str, Any]] = []
     wrong: list[str] = []
@@ -64,7 +64,7 @@ def clipped_boxes(
 
 
 def refuse_all(wrong: Sequence[str], what: str, folder: Path, *, remedy: str = "correct or delete them") -> None:
-    """Raise one error that lists all problems, up to `LISTED`; none, no error.
+    """Raise one error that lists all problems, up to `LISTED`, if there are any.
 
     Raises
     ------
@@ -79,6 +79,6 @@ def refuse_all(wrong: Sequence[str], what: str, folder: Path, *, remedy: str = "
 
 
 def beyond(bbox: list[float], width: int, height: int) -> float:
-    """Return how many pixels a box reaches beyond its image, at most 0 if it doesn't."""
+    """Return the pixels that a box reaches beyond its image; at most 0 if it doesn't."""
     x, y, w, h = bbox
     return max(-x, -y, x + w - width, y + h - height)

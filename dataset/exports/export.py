@@ -1,4 +1,4 @@
-"""A dataset written as folders that training tools read, split into train, valid and test."""
+"""Write a dataset as folders for training tools, split into train, valid, and test."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from hulldown.dataset.verification.floors import ALL_LABELS, LabelFloors
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.terminal import shown
 
-# What each layout is written by, from the shares to a folder that is there; docs/exports.md says who reads which.
+# The function that writes each layout into an existing folder; docs/exports.md lists their readers.
 LAYOUTS: Mapping[str, Callable[[Shares, Path], None]] = {
     "coco": coco.write,
     "yolo": yolo.write,
@@ -51,7 +51,7 @@ def export(
     allow_links: Sequence[Path | str] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, int]:
-    """Write a dataset as train, valid and test; images are linked where the disk allows, copied where not.
+    """Write a dataset as train, valid, and test; images are hard links if the disk allows, else copies.
 
     Parameters
     ----------
@@ -64,14 +64,14 @@ def export(
     fractions, seed
         See `dataset.exports.split.share_out`; the split does not depend on the floors.
     polygons_within
-        Masks as polygons, whose corners are left out where the outline moves by at most so many pixels; None: as they
-        are, or none where the layout has polygons alone.
+        Write masks as polygons without corners that move the outline by at most this many pixels; None: unchanged,
+        or no masks if the layout has only polygons.
     floors
-        What labels must show; by default all of them stay as they are.
+        Limits of full labels; by default all labels are kept.
     clip
-        Clip boxes that leave their image, however far; those outside of it are left out.
+        Clip boxes that leave their image, and drop those outside.
     allow_links
-        Folders outside the dataset that pictures which are links may lead to.
+        Folders outside the dataset that symbolic links may lead to.
     progress
         Told (done, all) after each image; None for a bar on a terminal or in a notebook.
 
@@ -82,9 +82,9 @@ def export(
     Raises
     ------
     DatasetError
-        If the dataset cannot be read, pictures are missing, damaged, of another size, or links that lead elsewhere,
-        masks or boxes cannot be used, the layout has no polygons, or `out` has something in it or cannot be written.
-        Nothing is left in `out` then.
+        If the dataset can't be read, pictures are missing, damaged, of another size, or links that lead elsewhere,
+        masks or boxes are unusable, the layout has no polygons, or `out` isn't empty or can't be written.
+        `out` is empty then.
 
     Examples
     --------
@@ -133,7 +133,7 @@ def export(
 def _check_masks(
     labels: Mapping[int, Sequence[Mapping[str, Any]]], sizes: Mapping[int, tuple[int, int]], folder: Path
 ) -> None:
-    """Refuse masks that no tool can draw."""
+    """Refuse unusable masks."""
     wrong = []
     for image_id, image_labels in labels.items():
         for label in image_labels:
@@ -146,7 +146,7 @@ def _check_masks(
 
 
 def _outlined(annotation: Mapping[str, Any], size: tuple[int, int], within: float) -> Mapping[str, Any]:
-    """A label with its mask as polygons; crowds keep run lengths, which is what COCO's readers expect of them."""
+    """A label with its mask as polygons; crowds keep run lengths, as COCO's readers expect."""
     if not annotation.get("segmentation") or annotation.get("iscrowd"):
         return annotation
     return changed(annotation, segmentation=polygons(annotation["segmentation"], *size, within=within))

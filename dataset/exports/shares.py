@@ -1,4 +1,4 @@
-"""A dataset whose images are shared out: what every layout of an export is written from."""
+"""A dataset divided into splits, the input of every export layout."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class Item:
     Parameters
     ----------
     image, labels
-        Its COCO records, as they are in the dataset.
+        Its COCO records in the dataset.
     name
-        What its picture is called in the export: without folders, its stem unique.
+        Name of its picture in the export: without folders, with a unique stem.
     picture
-        The file itself, links followed.
+        The picture's file, links resolved.
     """
 
     image: Mapping[str, Any]
@@ -42,26 +42,26 @@ class Item:
         return PurePosixPath(self.name).stem
 
     def link(self, folder: Path, name: str | None = None) -> None:
-        """Give the picture its name, or another one, in a folder too."""
+        """Link or copy the picture into a folder, under its name or another."""
         link_or_copy(self.picture, folder / (name or self.name))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Shares:
-    """A dataset, and to which split each of its images goes.
+    """A dataset, and the split of each of its images.
 
     Parameters
     ----------
     folder
         Of the dataset.
     head
-        All of its COCO dictionary but images and annotations.
+        Its COCO dictionary without images and annotations.
     images, labels
         Image records, and each image's annotation records by its id.
     split_of
         Image id -> one of `SPLITS`.
     allowed
-        Folders outside the dataset that pictures which are links may lead to.
+        Folders outside the dataset that symbolic links may lead to.
     tick
         Called after each image.
     """
@@ -108,7 +108,7 @@ class Shares:
 def check_sound(folder: Path, images: Sequence[Mapping[str, Any]], allowed: Sequence[Path]) -> None:
     """Refuse pictures that are missing, damaged, or of another size than their records state.
 
-    A picture whose bytes have the hash in its record is not decoded.
+    A picture with the hash in its record isn't decoded.
 
     Raises
     ------
@@ -142,9 +142,9 @@ def check_sound(folder: Path, images: Sequence[Mapping[str, Any]], allowed: Sequ
 
 
 def flat_names(images: Sequence[Mapping[str, Any]]) -> dict[int, str]:
-    """One name an image without folders, by its id; stems are unique, since labels are named by them.
+    """A name without folders for each image id; stems are unique, since label files have them.
 
-    Dots in stems become underscores: some readers take what follows the first of them for the suffix.
+    Dots in stems become underscores, because some readers take the first dot for the suffix's.
     """
     names: dict[int, str] = {}
     taken: set[str] = set()
@@ -161,7 +161,7 @@ def flat_names(images: Sequence[Mapping[str, Any]]) -> dict[int, str]:
 
 
 def rings_of(label: Mapping[str, Any]) -> list[list[float]]:
-    """Return the polygons of a label; of one that has none, the corners of its box."""
+    """Return a label's polygons, or the corners of its box if it has none."""
     if isinstance(rings := label.get("segmentation"), list) and rings:
         return rings
     x, y, w, h = (float(number) for number in label["bbox"])

@@ -1,4 +1,4 @@
-"""A dataset's images shared out to train, valid and test, whole positions at a time."""
+"""Split a dataset's images into train, valid, and test, whole positions at a time."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from jaxtyping import Float, Int
 from scipy import sparse
 
 SPLITS = ("train", "valid", "test")
-_WITHOUT, _IMAGES = -1, -2  # what images without objects, and images, are counted as; COCO ids are 0 or more
+_WITHOUT, _IMAGES = -1, -2  # labels for images without objects, and for images; COCO ids are 0 or more
 
 
 def group_of(image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]]) -> str:
-    """What an image must not be parted from: the shots of one position show one vehicle on one piece of ground.
+    """The group of an image that must stay together: shots of one position show one vehicle on the same ground.
 
-    A position is where the first vehicle stands, to the millimeter, so that another plan's shots of the same place
-    belong to it too. Images that know no such thing, such as real ones, stand alone; so do those whose poses, from
-    elsewhere, are of another kind.
+    The first vehicle's position, to the millimeter, identifies the group, so another plan's shots of the same place
+    belong to it too. Images without poses, such as photographs, are groups of their own, as are those whose poses
+    have another form.
     """
     for annotation in annotations:
         if (place := _place(annotation.get("world_from_vehicle"))) is not None:
@@ -31,7 +31,7 @@ def group_of(image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]])
 
 
 def _place(pose: Any) -> str | None:
-    """Where a pose stands; None if it is no matrix."""
+    """The position in a pose; None if it isn't a matrix."""
     try:
         return " ".join(f"{float(pose[i][3]):.3f}" for i in range(3))
     except (TypeError, ValueError, IndexError, KeyError):
@@ -41,7 +41,7 @@ def _place(pose: Any) -> str | None:
 def positions(
     images: Iterable[Mapping[str, Any]], annotations: Mapping[int, Sequence[Mapping[str, Any]]]
 ) -> dict[str, list[Mapping[str, Any]]]:
-    """Image records by `group_of`, in the order in which they come; `annotations` are by image id."""
+    """Image records by `group_of`, in order; `annotations` are by image id."""
     groups: dict[str, list[Mapping[str, Any]]] = {}
     for image in images:
         groups.setdefault(group_of(image, annotations.get(image["id"], ())), []).append(image)
@@ -66,7 +66,7 @@ def share_out(
     fractions
         Shares of train, valid, and test; they add up to 1.
     seed
-        Another seed, another split.
+        Seed of the split.
 
     References
     ----------
@@ -98,7 +98,7 @@ def _labels(images: Iterable[Sequence[Mapping[str, Any]]]) -> list[tuple[int, in
 
 
 def _stratified(has: sparse.csr_matrix, shares: Float[np.ndarray, " s"]) -> Int[np.ndarray, " n"]:
-    """Return the part that each row goes to, rows with the rarest label first, to the part that lacks it most."""
+    """Assign rows to parts: those with the rarest label first, to the part that lacks it most."""
     wanted = np.outer(shares, has.sum(axis=0))  # (s, l) how often each part should still get each label
     chosen = np.full(has.shape[0], -1)
     left = np.asarray(has.sum(axis=0)).ravel()
@@ -131,5 +131,5 @@ def _stratified(has: sparse.csr_matrix, shares: Float[np.ndarray, " s"]) -> Int[
 
 
 def shuffled(name: str, seed: int) -> bytes:
-    """A key that sorts names into an order which depends on them and the seed alone."""
+    """A sort key for an order that depends on the names and the seed alone."""
     return hashlib.sha256(f"{seed} {name}".encode()).digest()

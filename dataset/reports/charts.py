@@ -18,11 +18,11 @@ COLORS = (BLUE, RED, GREEN, "#cc79a7", "#e69f00", "#56b4e9")
 LONGEST = 24  # characters of a name beside an axis
 BINS = 24
 MOST_NAMES = 12
-MOST_PLACES = 2_000  # dots on a map: more cannot be told apart
+MOST_PLACES = 2_000  # dots on a map; more would overlap
 
 
 def axes_of(width: float, height: float) -> tuple[Figure, Axes]:
-    """A chart of so many inches, at 100 pixels an inch."""
+    """Axes of a chart, sized in inches at 100 pixels each."""
     figure = Figure(figsize=(width, height), layout="constrained")
     axes = figure.subplots()
     tidy(axes)
@@ -30,24 +30,24 @@ def axes_of(width: float, height: float) -> tuple[Figure, Axes]:
 
 
 def tidy(axes: Axes) -> None:
-    """Take away what a chart doesn't need: two of its four sides, and dark lines."""
+    """Remove the top and right side and lighten the lines of a chart."""
     axes.tick_params(labelsize=8, colors=INK)
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(SOFT)
 
 
 def colors(count: int) -> list[str]:
-    """So many colors, told apart by color-blind readers too."""
+    """Return colors that color-blind readers can tell apart."""
     return [COLORS[k % len(COLORS)] for k in range(count)]
 
 
 def short(name: str) -> str:
-    """A name that leaves room for the chart, and is drawn as it is: no mathematics between dollars."""
+    """Shorten a name, and escape dollar signs, which would start mathematics."""
     return (name if len(name) <= LONGEST else f"{name[: LONGEST - 1]}…").replace("$", r"\$")
 
 
 def svg(figure: Figure) -> bytes:
-    """The same bytes for the same chart."""
+    """A chart as SVG, with the same bytes each time."""
     file = io.BytesIO()
     for axes in figure.axes:
         axes.title.set_fontsize(9)
@@ -59,7 +59,7 @@ def svg(figure: Figure) -> bytes:
 
 
 def histogram(title: str, values: Float[np.ndarray, " n"], *, log: bool = False) -> bytes:
-    """How often a number occurs; what is not known is left out."""
+    """Histogram of the known numbers."""
     figure, axes = axes_of(3.6, 2.2)
     known = values[np.isfinite(values) & ((values > 0) | (not log))]
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
@@ -87,7 +87,7 @@ def two_histograms(
     *,
     log: bool = False,
 ) -> bytes:
-    """The shares of a dataset (filled) and of photographs (a line) in the same bins."""
+    """Histograms of a dataset (filled) and of photographs (a line) in the same bins."""
     figure, axes = axes_of(3.6, 2.2)
     axes.stairs(100 * shares[0], edges, fill=True, color=BLUE, alpha=0.55, label="this dataset")
     axes.stairs(100 * shares[1], edges, color=RED, linewidth=1.6, label="photographs")
@@ -101,7 +101,7 @@ def two_histograms(
 
 
 def azimuths(values: Float[np.ndarray, " n"]) -> bytes:
-    """From which side targets are seen, in degrees to the left of straight ahead."""
+    """Histogram of the side that targets are seen from, in degrees counterclockwise from straight ahead."""
     figure, axes = axes_of(3.6, 2.2)
     axes.hist(values[np.isfinite(values)], bins=np.linspace(-180.0, 180.0, BINS + 1).tolist(), color=BLUE)
     axes.set_xticks([-180, -90, 0, 90, 180], ["rear", "right", "front", "left", "rear"])
@@ -110,7 +110,7 @@ def azimuths(values: Float[np.ndarray, " n"]) -> bytes:
 
 
 def places_in_pictures(centers: Float[np.ndarray, "n 2"]) -> bytes:
-    """Where the middles of labels lie, as shares of width and height."""
+    """Positions of labels' centers, in shares of width and height."""
     figure, axes = axes_of(3.6, 2.2)
     counts, _, _ = np.histogram2d(centers[:, 1], centers[:, 0], bins=(14, 24), range=((0, 1), (0, 1)))
     axes.imshow(counts, extent=(0, 1, 1, 0), aspect="auto", cmap="Blues", interpolation="nearest")
@@ -119,7 +119,7 @@ def places_in_pictures(centers: Float[np.ndarray, "n 2"]) -> bytes:
 
 
 def shares(title: str, names: Shaped[np.ndarray, " n"]) -> bytes:
-    """How often each name occurs, the most frequent first."""
+    """Frequency of each name, most frequent first."""
     counts = Counter(name for name in names.tolist() if name).most_common()
     shown = counts[:MOST_NAMES]
     if rest := counts[MOST_NAMES:]:
@@ -131,7 +131,7 @@ def shares(title: str, names: Shaped[np.ndarray, " n"]) -> bytes:
 
 
 def differences(title: str, rows: Sequence[tuple[str, float, float, float]], *, xlabel: str = "") -> Figure:
-    """Draw named differences with the ends of their intervals, gray where an interval holds 0 or isn't known."""
+    """Draw named differences with intervals, gray if an interval contains 0 or is unknown."""
     figure, axes = axes_of(6.4, 0.9 + 0.22 * len(rows))
     for k, (_, value, low, high) in enumerate(rows):
         color = GREEN if low > 0 else RED if high < 0 else SOFT
@@ -145,7 +145,7 @@ def differences(title: str, rows: Sequence[tuple[str, float, float, float]], *, 
 
 
 def place_map(name: str, cameras: Float[np.ndarray, "n 2"], vehicles: Float[np.ndarray, "n 2"]) -> bytes:
-    """A scenery from above: each camera, and a line to the vehicle that it looks at, in meters."""
+    """Map of a scenery: each camera with a line to its target, in meters."""
     figure, axes = axes_of(4.6, 4.2)
     some = np.unique(np.linspace(0, len(cameras) - 1, min(MOST_PLACES, len(cameras))).astype(int))
     cameras, vehicles = cameras[some], vehicles[some]

@@ -1,4 +1,4 @@
-"""A plan or a dataset next to photographs: how far apart they are in each feature, and what changes that."""
+"""Compare a plan or a dataset with photographs: the distance in each feature, and the config keys that change it."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.errors import DatasetError
 
 SPLITS = 40  # random halves of the photographs
-MOST_PICTURES = 500  # whose pixels are measured, taken evenly from the whole
+MOST_PICTURES = 500  # most measured pictures, spread evenly
 SIDE = 512  # pixels of the longer side at which pictures are measured
 COARSEST = 4  # cycles per picture from which the spectrum's slope is fitted: below, it's the scene's layout
 
 
 @dataclass(frozen=True, slots=True)
 class Feature:
-    """Something that pictures or their boxes have.
+    """A feature of pictures or boxes.
 
     Parameters
     ----------
     name, title
-        For programs, and for readers.
+        Its name for programs, and for readers.
     keys
         The config keys that change it.
     log
-        Whether its ratios matter, not its differences.
+        Whether ratios matter instead of differences.
     """
 
     name: str
@@ -72,12 +72,12 @@ Values = dict[str, tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"]]]  # of 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Compared:
-    """A feature of both sides.
+    """A feature of dataset and photographs.
 
     Parameters
     ----------
     feature
-        Which.
+        The feature.
     own, photographs
         (n,) and (m,) values.
     distance
@@ -94,7 +94,7 @@ class Compared:
 
     @property
     def edges(self) -> Float[np.ndarray, " b_plus_1"]:
-        """Of the bins in which both are shown: nearly all values of both, each value in a bin of its own if few."""
+        """Edges of the common bins: nearly all values of both, with one bin per value if they're few."""
         both = np.concatenate([self.own, self.photographs])
         if len(different := np.unique(both)) <= BINS // 2 and (different == np.round(different)).all():
             return np.arange(different[0], different[-1] + 2) - 0.5
@@ -105,7 +105,7 @@ class Compared:
 
     @property
     def shares(self) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, " b"]]:
-        """The share of each side's values in each bin; what is beyond the bins is in the first or last."""
+        """The share of each side's values in each bin; outliers are in the first or last."""
         edges = self.edges
         own, photographs = (
             np.histogram(np.clip(values, edges[0], edges[-1]), edges)[0] / len(values)
@@ -119,7 +119,7 @@ class Compared:
         return self.distance > self.floor
 
     def sentences(self) -> list[str]:
-        """Where the largest surplus and the largest lack is, and what changes it; none if chance explains them."""
+        """Sentences about the largest surplus and lack, with the keys to change; empty if chance explains them."""
         if not self.differs:
             return []
         own, photographs = self.shares
@@ -161,7 +161,7 @@ class Compared:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Comparison:
-    """All features that both sides have.
+    """The comparison in all common features.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ class Comparison:
     features
         One for each feature, boxes first.
     notes
-        What wasn't compared, and why.
+        Features that weren't compared, with reasons.
     coverage
         Of whole images in an encoder's features; None without an encoder, or with too few photographs.
     """
@@ -182,7 +182,7 @@ class Comparison:
 
     @property
     def sentences(self) -> list[str]:
-        """What there is too much of, what is lacking, and which keys change it: the farthest apart first."""
+        """Sentences about surplus and lack in all features, largest distance first."""
         apart = sorted(self.features, key=lambda compared: -compared.distance)
         whole = [] if self.coverage is None else [self.coverage.sentence()]
         return whole + [sentence for compared in apart for sentence in compared.sentences()]
@@ -198,7 +198,7 @@ class Comparison:
         }
 
     def section(self) -> Section:
-        """The same for a page."""
+        """The comparison as a section of a page."""
         rows = [
             [one.feature.title, f"{one.distance:.2f}", "–" if np.isnan(one.floor) else f"{one.floor:.2f}",
              "yes" if one.differs else "no"]
@@ -228,20 +228,20 @@ def compare(
     encode: Callable[[list[UInt8[np.ndarray, "_ _ 3"]]], Float[np.ndarray, "n d"]] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Comparison:
-    """How a dataset or a plan differs from photographs, feature by feature.
+    """Compare a dataset or a plan with photographs, feature by feature.
 
     Parameters
     ----------
     dataset
-        Of a folder or a plan.
+        The dataset or plan.
     photographs
-        Their boxes; their pictures are where their COCO file names them.
+        Their boxes; their pictures are read from the paths in their COCO file.
     pixels
-        Whether the dataset's pictures are what a detector will see: a plan's previews aren't.
+        Whether to compare pictures; not for a plan, which has only previews.
     encode
         Features (n, d) of RGB pictures for `coverage`, such as `training.features.load_encoder` returns.
     progress
-        Told (pictures measured, all).
+        Called with (pictures measured, all).
 
     Raises
     ------
@@ -289,7 +289,7 @@ def compare(
 
 
 def boxes_in(dataset: Dataset) -> Photographs:
-    """The boxes of a dataset or a plan, as those of photographs are given; crowds are left out."""
+    """The boxes of a dataset or a plan in the form of photographs, without crowds."""
     labels, images = dataset.labels, dataset.of_images
     rows = np.flatnonzero(~labels["crowd"])
     image = labels["image"][rows]
@@ -342,7 +342,7 @@ def _boxes_of(photographs: Photographs) -> Values:
     image = photographs.image
     center, pictures = photographs.center, np.arange(len(photographs.file_names))
     return {
-        # Rounded: the same box is to have the same value whichever way it was computed.
+        # Rounded, so that a box has the same value however it was computed.
         "height": (photographs.height.round(9), image),
         "x": (center[:, 0].round(9), image),
         "y": (center[:, 1].round(9), image),
@@ -362,7 +362,7 @@ def _looks_of(pictures: Sequence[UInt8[np.ndarray, "h w 3"]]) -> Values:
 
 
 def _floor(values: Float[np.ndarray, " n"], image: Int[np.ndarray, " n"]) -> float:
-    """The distance that 95 % of random halves of the photographs keep to; boxes of a photograph stay together."""
+    """95th percentile of the distance between random halves of the photographs, each with all of its boxes."""
     pictures = np.unique(image)
     if len(pictures) < 4:
         return float("nan")
@@ -375,7 +375,7 @@ def _floor(values: Float[np.ndarray, " n"], image: Int[np.ndarray, " n"]) -> flo
 
 
 def _largest_run(values: Float[np.ndarray, " b"]) -> tuple[int, int]:
-    """Where the contiguous bins with the largest sum begin and end (Kadane)."""
+    """Begin and end of the contiguous bins with the largest sum (Kadane)."""
     sums = np.concatenate([[0.0], np.cumsum(values)])
     gain = sums - np.minimum.accumulate(sums)
     stop = int(gain.argmax())
@@ -389,7 +389,7 @@ def _small(picture: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "h2 w2 3"]:
 
 
 def _inside(folder: Path, name: str) -> Path | None:
-    """A picture of a COCO file; None if it isn't there, or outside of the file's folder."""
+    """A picture of a COCO file; None if it's missing, or outside of the file's folder."""
     path = folder / name
     return path if name and path.is_file() and path.resolve().is_relative_to(folder.resolve()) else None
 

@@ -1,4 +1,4 @@
-"""How much of the photographs some images cover, in the features of an encoder.
+"""Coverage of photographs by images in the features of an encoder.
 
 References
 ----------
@@ -27,7 +27,7 @@ class Coverage:
     coverage
         Share of the photographs that have an image among them: nearer than their fifth nearest photograph.
     density
-        How densely the images lie where photographs are; 1 for samples of the same distribution.
+        Density of images around photographs; 1 for samples of the same distribution.
     coverage_floor, density_floor
         Both for one half of the photographs in place of the images and the other as photographs: mean of 20 splits.
     """

@@ -1,4 +1,4 @@
-"""Self-contained HTML pages from blocks: nothing is fetched, pictures are in the file, thumbnails filter by clicks.
+"""Self-contained HTML pages from blocks, with embedded pictures and thumbnails that filter.
 
 The HTML is in ``templates/``; Jinja escapes every text that it shows.
 """
@@ -45,11 +45,11 @@ class Table:
     header, rows
         The cells.
     title
-        A click on it shows the table; empty: the table is shown.
+        Title to click for the table; empty: the table is always shown.
     shades
-        From 0 to 1 how dark each cell but the first of its row is.
+        Darkness from 0 to 1 of each cell but the first of its row.
     choose
-        Of each row the values that a click on its name filters the thumbnails by.
+        Values of each row by which a click on its name filters the thumbnails.
     """
 
     kind: ClassVar[str] = "table"
@@ -62,7 +62,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """A chart, and what it shows in words; `name` is its file's where it has one beside the page."""
+    """A chart with a description; `name` is its file's, if it has one next to the page."""
 
     kind: ClassVar[str] = "chart"
     svg: bytes
@@ -71,13 +71,13 @@ class Chart:
 
     @property
     def uri(self) -> Markup:
-        """The picture as an address that holds it."""
+        """The picture as a data URI."""
         return data_uri(self.svg, "image/svg+xml")
 
 
 @dataclass(frozen=True, slots=True)
 class Charts:
-    """Charts side by side where there is room."""
+    """Charts side by side, as far as there is room."""
 
     kind: ClassVar[str] = "charts"
     charts: Sequence[Chart]
@@ -85,7 +85,7 @@ class Charts:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """A paragraph that leads to a file beside the page."""
+    """A paragraph with a link to a file next to the page."""
 
     kind: ClassVar[str] = "link"
     text: str
@@ -94,12 +94,12 @@ class Link:
 
 @dataclass(frozen=True, slots=True)
 class Overlay:
-    """Labels of a picture.
+    """Labels drawn over a picture.
 
     Parameters
     ----------
     size
-        Width and height of the picture in pixels, the unit of all that is drawn.
+        Width and height of the picture in pixels, the unit of the drawing.
     boxes
         xywh, color, class, and whether it's to be ignored, of each label.
     masks
@@ -123,14 +123,14 @@ class Tile:
     picture
         JPEG or PNG.
     caption
-        Lines below it; the first stands out.
+        Lines below it; the first is emphasized.
     values
-        Of each facet by key what the thumbnail is, or several such; a facet that says nothing of it
-        is left out.
+        The thumbnail's value, or several, for each facet by key; unknown facets
+        are left out.
     numbers
-        By key what it is put in order by; what is not known comes last.
+        Sort values by key; unknown ones come last.
     overlay
-        Boxes and masks that are drawn over the picture, and can be hidden.
+        Boxes and masks over the picture, which can be hidden.
     """
 
     picture: bytes
@@ -142,14 +142,14 @@ class Tile:
 
 @dataclass(frozen=True, slots=True)
 class Facet:
-    """Something thumbnails are filtered by.
+    """A property by which thumbnails are filtered.
 
     Parameters
     ----------
     key, title
-        What it is called in `Tile.values`, and for readers.
+        Its key in `Tile.values`, and its title for readers.
     values
-        What can be chosen, in order.
+        Its choices, in order.
     """
 
     key: str
@@ -164,11 +164,11 @@ class Gallery:
     Parameters
     ----------
     tiles
-        In the order in which they are shown first.
+        Thumbnails in their initial order.
     facets
-        What they are filtered by. Those by which all tiles are alike are left out.
+        Facets of the filter; those with the same value in all tiles are left out.
     orders
-        What else they can be put in order by: keys of `Tile.numbers`, and what readers call them.
+        Other orders: keys of `Tile.numbers`, with titles.
     """
 
     kind: ClassVar[str] = "gallery"
@@ -177,7 +177,7 @@ class Gallery:
     orders: Mapping[str, str] = field(default_factory=dict)
 
     def choices(self) -> list[tuple[Facet, list[tuple[str, int]]]]:
-        """Return the facets that tell tiles apart, with their values and how many tiles have them."""
+        """Return the facets with several values, and the number of tiles of each value."""
         found = []
         for facet in self.facets:
             counts = Counter(value for tile in self.tiles for value in several(tile.values.get(facet.key)))
@@ -209,7 +209,7 @@ def several(values: str | Sequence[str] | None) -> Sequence[str]:
 
 
 def data_uri(content: bytes, kind: str = "") -> Markup:
-    """Return a picture as an address that holds it; `kind` is its media type, PNG or JPEG if empty."""
+    """Return a picture as a data URI; `kind` is its media type, PNG or JPEG if empty."""
     kind = kind or ("image/png" if content.startswith(b"\x89PNG") else "image/jpeg")
     return Markup(f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}")
 

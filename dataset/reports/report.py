@@ -1,4 +1,4 @@
-"""A dataset or a plan as one page that a browser opens from disk: what it holds, where, in what light, how it looks."""
+"""A dataset or a plan as one HTML page: tables, charts, maps, and thumbnails."""
 
 from __future__ import annotations
 
@@ -54,20 +54,20 @@ def write_report(
     comparison: Comparison | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Write a page that fetches nothing: tables, charts, maps, and thumbnails that filter by every field.
+    """Write a self-contained page: tables, charts, maps, and thumbnails that filter by every field.
 
     Parameters
     ----------
     dataset
-        Of a folder or a plan.
+        The dataset or plan.
     path
-        The page; one that hulldown wrote is replaced.
+        The page's file; a page by hulldown is replaced.
     most
-        Thumbnails at most; of more images a spread is taken evenly over the whole.
+        Most thumbnails; of more images an even selection is shown.
     comparison
-        With photographs; shown first.
+        A comparison with photographs, shown first.
     progress
-        Told (done, all) after each thumbnail.
+        Called with (done, all) after each thumbnail.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def _charts(dataset: Dataset) -> list[Section]:
 
 
 def _maps(dataset: Dataset) -> list[Section]:
-    """Each scenery seen from above: where vehicles stand, and cameras."""
+    """A map of vehicles and cameras for each scenery."""
     scenery = dataset.of_images["scenery"]
     cameras = poses_of([image.record for image in dataset.images], "world_from_camera")[:, :2, 3]
     firsts = [image.labels[0].record if image.labels else {} for image in dataset.images]
@@ -188,7 +188,7 @@ def _looks(dataset: Dataset, tiles: Sequence[Tile]) -> Section:
 
 
 def _tile(dataset: Dataset, i: int) -> Tile:
-    """An image: facets are of all its labels, its place in an order is that of its first."""
+    """An image's thumbnail: facets of all its labels, sort values of its first."""
     image, labels, images = dataset.images[i], dataset.labels, dataset.of_images
     rows = np.flatnonzero(labels["image"] == i)
     values: dict[str, str | Sequence[str]] = {"class": _names(labels["category"][rows]) or "none"}
@@ -244,7 +244,7 @@ def _overlay(image: Image, dataset: Dataset) -> Overlay | None:
 
 
 def _oriented(label: Mapping[str, Any], image: Mapping[str, Any]) -> list[Float[np.ndarray, "_ 2"]]:
-    """Lines around what is visible, and around the ground under it, with an arrow to its front."""
+    """Lines around the visible mask, and around the ground under the vehicle, with an arrow to its front."""
     rings = [rectangle_corners(label["obb"])] if is_rectangle(label.get("obb")) else []
     if label.get("bbox_3d") is not None:
         with contextlib.suppress(DatasetError):  # a part of it is behind the camera
@@ -273,7 +273,7 @@ def _names(values: np.ndarray) -> list[str]:
 
 
 def _refuse_foreign(path: Path) -> None:
-    """Only a page of ours is replaced."""
+    """Refuse to replace a file that isn't a page by hulldown."""
     try:
         with path.open("rb") as file:
             ours = f'content="{GENERATOR}"'.encode() in file.read(2000)

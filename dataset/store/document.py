@@ -1,6 +1,6 @@
-"""What a dataset holds, in memory: the merged ``annotations.json`` and the journal's lines since.
+"""A dataset's records in memory: the merged ``annotations.json`` and the later journal lines.
 
-Records are kept as the JSON bytes they are written as: a million images take 1.5 GB this way, a fifth of what
+Records are kept as JSON bytes: a million images take 1.5 GB this way, a fifth of what
 dictionaries would.
 """
 
@@ -26,8 +26,8 @@ from hulldown.geometry.files import open_regular
 
 ANNOTATIONS_NAME = "annotations.json"
 JOURNAL_NAME = "journal.jsonl"
-COCO_NAME = "_annotations.coco.json"  # what RF-DETR and Roboflow look for in every split's folder
-LINE_KEYS = {"categories", "run", "image", "annotations", "merged"}  # all that a journal's lines have
+COCO_NAME = "_annotations.coco.json"  # of RF-DETR and Roboflow, in every split's folder
+LINE_KEYS = {"categories", "run", "image", "annotations", "merged"}  # all keys of a journal's lines
 
 
 class Document:
@@ -36,11 +36,11 @@ class Document:
     Parameters
     ----------
     head
-        All of a COCO dictionary but images and annotations; its categories are taken out.
+        A COCO dictionary without images and annotations; its categories are removed.
     images, annotations
-        Its records, each taken once, images first.
+        Its records as iterables, read once, images first.
     path
-        Where it was read from, for errors.
+        Its file, for errors.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Document:
         self.categories: list[dict[str, Any]] = _objects(head, "categories", path)
         self.category_ids: dict[str, int] = {}
         for record in self.categories:
-            # The first of two that share a name, so that reopening never changes the choice.
+            # The first of two with the same name, so that reopening doesn't change the choice.
             self.category_ids.setdefault(str(record.get("name")), _id(record, "category", path))
         self.images: list[tuple[int, bytes]] = []
         self.annotations: list[tuple[int, bytes]] = []
@@ -81,21 +81,21 @@ class Document:
 
     @property
     def next_image_id(self) -> int:
-        """The lowest id above all that are used or set aside; at least 1."""
+        """The lowest id above all used or reserved ones; at least 1."""
         return max(self.highest_image_id, self._reserved[0], 0) + 1
 
     @property
     def next_annotation_id(self) -> int:
-        """The lowest id above all that are used or set aside; at least 1 (pycocotools takes 0 for unmatched)."""
+        """The lowest id above all used or reserved ones; at least 1 (pycocotools takes 0 for unmatched)."""
         return max(self.highest_annotation_id, self._reserved[1], 0) + 1
 
     def apply(self, line: Mapping[str, Any]) -> None:
-        """Take up what one journal line says.
+        """Apply a line of the journal.
 
         Raises
         ------
         KeyError, TypeError, ValueError
-            If it is no line of this document's journal.
+            If it isn't a line of this document's journal.
         """
         for category in line.get("categories", ()):
             self._add_category(category)
@@ -149,7 +149,7 @@ class Document:
         return {**self.head, "info": {**rendered_info(), **info, "hulldown_runs": runs}}
 
     def _ordered(self, records: list[tuple[int, bytes]], offset: str) -> Iterable[bytes]:
-        """Records as they came, but those of runs by id: the order in which images were finished leaves no trace."""
+        """Records in order, those of runs by id, so the order in which images were finished doesn't matter."""
         if not self.runs:
             return (record for _, record in records)
         first = min(getattr(run, offset) for run in self.runs.values())
@@ -178,7 +178,7 @@ class Document:
 
 
 def read_document(folder: Path) -> Document:
-    """The dataset in `folder`: its ``annotations.json`` and what the journal holds beyond it.
+    """Read the dataset in `folder`: its ``annotations.json`` and the later journal lines.
 
     Raises
     ------
@@ -186,7 +186,7 @@ def read_document(folder: Path) -> Document:
         If one of the two is damaged.
     """
     path, journal = folder / ANNOTATIONS_NAME, folder / JOURNAL_NAME
-    # First of all: what another process merges while this one reads is taken from the journal then.
+    # First, since another process may merge meanwhile: its lines are then read from the journal.
     merged = last_merged(journal)
     exists = path.exists()
     document = _read_annotations(path) if exists else Document({}, (), (), path)
@@ -218,7 +218,7 @@ def read_document(folder: Path) -> Document:
 
 @cache
 def rendered_info() -> dict[str, str]:
-    """COCO's `info` of what was rendered here, without a date: the same plan gives the same file on any day."""
+    """COCO's `info` of rendered datasets, without a date, so that the same plan gives the same file."""
     try:
         by = f"hulldown {version('hulldown')}"
     except PackageNotFoundError:  # run from its folder
@@ -227,7 +227,7 @@ def rendered_info() -> dict[str, str]:
 
 
 def check_is_dataset(folder: Path) -> None:
-    """Refuse a folder that has nothing of a dataset.
+    """Refuse a folder without a dataset.
 
     Raises
     ------
@@ -241,10 +241,10 @@ def check_is_dataset(folder: Path) -> None:
 
 
 def read_coco(folder: Path | str) -> dict[str, Any]:
-    """Read the dataset in `folder` as one COCO dictionary, journal included; this changes nothing and needs no lock.
+    """Read the dataset in `folder` as a COCO dictionary, journal included, without lock or change.
 
-    It may be a split as `hulldown export` or Roboflow write it, ``_annotations.coco.json`` and its pictures, a COCO
-    file itself, or a folder of YOLO or VOC.
+    It may also be a split by `hulldown export` or Roboflow (``_annotations.coco.json`` with pictures), a COCO
+    file, or a folder of YOLO or VOC.
 
     Raises
     ------
@@ -264,7 +264,7 @@ def read_coco(folder: Path | str) -> dict[str, Any]:
 
 
 def _read_annotations(path: Path) -> Document:
-    """By line where that is possible, which takes a fifth of the memory."""
+    """Read by line if possible, which takes a fifth of the memory."""
     try:
         with open_regular(path) as file:
             return Document(*read_by_line(file), path)
@@ -290,7 +290,7 @@ def _read_json(path: Path) -> dict[str, Any]:
 
 
 def _objects(coco: dict[str, Any], key: str, path: Path) -> list[dict[str, Any]]:
-    """Take a list of records out of a dictionary; an empty one if there is none."""
+    """Remove and return a list of records from a dictionary; empty if there is none."""
     found = coco.pop(key, [])
     if not isinstance(found, list) or not all(isinstance(record, dict) for record in found):
         raise _unusable(path, f"{key!r} is not a list of objects")
@@ -312,7 +312,7 @@ def _id(record: Mapping[str, Any], kind: str, path: Path) -> int:
 
 
 def _kept(value: Any) -> bytes:
-    # Copied, since what orjson returns holds on to the several kilobytes that it was written in.
+    # Copied, since orjson's result keeps its buffer of several kilobytes.
     return bytes(memoryview(orjson.dumps(value)))
 
 

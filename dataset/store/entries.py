@@ -1,4 +1,4 @@
-"""What a caller gives to be appended to a dataset: made plain JSON, or refused with a ValueError that names it."""
+"""Check records to be appended, and make them plain JSON."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hulldown.dataset.store.names import is_free
 
 
 def plain_json(value: Any, name: str) -> Any:
-    """`value` with mappings, sequences and arrays as plain JSON values; NaN and infinities are refused."""
+    """Convert mappings, sequences, and arrays to plain JSON values; NaN and infinities are refused."""
     if isinstance(value, Mapping):
         return {str(key): plain_json(item, f"{name}: {key}") for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
@@ -27,7 +27,7 @@ def plain_json(value: Any, name: str) -> Any:
 
 
 def check_image(record: Mapping[str, Any]) -> None:
-    """Refuse an image whose file name leads out of the dataset or whose size is not positive."""
+    """Refuse an image whose file name leaves the dataset or whose size isn't positive."""
     name = record.get("file_name")
     if not is_free(name):
         raise ValueError(f"image: file_name: expected a path inside the dataset that is free, got {name!r:.120}")
@@ -38,7 +38,7 @@ def check_image(record: Mapping[str, Any]) -> None:
 
 
 def check_annotation(record: Mapping[str, Any], name: str) -> None:
-    """Refuse an annotation without category or box."""
+    """Refuse an annotation without a category or a box."""
     category = record.get("category")
     if not isinstance(category, str) or not category:
         raise ValueError(f"{name}: category: expected a name, got {category!r}")
@@ -57,12 +57,12 @@ def is_box(value: Any) -> TypeGuard[list[float]]:
 
 
 def new_category(name: str) -> dict[str, Any]:
-    """The record of a class that a dataset does not have yet; the id is given when it gets there."""
+    """The record of a new class; its id is assigned later."""
     return {"id": 0, "name": name, "supercategory": "vehicle"}
 
 
 def free_id(record: Mapping[str, Any], name: str, following: int, *used: set[int]) -> int:
-    """The id that a record asks for, if nobody uses it, or the following one if it asks for none."""
+    """The record's requested id, if it's free, or the next one without a request."""
     wanted = record.get("id")
     if wanted is None:
         return following

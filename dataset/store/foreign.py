@@ -1,6 +1,6 @@
 """Folders of YOLO and Pascal VOC, read as COCO dictionaries.
 
-They are read here and not by supervision, which forgets VOC's `difficult` and rounds YOLO's polygons to pixels.
+Read here, because supervision forgets VOC's `difficult` and rounds YOLO's polygons to pixels.
 
 References
 ----------
@@ -26,18 +26,18 @@ YAML_NAMES = ("data.yaml", "dataset.yaml", "data.yml")
 
 
 def foreign_reader(folder: Path) -> Callable[[], dict[str, Any]] | None:
-    """Return what reads the COCO dictionary of a YOLO or VOC folder; None if it's neither.
+    """Return the reader of a YOLO or VOC folder; None if it's neither.
 
     Parameters
     ----------
     folder
         Of YOLO, a split: ``ROOT/images/train`` or ``ROOT/train``, with ``data.yaml`` in ROOT. Of VOC, a folder with
-        ``Annotations`` and ``JPEGImages``, or with an XML file beside each picture.
+        ``Annotations`` and ``JPEGImages``, or with an XML file next to each picture.
 
     Raises
     ------
     DatasetError
-        If it's a YOLO dataset of several splits. The reader's name the file and line that can't be read.
+        If it's a YOLO dataset of several splits. The reader's errors name the file and line.
     """
     if (folder / "Annotations").is_dir():
         return partial(_voc, folder, folder / "Annotations", folder / "JPEGImages")

@@ -35,12 +35,12 @@ class Journal:
     Attributes
     ----------
     length
-        Its bytes, all of whole lines.
+        Its length in bytes, complete lines only.
 
     Raises
     ------
     DatasetError
-        If it cannot be written to, or is a link, which may lead anywhere.
+        If it can't be written, or is a link, which may lead anywhere.
     """
 
     def __init__(self, path: Path) -> None:
@@ -71,7 +71,7 @@ class Journal:
         Raises
         ------
         DatasetError
-            If the disk is full or the file cannot be written; what was written of the line is taken back.
+            If the disk is full or the file can't be written; a partial line is removed.
         """
         if self._file == CLOSED:
             raise ValueError(f"{self.path}: expected an open journal, got a closed one")
@@ -90,28 +90,28 @@ class Journal:
         self.length += len(line)
 
     def truncate(self, length: int) -> None:
-        """Forget what was written after the first `length` bytes."""
+        """Remove everything after the first `length` bytes."""
         os.ftruncate(self._file, length)
         os.fsync(self._file)
         self.length = length
 
     def close(self) -> None:
-        """Close the file; nothing is left to be written. Closing twice does nothing more."""
+        """Close the file. Closing twice is harmless."""
         if self._file != CLOSED:
-            # The number may become another file's at once.
+            # The descriptor may become another file's at once.
             os.close(self._file)
             self._file = CLOSED
 
 
 def read_journal(path: Path) -> Iterator[dict[str, Any]]:
-    """The records of a journal in the order they were written; none if there is no such file.
+    """The records of a journal in order; empty without a file.
 
     A last line without its newline was never acknowledged and is left out.
 
     Raises
     ------
     DatasetError
-        If any other line is not a JSON object, or not as it was written.
+        If any other line isn't a JSON object, or was changed.
     """
     if not path.exists():
         return
@@ -133,7 +133,7 @@ def read_journal(path: Path) -> Iterator[dict[str, Any]]:
 
 
 def last_merged(path: Path) -> int:
-    """The number of the last line of a journal that is `MERGED`; 0 if there is none."""
+    """The number of a journal's last `MERGED` line; 0 if there is none."""
     if not path.exists():
         return 0
     with _opened(path) as file:
@@ -142,12 +142,12 @@ def last_merged(path: Path) -> int:
 
 @contextmanager
 def replaced(path: Path) -> Iterator[BinaryIO]:
-    """A file to write to, which takes the place of the one at `path` in one step, once all is written.
+    """Open a temporary file that replaces the one at `path` in one step when it's complete.
 
     Raises
     ------
     DatasetError
-        If it cannot be written; the file at `path` is then as it was.
+        If it can't be written; the file at `path` is unchanged.
     """
     try:
         with replacing(path) as file:
@@ -175,7 +175,7 @@ def _opened(path: Path) -> BinaryIO:
 
 
 def _whole_lines(path: Path) -> int:
-    """Return how many bytes there are up to and with the last newline."""
+    """Return the number of bytes up to the last newline, which is included."""
     with _opened(path) as file:
         if not os.fstat(file.fileno()).st_size:
             return 0

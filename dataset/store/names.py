@@ -1,4 +1,4 @@
-"""Names of pictures in a dataset: which file a name stands for, however it is spelled."""
+"""Names of pictures in a dataset, in any spelling."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import posixpath
 
 from hulldown.geometry.files import stays_inside
 
-# What the dataset keeps for itself: pictures under these names would be swept away or written over.
+# The dataset's own files: pictures with these names would be removed or overwritten.
 RESERVED = (
     ".unfinished",
     ".hulldown.lock",
@@ -19,7 +19,7 @@ RESERVED = (
 
 
 def place_of(file_name: str) -> str:
-    """The file that a name stands for: ``images/./1.png`` and ``images//1.png`` are one.
+    """The normal form of a name: ``images/./1.png`` and ``images//1.png`` are the same file.
 
     Examples
     --------
@@ -30,7 +30,7 @@ def place_of(file_name: str) -> str:
 
 
 def is_free(file_name: object) -> bool:
-    """Whether a picture may have this name: it stays in the dataset, and is none that the dataset needs itself."""
+    """Whether a picture may have this name: inside the dataset, and not one of the dataset's own files."""
     if not stays_inside(file_name):
         return False
     first = place_of(file_name).casefold().split("/")[0]

@@ -1,4 +1,4 @@
-"""Pictures given their names in a dataset, in one step and never outside its folder."""
+"""Place pictures in a dataset, in one step and never outside its folder."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from hulldown.geometry.files import stays_inside, sync_folder
 
 
 class LinkError(DatasetError):
-    """A link that leads out of its dataset."""
+    """A link out of its dataset."""
 
 
-PLACING_SUFFIX = ".joining"  # of a picture that is about to get its name
+PLACING_SUFFIX = ".joining"  # of a picture before it's renamed
 
 
 def confined(folder: Path, name: str) -> Path:
-    """`folder / name`, if that is in the folder.
+    """Return `folder / name` if it's in the folder.
 
     Raises
     ------
     DatasetError
-        If the name leads out of the folder, also by way of a symbolic link.
+        If the name leads out of the folder, also through a symbolic link.
     """
     path = folder / name
     real = path.parent.resolve() / path.name if not path.is_dir() else path.resolve()
@@ -39,14 +39,14 @@ def confined(folder: Path, name: str) -> Path:
 
 
 def publish(picture: Path, folder: Path, name: str) -> None:
-    """Give a finished picture its name in the dataset, in one step and never outside the folder.
+    """Move a finished picture to its name in the dataset, in one step and never outside the folder.
 
     Parameters
     ----------
     picture
-        On the same disk; it is moved.
+        The picture, on the same disk.
     folder, name
-        The dataset, and the name in it; what has that name is replaced.
+        The dataset, and the name in it; an existing file is replaced.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def publish(picture: Path, folder: Path, name: str) -> None:
 
 
 def place(picture: Path, folder: Path, name: str) -> None:
-    """Give a picture that lies elsewhere a name in the dataset too, as `publish` does; it stays where it is.
+    """Link or copy a picture from elsewhere into the dataset, in one step as `publish`.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def place(picture: Path, folder: Path, name: str) -> None:
 
 
 def own_picture(folder: Path, name: str, allowed: Sequence[Path] = ()) -> Path:
-    """The file that a picture of somebody's dataset is, links followed: it must lie where its maker may point to.
+    """The file of a dataset's picture with links resolved, which must be in an allowed folder.
 
     Parameters
     ----------
@@ -121,30 +121,30 @@ def own_picture(folder: Path, name: str, allowed: Sequence[Path] = ()) -> Path:
 
 
 def link_or_copy(source: Path, target: Path) -> None:
-    """A file under another name, that nothing has yet: as a hard link, or as a copy where there are none.
+    """Give a file another, new name, as a hard link, or as a copy if the disk has none.
 
     Parameters
     ----------
     source
-        The file itself, see `own_picture`: of a symbolic link the link would be taken.
+        The file itself, see `own_picture`; a symbolic link would be linked as such.
     target
         The other name.
 
     Raises
     ------
     OSError
-        If there is no such file, something has the name, or it cannot be written.
+        If there is no such file, the name exists, or it can't be written.
     """
     try:
         os.link(source, target)
     except (FileNotFoundError, FileExistsError):
-        raise  # copied over, a target that is a link already would take what it links to with it
+        raise  # copying onto an existing link would overwrite its target
     except OSError:  # another disk, or one that has no links
         shutil.copyfile(source, target)
 
 
 def unwritten(folder: Path, name: str, error: OSError) -> DatasetError:
-    """What to tell the user when a picture cannot be written."""
+    """The error for a picture that can't be written."""
     return DatasetError(
         f"{name} cannot be written ({error.strerror})",
         path=folder,

@@ -1,4 +1,4 @@
-"""How ``annotations.json`` is laid out, one record a line, so that a large one is read without parsing it whole."""
+"""The layout of ``annotations.json``, one record per line, so that large ones are read without parsing the whole."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Any, BinaryIO
 
 import orjson
 
-LONGEST_HEAD = 1 << 24  # bytes: info, licences and categories of a dataset that was made here fit in
+LONGEST_HEAD = 1 << 24  # bytes of info, licenses, and categories
 
 
 class OtherLayoutError(Exception):
-    """The file is not laid out as `write_coco` lays it out; it may be sound all the same."""
+    """The file has another layout than `write_coco`'s; it may be valid."""
 
 
 def write_coco(file: BinaryIO, head: Mapping[str, Any], images: Iterable[bytes], annotations: Iterable[bytes]) -> None:
@@ -22,7 +22,7 @@ def write_coco(file: BinaryIO, head: Mapping[str, Any], images: Iterable[bytes],
     file
         Open for writing.
     head
-        All but images and annotations; not empty.
+        The document without images and annotations; not empty.
     images, annotations
         Records as JSON.
     """
@@ -39,11 +39,11 @@ def write_coco(file: BinaryIO, head: Mapping[str, Any], images: Iterable[bytes],
 
 
 def read_by_line(file: BinaryIO) -> tuple[dict[str, Any], Iterator[dict[str, Any]], Iterator[dict[str, Any]]]:
-    """Head, images and annotations of what `write_coco` has written; images are to be taken first, and wholly.
+    """Head, images, and annotations of a file by `write_coco`; the images must be read first, and completely.
 
-    What is accepted here is what a parser of the whole would have read, and nothing else: the head is an object that
-    is not empty and has neither list, between the records is the punctuation of JSON and nothing besides, each record
-    is one object by itself, and after the end comes nothing.
+    It accepts only files that a parser of the whole would read in the same way: the head is an object that
+    isn't empty and has neither list, between the records is only JSON's punctuation, each record
+    is one object, and nothing follows the end.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def read_by_line(file: BinaryIO) -> tuple[dict[str, Any], Iterator[dict[str, Any
     Raises
     ------
     OtherLayoutError
-        Here, or when records are taken.
+        Here, or when records are read.
     """
     line = file.readline(LONGEST_HEAD)
     if not line.endswith(b",\n"):

@@ -1,4 +1,4 @@
-"""What a dataset sets aside for the images of one plan: ids and file names."""
+"""A dataset's reservation of ids and file names for a plan."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What a dataset has set aside for the images of one plan, the same whenever that plan is resumed.
+    """Ids and file names reserved for a plan's images, the same whenever the plan is resumed.
 
     Parameters
     ----------
     key
-        The plan, for example the SHA-256 of its file.
+        The plan's key, the SHA-256 of its file.
     image_offset, annotation_offset
-        What to add to ids that count from 1 within the plan.
+        Offsets of ids, which count from 1 within the plan.
     prefix
-        What to put before the plan's file names; empty in a dataset that was empty when the run began.
+        Prefix of the plan's file names; empty in a dataset that was empty before.
     images, annotations
-        How many ids are set aside.
+        Number of reserved ids.
 
     Raises
     ------
     ValueError
-        If these are no names and counts, as in a file that was edited.
+        If a name or count is invalid, as in an edited file.
     """
 
     key: str
@@ -46,40 +46,40 @@ class Run:
             raise ValueError(f"expected key and prefix to be parts of names, got {self.key!r} and {self.prefix!r}")
 
     def file_name(self, planned: str) -> str:
-        """The name in the dataset of the image that the plan calls `planned`."""
+        """The name in the dataset of an image with the name `planned` in the plan."""
         path = PurePosixPath(planned)
         return str(path.with_name(self.prefix + path.name))
 
     def planned(self, file_name: str) -> str:
-        """What the plan calls the image that is called `file_name` in the dataset."""
+        """The name in the plan of an image with the name `file_name` in the dataset."""
         path = PurePosixPath(file_name)
         return str(path.with_name(path.name.removeprefix(self.prefix)))
 
     def has_image(self, image_id: Any) -> Any:
-        """Whether an image's id, or which of an array of them, is set aside here."""
+        """Whether an image's id, or each of an array of ids, is reserved here."""
         return (image_id > self.image_offset) & (image_id <= self.image_offset + self.images)
 
     def owns(self, image_id: int, file_name: str) -> bool:
-        """Whether an image is one of the plan's: id and name are both set aside here."""
+        """Whether an image is the plan's: its id and name are both reserved here."""
         return bool(self.has_image(image_id)) and PurePosixPath(file_name).name.startswith(self.prefix)
 
     def has_annotation(self, annotation_id: int) -> bool:
-        """Whether an annotation's id is set aside here."""
+        """Whether an annotation's id is reserved here."""
         return self.annotation_offset < annotation_id <= self.annotation_offset + self.annotations
 
 
 def plan_key(plan: Path) -> str:
-    """What identifies a plan: the SHA-256 of its file."""
+    """A plan's key: the SHA-256 of its file."""
     with plan.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def runs_of(coco: Mapping[str, Any]) -> list[Run]:
-    """What a COCO dictionary, as `dataset.store.document` gives it, says was set aside for plans."""
+    """The reservations for plans in a COCO dictionary by `dataset.store.document`."""
     info = coco.get("info")
     return [Run(**record) for record in (info.get("hulldown_runs", []) if isinstance(info, dict) else [])]
 
 
 def find_run(coco: Mapping[str, Any], key: str) -> Run | None:
-    """What a COCO dictionary says was set aside for a plan; None if nothing was."""
+    """The reservation for a plan in a COCO dictionary; None if there is none."""
     return next((run for run in runs_of(coco) if run.key == key), None)

@@ -1,7 +1,7 @@
-"""SHA-256 of pictures, records and journal lines, by which a later change is found.
+"""Hashes of pictures, records, and journal lines, to detect later changes.
 
-What was rendered here says in its image record what its picture's bytes hash to (`PICTURE_KEY`), and each of its
-records what the rest of the record hashes to (`RECORD_KEY`). Records that were made elsewhere have neither.
+A rendered image's record has the SHA-256 of its picture (`PICTURE_KEY`), and each of its
+records that of its other fields (`RECORD_KEY`). Records from elsewhere have neither.
 """
 
 from __future__ import annotations
@@ -27,36 +27,36 @@ def digest(content: bytes) -> str:
 
 
 def seal_of(record: Mapping[str, Any]) -> str:
-    """What a record's seal must be: of its fields but the seal, in the order of their names."""
+    """The correct seal of a record: the hash of its other fields, in the order of their names."""
     rest = {key: value for key, value in record.items() if key != RECORD_KEY}
     return digest(orjson.dumps(rest, option=orjson.OPT_SORT_KEYS))
 
 
 def sealed(record: Mapping[str, Any]) -> dict[str, Any]:
-    """A record with its seal as the last field."""
+    """Add the seal as a record's last field."""
     rest = {key: value for key, value in record.items() if key != RECORD_KEY}
     return {**rest, RECORD_KEY: seal_of(rest)}
 
 
 def broken(record: Mapping[str, Any]) -> bool:
-    """Whether a record has a seal that does not fit it; null is the seal of what a person has changed."""
+    """Whether a record's seal is wrong; null is the seal of records edited on purpose."""
     seal = record.get(RECORD_KEY)
     return seal is not None and seal != seal_of(record)
 
 
 def changed(record: Mapping[str, Any], **fields: Any) -> dict[str, Any]:
-    """A record with other values in some fields; its seal fits again if it did before."""
+    """Change fields of a record; a valid seal stays valid."""
     new = {**record, **fields}
     return sealed(new) if record.get(RECORD_KEY) is not None and not broken(record) else new
 
 
 def seal_line(line: bytes) -> bytes:
-    """A journal line, a JSON object that is not empty with its newline, with the hash of all that is before it."""
+    """Add to a journal line, a JSON object with its newline, the hash of everything before it."""
     content = line[:-2]
     return content + _LINE_START + digest(content).encode() + _LINE_END
 
 
 def line_is_broken(line: bytes) -> bool:
-    """Whether a journal line that has a seal is not as it was written, or has it elsewhere than at its end."""
+    """Whether a sealed journal line was changed, or its seal isn't at its end."""
     content, end = line[:-_SEAL_LENGTH], line[-_SEAL_LENGTH:]
     return end != _LINE_START + digest(content).encode() + _LINE_END

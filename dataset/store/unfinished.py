@@ -1,4 +1,4 @@
-"""Folders that are there whole or not at all."""
+"""Folders that are written completely or not at all."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ UNFINISHED_NAME = ".unfinished"
 
 @contextmanager
 def all_or_nothing(out: Path) -> Iterator[Path]:
-    """A folder to write to, whose content becomes that of `out` if all goes well.
+    """Yield a temporary folder whose content moves to `out` at the end of the block.
 
-    It lies in `out`, so that moving is renaming. What a killed run left in it is not seen by training tools, and the
-    next run replaces it.
+    It's inside `out`, so that moving is renaming. Training tools don't see the remains of a killed run, and the
+    next run replaces them.
 
     Raises
     ------

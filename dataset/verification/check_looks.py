@@ -1,4 +1,4 @@
-"""Whether pictures that were rendered here show what their labels say; photographs are left alone."""
+"""Check that rendered pictures show their labels; photographs aren't checked."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from hulldown.dataset.records import Finding
 from hulldown.dataset.store.seals import PICTURE_KEY
 from hulldown.dataset.verification.look import BLACK, FAINT, NOTHING, UNLIKE, WHITE, Appearance, appearance
 
-OURS = (PICTURE_KEY, "world_from_camera")  # what a photograph's record has not
+OURS = (PICTURE_KEY, "world_from_camera")  # keys that photographs' records lack
 
 
 def is_rendered(image: Mapping[str, Any]) -> bool:
-    """Whether an image record is of a picture that hulldown has rendered."""
+    """Whether an image record is of a rendered picture."""
     return any(image.get(key) is not None for key in OURS)
 
 
 def check_looks(
     image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]], pixels: UInt8[np.ndarray, "h w 3"]
 ) -> Iterator[Finding]:
-    """What is wrong with the look of the targets in a rendered picture.
+    """Find problems with the look of targets in a rendered picture.
 
     Parameters
     ----------
     image
         Its record, of the picture's size.
     annotations
-        The labels on it; those without a mask, and those to be ignored, are not looked at.
+        Its labels; those without a mask, and ignored ones, aren't checked.
     pixels
         The picture.
     """

@@ -1,4 +1,4 @@
-"""Whether the pictures of a dataset are there, whole, and those that its records are about."""
+"""Check that a dataset's pictures exist, are undamaged, and belong to their records."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def check_pictures(
     look: Look | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Iterator[Finding]:
-    """What is wrong with the files of a dataset's pictures.
+    """Find problems with a dataset's picture files.
 
     Parameters
     ----------
@@ -42,11 +42,11 @@ def check_pictures(
     coco
         The dataset.
     fast
-        Whether to look only at which files are there.
+        Whether to check only that files exist.
     look
-        What else to look for in each picture that was rendered here.
+        Further checks of each rendered picture.
     progress
-        Told (done, all) after each image.
+        Called with (done, all) after each image.
     """
     images = coco["images"]
     labels: dict[int, list[Mapping[str, Any]]] = {}
@@ -110,7 +110,7 @@ def _linked_elsewhere(folder: Path, images: Sequence[Mapping[str, Any]]) -> Iter
 def _check(
     folder: Path, image: Mapping[str, Any], labels: Sequence[Mapping[str, Any]], *, fast: bool, look: Look | None
 ) -> tuple[list[Finding], str | None, Bool[np.ndarray, "256"] | None]:
-    """Return what is wrong with a picture, the hash of its bytes, and a photograph's perceptual hash."""
+    """Return a picture's problems, the hash of its bytes, and a photograph's perceptual hash."""
     name = image.get("file_name")
     if not stays_inside(name):
         problem = f"file_name {name!r:.120} is no path inside the dataset"

@@ -1,4 +1,4 @@
-"""Whether the sky in rendered pictures is the one that their records name, turned and lit as they say."""
+"""Check that the sky in rendered pictures is the recorded HDRI with the recorded yaw and strength."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ DOUBTFUL = 3.0  # of 255: wrong too, if another sky of the plan differs by less 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SkyCheck:
-    """Compares the sky of each picture of a plan's run with a small render of what its record names.
+    """Compares the sky of a plan's pictures with a small render of the recorded HDRI.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class SkyCheck:
     skies
         Equirectangular map of each HDRI, by its name; see `dataset.verification.sky.radiance`.
     run
-        Which images are the plan's.
+        The plan's images in the dataset.
     """
 
     worlds: Mapping[str, World]
@@ -50,7 +50,7 @@ class SkyCheck:
     def __call__(
         self, image: Mapping[str, Any], labels: Sequence[Mapping[str, Any]], pixels: UInt8[np.ndarray, "h w 3"]
     ) -> Iterator[Finding]:
-        """What is wrong with the sky of a picture."""
+        """Find a problem with the sky of a picture."""
         name, hdri, scenery = (str(image.get(key)) for key in ("file_name", "hdri", "scenery"))
         if not self.run.owns(image["id"], name) or hdri not in self.skies or scenery not in self.worlds:
             return
@@ -98,7 +98,7 @@ class SkyCheck:
     def _sky(
         self, image: Mapping[str, Any], height: int
     ) -> tuple[Float[np.ndarray, "h w 3"], Bool[np.ndarray, "h w"], Float[np.ndarray, "h w 1"]]:
-        """Rays of the small picture: directions, which meet neither ground nor obstacles, and shares of light."""
+        """Rays of the small picture: directions, which of them see sky, and transmittances."""
         intrinsics = Intrinsics.of_record(image).resized(WIDTH, height)
         camera = Camera(intrinsics, np.array(image["world_from_camera"], dtype=np.float64))
         x, y = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(height) + 0.5)
@@ -110,21 +110,21 @@ class SkyCheck:
 
 
 def sky_check(plan: Plan, coco: Mapping[str, Any], *, cache: Path | None = None) -> SkyCheck | None:
-    """A check of what a dataset holds of a plan; None if it holds nothing.
+    """A check of a plan's images in a dataset; None if there are none.
 
     Parameters
     ----------
     plan
-        A plan that was rendered into the dataset.
+        The plan.
     coco
         The dataset.
     cache
-        Where the plan's assets are kept; beside it if None.
+        The cache of the plan's assets; None: next to the plan.
 
     Raises
     ------
     HulldownError
-        If its assets cannot be read any more.
+        If its assets can't be read.
     """
     run = find_run(coco, plan_key(plan.path))
     if run is None:

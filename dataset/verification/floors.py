@@ -1,4 +1,4 @@
-"""What a label must show at least: the floors of a config's `annotate`, held against a dataset that is finished."""
+"""Limits of full labels, as in `[annotate]`, for finished datasets."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hulldown.dataset.store.seals import changed
 
 @dataclass(frozen=True, slots=True)
 class LabelFloors:
-    """Floors of labels; what a label does not say, as those of photographs, is not held against it.
+    """Limits of full labels; fields that a label lacks, such as a photograph's, are ignored.
 
     Parameters
     ----------
@@ -20,7 +20,7 @@ class LabelFloors:
     min_visible_fraction, max_truncated_fraction
         Least visible and largest truncated fraction.
     below
-        What becomes of what shows less: ``"ignored"``: it gets ``iscrowd`` 1; ``"left_out"``: it goes.
+        Labels that show less: ``"ignored"``: they get ``iscrowd`` 1; ``"left_out"``: they're dropped.
     """
 
     min_box_px: float = 0.0
@@ -29,7 +29,7 @@ class LabelFloors:
     below: Literal["ignored", "left_out"] = "ignored"
 
     def kept(self, annotations: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-        """The annotations that stay, in their order; those that are ignored already stay so, or go with the others."""
+        """The kept annotations, in order; ignored ones stay ignored, or are dropped with the others."""
         kept: list[Mapping[str, Any]] = []
         for annotation in annotations:
             if self.enough(annotation) and not (annotation.get("iscrowd") and self.below == "left_out"):
@@ -39,7 +39,7 @@ class LabelFloors:
         return kept
 
     def enough(self, annotation: Mapping[str, Any]) -> bool:
-        """Whether an annotation shows what a full label must."""
+        """Whether an annotation is within the limits."""
         visible, truncated = (annotation.get(key) for key in ("visible_fraction", "truncated_fraction"))
         return (
             min(annotation["bbox"][2:]) >= self.min_box_px

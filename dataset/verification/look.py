@@ -1,7 +1,7 @@
-"""What pictures look like, in figures: how a target stands out, and whether an outline is one in the picture too.
+"""Measure how pictures look: a target's contrast, and the strength of its outline.
 
-The thresholds of color were measured on 240 renders of the demo, 320 x 180 pixels at 5 samples, eight skies, fog in a
-seventh of them, that of outlines on 67 in all weathers; docs/dataset.md has the figures.
+Thresholds of color were measured on 240 renders of the demo, 320 x 180 pixels at 5 samples, eight skies, fog in a
+seventh of them, those of outlines on 67 in all weathers; docs/dataset.md has the figures.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from scipy import ndimage
 
 from hulldown.geometry.color import LUMINANCE
 
-NOTHING = 1.0  # of 255: a target that differs less from what is around it, and within itself, is not in the picture
+NOTHING = 1.0  # of 255: a target with less contrast, outside and within itself, isn't in the picture
 FAINT = 8.0  # of 255: hard to make out; sound renders had 20.9 and more
 BLACK, WHITE = 16.0, 250.0  # of 255: the brightest twentieth of a sound target had 34 and more
 UNLIKE = 1.0  # outlines: see docs/dataset.md for what was measured
@@ -23,21 +23,21 @@ SHIFTS = (0.25, 0.5, 0.8, 1.2)  # of a mask's extent: how far its outline is mov
 DIRECTIONS = 16  # in which it is moved
 SECTORS = 12  # about a mask's center, in which steps across its outline are averaged
 LEAST_SHARE, FEWEST = 0.3, 8  # a moved outline must be this far visible outside of the mask, and so many must be
-SMALLEST = 30  # pixels of a mask that has an outline to speak of
-WIDEST = 640  # pixels of the patch that is looked at; larger ones are averaged down
-AROUND = 0.25  # of a mask's longer side: how far around it its surroundings go
-_SOFT = 1.0  # pixels by which a mask is blurred to tell which way its outline faces
-_NOISE = 0.05  # of 255: gradients that tell nothing
+SMALLEST = 30  # least pixels of a mask whose outline is measured
+WIDEST = 640  # largest measured patch in pixels; larger ones are averaged down
+AROUND = 0.25  # width of the surroundings, of a mask's longer side
+_SOFT = 1.0  # pixels by which a mask is blurred for its outline's direction
+_NOISE = 0.05  # of 255: gradients below are noise
 
 
 @dataclass(frozen=True, slots=True)
 class Appearance:
-    """How a target looks in a picture; all levels from 0 to 255.
+    """A target's look in a picture; levels from 0 to 255.
 
     Parameters
     ----------
     contrast
-        What tells it from its surroundings: the difference of the mean colors, in the channel where it is largest, or
+        Its contrast: the difference of its mean color from its surroundings', in the channel where it's largest, or
         the range of its own luminance, 10th to 90th percentile, if that is larger.
     darkest, brightest
         Its luminance, 5th and 95th percentile.
@@ -54,16 +54,16 @@ class Appearance:
 def appearance(
     picture: UInt8[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"], others: Bool[np.ndarray, "h w"]
 ) -> Appearance | None:
-    """How a target looks; None if its mask is empty.
+    """Measure a target's look; None if its mask is empty.
 
     Parameters
     ----------
     picture
         The picture's colors.
     mask
-        Where it shows the target.
+        The target's pixels.
     others
-        Where it shows other targets, which are no surroundings.
+        Pixels of other targets, which don't count as surroundings.
     """
     if not mask.any():
         return None
@@ -107,7 +107,7 @@ def _smaller(
 def outline_strength(
     colors: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"], around: Bool[np.ndarray, "h w"]
 ) -> float:
-    """Return how much steeper a picture is across a mask's outline than across the same outline moved elsewhere.
+    """Return how much steeper the picture is across a mask's outline than across moved copies of the outline.
 
     In standard deviations of the moved outlines, so about 0 for the outline of something else; nan if the mask or its
     surroundings are too small. Steepness is the gradient's component across the outline, averaged within sectors, in

@@ -1,4 +1,4 @@
-"""Find pictures that show the same: saved again, resized, or in another format."""
+"""Find near duplicates: pictures saved again, resized, or in another format."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FLAT = 2.0  # of 255: standard deviation of a picture that has nothing to compar
 
 
 def picture_hash(pixels: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "256"] | None:
-    """Return a perceptual hash of a picture; None for one without contrast, which would be like any other.
+    """Return a picture's perceptual hash; None without contrast, where the hash is meaningless.
 
     References
     ----------
@@ -30,7 +30,7 @@ def picture_hash(pixels: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "256"] 
 def near_duplicates(
     first: Sequence[Bool[np.ndarray, "256"] | None], second: Sequence[Bool[np.ndarray, "256"] | None]
 ) -> Int[np.ndarray, "n 2"]:
-    """Return the pairs of indices of pictures that show the same, (n, 2)."""
+    """Return index pairs of near duplicates, (n, 2)."""
     (rows, ones), (columns, others) = _signs(first), _signs(second)
     found = [np.zeros((0, 2), dtype=np.int64)]
     for start in range(0, len(ones), 1024):  # blocks, so that a large dataset doesn't need a large matrix

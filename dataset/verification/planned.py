@@ -1,4 +1,4 @@
-"""Does a dataset say what the plan that it was rendered from says? Row by row; a plan may be larger than memory."""
+"""Compare a dataset with its plan, row by row; a plan may be larger than memory."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ LONGEST = 120  # characters of a value in a finding
 
 
 def check_planned(coco: Mapping[str, Any], plan: Path) -> Iterator[Finding]:
-    """Where images of a plan and their labels differ from its rows, and how many are not there.
+    """Find differences between a plan's rows and their images and labels, and count missing ones.
 
-    A difference is an error: numbers go from plan to dataset unrounded. What is missing is a warning, since a run may
-    be under way, and somebody may have deleted it on purpose.
+    A difference is an error, since numbers are copied unrounded. A missing image is a warning, since a run may
+    be in progress, or someone deleted it on purpose.
 
     Parameters
     ----------
     coco
         The dataset.
     plan
-        The plan's file, the same to the byte as when it was rendered.
+        The plan's file, unchanged since rendering.
 
     Raises
     ------
     ConfigError
-        If the file is no plan, or a line of it is no row.
+        If the file isn't a plan, or a line isn't a row.
     """
     rows = read_plan(plan)
     run = find_run(coco, plan_key(plan))
@@ -65,13 +65,13 @@ def check_planned(coco: Mapping[str, Any], plan: Path) -> Iterator[Finding]:
 
 
 def image_record(row: Row) -> dict[str, Any]:
-    """What a dataset says about a row's image, but for id and file name."""
+    """A dataset's record of a row's image, without id and file name."""
     record = orjson.loads(encode(row))
     return {key: record[key] for key in IMAGE_KEYS if key in record}
 
 
 def label_records(row: Row) -> list[dict[str, Any]]:
-    """What it says about each labeled vehicle of a row, but for ids and masks."""
+    """A dataset's records of a row's labeled vehicles, without ids and masks."""
     records = []
     for vehicle in row.labeled:
         encoded = orjson.loads(encode(vehicle))
@@ -100,7 +100,7 @@ def _box_differs(
 
 
 def not_annotated(name: str, category: str | None, vehicle: str) -> Finding:
-    """A planned label is not there: a warning, since somebody may have deleted it on purpose."""
+    """A warning about a missing label, which someone may have deleted on purpose."""
     return Finding("warning", name, f"{category} {vehicle!r} is planned and has no annotation")
 
 

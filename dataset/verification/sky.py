@@ -1,4 +1,4 @@
-"""How a sky must look in a picture: an HDRI along rays, through fog, white balance, exposure and the view transform."""
+"""The expected sky in a picture: an HDRI through fog, white balance, exposure, and the view transform."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from hulldown.camera.backdrop import HIGH, even_color, fade
 from hulldown.camera.response import displayed, white_balance
 from hulldown.camera.weather_kinds import air_layers, airlight
 
-_ERODED = 1  # pixels from what is no sky: leaves and wires that rays do not know
-_SMOOTHED = 5  # pixels: finer than that is the sky of a small map not known
+_ERODED = 1  # pixels around other things, such as leaves and wires that rays miss
+_SMOOTHED = 5  # pixels: a small map has no finer details
 
 
 def pictured(
     radiance: Float[np.ndarray, "*n 3"], *, exposure_ev: float, white_balance_k: float
 ) -> Float[np.ndarray, "*n 3"]:
-    """Levels from 0 to 255 that radiance has in a picture of that exposure and white balance; see `planning.row`."""
+    """Levels from 0 to 255 of radiance in a picture with an exposure and white balance; see `planning.row`."""
     return displayed(radiance @ white_balance(white_balance_k).T * 2.0**exposure_ev)
 
 
@@ -34,7 +34,7 @@ def radiance(
     kind: str = "fog",
     horizon_deg: float | None = None,
 ) -> Float[np.ndarray, "*n 3"]:
-    """What rays see of a sky.
+    """Radiance of a sky along rays.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def radiance(
     along
         Unit directions in the scenery's frame.
     yaw
-        Turn of the sky in radians, counter-clockwise seen from above.
+        Yaw of the sky in radians, counterclockwise seen from above.
     strength
         Factor on its radiance.
     visibility_m
@@ -51,7 +51,7 @@ def radiance(
     kind
         Of the weather.
     horizon_deg
-        Elevation whose color is seen below it too; None: the sky is seen as it is. See `camera.backdrop`.
+        Elevation whose color continues below; None: the sky is unchanged. See `camera.backdrop`.
     """
     height, width = sky.shape[:2]
     x, y, z = np.moveaxis(along, -1, 0)
@@ -79,14 +79,14 @@ def radiance(
 
 
 def inner(sky: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
-    """Where a picture shows sky for sure: not beside anything else."""
+    """Pixels of sky that aren't next to anything else."""
     return ndimage.binary_erosion(sky, iterations=_ERODED, border_value=1)
 
 
 def deviation(
     picture: Float[np.ndarray, "h w 3"], expected: Float[np.ndarray, "h w 3"], where: Bool[np.ndarray, "h w"]
 ) -> float:
-    """Median over some pixels of the difference from what is expected, in its largest channel, smoothed; of 255."""
+    """Median difference from the expected sky over some pixels, in the largest channel, smoothed; of 255."""
     difference = (picture - expected) * where[..., None]
     share = ndimage.uniform_filter(where.astype(np.float64), _SMOOTHED)[where]
     smooth = ndimage.uniform_filter(difference, (_SMOOTHED, _SMOOTHED, 0))[where] / share[:, None]

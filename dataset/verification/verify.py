@@ -1,4 +1,4 @@
-"""Is a dataset what it says it is: records, files, boxes, masks; and how far annotations are from rendered masks."""
+"""Verify a dataset: records, files, boxes, and masks; and compare annotations with rendered masks."""
 
 from __future__ import annotations
 
@@ -39,28 +39,28 @@ def verify(
     cache: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Finding]:
-    """Everything that is wrong with a dataset.
+    """Find everything that is wrong with a dataset.
 
     Parameters
     ----------
     dataset
         Its folder, or a `Dataset`.
     plan
-        A plan it was rendered from: names, sizes, poses, classes and boxes are compared with it, row by row, and the
-        skies in pictures with those that the plan's assets give.
+        A plan that it was rendered from: names, sizes, poses, classes, and boxes are compared row by row, and the
+        skies in pictures with the plan's HDRIs.
     fast
-        Whether pictures are not opened and hashes not compared.
+        Whether to skip opening pictures and comparing hashes.
     cache
-        Where the plan's assets are kept; beside it if None.
+        The cache of the plan's assets; None: next to the plan.
     progress
         Told (done, all) after each image; None for a bar on a terminal or in a notebook.
 
     Raises
     ------
     DatasetError
-        If there is no dataset, or it cannot be read at all.
+        If there is no dataset, or it can't be read at all.
     ConfigError
-        If the plan is none.
+        If the file isn't a plan.
 
     Examples
     --------
@@ -80,7 +80,7 @@ def verify(
 
 
 def _sky_check(plan: Plan, coco: Mapping[str, Any], cache: Path | None) -> tuple[Look | None, list[Finding]]:
-    """What looks at skies, or a warning that nothing does since the plan's assets can't be read."""
+    """The check of skies, or a warning that the plan's assets can't be read."""
     try:
         with reading_status():
             return sky_check(plan, coco, cache=cache), []
@@ -114,7 +114,7 @@ def _findings(
 
 @dataclass(frozen=True, slots=True)
 class MaskComparison:
-    """How far an annotation is from what was rendered.
+    """The differences between an annotation and rendered masks.
 
     Parameters
     ----------
@@ -136,23 +136,23 @@ def compare(
     segmentation: Any = None,
     visible: Bool[np.ndarray, "h w"] | None = None,
 ) -> MaskComparison:
-    """Hold an annotation against rendered masks.
+    """Compare an annotation with rendered masks.
 
     Parameters
     ----------
     bbox
-        xywh of the vehicle's surface in the image; None if it is said to have none.
+        xywh of the annotated box; None if it has none.
     alone
-        Where the render shows the vehicle with nothing in front of it: what the box must hold.
+        The rendered mask of the vehicle without occluders, which the box must contain.
     segmentation
-        The annotated visible mask, as COCO has it; None if there is none.
+        The annotated visible mask in COCO's form; None if there is none.
     visible
-        Where the render shows the vehicle behind whatever hides it.
+        The rendered visible mask.
 
     Raises
     ------
     ValueError
-        If there is a segmentation that is none.
+        If the segmentation is invalid.
     """
     rendered = mask_box(alone)
     if bbox is None or rendered is None:

@@ -1,4 +1,4 @@
-"""COCO as RF-DETR and Roboflow have it: ``train/_annotations.coco.json`` with the pictures beside it."""
+"""COCO as RF-DETR and Roboflow read it: ``train/_annotations.coco.json`` next to the pictures."""
 
 from __future__ import annotations
 

@@ -34,5 +34,5 @@ def write(shares: Shares, out: Path, *, corners_of: CornersOf = visible_corners)
 
 
 def write_ground(shares: Shares, out: Path) -> None:
-    """The same with the ground under each vehicle, its front first."""
+    """Write as `write`, with the ground under each vehicle, front first."""
     write(shares, out, corners_of=ground_corners)

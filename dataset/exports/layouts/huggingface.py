@@ -15,15 +15,15 @@ import orjson
 
 from hulldown.dataset.exports.shares import Shares, rings_of
 
-FOLDERS = {"train": "train", "valid": "validation", "test": "test"}  # names from which it knows the splits
+FOLDERS = {"train": "train", "valid": "validation", "test": "test"}  # folder names of the splits
 
 
 def write(shares: Shares, out: Path) -> None:
     """Write ``train``, ``validation`` and ``test``, each with its pictures and ``metadata.jsonl``.
 
     A line has ``file_name``, ``image_id``, ``width``, ``height`` and ``objects``: lists of ``id``, ``area``, ``bbox``
-    (COCO's), ``category`` (its name), ``iscrowd`` and, if asked for, ``segmentation`` (polygons; of a label without a
-    mask its box). Its readers take types from the lines, so that a split without any label does not fit the others.
+    (COCO's), ``category`` (its name), ``iscrowd``, and on request ``segmentation`` (polygons; for a label without a
+    mask its box). Readers infer types from the lines, so a split without any label doesn't fit the others.
     """
     outlined = any(isinstance(label.get("segmentation"), list) for labels in shares.labels.values() for label in labels)
     names = shares.class_names

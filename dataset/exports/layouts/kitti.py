@@ -1,4 +1,4 @@
-"""KITTI's object labels: a text file a picture, with boxes in space where poses are known, and its camera.
+"""KITTI's object labels: a text file per picture with 3D boxes, if poses are known, and camera.
 
 References
 ----------
@@ -21,10 +21,10 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.dataset.exports.shares import Shares
 
 LISTS = {"train": "train", "valid": "val", "test": "test"}
-UNKNOWN = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)  # KITTI's own words for no box in space
+UNKNOWN = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)  # KITTI's values for an unknown 3D box
 UNKNOWN_ALPHA = -10.0
 SEEN_WHOLE, SEEN_HALF = 0.95, 0.5  # visible fractions from which a label is "fully visible" and "partly occluded"
-# A lidar in the camera's place, x forward and z up: there is none, and readers ask for its pose.
+# The pose of a fictitious lidar at the camera, x forward and z up, which readers require.
 CAMERA_FROM_LIDAR = "0 -1 0 0 0 0 -1 0 1 0 0 0"
 LIDAR_FROM_IMU = "1 0 0 0 0 1 0 0 0 0 1 0"
 
@@ -32,7 +32,7 @@ LIDAR_FROM_IMU = "1 0 0 0 0 1 0 0 0 0 1 0"
 def write(shares: Shares, out: Path) -> None:
     """Write ``training/image_2``, ``label_2``, ``calib``, and ``ImageSets`` with the splits.
 
-    Pictures whose field of view is not known, such as photographs, get no file in ``calib``.
+    Pictures without a known field of view, such as photographs, get no file in ``calib``.
     """
     pictures, texts, cameras = (out / "training" / name for name in ("image_2", "label_2", "calib"))
     lists = out / "ImageSets"
@@ -61,11 +61,11 @@ def write(shares: Shares, out: Path) -> None:
 
 
 def label_line(label: Mapping[str, Any], name: str) -> str:
-    """Class, truncated, occluded, alpha, box, and height, width, length, place and turn in the camera's frame.
+    """Class, truncated, occluded, alpha, box, and height, width, length, position, and rotation in the camera's frame.
 
-    Names have no blanks. Crowds are ``DontCare``. ``occluded`` is 0 from 95 % visible on, 1 from 50 % on, else 2, and 3
-    where it is not known. The turn is that about the camera's y axis alone: where vehicle or camera are tilted, the box
-    in space is one on level ground, and only ``bbox_3d`` of the dataset has the whole turn.
+    Names have no blanks. Crowds are ``DontCare``. ``occluded`` is 0 from 95 % visible, 1 from 50 %, else 2, and 3
+    if unknown. The rotation is about the camera's y axis alone: if vehicle or camera is tilted, the 3D box
+    is leveled, and only ``bbox_3d`` in the dataset has the full rotation.
     """
     x, y, w, h = label["bbox"]
     seen, cut = number_of(label.get("visible_fraction")), number_of(label.get("truncated_fraction"))

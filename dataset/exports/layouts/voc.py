@@ -17,13 +17,13 @@ from hulldown.annotate.known import number
 from hulldown.dataset.exports.shares import Item, Shares
 
 LISTS = {"train": "train", "valid": "val", "test": "test"}
-TRUNCATED, OCCLUDED = 0.0, 0.95  # cut off at all; less of it visible than this
+TRUNCATED, OCCLUDED = 0.0, 0.95  # truncated above the first; occluded below the second
 
 
 def write(shares: Shares, out: Path) -> None:
-    """Write ``JPEGImages``, whatever the pictures' format, ``Annotations`` and ``ImageSets/Main``.
+    """Write ``JPEGImages`` (for pictures of any format), ``Annotations``, and ``ImageSets/Main``.
 
-    Boxes are grown to whole pixels. Crowds are ``difficult``, as what is not to be counted is there.
+    Boxes are grown to whole pixels. Crowds are ``difficult``, VOC's mark for labels that aren't counted.
     """
     pictures, texts, lists = out / "JPEGImages", out / "Annotations", out / "ImageSets" / "Main"
     for folder in (pictures, texts, lists):

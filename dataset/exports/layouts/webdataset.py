@@ -1,4 +1,4 @@
-"""WebDataset: tar files of pictures, each followed by its records as JSON, to be read in a stream.
+"""WebDataset: tar files of pictures, each followed by its records as JSON, for streaming.
 
 References
 ----------
@@ -16,7 +16,7 @@ import orjson
 
 from hulldown.dataset.exports.shares import Item, Shares
 
-SHARD_BYTES = 512 * 2**20  # what object storage and readers like: far above a request's cost, far below a disk's size
+SHARD_BYTES = 512 * 2**20  # bytes; suits object storage and readers
 SHARD_IMAGES = 10_000
 
 
@@ -39,7 +39,7 @@ def write(shares: Shares, out: Path) -> None:
 
 
 def _shards(items: Iterator[Item]) -> Iterator[Iterator[Item]]:
-    """Items in runs of at most `SHARD_IMAGES` whose pictures have at most `SHARD_BYTES` together, or of one."""
+    """Split items into runs of at most `SHARD_IMAGES` pictures and `SHARD_BYTES` bytes, at least one each."""
     ahead = next(items, None)
 
     def run() -> Iterator[Item]:

@@ -1,4 +1,4 @@
-"""Labels as YOLO readers have them: one text line a label, in shares of the image.
+"""Labels for YOLO readers: one text line per label, in shares of the image.
 
 References
 ----------
@@ -27,27 +27,27 @@ CornersOf: TypeAlias = Callable[[Mapping[str, Any], Mapping[str, Any]], Float[np
 
 
 def write(shares: Shares, out: Path) -> None:
-    """Write ``images/train``, ``labels/train`` and so on, as Ultralytics has it."""
+    """Write ``images/train``, ``labels/train``, and so on, as Ultralytics reads them."""
     _write(shares, out, _lines)
 
 
 def write_for_rfdetr(shares: Shares, out: Path) -> None:
-    """Write ``train/images``, ``train/labels`` and so on, as RF-DETR and Roboflow have it."""
+    """Write ``train/images``, ``train/labels``, and so on, as RF-DETR and Roboflow read them."""
     _write(shares, out, _lines, split_first=True)
 
 
 def write_oriented(shares: Shares, out: Path) -> None:
-    """Write as `write`, the four corners of the smallest rectangle around what is visible of each vehicle."""
+    """Write as `write`, with the corners of the smallest rectangle around each vehicle's visible mask."""
     _write(shares, out, partial(_corner_lines, corners_of=visible_corners))
 
 
 def write_ground(shares: Shares, out: Path) -> None:
-    """Write as `write`, the four corners of the ground under each vehicle, its front first."""
+    """Write as `write`, with the corners of the ground under each vehicle, front first."""
     _write(shares, out, partial(_corner_lines, corners_of=ground_corners))
 
 
 def write_pose(shares: Shares, out: Path) -> None:
-    """Write as `write`, boxes with keypoints: x, y, and COCO's v of each.
+    """Write as `write`, with boxes and keypoints: x, y, and COCO's v of each.
 
     Raises
     ------
@@ -70,8 +70,8 @@ def label_lines(
 ) -> list[str]:
     """One line for each label, in shares of the image; crowds are left out, as YOLO has none.
 
-    Class, center and size of its box; or, where a label has polygons, class and corners for all of them, since readers
-    take a file for one or the other. Several polygons are bridged into one.
+    Class, center, and size of its box; or, if any label has polygons, class and corners for all, since readers
+    expect one or the other in a file. Several polygons are bridged into one.
     """
     labels = [annotation for annotation in annotations if not annotation.get("iscrowd")]
     outlined = any(isinstance(label.get("segmentation"), list) and label["segmentation"] for label in labels)
@@ -139,7 +139,7 @@ def _write(
             (out / texts / f"{item.stem}.txt").write_text(text, encoding="utf-8")
     key = {"train": "train", "valid": "val", "test": "test"}
     data = [f"{key[split]}: {pictures.as_posix()}" for split, pictures in folders.items()]
-    # JSON strings are YAML strings, whatever is in them.
+    # Every JSON string is a YAML string.
     names = [json.dumps(shares.class_names[category["id"]]) for category in shares.categories]
     data += [*more, "names:", *(f"  {number}: {name}" for number, name in enumerate(names))]
     (out / "data.yaml").write_text("\n".join(data) + "\n", encoding="utf-8")
