@@ -15,7 +15,6 @@ from hulldown.benchmarks.rendering import planned
 from hulldown.benchmarks.rendering_error import FAST
 from hulldown.benchmarks.tables import table
 from hulldown.demo.project import create_project
-from hulldown.planning.config.config_file import parse_config
 from hulldown.planning.plan_file import Plan
 from hulldown.render.cluster.cluster_pool import ClusterPool
 from hulldown.render.cluster.node import SHARE_VARIABLE
@@ -57,7 +56,7 @@ def run(quick: bool) -> dict[str, Any]:
 def overhead(plan: Plan, assets: RenderAssets, output: Path, rounds: int) -> dict[str, Any]:
     """The same rows by two workers of this machine and by two of Dask's, in turn; all keep what they have loaded."""
     rows = sorted(plan, key=sort_key)[:CHUNK]
-    settings = parse_config(plan.header.config, path=plan.path).render
+    settings = plan.config.render
     cycles = Settings(settings.samples, settings.denoise, settings.adaptive_threshold, settings.bounces)
     output.mkdir()
 

@@ -22,7 +22,7 @@ from hulldown.benchmarks.scenes import vehicles
 from hulldown.demo.project import CONFIG, create_project, project_text
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply
-from hulldown.planning.config.config_file import load_config, parse_config
+from hulldown.planning.config.schema import Config
 from hulldown.planning.loading import load_assets
 from hulldown.planning.planner import BLOCK, Planner
 from hulldown.tests.planning_assets import hills
@@ -43,7 +43,7 @@ def _assets(cells: int) -> Assets:
 def _config(assets: Assets, images: int, rays: int) -> Any:
     classes = list(dict.fromkeys(assets.categories.values()))
     quota = {name: images // len(classes) + (i < images % len(classes)) for i, name in enumerate(classes)}
-    return parse_config(
+    return Config.of(
         {
             "assets": {
                 "vehicles": [{"path": f"{name}.blend", "category": c} for name, c in assets.categories.items()],
@@ -63,7 +63,7 @@ def _case(images: int, rays: int, cells: int) -> tuple[Any, Assets]:
 
 def _init_case(folder: str, images: int, vehicles: int, distractors: int, woods: bool) -> tuple[Any, Assets]:
     """The config that `hulldown init` writes, or one that differs from it in these numbers."""
-    config = load_config(Path(folder) / CONFIG)
+    config = Config.read(Path(folder) / CONFIG)
     assets = load_assets(config)
     classes = len(set(assets.categories.values()))
     placement, budget = config.placement, config.budget
@@ -204,7 +204,7 @@ def _apart(work: Callable[..., dict[str, float]], *arguments: Any) -> dict[str, 
 
 def config_hash() -> str:
     """What the config that `hulldown init` writes is known by in the table: its values, not its comments."""
-    config = parse_config(tomllib.loads(project_text()))
+    config = Config.of(tomllib.loads(project_text()))
     return hashlib.sha256(config.model_dump_json().encode()).hexdigest()[:12]
 
 
@@ -225,7 +225,7 @@ def run(quick: bool, project: Path | None = None) -> dict[str, Any]:
         folder = str(project or made)
         if not project:
             create_project(folder)
-        load_assets(load_config(Path(folder) / CONFIG))  # reads them into the cache
+        load_assets(Config.read(Path(folder) / CONFIG))  # reads them into the cache
         # The case that the others are compared with, before and after them.
         results["alone"] = [_apart(_plan, _case, alone, 256, cells)]
         results["init"] = [_apart(_plan, _init_case, folder, n, 1, 3, True) for n in images]

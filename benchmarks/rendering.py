@@ -17,7 +17,7 @@ from hulldown.benchmarks import rendering_error
 from hulldown.benchmarks.rendering_error import FAST, PAPER
 from hulldown.benchmarks.tables import table
 from hulldown.demo.project import create_project
-from hulldown.planning.config.config_file import load_config, parse_config
+from hulldown.planning.config.schema import Config
 from hulldown.planning.loading import load_assets
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row
@@ -55,7 +55,7 @@ def planned(
     **sections: dict,
 ) -> tuple[Plan, RenderAssets]:
     """A plan for the demo assets, or one scenery and three vehicles of them, and its files."""
-    given = load_config(config_path).model_dump(mode="json")
+    given = Config.read(config_path).model_dump(mode="json")
     if one_of_a_class:
         given["assets"]["vehicles"] = list({v["category"]: v for v in given["assets"]["vehicles"]}.values())
     if scenery is not None:
@@ -65,7 +65,7 @@ def planned(
     given["render"] |= {"width": size[0], "height": size[1]}
     for section, values in sections.items():
         given[section] |= values
-    config = parse_config(given, path=config_path)
+    config = Config.of(given, path=config_path)
     plan = write_plan(config, load_assets(config), folder / f"{scenery or 'all'}-{per_class}-{size[0]}.jsonl")
     return plan, render_assets(plan)
 

@@ -28,7 +28,7 @@ from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY
 from hulldown.demo.build import FILES, build_demo_assets
 from hulldown.demo.catalog import CATEGORY
 from hulldown.geometry.files import replacing
-from hulldown.planning.config.config_file import load_config
+from hulldown.planning.config.schema import Config
 from hulldown.planning.config.template import config_text
 from hulldown.planning.loading import load_assets
 from hulldown.planning.more_of import read_more_of
@@ -121,7 +121,7 @@ def make_side(side: Side, folder: Path, *, more_of: Path | None = None) -> Path:
     """The dataset of one half, planned and rendered as far as it isn't there; `more_of` is an evaluation's report."""
     plan, dataset = folder / f"{side.name}.jsonl", folder / side.name
     if not plan.exists():
-        config = load_config(write_side(side, folder))
+        config = Config.read(write_side(side, folder))
         missed = None if more_of is None else read_more_of(more_of)
         workers = os.cpu_count() or 1
         write_plan(config, load_assets(config), plan, workers=workers, more_of=missed, progress=_say(side.name))

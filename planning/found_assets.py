@@ -14,10 +14,9 @@ from types import MappingProxyType
 from typing import Any
 
 from hulldown.geometry.errors import AssetError
-from hulldown.planning.config.config_file import HDRI_SUFFIXES
 from hulldown.planning.config.template import config_text
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
-from hulldown.reading.formats import SUFFIXES
+from hulldown.reading.formats import HDRI_SUFFIXES, SUFFIXES
 from hulldown.reading.inspect import inspect
 from hulldown.reading.report import FileReport
 from hulldown.reading.skies.hdri import read_hdris

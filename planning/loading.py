@@ -20,13 +20,14 @@ from hulldown.geometry.errors import AssetError, ConfigError
 from hulldown.geometry.transforms import apply
 from hulldown.planning.appearance.paint import paint_doubts, paint_notes
 from hulldown.planning.config.asset_sections import CACHE_NAME, DistractorEntry, ModelEntry, SceneryEntry, VehicleEntry
-from hulldown.planning.config.config_file import Config, hdri_paths
+from hulldown.planning.config.schema import Config
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import HdriSource, Source
 from hulldown.reading.cache import cached
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.doubts import length_said, likely_scale
 from hulldown.reading.export import Exported
+from hulldown.reading.formats import HDRI_SUFFIXES
 from hulldown.reading.inspect import Inspected, draw
 from hulldown.reading.options import Options
 from hulldown.reading.report import FileReport, refuse_missing
@@ -76,6 +77,44 @@ class Library:
             misfits = [f"{misfit}; {REMEDY}" for misfit in hdri.light.misfits[:backdrop]]
             doubts.append((files[name].path, (*hdri.notes, *hdri.doubts, *misfits)))
         return {path: list(lines) for path, lines in doubts if lines}
+
+
+def hdri_paths(config: Config) -> dict[str, Path]:
+    """Name and path of every HDRI that `assets.hdris` matches, in the order of the patterns, then by name.
+
+    Raises
+    ------
+    ConfigError
+        If a pattern matches no file, or two files would have the same name.
+    """
+    found: dict[str, Path] = {}
+    for pattern in config.assets.hdris:
+        folder = Path(Path(pattern).anchor) if Path(pattern).is_absolute() else config.folder
+        relative = str(Path(pattern).relative_to(folder)) if Path(pattern).is_absolute() else pattern
+        try:
+            matches = sorted(p for p in folder.glob(relative) if p.is_file())
+        except (ValueError, NotImplementedError, OSError) as error:
+            raise ConfigError(f"assets.hdris: {pattern!r} isn't a file pattern ({error})", path=config.path) from None
+        if wrong := [match.name for match in matches if match.suffix.lower() not in HDRI_SUFFIXES]:
+            raise ConfigError(
+                f"assets.hdris: {pattern!r} matches {wrong[0]!r}, which is no {' or '.join(HDRI_SUFFIXES)} file",
+                path=config.path,
+                remedy="narrow the pattern, such as 'hdris/*.exr'",
+            )
+        if not matches:
+            raise ConfigError(
+                f"assets.hdris: {pattern!r} matches no file in {folder}",
+                path=config.path,
+                remedy="put .exr or .hdr files there or change the pattern",
+            )
+        for match in matches:
+            if found.setdefault(match.stem, match) != match:
+                raise ConfigError(
+                    f"assets.hdris: {found[match.stem]} and {match} have the same name",
+                    path=config.path,
+                    remedy="rename one of them",
+                )
+    return found
 
 
 def load_assets(

@@ -104,10 +104,10 @@ class Plan:
     @property
     def config(self) -> Config:
         """The config that it was made from, with the folder that its paths are relative to."""
-        from hulldown.planning.config.config_file import parse_config
+        from hulldown.planning.config.schema import Config
 
         root = Path(os.path.normpath(self.path.absolute().parent / self.header.root))
-        return parse_config(self.header.config, path=root / self.path.name)
+        return Config.of(self.header.config, path=root / self.path.name)
 
     @cached_property
     def summary(self) -> Summary:

@@ -22,7 +22,6 @@ from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.exposure import card
 from hulldown.planning.appearance.paint import previewed
-from hulldown.planning.config.config_file import parse_config
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import PlannedVehicle, Row
 from hulldown.planning.search.stage import PlanStage, make_stage
@@ -124,7 +123,7 @@ class Artist:
 
     def __init__(self, plan: Plan, assets: Assets, *, stage: PlanStage | None = None) -> None:
         self._path, self._assets = plan.path, assets
-        stage = stage or make_stage(parse_config(plan.header.config, path=plan.path), assets)
+        stage = stage or make_stage(plan.config, assets)
         self.models, self._distractors = stage.everything, frozenset(stage.distractors)
         self._worlds = {site.name: site.world for site in stage.sites}
         self.class_ids = {name: i + 1 for i, name in enumerate(plan.header.categories)}

@@ -327,7 +327,7 @@ class MoreOf(Struct, frozen=True, kw_only=True):
 
 
 class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """The first line of a plan; `config` is for `planning.config.config_file.parse_config` to understand."""
+    """The first line of a plan; `Config.of` reads `config`."""
 
     hulldown_plan: Annotated[int, _is("3"), _means("format version")]
     images: Annotated[Count, _means("number of lines that follow")]

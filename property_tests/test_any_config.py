@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from pydantic import BaseModel
 
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.config.config_file import load_config, parse_config
 from hulldown.planning.config.schema import Config
 
 # 20,000 inputs in the thorough profile.
@@ -92,7 +91,7 @@ def test_any_value_in_any_key_is_understood_or_refused(changes: list[tuple[tuple
     data = copy.deepcopy(SOUND)
     for place, value in changes:
         put(data, place, copy.deepcopy(value))
-    said = refusal(lambda: parse_config(data, path=Path("hulldown.toml")))
+    said = refusal(lambda: Config.of(data, path=Path("hulldown.toml")))
     assert said is None or ("hulldown.toml" in said and len(said) < 5000)
 
 
@@ -106,5 +105,5 @@ def test_any_file_is_understood_or_refused(content: bytes) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "hulldown.toml"
         path.write_bytes(content)
-        said = refusal(lambda: load_config(path))
+        said = refusal(lambda: Config.read(path))
         assert said is None or "hulldown.toml" in said

@@ -19,7 +19,6 @@ from hypothesis import strategies as st
 from hulldown.dataset.store.runs import plan_key
 from hulldown.geometry.errors import ConfigError, HulldownError
 from hulldown.planning.check import check_rows
-from hulldown.planning.config.config_file import parse_config
 from hulldown.planning.config.schema import Config
 from hulldown.planning.loading import load_planned_assets, refuse_changed
 from hulldown.planning.plan_file import Plan, read_plan
@@ -101,7 +100,7 @@ def planner_of(header: str) -> Planner | None:
 
     As long as the config is left alone, it is built once.
     """
-    config = parse_config(json.loads(header), path=Path("plan.jsonl"))
+    config = Config.of(json.loads(header), path=Path("plan.jsonl"))
     return Planner(config, ASSETS) if names_of(config) == NAMES else None
 
 

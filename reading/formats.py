@@ -29,6 +29,7 @@ SUFFIXES = {
     ".tif": "geotiff",
     ".tiff": "geotiff",
 }
+HDRI_SUFFIXES = (".exr", ".hdr")
 
 
 def first_bytes(path: Path) -> bytes:

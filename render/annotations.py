@@ -18,7 +18,6 @@ from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import World
 from hulldown.dataset.store.entries import new_category
 from hulldown.dataset.verification.planned import label_records
-from hulldown.planning.config.config_file import parse_config
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import PlannedVehicle, Row
 
@@ -37,7 +36,7 @@ def categories_of(plan: Plan, shapes: Mapping[str, VehicleShape]) -> list[dict[s
         If it labels keypoints that no vehicle has.
     """
     header = plan.header
-    annotate = parse_config(header.config, path=plan.path).annotate
+    annotate = plan.config.annotate
     labeled = [*header.vehicles, *(name for name, source in header.distractors.items() if source.category)]
     of_labeled = [shapes[name] for name in labeled]
     fields = category_fields(of_labeled, annotate.keypoints, annotate.skeleton, path=plan.path)

@@ -21,7 +21,6 @@ from hulldown.dataset.store.pictures import confined, publish, unwritten
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.dataset.verification.planned import image_record
 from hulldown.geometry.errors import ConfigError, HulldownError
-from hulldown.planning.config.config_file import parse_config
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row
 from hulldown.render.annotations import Segmenter, annotation_records, categories_of
@@ -97,7 +96,7 @@ class Session:
         self._failures = [line for line in read_failures(self._folder) if line["file_name"] not in remaining.names]
         read_provenance(self._folder)
         self._recorded: dict[str, list[str]] = {}
-        settings = parse_config(plan.header.config, path=plan.path).render
+        settings = plan.config.render
         self._settings = Settings(settings.samples, settings.denoise, settings.adaptive_threshold, settings.bounces)
         shapes = {name: vehicle.shape for name, vehicle in assets.vehicles.items()}
         self._segmenter = Segmenter(

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from hulldown.planning.config.config_file import load_config
+from hulldown.planning.config.schema import Config
 from hulldown.planning.loading import load_assets
 from hulldown.planning.write import write_plan
 from hulldown.render.jobs import render_job
@@ -51,7 +51,7 @@ def plan_in(folder, *, vehicle="tank.blend", scenery="field.blend", images=IMAGE
 def make_plan(folder, text):
     """The plan of a config with this text, in a folder that has its files."""
     (folder / "hulldown.toml").write_text(text)
-    config = load_config(folder / "hulldown.toml")
+    config = Config.read(folder / "hulldown.toml")
     return write_plan(config, load_assets(config), folder / "plan.jsonl")
 
 

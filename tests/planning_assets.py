@@ -9,7 +9,7 @@ import numpy as np
 from hulldown.assets.library import Assets
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.placement.terrain import Terrain
-from hulldown.planning.config.config_file import parse_config
+from hulldown.planning.config.schema import Config
 from hulldown.tests.shapes import box, scenery_of, vehicle_of
 
 CLASSES = {"t72": "tank", "leo": "tank", "ural": "truck"}
@@ -97,4 +97,4 @@ def small_config(**sections):
     }
     for name, section in sections.items():
         data[name] = {**data.get(name, {}), **section} if isinstance(section, dict) else section
-    return parse_config(data)
+    return Config.of(data)

@@ -10,7 +10,7 @@ from hulldown import cli
 from hulldown.camera.shell import camera_pose
 from hulldown.dataset.space import space_of
 from hulldown.planning.check import check_plan
-from hulldown.planning.config.config_file import load_config
+from hulldown.planning.config.schema import Config
 from hulldown.planning.write import write_plan
 from hulldown.tests.planning_assets import small_assets, small_config
 
@@ -20,7 +20,7 @@ ASSETS = small_assets()
 def planned(folder, **camera):
     """A plan with the cameras of `init --aerial`, and these."""
     assert cli.main(["init", str(folder), "--bare", "--aerial"]) == 0
-    written = load_config(folder / "hulldown.toml").camera.model_dump()
+    written = Config.read(folder / "hulldown.toml").camera.model_dump()
     config = small_config(camera={**written, **camera}, budget={"images_per_class": 6})
     return write_plan(config, ASSETS, folder / "plan.jsonl")
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from hulldown.geometry.errors import AssetError
-from hulldown.planning.config.config_file import parse_config
+from hulldown.planning.config.schema import Config
 from hulldown.planning.loading import load_library
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.write import write_plan
@@ -150,4 +150,4 @@ def config(attack: Path, vehicles: list[Path]):
         "budget": {"images_per_class": len(vehicles)},
         "render": {"width": 32, "height": 24, "samples": 1},
     }
-    return parse_config(data, path=attack / "mine/hulldown.toml")
+    return Config.of(data, path=attack / "mine/hulldown.toml")

@@ -15,7 +15,7 @@ import hulldown.reading.skies.hdri
 from hulldown.assets.bundle import save_scenery, save_vehicle
 from hulldown.geometry.errors import AssetError, ConfigError
 from hulldown.geometry.meshes import Mesh
-from hulldown.planning.config.config_file import Config, parse_config
+from hulldown.planning.config.schema import Config
 from hulldown.planning.loading import load_assets, load_planned_assets
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.write import make_header
@@ -237,7 +237,7 @@ def config_in(folder: Path, *, vehicles: Sequence[dict] = VEHICLES) -> Config:
         (folder / file).write_bytes(BLEND + file.encode())
     (folder / "sky.exr").write_bytes(b"#?sky")
     assets = {"hdris": ["*.exr"], "vehicles": vehicles, "sceneries": [{"path": "field.blend"}]}
-    return parse_config({"assets": assets, "budget": {"images_per_class": 1}}, path=folder / "hulldown.toml")
+    return Config.of({"assets": assets, "budget": {"images_per_class": 1}}, path=folder / "hulldown.toml")
 
 
 def test_the_assets_of_a_config(exporter: Exporter, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import pytest
 from hulldown import cli
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.camera_file import read_camera
-from hulldown.planning.config.config_file import load_config
+from hulldown.planning.config.schema import Config
 
 MATRIX = [1420.0, 0.0, 963.7, 0.0, 1418.5, 545.2, 0.0, 0.0, 1.0]
 LENS = [-0.21, 0.07, 3e-4, -1e-4, 0.0]
@@ -61,7 +61,7 @@ def test_a_calibration_becomes_a_config(tmp_path, text):
     path = tmp_path / "camera.yaml"
     path.write_text(text)
     assert cli.main(["init", str(tmp_path / "project"), "--bare", "--camera", str(path)]) == 0
-    config = load_config(tmp_path / "project" / "hulldown.toml")
+    config = Config.read(tmp_path / "project" / "hulldown.toml")
     assert (config.render.width, config.render.height) == (1920, 1080)
     camera = [1420.0, 0.0, 964.2, 0.0, 1418.5, 545.7, 0.0, 0.0, 1.0]  # from the corner of the first pixel
     assert config.calibrated.matrix.ravel().tolist() == pytest.approx(camera)

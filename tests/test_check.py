@@ -8,7 +8,7 @@ import pytest
 
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.check import check_plan, check_rows
-from hulldown.planning.config.config_file import parse_config
+from hulldown.planning.config.schema import Config
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.planner import Planner
 from hulldown.planning.preview import Artist
@@ -178,4 +178,4 @@ def test_a_part_that_its_vehicle_lacks_is_one_line(made, planner, tmp_path, whos
 
 
 def test_the_header_has_the_whole_config(made):
-    assert parse_config(made.header.config) == CONFIG
+    assert Config.of(made.header.config) == CONFIG

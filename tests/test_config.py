@@ -8,10 +8,10 @@ import pytest
 
 from hulldown.camera.weather_kinds import KINDS
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.config.config_file import hdri_paths, load_config, parse_config
 from hulldown.planning.config.config_keys import ENTRIES, PAGE, keys_of, page, sections
 from hulldown.planning.config.schema import Config, Section
 from hulldown.planning.config.template import CONFIG_TEMPLATE, config_text
+from hulldown.planning.loading import hdri_paths
 
 MINIMAL = """
 [[assets.vehicles]]
@@ -29,7 +29,7 @@ def read(tmp_path):
     def from_text(text):
         path = tmp_path / "config.toml"
         path.write_text(text)
-        return load_config(path)
+        return Config.read(path)
 
     return from_text
 
@@ -49,7 +49,7 @@ def test_defaults_are_the_papers(read):
 def test_the_template_says_the_defaults_and_nothing_else(read):
     said = tomllib.loads(CONFIG_TEMPLATE)
     said["assets"] = {"hdris": ["hdris/*.exr"], **tomllib.loads(MINIMAL)["assets"]}
-    assert parse_config(said).model_dump() == read(MINIMAL).model_dump()
+    assert Config.of(said).model_dump() == read(MINIMAL).model_dump()
 
 
 def test_the_template_mentions_every_key():
@@ -121,7 +121,7 @@ preset = "phone"
 @pytest.mark.parametrize("camera", ["fov_x_deg = 50\n", CALIBRATED])
 def test_a_resolved_config_reads_back_as_itself(read, camera):
     config = read(MINIMAL + "[light]\nhdris = ['noon', { name = 'dusk*', weight = 2 }]\n[camera]\n" + camera)
-    assert parse_config(config.model_dump(mode="json")).model_dump() == config.model_dump()
+    assert Config.of(config.model_dump(mode="json")).model_dump() == config.model_dump()
     assert pickle.loads(pickle.dumps(config)) == config
     assert pickle.loads(pickle.dumps(config)).path == config.path
 
@@ -207,9 +207,9 @@ def test_what_is_no_config_is_said(tmp_path, content, message):
     if content is not None:
         (tmp_path / "c.toml").write_bytes(content)
     with pytest.raises(ConfigError, match=rf"c.toml: {message}"):
-        load_config(tmp_path / "c.toml")
+        Config.read(tmp_path / "c.toml")
     with pytest.raises(ConfigError, match="cannot be read"):
-        load_config(tmp_path)
+        Config.read(tmp_path)
 
 
 def test_hdris_are_found_by_pattern(read, tmp_path):

@@ -22,7 +22,7 @@ from hulldown.demo.catalog import (
     VEHICLE_FILES,
 )
 from hulldown.geometry.errors import AssetError, ConfigError
-from hulldown.planning.config.config_file import parse_config
+from hulldown.planning.config.schema import Config
 from hulldown.planning.search.budget import make_budget
 from hulldown.reading.options import Options
 from hulldown.tests.parameters import few
@@ -128,7 +128,7 @@ def test_a_project_has_a_config_that_names_every_asset(tmp_path, monkeypatch):
 def test_a_small_project_asks_for_twelve_small_images(tmp_path, monkeypatch):
     monkeypatch.setattr(project, "build_demo_assets", lambda folder, **_: None)
     parsed = tomllib.loads(project.create_project(tmp_path, small=True).read_text(encoding="utf-8"))
-    budget = make_budget(parse_config(parsed).budget, CATEGORY)
+    budget = make_budget(Config.of(parsed).budget, CATEGORY)
     assert (budget.n_images, budget.backgrounds) == (12, 2)
     assert set(budget.images.tolist()) == {1}  # each vehicle once
     assert parsed["render"]["width"] == 480

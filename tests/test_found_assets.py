@@ -8,8 +8,9 @@ import pytest
 
 from hulldown import cli
 from hulldown.geometry.errors import AssetError
-from hulldown.planning.config.config_file import hdri_paths, load_config
+from hulldown.planning.config.schema import Config
 from hulldown.planning.found_assets import FoundFile, asset_files, found_config, missing_kinds, read_found
+from hulldown.planning.loading import hdri_paths
 
 FILES = """
 import bpy, pathlib
@@ -57,7 +58,7 @@ def test_a_folder_becomes_a_config_with_what_was_found_as_comments(
     assert "with 3 of 6 files" in told
     assert told.startswith("reading files ━")
     assert " 6/6 " in told
-    config = load_config("project/hulldown.toml")
+    config = Config.read("project/hulldown.toml")
     assert [(v.path, v.category, v.name) for v in config.assets.vehicles] == [
         ("../mine/tanks/one/scene.blend", "tanks", "scene")
     ]
@@ -114,7 +115,7 @@ def test_what_is_found_of_one_name_gets_names_of_its_own(tmp_path: Path) -> None
     ]
     path = tmp_path / "hulldown.toml"
     path.write_text(found_config(tmp_path / "assets", found, tmp_path), encoding="utf-8")
-    assets = load_config(path).assets
+    assets = Config.read(path).assets
     assert [(v.path, v.name, v.category) for v in assets.vehicles] == [
         ("assets/vehicles/tanks/a/scene.gltf", "vehicles_tanks_a_scene", "tanks"),
         ("assets/trucks/scene.gltf", "trucks_scene", "trucks"),

@@ -13,7 +13,7 @@ from hulldown.geometry.errors import AssetError, ConfigError
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply
 from hulldown.placement.terrain import Terrain
-from hulldown.planning.config.config_file import parse_config
+from hulldown.planning.config.schema import Config
 from hulldown.reading.export import export
 from hulldown.reading.formats import format_of
 from hulldown.reading.options import Options
@@ -229,7 +229,7 @@ def test_a_scenery_is_read_from_a_geotiff_with_its_orthophoto(tmp_path):
 def test_keys_of_geotiffs_are_checked(keys):
     scenery = {"path": "dem.tif", **keys}
     with pytest.raises(ConfigError, match=r"assets\.sceneries"):
-        parse_config({"assets": {"vehicles": [{"path": "a.blend", "category": "a"}], "sceneries": [scenery]}})
+        Config.of({"assets": {"vehicles": [{"path": "a.blend", "category": "a"}], "sceneries": [scenery]}})
 
 
 def feature(corner, size, properties, *, hole=None):

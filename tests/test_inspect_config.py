@@ -11,7 +11,7 @@ from PIL import Image
 
 from hulldown import cli
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.config.config_file import load_config
+from hulldown.planning.config.schema import Config
 from hulldown.planning.loading import inspect_config
 from hulldown.reading.inspect import inspect
 
@@ -89,9 +89,9 @@ def test_the_files_of_a_config_are_read_with_its_options(
 
 @pytest.mark.blender
 def test_what_a_plan_has_read_is_not_read_again(project: Path) -> None:
-    inspect_config(load_config(project / "hulldown.toml"))
+    inspect_config(Config.read(project / "hulldown.toml"))
     read: list[str] = []
-    inspect_config(load_config(project / "hulldown.toml"), progress=read.append)
+    inspect_config(Config.read(project / "hulldown.toml"), progress=read.append)
     assert read == []
     inspect(project / "park.blend", progress=read.append)
     assert read == [str(project / "park.blend")]
@@ -122,7 +122,7 @@ def test_what_is_wrong_with_a_config_is_one_line(
 
 def test_a_config_that_is_not_there_says_how_to_get_one() -> None:
     with pytest.raises(ConfigError, match="no such file; `hulldown init` writes one to start from"):
-        load_config("none.toml")
+        Config.read("none.toml")
 
 
 def test_a_page_that_is_somebody_elses_is_found_before_files_are_read(

@@ -8,7 +8,7 @@ import pytest
 
 from hulldown.cli import main
 from hulldown.geometry.terminal import Terminal
-from hulldown.planning.config.config_file import load_config
+from hulldown.planning.config.schema import Config
 from hulldown.reading.report import FileReport, Row
 from hulldown.reading.vehicle.paintable import MaterialRow
 from hulldown.verbs import terminal
@@ -67,7 +67,7 @@ def test_the_report_itself_keeps_every_object():
 def test_init_bare_writes_the_config_alone(tmp_path, capsys):
     assert main(["init", str(tmp_path / "mine"), "--bare"]) == 0
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["hulldown.toml"]
-    assert load_config(tmp_path / "mine" / "hulldown.toml").assets.vehicles[0].path == "vehicles/tank.blend"
+    assert Config.read(tmp_path / "mine" / "hulldown.toml").assets.vehicles[0].path == "vehicles/tank.blend"
     assert tomllib.loads((tmp_path / "mine" / "hulldown.toml").read_text())
     assert main(["init", str(tmp_path / "mine"), "--bare"]) == 2
     assert "is there already" in capsys.readouterr().err

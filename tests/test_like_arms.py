@@ -4,13 +4,12 @@ import pytest
 
 from hulldown.demo.like import ARMS, SETS, SHARES, renders_of, stand_ins_of
 from hulldown.demo.study import write_side
-from hulldown.planning.config.config_file import load_config
-from hulldown.planning.config.schema import CameraSection
+from hulldown.planning.config.schema import CameraSection, Config
 
 
 @pytest.mark.parametrize("name", SETS)
 def test_arms_differ_in_cameras_alone(name, tmp_path):
-    configs = {key: load_config(write_side(side, tmp_path)) for key, side in renders_of(name).items()}
+    configs = {key: Config.read(write_side(side, tmp_path)) for key, side in renders_of(name).items()}
     assert set(configs) == {part for parts in ARMS.values() for part in parts}
     sizes = [sum(configs[part].budget.images_per_class for part in parts) for parts in ARMS.values()]
     assert len(set(sizes)) == 1
@@ -25,7 +24,7 @@ def test_arms_differ_in_cameras_alone(name, tmp_path):
 
 @pytest.mark.parametrize("name", SETS)
 def test_stand_ins_share_neither_assets_nor_cameras_with_renders(name, tmp_path):
-    stand_ins, renders = (load_config(write_side(s, tmp_path)) for s in (stand_ins_of(name), renders_of(name)["like"]))
+    stand_ins, renders = (Config.read(write_side(s, tmp_path)) for s in (stand_ins_of(name), renders_of(name)["like"]))
     for kind in ("vehicles", "sceneries"):
         first, second = ({one.path for one in getattr(config.assets, kind)} for config in (stand_ins, renders))
         assert len(first | second) == len(first) + len(second) > 1

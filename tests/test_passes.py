@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from hulldown.annotate.masks import mask_box, vehicle_mask
-from hulldown.planning.config.config_file import parse_config
+from hulldown.planning.config.schema import Config
 from hulldown.planning.passes import PASSES, STUFF, write_passes
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.preview import Artist
@@ -58,7 +58,7 @@ def test_instances_are_the_vehicles_masks(made):
 
 def test_depths_and_normals_are_those_of_the_ground(made):
     plan, folder = made
-    config = parse_config(plan.header.config)
+    config = Config.of(plan.header.config)
     terrains = {site.name: site.terrain for site in make_stage(config, ASSETS).sites}
     for row in plan:
         arrays, table = read(folder, row)

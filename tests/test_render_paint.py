@@ -12,7 +12,7 @@ from hulldown.camera.weather_kinds import Weather
 from hulldown.camera.world import World
 from hulldown.planning.appearance.paint import Coat
 from hulldown.planning.check import check_plan
-from hulldown.planning.config.config_file import load_config
+from hulldown.planning.config.schema import Config
 from hulldown.planning.loading import load_assets, load_library
 from hulldown.planning.write import write_plan
 from hulldown.render.jobs import render_assets, render_job
@@ -57,7 +57,7 @@ def folder(worlds, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def plan(folder):
-    config = load_config(folder / "hulldown.toml")
+    config = Config.read(folder / "hulldown.toml")
     assets = load_assets(config)
     made = write_plan(config, assets, folder / "plan.jsonl")
     assert check_plan(made, assets) == []
@@ -198,7 +198,7 @@ def test_rain_and_paint_leave_nothing_in_each_others_pictures(row, assets, folde
 
 
 def test_inspect_says_what_can_be_painted(folder, plan):
-    report = load_library(load_config(folder / "hulldown.toml")).models["odd"].report
+    report = load_library(Config.read(folder / "hulldown.toml")).models["odd"].report
     rows = {row.name: row for row in report.materials}
     assert set(rows) == {"Skin", "soil", "Gun", "Slot", "Slot.001", "stone", "Tire"}
     assert [row.name for row in report.materials if row.left_alone] == ["Tire"]

@@ -8,7 +8,7 @@ from hulldown.camera.sensor import Sensor
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.verification.verify import verify
 from hulldown.planning.check import check_plan
-from hulldown.planning.config.config_file import load_config
+from hulldown.planning.config.schema import Config
 from hulldown.planning.loading import load_assets
 from hulldown.render.jobs import render_assets
 from hulldown.render.supervisor import render_plan
@@ -42,7 +42,7 @@ def test_without_effects_a_picture_is_blenders_own(plan, folder):
 
 
 def test_a_camera_makes_a_sound_dataset_of_jpeg_files(plan, folder):
-    assert check_plan(plan, load_assets(load_config(folder / "hulldown.toml"))) == []
+    assert check_plan(plan, load_assets(Config.read(folder / "hulldown.toml"))) == []
     datasets = [folder / name for name in ("one", "again")]
     for dataset in datasets:
         assert render_plan(plan.path, dataset, assets=render_assets(plan)).complete

@@ -14,7 +14,7 @@ from hulldown.geometry.color import LUMINANCE, linear_color
 from hulldown.geometry.errors import HulldownError
 from hulldown.planning.appearance.land import land_above_horizon
 from hulldown.planning.appearance.paint import PaintEntry, paint_doubts
-from hulldown.planning.config.config_file import parse_config
+from hulldown.planning.config.schema import Config
 from hulldown.planning.loading import load_assets
 from hulldown.planning.write import write_plan
 from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
@@ -356,7 +356,7 @@ def test_a_vehicle_of_odd_size_or_without_its_textures_is_refused_unless_allowed
     (tmp_path / "sky.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 32 +X 64\n" + pixels.tobytes())
     vehicles = [{"path": "cars/suv.obj", **entry, "name": name} for name in ("suv", "twin")]
     assets = {"hdris": ["sky.hdr"], "vehicles": vehicles, "sceneries": [{"path": "land/land.obj"}]}
-    config = parse_config({"assets": assets, "budget": {"images_per_class": 1}}, path=tmp_path / "hulldown.toml")
+    config = Config.of({"assets": assets, "budget": {"images_per_class": 1}}, path=tmp_path / "hulldown.toml")
     if said:
         with pytest.raises(HulldownError, match=said):
             load_assets(config)

@@ -66,13 +66,14 @@ def _init_from(arguments: argparse.Namespace, values: Mapping[str, Any]) -> int:
 
 def _inspect(arguments: argparse.Namespace) -> int:
     from hulldown.annotate.sheets import make_room_for_picture
-    from hulldown.planning.config.config_file import HDRI_SUFFIXES, load_config
+    from hulldown.planning.config.schema import Config
     from hulldown.planning.loading import inspect_config
+    from hulldown.reading.formats import HDRI_SUFFIXES
     from hulldown.reading.inspect import Inspected, inspect, pages, write_pictures
     from hulldown.reading.report import FileReport
     from hulldown.reading.skies.sky_report import SkyReport, inspect_sky
 
-    configs = {path: load_config(path) for path in arguments.files if path.suffix.lower() == ".toml"}
+    configs = {path: Config.read(path) for path in arguments.files if path.suffix.lower() == ".toml"}
     if arguments.output:
         drawn = [path for path in arguments.files if path.suffix.lower() not in HDRI_SUFFIXES]
         assets = sum(len(configs[path].assets.entries) if path in configs else 1 for path in drawn)

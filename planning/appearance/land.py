@@ -11,7 +11,6 @@ from hulldown.assets.library import Assets
 from hulldown.camera.projection import Camera
 from hulldown.camera.world import World
 from hulldown.geometry.arrays import spread
-from hulldown.planning.config.config_file import parse_config
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row
 
@@ -31,7 +30,7 @@ def land_above_horizon(plan: Plan, assets: Assets) -> tuple[int, int]:
     assets
         Those the plan was made from.
     """
-    fallback_z = parse_config(plan.header.config, path=plan.path).ground.fallback_z
+    fallback_z = plan.config.ground.fallback_z
     chosen = spread(len(plan), LOOKED_AT).tolist()
     rows: dict[str, list[Row]] = defaultdict(list)
     for index in chosen:

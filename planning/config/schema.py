@@ -18,6 +18,7 @@ from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.response import COOLEST, FARTHEST_EV, WARMEST
+from hulldown.geometry.toml_files import read_toml, validated
 from hulldown.planning.appearance.paint import PaintEntry
 from hulldown.planning.config.asset_sections import AssetsSection
 from hulldown.planning.config.section import AtLeastZero, Pair, Patterns, Section, are_numbers, is_absent
@@ -451,29 +452,35 @@ class Config(Section):
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Config:
-        """The config in a TOML file, complete with defaults.
+        """Return the config in a TOML file, complete with defaults.
 
         Raises
         ------
         ConfigError
             Naming file, key, value and what is allowed.
         """
-        from hulldown.planning.config.config_file import load_config
-
-        return load_config(path)
+        path = Path(path)
+        return cls.of(read_toml(path, remedy="`hulldown init` writes one to start from"), path=path)
 
     @classmethod
-    def of(cls, sections: Mapping[str, Any]) -> Config:
-        """The config in nested dictionaries, with the keys of the file; paths are relative to the current folder.
+    def of(cls, sections: Mapping[str, Any], *, path: Path | None = None) -> Config:
+        """Return the config in nested dictionaries, such as those of TOML or of a plan's header.
+
+        Parameters
+        ----------
+        sections
+            The keys and values of a config file, from "seed" and the names of sections on.
+        path
+            The file they come from. Paths in the config are relative to its folder; None: to the current one.
 
         Raises
         ------
         ConfigError
-            Naming key, value and what is allowed.
+            Naming file, key, value and what is allowed.
         """
-        from hulldown.planning.config.config_file import parse_config
-
-        return parse_config(sections)
+        config = validated(cls, sections, path)
+        config._path = path
+        return config
 
     def paint_of(self, vehicle: str) -> tuple[PaintEntry, ...]:
         """How a vehicle or distractor is painted; not at all if there is none of this name."""
@@ -489,11 +496,5 @@ class Config(Section):
 
     @property
     def folder(self) -> Path:
-        """What relative paths in the config are relative to."""
+        """The folder that relative paths in the config start from."""
         return self._path.parent if self._path is not None else Path()
-
-    def read_from(self, path: Path | None) -> Config:
-        """The same config, knowing the file it was read from."""
-        known = self.model_copy()
-        known._path = path
-        return known
