@@ -10,7 +10,7 @@ from hulldown.camera.weather_kinds import KINDS
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.config.config_keys import ENTRIES, PAGE, keys_of, page, sections
 from hulldown.planning.config.schema import Config, Section
-from hulldown.planning.config.template import CONFIG_TEMPLATE, config_text
+from hulldown.planning.config.template import bare_text, config_text
 from hulldown.planning.loading import hdri_paths
 
 MINIMAL = """
@@ -47,7 +47,7 @@ def test_defaults_are_the_papers(read):
 
 
 def test_the_template_says_the_defaults_and_nothing_else(read):
-    said = tomllib.loads(CONFIG_TEMPLATE)
+    said = tomllib.loads(bare_text())
     said["assets"] = {"hdris": ["hdris/*.exr"], **tomllib.loads(MINIMAL)["assets"]}
     assert Config.of(said).model_dump() == read(MINIMAL).model_dump()
 
@@ -62,7 +62,7 @@ def test_the_template_mentions_every_key():
                 yield section, name
 
     for section, name in keys(Config):
-        part = CONFIG_TEMPLATE.split(f"[{section}]\n")[-1] if section else CONFIG_TEMPLATE
+        part = bare_text().split(f"[{section}]\n")[-1] if section else bare_text()
         assert re.search(rf"(?m)^(# )?(\[\[assets\.)?{name}( =|\]\])", part), f"{section}.{name}"
 
 

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, model_validator
 
 from hulldown.geometry.color import linear_color
-from hulldown.planning.config.section import Section, ranged
+from hulldown.planning.config.section import Pair, Section, ranged
 from hulldown.planning.search.draws import Purpose, RandomStreams, between
 from hulldown.reading.vehicle.paintable import MaterialRow, matches, painted
 
@@ -37,9 +37,6 @@ def _several(value: Any) -> Any:
     return [value] if isinstance(value, dict) else value
 
 
-Pair = tuple[float, float]
-
-
 class PaintEntry(Section):
     """Materials of a vehicle, and the colors that they may have."""
 
@@ -48,7 +45,7 @@ class PaintEntry(Section):
     )
     colors: Annotated[tuple[Annotated[str, BeforeValidator(_color)], ...], Field(strict=False)] = Field(
         default=(),
-        description=('sRGB colors such as "#4b5320", of which one is drawn, or "own", the file\'s'),
+        description='sRGB colors such as "#4b5320", of which one is drawn, or "own", the file\'s',
     )
     hue_deg: Annotated[Pair, ranged(-180.0, 180.0)] = Field(default=(0.0, 0.0), description="then turns hues, degrees")
     saturation: Annotated[Pair, ranged(0.0, 10.0)] = Field(default=(1.0, 1.0), description="factor on saturation")

@@ -1,4 +1,4 @@
-"""What a config may say about files: `[assets]`, its vehicles, distractors, and sceneries."""
+"""The config's `[assets]`: vehicles, distractors, and sceneries."""
 
 from __future__ import annotations
 
@@ -12,14 +12,13 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from hulldown.assets.textures import TEXTURE_SIZE
 from hulldown.planning.appearance.paint import Paint
-from hulldown.planning.config.section import AtLeastZero, Pair, Patterns, Section, are_numbers, is_absent
-from hulldown.planning.config.section import ranged as _range
+from hulldown.planning.config.section import AtLeastZero, Pair, Patterns, Section, are_numbers, is_absent, ranged
 
 CACHE_NAME = ".hulldown-cache"
 
 
 def _forward(value: Any) -> str | float | Pair | None:
-    """An axis, an angle in degrees, or a vector that is not upright."""
+    """Check an axis, an angle in degrees, or a vector that isn't vertical."""
     if value is None or (isinstance(value, str) and value in ("+x", "-x", "+y", "-y")):
         return value
     if are_numbers([value]) and -360 <= value <= 360:
@@ -30,7 +29,7 @@ def _forward(value: Any) -> str | float | Pair | None:
 
 
 def _pivot(value: Any) -> str | tuple[float, ...] | None:
-    """The name of an object, or a point of the file."""
+    """Check the name of an object, or a point in the file's coordinates."""
     if value is None or (isinstance(value, str) and value):
         return value
     if isinstance(value, (list, tuple)) and len(value) == 3 and are_numbers(value):
@@ -38,8 +37,6 @@ def _pivot(value: Any) -> str | tuple[float, ...] | None:
     raise ValueError("expected the name of an object, or [x, y, z] in the file's axes and units")
 
 
-TurretLimits = Annotated[Pair | None, _range(-360.0, 360.0, optional=True)]
-GunLimits = Annotated[Pair | None, _range(-90.0, 90.0, optional=True)]
 Forward = Annotated[str | float | Pair | None, BeforeValidator(_forward)]
 PivotPoint = Annotated[str | tuple[float, float, float] | None, BeforeValidator(_pivot)]
 Positive = Annotated[float, Field(gt=0)]
@@ -48,7 +45,7 @@ Point = Annotated[tuple[_Coordinate, _Coordinate, _Coordinate], Field(strict=Fal
 
 
 class FileEntry(Section):
-    """A file with a name; its own name if none is given."""
+    """A file, with the name of the asset; by default the file's."""
 
     path: str = Field(description=".blend, .glb, .gltf, .fbx, or .obj file")
     name: str = Field(default="", description="its name in plans and datasets; unique; default: the file's")
@@ -63,11 +60,10 @@ class FileEntry(Section):
 
 
 class ModelEntry(FileEntry):
-    """A file, and what in it is the vehicle."""
+    """A file, and how the vehicle in it is found and posed."""
 
     allow_missing: bool = Field(
-        default=False,
-        description="plan it even if textures or libraries are missing, which renders magenta",
+        default=False, description="plan it even if textures or libraries are missing, which renders magenta"
     )
     forward: Forward = Field(
         default=None,
@@ -81,9 +77,7 @@ class ModelEntry(FileEntry):
         default=0.0, ge=-360, le=360, description="turns its nose further, degrees counterclockwise from above"
     )
     up: Literal["z", "-z", "y", "-y", "x", "-x"] | None = Field(
-        default=None,
-        description="the axis that points up; default: by the file and the wheels",
-        examples=["z"],
+        default=None, description="the axis that points up; default: by the file and the wheels", examples=["z"]
     )
     scale: Positive | None = Field(
         default=None, description="meters per unit of the file; default: from the file", examples=[1.0]
@@ -91,9 +85,7 @@ class ModelEntry(FileEntry):
     keep: Patterns = Field(default=(), description="patterns of objects that belong to the vehicle")
     drop: Patterns = Field(default=(), description="patterns of objects that don't belong to the vehicle")
     turret: str | None = Field(
-        default=None,
-        description='pattern of objects that turn; "" for none; default: by name',
-        examples=["turret*"],
+        default=None, description='pattern of objects that turn; "" for none; default: by name', examples=["turret*"]
     )
     gun: str | None = Field(
         default=None, description='pattern of objects that rise; "" for none; default: by name', examples=["gun*"]
@@ -109,19 +101,19 @@ class ModelEntry(FileEntry):
     gun_pivot: PivotPoint = Field(
         default=None, description="point that the gun rises about, in the same form", examples=[[1.0, 0.0, 2.0]]
     )
-    turret_limits_deg: TurretLimits = Field(
+    turret_limits_deg: Annotated[Pair | None, ranged(-360.0, 360.0, optional=True)] = Field(
         default=None,
-        description=("turret's turn from its direction in the file, left positive; default: [-180, 180]"),
+        description="turret's turn from its direction in the file, left positive; default: [-180, 180]",
         examples=[[-180, 180]],
     )
-    gun_limits_deg: GunLimits = Field(
+    gun_limits_deg: Annotated[Pair | None, ranged(-90.0, 90.0, optional=True)] = Field(
         default=None,
         description="gun's rise from its direction in the file, up positive; default: [-5, 20]",
         examples=[[-5, 20]],
     )
     keypoints: dict[str, Point] | None = Field(
         default=None,
-        description=("points to label, by name: [x, y, z] in the file's axes and units; see annotate.keypoints"),
+        description="points to label, by name: [x, y, z] in the file's axes and units; see annotate.keypoints",
         examples=[{"mirror": [1.0, 0.9, 1.8]}],
         exclude_if=is_absent,
     )
@@ -140,29 +132,23 @@ class VehicleEntry(ModelEntry):
 
 
 class DistractorEntry(ModelEntry):
-    """One `[[assets.distractors]]`: a model that is no target, where it occurs and how often; a class if it has one."""
+    """One `[[assets.distractors]]`: an object that is never a target, with a weight and an optional class."""
 
     category: str | None = Field(
-        default=None,
-        min_length=1,
-        description="its class, if it's labeled; budgets don't count it",
-        examples=["bus"],
+        default=None, min_length=1, description="its class, if it's labeled; budgets don't count it", examples=["bus"]
     )
     weight: AtLeastZero = Field(default=1.0, description="how often it's drawn, relative to others")
-    sceneries: Patterns = Field(default=(), description="patterns of its sceneries; empty: all")
 
 
 class SceneryEntry(FileEntry):
-    """One `[[assets.sceneries]]`: a .blend file, what in it is what, and how often it is drawn beside the others."""
+    """One `[[assets.sceneries]]`: a file, the roles of its objects, and how often it is drawn."""
 
     path: str = Field(description=".blend, .glb, .gltf, .fbx, or .obj file, or elevations in a GeoTIFF (.tif)")
     up: Literal["z", "y"] | None = Field(
         default=None, description="the axis that points up; default: by the file", examples=["z"]
     )
     scale: Positive | None = Field(
-        default=None,
-        description="meters per unit, or per unit of elevation; default: from the file",
-        examples=[1.0],
+        default=None, description="meters per unit, or per unit of elevation; default: from the file", examples=[1.0]
     )
     area: tuple[float, float, float, float] | None = Field(
         default=None,
@@ -187,7 +173,7 @@ class SceneryEntry(FileEntry):
     not_ground: Patterns = Field(default=(), description="patterns of objects that aren't its ground")
     water: Patterns | None = Field(
         default=None,
-        description=("patterns of all its water; [] for none; default: by name, material, and shape"),
+        description="patterns of all its water; [] for none; default: by name, material, and shape",
         examples=[["lake*"]],
     )
     drop: Patterns = Field(default=(), description="patterns of objects to leave out")
@@ -212,10 +198,7 @@ class AssetsSection(Section):
 
     cache: str = Field(default=CACHE_NAME, description="folder for what was read")
     texture_size: int = Field(
-        default=TEXTURE_SIZE,
-        ge=1,
-        le=16384,
-        description="longer side, in texels, of stored leaf textures",
+        default=TEXTURE_SIZE, ge=1, le=16384, description="longer side, in texels, of stored leaf textures"
     )
     hdris: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = Field(
         default=("hdris/*.exr",), description="patterns of .exr or .hdr files: light and backdrop"
@@ -227,13 +210,12 @@ class AssetsSection(Section):
         description="a [[assets.sceneries]] table for each"
     )
     distractors: Annotated[tuple[DistractorEntry, ...], Field(strict=False)] = Field(
-        default=(),
-        description=("a [[assets.distractors]] table for each object that isn't a target"),
+        default=(), description="a [[assets.distractors]] table for each object that isn't a target"
     )
 
     @property
     def entries(self) -> tuple[VehicleEntry | DistractorEntry | SceneryEntry, ...]:
-        """All that is listed with a file of its own."""
+        """All vehicles, distractors, and sceneries."""
         return (*self.vehicles, *self.distractors, *self.sceneries)
 
     @model_validator(mode="after")

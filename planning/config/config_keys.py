@@ -1,4 +1,4 @@
-"""The keys of a config as people read them: defaults, allowed values, and meanings, from the schema alone.
+"""Defaults, allowed values, and meanings of a config's keys, read from the schema.
 
 `python -m hulldown.planning.config.config_keys` rewrites the tables of docs/config.md.
 """
@@ -37,13 +37,13 @@ class Key:
     name
         The key.
     default
-        Its default as TOML; None where it is required, or where what is missing has no value.
+        Its default as TOML; None if it is required, or has no value by default.
     example
         A value as TOML, for a key without a default.
     required
         Whether it must be given.
     allowed
-        Its values, in short; empty where the meaning tells.
+        Its range or choices; empty if the meaning describes them.
     meaning
         What it does.
     """
@@ -57,7 +57,7 @@ class Key:
 
 
 def keys_of(section: type[Section]) -> list[Key]:
-    """All keys of a section that are no sections themselves, in the order of the schema."""
+    """Return a section's keys, without its subsections, in the order of the schema."""
     return [
         _key(name, field)
         for name, field in section.model_fields.items()
@@ -66,19 +66,16 @@ def keys_of(section: type[Section]) -> list[Key]:
 
 
 def sections() -> dict[str, type[Section]]:
-    """Name -> section of the config."""
+    """Return the config's sections by name."""
     inner = {name: field.annotation for name, field in Config.model_fields.items()}
     return {name: kind for name, kind in inner.items() if isinstance(kind, type) and issubclass(kind, Section)}
 
 
 def toml_value(value: Any) -> str:
-    """A value as TOML writes it, in one line."""
+    """Return a value as one line of TOML."""
     if isinstance(value, Mapping):
-        return (
-            "{ "
-            + ", ".join(f"{tomlkit.key([key]).as_string()} = {toml_value(one)}" for key, one in value.items())
-            + " }"
-        )
+        pairs = [f"{tomlkit.key([key]).as_string()} = {toml_value(inner)}" for key, inner in value.items()]
+        return f"{{ {', '.join(pairs)} }}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(toml_value, value)) + "]"
     return tomlkit.item(value).as_string()
@@ -123,7 +120,7 @@ def _number(value: float) -> str:
 
 
 def _metadata(field: FieldInfo) -> Iterator[Any]:
-    """Constraints of a field, those within an optional type too."""
+    """Yield the constraints of a field, including those within an optional type."""
     yield from field.metadata
     for kind in _kinds(field.annotation):
         for meta in getattr(kind, "__metadata__", ()):
@@ -138,7 +135,7 @@ def _kinds(annotation: Any) -> Iterator[Any]:
 
 
 def table(section: type[Section], *, without: type[Section] | None = None) -> str:
-    """A Markdown table of a section's keys, but for those that another section has, too, word for word."""
+    """Return a Markdown table of a section's keys, except those that `without` declares identically."""
     known = keys_of(without) if without else []
     rows = ["| key | default (allowed) | meaning |", "|---|---|---|"]
     for key in keys_of(section):
@@ -151,12 +148,12 @@ def table(section: type[Section], *, without: type[Section] | None = None) -> st
 
 
 def _escaped(text: str) -> str:
-    """Text in which Markdown sees no emphasis, link or cell."""
+    """Escape Markdown's emphasis, links, and cells."""
     return re.sub(r"(\*|\||_(?=\W)|\[\[)", r"\\\1", text)
 
 
 def page(text: str) -> str:
-    """The page with its tables as the schema has them; each stands below a comment such as <!-- keys of camera -->."""
+    """Return the page with the tables below its comments, such as <!-- keys of camera -->, written anew."""
 
     def filled(found: re.Match[str]) -> str:
         name = found[1]

@@ -1,4 +1,4 @@
-"""What a config may say: every section, key, range and default.
+"""The config: every section, key, range, and default.
 
 References
 ----------
@@ -21,8 +21,16 @@ from hulldown.camera.response import COOLEST, FARTHEST_EV, WARMEST
 from hulldown.geometry.toml_files import read_toml, validated
 from hulldown.planning.appearance.paint import PaintEntry
 from hulldown.planning.config.asset_sections import AssetsSection
-from hulldown.planning.config.section import AtLeastZero, Pair, Patterns, Section, are_numbers, is_absent
-from hulldown.planning.config.section import ranged as _range
+from hulldown.planning.config.section import (
+    AtLeastZero,
+    Pair,
+    Patterns,
+    Section,
+    are_numbers,
+    is_absent,
+    ranged,
+    with_preset,
+)
 from hulldown.planning.config.sensor_section import SensorSection
 from hulldown.planning.config.weather_section import WeatherSection
 
@@ -31,7 +39,7 @@ LIKE_SHARE, LIKE_SPREAD = 0.7, 0.2
 
 
 def _exposure(value: Any) -> str | float:
-    """By the light, or a number of EV."""
+    """Check "auto" or a number of EV."""
     if value == "auto":
         return "auto"
     if are_numbers([value]) and abs(value) <= FARTHEST_EV:
@@ -40,27 +48,16 @@ def _exposure(value: Any) -> str | float:
 
 
 def _per_class(value: Any) -> Any:
-    """A number of images for every class, or a table of them by class."""
+    """Check a number of images for every class, or a table of numbers by class."""
     counts = list(value.values()) if isinstance(value, dict) else [value]
     if value is not None and any(type(n) is not int or not 0 <= n <= MOST_IMAGES for n in counts):
         raise ValueError(f"expected a whole number from 0 to {MOST_IMAGES}, or a table of them by class")
     return value
 
 
-Fractions = Annotated[Pair, _range(0.0, 1.0)]
-TargetFractions = Annotated[Pair, _range(1e-4, 10.0)]
-Factors = Annotated[Pair, _range(1e-3, 1e3)]
-Lengths = Annotated[Pair, _range(0.0, 1e6)]
-Strengths = Annotated[Pair, _range(0.0, 1e9)]
-Degrees = Annotated[Pair, _range(-360.0, 360.0)]
-Elevations = Annotated[Pair, _range(-90.0, 90.0)]
-FieldsOfView = Annotated[Pair, _range(0.1, 179.0)]
-Rolls = Annotated[Pair, _range(-180.0, 180.0)]
+Fractions = Annotated[Pair, ranged(0.0, 1.0)]
+Lengths = Annotated[Pair, ranged(0.0, 1e6)]
 Exposure = Annotated[Literal["auto"] | float, BeforeValidator(_exposure)]
-ExposureErrors = Annotated[Pair, _range(-10.0, 10.0)]
-Kelvins = Annotated[Pair, _range(COOLEST, WARMEST)]
-Counts = Annotated[tuple[int, int], _range(1.0, 64.0, int)]
-CountsFromZero = Annotated[tuple[int, int], _range(0.0, 64.0, int)]
 PerClass = Annotated[int | dict[str, int] | None, BeforeValidator(_per_class)]
 
 
@@ -69,26 +66,17 @@ class GroundSection(Section):
 
     include: Patterns = Field(default=(), description="patterns of objects that are ground")
     exclude: Patterns = Field(default=(), description="patterns of objects that aren't ground")
-    fallback_z: float = Field(
-        default=0.0,
-        description=("height of the plane that replaces missing ground, meters"),
-    )
+    fallback_z: float = Field(default=0.0, description="height of the plane that replaces missing ground, meters")
 
 
 class PlacementSection(Section):
-    """Where vehicles may stand (paper, section 2.1.5)."""
+    """Where vehicles are placed (paper, section 2.1.5)."""
 
     margin: float = Field(
-        default=0.8,
-        gt=0,
-        le=1,
-        description=("middle share of the scenery's extent in which targets are placed"),
+        default=0.8, gt=0, le=1, description="middle share of the scenery's extent in which targets are placed"
     )
     max_slope_deg: float = Field(
-        default=30.0,
-        ge=0,
-        lt=90,
-        description=("steepest ground under the vehicle's origin and the whole vehicle"),
+        default=30.0, ge=0, lt=90, description="steepest ground under the vehicle's origin and the whole vehicle"
     )
     rule: Literal["averaged", "least_squares", "support"] = Field(
         default="support", description='how the resting plane is found ("averaged": the paper)'
@@ -109,12 +97,11 @@ class PlacementSection(Section):
     fording_depth: AtLeastZero = Field(default=0.0, description="meters of water above the underside, at most")
     obstacle_clearance: AtLeastZero = Field(default=0.5, description="meters between vehicles and obstacles, at least")
     vehicle_clearance: AtLeastZero = Field(default=2.0, description="meters between vehicles, at least")
-    vehicles_per_image: Counts = Field(
-        default=(1, 1),
-        description=("the target and companions; budgets count targets only"),
+    vehicles_per_image: Annotated[tuple[int, int], ranged(1.0, 64.0, int)] = Field(
+        default=(1, 1), description="the target and companions; budgets count targets only"
     )
     companion_distance: Lengths = Field(default=(8.0, 40.0), description="meters from the target to a companion")
-    distractors_per_image: CountsFromZero = Field(
+    distractors_per_image: Annotated[tuple[int, int], ranged(0.0, 64.0, int)] = Field(
         default=(0, 3), description="distractors in an image, if the scenery has any"
     )
     distractor_distance: Lengths = Field(
@@ -144,9 +131,11 @@ class Distortion(Section):
 
 
 class CameraSection(Section):
-    """Where cameras may be and what they must see (paper, section 2.1.6)."""
+    """Where cameras are placed and what they must see (paper, section 2.1.6)."""
 
-    fov_x_deg: FieldsOfView = Field(default=(40.0, 60.0), description="horizontal field of view, degrees")
+    fov_x_deg: Annotated[Pair, ranged(0.1, 179.0)] = Field(
+        default=(40.0, 60.0), description="horizontal field of view, degrees"
+    )
     intrinsics: CameraMatrix | None = Field(
         default=None,
         description=(
@@ -162,26 +151,23 @@ class CameraSection(Section):
         examples=[{"k1": -0.21, "k2": 0.07, "p1": 0.0003, "p2": -0.0001, "k3": 0.0}],
         exclude_if=is_absent,
     )
-    roll_deg: Rolls = Field(
+    roll_deg: Annotated[Pair, ranged(-180.0, 180.0)] = Field(
         default=(0.0, 0.0),
         description="turn about the optical axis, degrees; positive lowers the right side",
         exclude_if=is_absent,
     )
     size_measure: Literal["paper", "height", "width", "diagonal", "area"] = Field(
         default="paper",
-        description=(
-            'what target_fraction measures: "paper", the vehicle\'s smallest dimension; else the projected box'
-        ),
+        description='what target_fraction measures: "paper", the vehicle\'s smallest dimension; else the projected box',
     )
-    target_fraction: TargetFractions = Field(
-        default=(0.1, 0.3),
-        description="share of the image that the target fills",
+    target_fraction: Annotated[Pair, ranged(1e-4, 10.0)] = Field(
+        default=(0.1, 0.3), description="share of the image that the target fills"
     )
-    distance_factor: Factors = Field(
+    distance_factor: Annotated[Pair, ranged(1e-3, 1e3)] = Field(
         default=(0.7, 4.0), description='factor on equation 6\'s distance; with size_measure = "paper" only'
     )
     distance_m: Lengths = Field(default=(2.0, 5000.0), description="bounds on meters from target to camera")
-    elevation_deg: Elevations = Field(
+    elevation_deg: Annotated[Pair, ranged(-90.0, 90.0)] = Field(
         default=(3.0, 35.0), description="camera's angle above the target's horizon, degrees"
     )
     elevation_sampling: Literal["angle", "sphere"] = Field(
@@ -192,10 +178,7 @@ class CameraSection(Section):
     )
     ground_clearance: AtLeastZero = Field(default=0.5, description="meters above ground and water, at least")
     obstacle_clearance: AtLeastZero = Field(default=1.0, description="meters to obstacles and vehicles, at least")
-    visible_fraction: Fractions = Field(
-        default=(0.3, 1.0),
-        description=("unhidden share of the target's outline"),
-    )
+    visible_fraction: Fractions = Field(default=(0.3, 1.0), description="unhidden share of the target's outline")
     visibility_rays: int = Field(default=256, ge=1, le=1_000_000, description="rays that measure visible_fraction")
     truncated_fraction: Fractions = Field(
         default=(0.0, 0.0), description="share of the target's box that the frame cuts off"
@@ -207,7 +190,7 @@ class CameraSection(Section):
     like: str | None = Field(
         default=None,
         min_length=1,
-        description=("photographs whose boxes targets follow: a COCO file, or a folder with one"),
+        description="photographs whose boxes targets follow: a COCO file, or a folder with one",
         examples=["photographs/train"],
         exclude_if=is_absent,
     )
@@ -234,7 +217,7 @@ Lines = Annotated[
 
 
 class AnnotateSection(Section):
-    """What a label must show at least, and what becomes of the others; keys that are not given are as for targets."""
+    """The least that a labeled vehicle must show; by default, the camera's limits for targets apply."""
 
     min_box_px: AtLeastZero | None = Field(
         default=None,
@@ -245,7 +228,7 @@ class AnnotateSection(Section):
         default=None,
         ge=0,
         le=1,
-        description=("least unhidden share; default: the least camera.visible_fraction"),
+        description="least unhidden share; default: the least camera.visible_fraction",
         examples=[0.3],
     )
     max_truncated_fraction: float | None = Field(
@@ -260,11 +243,11 @@ class AnnotateSection(Section):
     )
     below: Literal["ignored", "left_out"] = Field(
         default="ignored",
-        description=('vehicles that show less get a label with iscrowd = 1 ("ignored") or none ("left_out")'),
+        description='vehicles that show less get a label with iscrowd = 1 ("ignored") or none ("left_out")',
     )
     keypoints: Patterns | None = Field(
         default=None,
-        description=("patterns of the keypoints to label, such as muzzle and wheel_*; default: none"),
+        description="patterns of the keypoints to label, such as muzzle and wheel_*; default: none",
         examples=[["*"]],
         exclude_if=is_absent,
     )
@@ -281,28 +264,22 @@ class BudgetSection(Section):
 
     images_per_class: PerClass = Field(
         default=None,
-        description=("a number, or a table such as { tank = 200, truck = 100 }; a class's models take turns"),
+        description="a number, or a table such as { tank = 200, truck = 100 }; a class's models take turns",
         examples=[140],
     )
     positions_per_vehicle: int | None = Field(
         default=None,
         ge=0,
         le=MOST_IMAGES,
-        description=("instead: vehicles x positions x images_per_position images (equation 1)"),
+        description="instead: vehicles x positions x images_per_position images (equation 1)",
         examples=[28],
     )
     images_per_position: int = Field(default=5, ge=1, le=1_000_000, description="images of each position")
     background_share: float = Field(
-        default=0.0,
-        ge=0,
-        le=0.99,
-        description="share of images without a target, added to those above",
+        default=0.0, ge=0, le=0.99, description="share of images without a target, added to those above"
     )
     background_distractors: float = Field(
-        default=0.5,
-        ge=0,
-        le=1,
-        description=("share of background positions where a distractor replaces the target"),
+        default=0.5, ge=0, le=1, description="share of background positions where a distractor replaces the target"
     )
 
     @model_validator(mode="after")
@@ -313,7 +290,7 @@ class BudgetSection(Section):
 
 
 class HdriChoice(Section):
-    """An HDRI by name or pattern, and how often it is drawn."""
+    """A pattern of HDRI names, and how often these HDRIs are drawn."""
 
     name: str
     weight: AtLeastZero = 1.0
@@ -326,14 +303,15 @@ def _choice(value: Any) -> Any:
 
 
 class LightSection(Section):
-    """HDRI, its turn about the vertical, its strength, what is seen of it; and how the camera meters it."""
+    """HDRIs, their rotation, strength, and visible part, and the exposure of the camera."""
 
     hdris: Annotated[tuple[Annotated[HdriChoice, BeforeValidator(_choice)], ...], Field(strict=False)] = Field(
-        default=(),
-        description=('patterns of HDRIs, or { name = "noon*", weight = 2.0 }; empty: all, equally often'),
+        default=(), description='patterns of HDRIs, or { name = "noon*", weight = 2.0 }; empty: all, equally often'
     )
-    yaw_deg: Degrees = Field(default=(0.0, 360.0), description="turn of the HDRI, degrees")
-    strength: Strengths = Field(
+    yaw_deg: Annotated[Pair, ranged(-360.0, 360.0)] = Field(
+        default=(0.0, 360.0), description="turn of the HDRI, degrees"
+    )
+    strength: Annotated[Pair, ranged(0.0, 1e9)] = Field(
         default=(0.7, 1.3), description='factor on the HDRI\'s brightness; exposure = "auto" compensates for it'
     )
     backdrop: Literal["auto", "hdri", "sky"] = Field(
@@ -343,11 +321,14 @@ class LightSection(Section):
         ),
     )
     exposure: Exposure = Field(
-        default="auto",
-        description=('"auto": a gray card on open land comes out mid-gray; or EV for all images'),
+        default="auto", description='"auto": a gray card on open land comes out mid-gray; or EV for all images'
     )
-    exposure_error_ev: ExposureErrors = Field(default=(-1.0, 1.0), description="error of the exposure, EV")
-    white_balance_error_k: Kelvins = Field(default=(0.0, 0.0), description="white balance minus 6500 K; more is warmer")
+    exposure_error_ev: Annotated[Pair, ranged(-10.0, 10.0)] = Field(
+        default=(-1.0, 1.0), description="error of the exposure, EV"
+    )
+    white_balance_error_k: Annotated[Pair, ranged(COOLEST, WARMEST)] = Field(
+        default=(0.0, 0.0), description="white balance minus 6500 K; more is warmer"
+    )
     overcast: Patterns = Field(
         default=(), description="patterns of HDRIs for rain and snow; empty: as for other weather"
     )
@@ -360,11 +341,10 @@ PROFILES: Mapping[str, Mapping[str, Any]] = {
 
 
 class RenderSection(Section):
-    """Cycles' settings (paper, section 2.1.4); a profile sets the keys that are not given."""
+    """Cycles' settings (paper, section 2.1.4); a profile gives defaults for some of them."""
 
     profile: Literal["paper", "fast"] = Field(
-        default="paper",
-        description=('"fast" is for a look; sets the last four keys'),
+        default="paper", description='"fast" is for a look; sets the last four keys'
     )
     width: int = Field(default=1920, ge=1, le=65536, description="pixels")
     height: int = Field(default=1080, ge=1, le=65536, description="pixels")
@@ -378,10 +358,7 @@ class RenderSection(Section):
     @model_validator(mode="before")
     @classmethod
     def _profile_first(cls, data: Any) -> Any:
-        if not isinstance(data, dict):
-            return data
-        profile = data.get("profile", "paper")
-        return {**PROFILES[profile], **data} if isinstance(profile, str) and profile in PROFILES else data
+        return with_preset(data, "profile", PROFILES)
 
 
 class Config(Section):
@@ -426,7 +403,7 @@ class Config(Section):
 
     @property
     def calibrated(self) -> Intrinsics | None:
-        """The intrinsics of all images; None: their fields of view are drawn."""
+        """The calibrated camera of all images; None if their fields of view are drawn."""
         camera, render = self.camera, self.render
         if camera.intrinsics is None:
             return None
@@ -436,7 +413,7 @@ class Config(Section):
 
     @model_validator(mode="after")
     def _targets_are_labeled(self) -> Config:
-        """What every target may be is enough for a label."""
+        """Refuse limits of labels that a target could fail."""
         given, camera = self.annotate, self.camera
         for key, limit, source in (
             ("min_box_px", camera.min_box_px, "at most camera.min_box_px"),
@@ -483,7 +460,7 @@ class Config(Section):
         return config
 
     def paint_of(self, vehicle: str) -> tuple[PaintEntry, ...]:
-        """How a vehicle or distractor is painted; not at all if there is none of this name."""
+        """Return the paint of the vehicle or distractor of this name; empty for an unknown name."""
         entries = (*self.assets.vehicles, *self.assets.distractors)
         return next((entry.paint for entry in entries if entry.name == vehicle), ())
 
@@ -491,7 +468,7 @@ class Config(Section):
 
     @property
     def path(self) -> Path | None:
-        """The file this was read from, if any."""
+        """The file that the config was read from, if any."""
         return self._path
 
     @property

@@ -1,9 +1,9 @@
-"""What all sections of a config share, and the ranges in them."""
+"""The base class of a config's sections, and checks that several sections use."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
@@ -14,13 +14,13 @@ AtLeastZero = Annotated[float, Field(ge=0)]
 
 
 class Section(BaseModel):
-    """What all sections share: no unknown keys, no silent conversions, nothing changes afterwards."""
+    """A frozen model that refuses unknown keys and silent conversions."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
 def ranged(lowest: float, highest: float, kind: type = float, *, optional: bool = False) -> BeforeValidator:
-    """Checks [low, high]; a single number is a range of one value, and None is none where that is `optional`."""
+    """Check [low, high]. A single number is a range of one value; None is allowed if `optional`."""
     noun = "a whole number" if kind is int else "a number"
     allowed = f"expected {noun} or [low, high] with {lowest:g} <= low <= high <= {highest:g}"
 
@@ -28,11 +28,9 @@ def ranged(lowest: float, highest: float, kind: type = float, *, optional: bool 
         if optional and value is None:
             return None
         pair = tuple(value) if isinstance(value, (list, tuple)) else (value, value)
-        wanted = int if kind is int else (int, float)
-        if len(pair) != 2 or any(isinstance(x, bool) or not isinstance(x, wanted) for x in pair):
-            raise ValueError(allowed)
-        # NaN fails the comparison too.
-        if not lowest <= pair[0] <= pair[1] <= highest:
+        kinds = int if kind is int else (int, float)
+        numbers = len(pair) == 2 and not any(isinstance(x, bool) or not isinstance(x, kinds) for x in pair)
+        if not numbers or not lowest <= pair[0] <= pair[1] <= highest:  # NaN fails the comparison, too
             raise ValueError(allowed)
         return kind(pair[0]), kind(pair[1])
 
@@ -41,11 +39,17 @@ def ranged(lowest: float, highest: float, kind: type = float, *, optional: bool 
 
 
 def is_absent(value: Any) -> bool:
-    """Whether a key isn't given: plans made before it existed don't have it either."""
+    """Whether an optional key has its default, and is left out of a plan's header."""
     return value is None or value == (0.0, 0.0)
 
 
 def are_numbers(values: Sequence[Any]) -> bool:
-    """Whether all are finite numbers, and none is true or false."""
-    # NaN fails the comparison, and so do integers that are no float.
+    """Whether all values are finite numbers; true and false are not."""
+    # NaN fails the comparison, and so do integers beyond the largest float.
     return all(isinstance(x, (int, float)) and not isinstance(x, bool) and abs(x) <= sys.float_info.max for x in values)
+
+
+def with_preset(data: Any, key: str, presets: Mapping[str, Mapping[str, Any]]) -> Any:
+    """Add the values of the preset that `data[key]` names to a section's data; given values win."""
+    name = data.get(key) if isinstance(data, dict) else None
+    return {**presets[name], **data} if isinstance(name, str) and name in presets else data

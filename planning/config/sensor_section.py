@@ -1,4 +1,4 @@
-"""What a config may say about lens and sensor: `[sensor]`."""
+"""The config's `[sensor]`: lens, sensor, and image processing."""
 
 from __future__ import annotations
 
@@ -8,16 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from hulldown.camera.sensor import LIMITS
-from hulldown.planning.config.section import Section, ranged
-
-Pixels = Annotated[tuple[float, float], ranged(*LIMITS["blur_px"])]
-Shifts = Annotated[tuple[float, float], ranged(*LIMITS["aberration_px"])]
-Stops = Annotated[tuple[float, float], ranged(*LIMITS["vignetting_ev"])]
-Wells = Annotated[tuple[float, float], ranged(*LIMITS["full_well_e"])]
-Electrons = Annotated[tuple[float, float], ranged(*LIMITS["read_noise_e"])]
-Gains = Annotated[tuple[float, float], ranged(*LIMITS["gain"])]
-Amounts = Annotated[tuple[float, float], ranged(*LIMITS["sharpening"])]
-Qualities = Annotated[tuple[int, int], ranged(*LIMITS["jpeg_quality"], int)]
+from hulldown.planning.config.section import Section, ranged, with_preset
 
 PRESETS: Mapping[str, Mapping[str, Any]] = {
     "none": {},
@@ -45,33 +36,40 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
 
 
 class SensorSection(Section):
-    """What lens, sensor, and the camera's processing do to the picture; a preset sets the keys that are not given."""
+    """Effects of lens, sensor, and image processing; a preset gives defaults."""
 
     preset: Literal["none", "camera", "phone"] = Field(
-        default="none",
-        description=("a system camera or a phone; sets all keys below"),
+        default="none", description="a system camera or a phone; sets all keys below"
     )
-    blur_px: Pixels = Field(default=(0.0, 0.0), description="standard deviation of the lens's point spread, pixels")
-    aberration_px: Shifts = Field(
+    blur_px: Annotated[tuple[float, float], ranged(*LIMITS["blur_px"])] = Field(
+        default=(0.0, 0.0), description="standard deviation of the lens's point spread, pixels"
+    )
+    aberration_px: Annotated[tuple[float, float], ranged(*LIMITS["aberration_px"])] = Field(
         default=(0.0, 0.0), description="red's offset outward and blue's inward in the corners, pixels"
     )
-    vignetting_ev: Stops = Field(default=(0.0, 0.0), description="light lost in the corners, stops")
-    full_well_e: Wells = Field(
-        default=(0.0, 0.0),
-        description="electrons at which a pixel clips, 6.5 stops above middle gray; 0: no noise",
+    vignetting_ev: Annotated[tuple[float, float], ranged(*LIMITS["vignetting_ev"])] = Field(
+        default=(0.0, 0.0), description="light lost in the corners, stops"
     )
-    read_noise_e: Electrons = Field(default=(0.0, 0.0), description="readout noise, electrons")
-    gain: Gains = Field(default=(1.0, 1.0), description="ISO over base ISO: so many times fewer electrons")
-    sharpening: Amounts = Field(default=(0.0, 0.0), description="share of detail added again, after the view transform")
-    jpeg_quality: Qualities = Field(default=(0, 0), description="quality of .jpg files; 0: .png files")
+    full_well_e: Annotated[tuple[float, float], ranged(*LIMITS["full_well_e"])] = Field(
+        default=(0.0, 0.0), description="electrons at which a pixel clips, 6.5 stops above middle gray; 0: no noise"
+    )
+    read_noise_e: Annotated[tuple[float, float], ranged(*LIMITS["read_noise_e"])] = Field(
+        default=(0.0, 0.0), description="readout noise, electrons"
+    )
+    gain: Annotated[tuple[float, float], ranged(*LIMITS["gain"])] = Field(
+        default=(1.0, 1.0), description="ISO over base ISO: so many times fewer electrons"
+    )
+    sharpening: Annotated[tuple[float, float], ranged(*LIMITS["sharpening"])] = Field(
+        default=(0.0, 0.0), description="share of detail added again, after the view transform"
+    )
+    jpeg_quality: Annotated[tuple[int, int], ranged(*LIMITS["jpeg_quality"], int)] = Field(
+        default=(0, 0), description="quality of .jpg files; 0: .png files"
+    )
 
     @model_validator(mode="before")
     @classmethod
     def _preset_first(cls, data: Any) -> Any:
-        if not isinstance(data, dict):
-            return data
-        preset = data.get("preset", "none")
-        return {**PRESETS[preset], **data} if isinstance(preset, str) and preset in PRESETS else data
+        return with_preset(data, "preset", PRESETS)
 
     @model_validator(mode="after")
     def _with_or_without(self) -> SensorSection:

@@ -1,4 +1,4 @@
-"""The commented config that `hulldown init` writes: every key, its default, what it does and what it may be."""
+"""The config that `hulldown init` writes: every key with its default, its meaning, and its allowed values."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from hulldown.planning.config.schema import PROFILES, Config
 from hulldown.planning.config.sensor_section import PRESETS
 
 _WIDTH = 120
-# One of two alternatives has to be given, so that the first has a value.
+# One of two alternatives must be given, so the first one gets a value.
 _GIVEN = MappingProxyType({"budget.images_per_class": 140})
 
-# A profile or preset sets these keys, and what is given wins over it.
+# A profile or preset gives defaults for these keys.
 _BY_PROFILE = MappingProxyType({"render": tuple(PROFILES["paper"]), "sensor": tuple(PRESETS["camera"])})
 _LISTS = MappingProxyType({"vehicle": "vehicles", "distractor": "distractors", "scenery": "sceneries"})
-_LISTED = ("hdris", *_LISTS.values())  # written in other ways
+_LISTED = ("hdris", *_LISTS.values())  # keys of [assets] that get their own format
 
 
 def config_text(
@@ -31,7 +31,7 @@ def config_text(
     notes: Mapping[str, Sequence[str]] = MappingProxyType({}),
     remarks: Sequence[str] = (),
 ) -> str:
-    """A complete config for these assets, with a comment on every key.
+    """Return a complete config for these assets, with a comment on every key.
 
     Parameters
     ----------
@@ -40,11 +40,11 @@ def config_text(
     hdris
         Patterns of HDRI files.
     values
-        "section.key", or "seed" -> its value instead of the default; numbers, strings, and lists and tables of them.
+        "section.key", or "seed" -> the value that replaces the default: numbers, strings, or lists and tables of them.
     notes
-        Path of an entry, or pattern of HDRIs -> comments on it, a line each.
+        Path of an entry, or pattern of HDRIs -> lines of comments on it.
     remarks
-        Comments below the entries, a line each.
+        Lines of comments below the entries.
     """
     given = {**_GIVEN, **values}
     blocks = [
@@ -69,7 +69,7 @@ def config_text(
 
 
 def _lines(keys: Sequence[Key], section: str, given: dict[str, Any]) -> str:
-    """A line for each key, with its comment; a key without a default is a comment as a whole. Takes from `given`."""
+    """Return a line for each key, commented out if it has no default; removes the values it uses from `given`."""
     pairs = []
     for key in keys:
         path = f"{section}.{key.name}".lstrip(".")
@@ -81,7 +81,7 @@ def _lines(keys: Sequence[Key], section: str, given: dict[str, Any]) -> str:
 
 
 def _aligned(pairs: Sequence[tuple[str, Key]]) -> str:
-    """Lines and their comments, one below the other; a long comment goes on in lines of its own."""
+    """Align the comments of lines; a long comment continues on the next lines."""
     column = max((len(text) for text, _ in pairs), default=0)
     lines = []
     for text, key in pairs:
@@ -92,7 +92,7 @@ def _aligned(pairs: Sequence[tuple[str, Key]]) -> str:
 
 
 def _comment_on(kind: str) -> str:
-    """The keys of a kind of table, as comments."""
+    """Return the keys of a kind of table as comments."""
     keys = keys_of(ENTRIES[kind])
     head = f"A table of {kind}:"
     if kind in _LISTS:
@@ -106,7 +106,7 @@ def _comment_on(kind: str) -> str:
 
 
 def _comments(lines: Sequence[str], indent: str = "") -> str:
-    """A comment of each line, whatever characters of other people's names are in it."""
+    """Return each line as a comment, with unprintable characters escaped."""
     return "".join(f"{indent}# {_printable(line)}\n" for line in lines)
 
 
@@ -115,11 +115,11 @@ def _printable(text: str) -> str:
 
 
 def _patterns(patterns: Sequence[str], notes: Mapping[str, Sequence[str]]) -> str:
-    """A list in a line; a line for each where they have comments."""
+    """Return a list of patterns in one line, or one line per pattern if any has comments."""
     if not any(notes.get(pattern) is not None for pattern in patterns):
         return toml_value(list(patterns))
     indent = " " * 4
-    lines = [f"{_comments(notes.get(one, ()), indent)}{indent}{toml_value(one)},\n" for one in patterns]
+    lines = [f"{_comments(notes.get(name, ()), indent)}{indent}{toml_value(name)},\n" for name in patterns]
     return f"[\n{''.join(lines)}]"
 
 
@@ -128,13 +128,10 @@ def _table(name: str, entry: Mapping[str, Any]) -> str:
 
 
 def bare_text(values: Mapping[str, Any] = MappingProxyType({})) -> str:
-    """A config to put the names of other files into; `values` as in `config_text`."""
+    """Return a config with the names of example files; `values` as in `config_text`."""
     return config_text(
         vehicles=[{"path": "vehicles/tank.blend", "category": "main battle tank"}],
         sceneries=[{"path": "sceneries/hills.blend"}],
         hdris=["hdris/*.exr"],
         values=values,
     )
-
-
-CONFIG_TEMPLATE = bare_text()
