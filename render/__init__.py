@@ -1,12 +1,12 @@
-"""Planned rows through Cycles (paper, section 2.1.4): what happens, in the order in which it happens.
+"""Render planned rows with Cycles (paper, section 2.1.4). The modules, in order.
 
-    supervisor -> remaining, session, jobs -> pool -> process     in the caller: what is left to do, and who does it
-        blender/worker -> renderer -> scene, light, cycles, film   in processes of their own
+    supervisor -> remaining, session, jobs -> pool -> process     in the caller: remaining rows, and their workers
+        blender/worker -> renderer -> scene, light, cycles, film   in separate processes
     cluster_pool -> cluster -> node -> pool                  on a Dask cluster, in place of a pool: see docs/cluster.md
-    annotations, pictures                                    what is written into the dataset
-    masks                                                    the annotations held against Cycles' own masks
+    annotations, pictures                                    records and pictures for the dataset
+    masks                                                    annotations compared with Cycles' own masks
 
-`doctor` looks at the machine.
+`doctor` checks the machine.
 
 Called, it is `supervisor.render`: importing this package binds it to `hulldown.render`, the public name of that
 function.

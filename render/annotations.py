@@ -1,4 +1,4 @@
-"""From a plan's rows to COCO records; masks by Embree, which Cycles' own agree with to the pixel."""
+"""COCO records of a plan's rows, with masks by Embree, which equal Cycles' to the pixel."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from hulldown.planning.row import PlannedVehicle, Row
 
 
 def annotation_records(row: Row, segmentations: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """What `annotations.json` says about each labeled vehicle of a row, but for the id."""
+    """Annotation records of each labeled vehicle of a row, without ids."""
     return [{**label, **mask} for label, mask in zip(label_records(row), segmentations, strict=True)]
 
 
@@ -33,7 +33,7 @@ def categories_of(plan: Plan, shapes: Mapping[str, VehicleShape]) -> list[dict[s
     Raises
     ------
     ConfigError
-        If it labels keypoints that no vehicle has.
+        If it lists keypoints that no vehicle has.
     """
     header = plan.header
     annotate = plan.config.annotate
@@ -49,9 +49,9 @@ class Segmenter:
     Parameters
     ----------
     vehicles, sceneries
-        By the names that the plan uses; distractors are among the vehicles.
+        Vehicles, distractors included, and sceneries, by their names in the plan.
     keypoints
-        Names of those that labels have, in their order; empty: they have none.
+        Names of the labels' keypoints, in order; empty: no keypoints.
     """
 
     def __init__(
@@ -59,10 +59,10 @@ class Segmenter:
     ) -> None:
         self._vehicles, self._sceneries, self._keypoints = vehicles, sceneries, keypoints
         self._targets: dict[str, VehicleTarget] = {}
-        self._world: tuple[str, World] = ("", World())  # the scenery last asked for: rows come sorted
+        self._world: tuple[str, World] = ("", World())  # the latest scenery; rows are sorted
 
     def segmentations(self, row: Row) -> list[dict[str, Any]]:
-        """Masks of each labeled vehicle of a row, and what follows from rays.
+        """Mask-based fields of each labeled vehicle of a row.
 
         `segmentation` (compressed run lengths), `area` (pixels), `obb`, and `keypoints` with `num_keypoints`.
         """
@@ -82,7 +82,7 @@ class Segmenter:
         return {"keypoints": flat, "num_keypoints": sum(v > 0 for _, _, v in listed)}
 
     def pixels(self, row: Row, vehicles: Sequence[PlannedVehicle]) -> list[int]:
-        """How many pixels show each of some vehicles of a row that are in the frame."""
+        """Number of visible pixels of each of a row's given vehicles."""
         return [area(mask) for mask in self._masks(row, vehicles)]
 
     def _masks(self, row: Row, vehicles: Sequence[PlannedVehicle]) -> Iterator[Bool[np.ndarray, "h w"]]:
@@ -94,7 +94,7 @@ class Segmenter:
             yield vehicle_mask(vehicle, camera, xywh=np.array(target.bbox), world=scenery.with_vehicles(others))
 
     def left_out(self, row: Row) -> Bool[np.ndarray, "h w"]:
-        """Where an empty background would show the vehicle that it is framed on."""
+        """Mask of the vehicle that an empty background is framed on."""
         world = self._scenery(row.scenery).with_vehicles([self._posed(vehicle) for vehicle in row.vehicles])
         return vehicle_mask(self._posed(row.target), row.camera, xywh=np.array(row.target.bbox), world=world)
 
@@ -111,6 +111,6 @@ class Segmenter:
 
 
 def _rectangle(segmentation: Mapping[str, Any], row: Row) -> list[float] | None:
-    """`mask_rectangle` as records have it: to 1e-6 pixels, and 1e-9 radians."""
+    """`mask_rectangle` for records, rounded to 1e-6 pixels and 1e-9 radians."""
     found = mask_rectangle(segmentation, row.width, row.height)
     return None if found is None else [*np.round(found[:4], 6).tolist(), round(float(found[4]), 9)]

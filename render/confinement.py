@@ -1,4 +1,4 @@
-"""What the processes that render may reach: their jobs' files, and a folder to write to."""
+"""Confinement of rendering processes to their jobs' files and a folder for output."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ DRIVER_CACHES = (".nv", ".cache/cycles", ".cache/nvidia", ".cache/neo_compiler_c
 
 @dataclass(frozen=True, slots=True)
 class Confinement:
-    """What a worker may reach, where the kernel has Landlock; see `reading.confinement.landlock`.
+    """Paths that a worker may use, if the kernel has Landlock; see `reading.confinement.landlock`.
 
     Parameters
     ----------
     write
-        Folder that it writes to, which must exist when it starts.
+        Folder for output, which must exist at the start.
     read
         Files and folders of its jobs.
     gpu
-        Whether it may use graphics cards, and the folders in which their drivers keep what they have compiled.
+        Whether it may use graphics cards, and their drivers' kernel caches.
     """
 
     write: Path
@@ -32,7 +32,7 @@ class Confinement:
     gpu: bool = True
 
     def of(self, command: Sequence[str]) -> list[str]:
-        """The command that runs `command` confined."""
+        """Return a command that runs `command` confined."""
         program = shutil.which(command[0]) or command[0]
         cards = [str(card) for pattern in CARDS for card in sorted(Path("/dev").glob(pattern))] if self.gpu else []
         caches = [Path.home() / cache for cache in DRIVER_CACHES] if self.gpu else []
@@ -40,5 +40,5 @@ class Confinement:
 
     @property
     def environment(self) -> dict[str, str]:
-        """Where it puts what it writes for itself."""
+        """Environment variables for its own files."""
         return {"TMPDIR": str(self.write)}

@@ -1,4 +1,4 @@
-"""What this machine can do: versions, the system libraries Blender needs, the devices Cycles can render on."""
+"""Diagnose a machine: versions, Blender's system libraries, and Cycles' devices."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from hulldown.reading.libraries import INSTALL, SYSTEM_LIBRARIES, missing_librar
 
 DISTRIBUTIONS = ("hulldown", "bpy", "embreex", "trimesh", "numpy", "scipy", "pycocotools", "pydantic", "pillow")
 
-# Runs in a child: bpy may crash while it loads, and belongs in the main thread of its own process.
+# Runs in a child process: bpy may crash while loading, and needs a main thread.
 PROBE = """
 import json, bpy
 from hulldown.render.blender.cycles import available_devices
@@ -29,9 +29,9 @@ print("@@" + json.dumps({"blender": bpy.app.version_string, "devices": available
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """What was found; `problems` is empty on a machine that can plan and render.
+    """The result; `problems` is empty if the machine can plan and render.
 
-    `landlock` is the version of the kernel's confinement of processes, 0 for none; see docs/safety.md.
+    `landlock` is the kernel's version of Landlock, 0: none; see docs/safety.md.
     """
 
     python: str
@@ -45,13 +45,13 @@ class Diagnosis:
 
     @property
     def confinement(self) -> str:
-        """What holds back a file from elsewhere on this machine."""
+        """The confinement of files from elsewhere on this machine."""
         if unconfined():
             return f"{confinement()}; only hulldown's list of risky features protects this machine"
         return confinement() if self.landlock >= NETWORK_ABI else f"{confinement()}, which doesn't cover the network"
 
     def table(self) -> Table:
-        """All but the problems, for a terminal."""
+        """A table without the problems, for a terminal."""
         table = Table(show_header=False, box=None)
         table.add_row("python", self.python)
         table.add_row("system", self.system)
@@ -65,7 +65,7 @@ class Diagnosis:
 
 
 def diagnose() -> Diagnosis:
-    """Look at this machine; changes nothing and takes a few seconds."""
+    """Diagnose this machine in a few seconds, without changes."""
     versions = {name: _version(name) for name in DISTRIBUTIONS}
     missing = {library: SYSTEM_LIBRARIES[library] for library in missing_libraries()}
     problems = []
@@ -92,8 +92,8 @@ def _version(distribution: str) -> str | None:
 
 
 def _probe_blender() -> dict | str:
-    """Blender's version and devices, or why it did not start."""
-    # -P: what the folder has in which the user happens to be must not be taken for ours.
+    """Blender's version and devices, or the reason why it didn't start."""
+    # -P: modules in the working directory must not be imported.
     command = [sys.executable, "-P", "-c", PROBE]
     environment = {**os.environ}
     try:

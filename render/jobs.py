@@ -1,4 +1,4 @@
-"""From a plan's rows to what a worker is told: absolute paths, matrices and numbers, nothing to look up."""
+"""Turn a plan's rows into self-contained jobs for workers: absolute paths, matrices, and numbers."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from hulldown.render.messages import (
     VehicleInput,
 )
 
-# Meters from the file's own origin from which float32, which Blender calculates in, is too coarse for a picture.
+# Meters from the file's origin beyond which Blender's float32 is too coarse for pictures.
 FAR = 5000.0
 
 
@@ -49,13 +49,13 @@ class VehicleFile:
     shape
         Its geometry.
     tidy
-        The .blend that `reading.blender.tidy` made of it.
+        Its tidy twin, a .blend by `reading.blender.tidy`.
     files
-        Paths of what that refers to.
+        Paths of the twin's references.
     materials
         Its materials.
     source
-        The file that the config names; None if that is the tidy one.
+        The config's file; None if that is the twin.
     """
 
     shape: VehicleShape
@@ -79,13 +79,13 @@ class SceneryFile:
     path
         Its .blend.
     scenery_from_file
-        (4, 4) where its coordinates go.
+        (4, 4) transform of its coordinates.
     scenery
         Its geometry.
     files
-        Paths of what the .blend refers to.
+        Paths of the .blend's references.
     source
-        The file that the config names; None if that is the .blend.
+        The config's file; None if that is the .blend.
     """
 
     path: Path
@@ -111,7 +111,7 @@ def _readable(*files: Path | None) -> list[Path]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RenderAssets:
-    """The files a plan is rendered from, by the names the plan uses; distractors are among the vehicles."""
+    """A plan's files by the plan's names; vehicles include distractors."""
 
     vehicles: Mapping[str, VehicleFile]
     sceneries: Mapping[str, SceneryFile]
@@ -119,7 +119,7 @@ class RenderAssets:
 
     @property
     def readable(self) -> tuple[Path, ...]:
-        """What Blender may read to render them: the folders of the files that the config names, and the HDRIs.
+        """Paths that Blender may read: the folders of the config's files, and the HDRIs.
 
         Neither a plan's header nor an asset adds to it.
         """
@@ -135,23 +135,23 @@ def render_assets(
     progress: Callable[[str], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> RenderAssets:
-    """The files that a plan's header names, exported again where the cache does not have them.
+    """Find the files in a plan's header, exported again if they aren't in the cache.
 
     Parameters
     ----------
     plan
         The plan.
     cache
-        Where they are kept; see `planning.loading.planned_cache`.
+        The cache; see `planning.loading.planned_cache`.
     progress
-        Called with the path of each file that has to be exported.
+        Called with the path of each file that must be read.
     limits
-        When reading a file is given up.
+        Limits of reading a file.
 
     Raises
     ------
     ConfigError
-        If a file is not what it was when the plan was made.
+        If a file has changed since planning.
     AssetError
         If a file cannot be read.
     """
@@ -179,7 +179,7 @@ def render_assets(
 
 
 def _scenery_file(path: Path, library: Library, name: str) -> SceneryFile:
-    """The scenery as delivered; its tidy twin, which has lost hair and volumes, where float32 fails the original."""
+    """The scenery's original file, or its tidy twin without hair and volumes if float32 isn't enough."""
     scenery, read = library.assets.sceneries[name], library.sceneries[name]
     if path.suffix.lower() != ".blend" or np.linalg.norm(scenery.origin) > FAR:
         return SceneryFile(read.tidy, np.eye(4), scenery, read.files, source=path)
@@ -187,7 +187,7 @@ def _scenery_file(path: Path, library: Library, name: str) -> SceneryFile:
 
 
 def render_job(row: Row, assets: RenderAssets, settings: Settings, output: Path) -> RenderJob:
-    """What to tell a worker that shall render a row.
+    """The job of rendering a row.
 
     Parameters
     ----------
@@ -196,16 +196,16 @@ def render_job(row: Row, assets: RenderAssets, settings: Settings, output: Path)
     assets
         The plan's files.
     settings
-        Cycles'.
+        Cycles' settings.
     output
-        Where the worker shall write.
+        The output file.
 
     Raises
     ------
     ConfigError
-        If the row names an asset that the plan's header does not.
+        If the row names an asset that isn't in the plan's header.
     ValueError
-        If it turns a part that its vehicle does not have.
+        If it turns a part that its vehicle doesn't have.
     """
     return RenderJob(
         scenery=_scenery(row, assets),
@@ -226,7 +226,7 @@ def render_job(row: Row, assets: RenderAssets, settings: Settings, output: Path)
 
 
 def mask_job(row: Row, assets: RenderAssets, output: Path) -> MaskJob:
-    """What to tell a worker that shall render a row's masks; parameters and errors as of `render_job`."""
+    """The job of rendering a row's masks; parameters and errors as of `render_job`."""
     vehicles = [_vehicle(structs.replace(vehicle, paint=[]), assets, row) for vehicle in row.vehicles]
     return MaskJob(scenery=_scenery(row, assets), vehicles=vehicles, camera=_camera(row), output=str(output))
 
@@ -254,7 +254,7 @@ def _vehicle(vehicle: PlannedVehicle, assets: RenderAssets, row: Row) -> Vehicle
 
 
 def _paint(coats: Sequence[Coat], materials: Sequence[MaterialRow]) -> list[PaintInput]:
-    """How each painted material is painted."""
+    """The paint of each painted material."""
     rows = {row.name: row for row in materials}
     return [
         PaintInput(

@@ -1,4 +1,4 @@
-"""Cycles' own masks of planned vehicles, and how far a dataset's annotations are from them."""
+"""Compare a dataset's annotations with Cycles' own masks."""
 
 from __future__ import annotations
 
@@ -35,28 +35,28 @@ from hulldown.render.messages import to_json
 from hulldown.render.pool import Pool
 from hulldown.render.remaining import Outline
 
-ONE_PIXEL = 1.0  # what a box may differ from a mask's: its sides run between pixel centers
-SAME = 0.99  # overlap of two masks that are the same but for what float32 decides at their edges
+ONE_PIXEL = 1.0  # largest difference between a box and a mask's box, whose sides are between pixel centers
+SAME = 0.99  # least IoU of masks that are equal up to float32 at their edges
 INTRUDER = (
     4.0  # outline of a vehicle in a picture without it: 1.6 % of 248 that were not there had more, 97 % of 67 that were
 )
-FEW_PIXELS = 2  # that may differ in masks so small that one pixel is more than that
+FEW_PIXELS = 2  # largest difference of masks so small that one pixel exceeds the IoU's limit
 
 
 @dataclass(frozen=True, slots=True)
 class MaskRow:
-    """One annotation beside what Cycles renders.
+    """An annotation compared with Cycles' masks.
 
     Parameters
     ----------
     file_name, vehicle
-        Which.
+        The image and the vehicle.
     pixels
-        Of the rendered visible mask.
+        Pixels of the rendered visible mask.
     box_error
         Largest distance of the annotated box's sides from those of the whole rendered vehicle, in pixels.
     outside
-        How far that reaches out of the annotated box.
+        Pixels that the rendered vehicle reaches beyond the annotated box.
     mask_iou
         Overlap of annotated and rendered visible mask; nan where the annotation has no mask.
     """
@@ -71,7 +71,7 @@ class MaskRow:
 
 @dataclass(frozen=True, slots=True)
 class MaskReport:
-    """What `verify_masks` has measured, and what of it is wrong."""
+    """The measurements of `verify_masks`, and the findings."""
 
     rows: tuple[MaskRow, ...]
     findings: tuple[Finding, ...]
@@ -97,7 +97,7 @@ def verify_masks(
     limits: ReadLimits = DEFAULT_LIMITS,
     progress: Callable[[int, int], None] | None = None,
 ) -> MaskReport:
-    """Render the masks of some images of a dataset and hold its annotations against them.
+    """Render the masks of some images of a dataset, and compare its annotations with them.
 
     Parameters
     ----------
@@ -106,15 +106,15 @@ def verify_masks(
     plan_path
         The plan it was rendered from.
     count
-        How many images, spread evenly over those that are finished.
+        Number of images, an even selection of the finished ones.
     assets
-        The plan's files; those that its header names if not given.
+        The plan's files; None: those in its header.
     cache
-        Where these are kept; beside the plan if None.
+        Their cache; None: next to the plan.
     limits
-        When reading one is given up.
+        Limits of reading one.
     progress
-        Called with the images done and their number.
+        Called with (images done, all).
 
     Raises
     ------
@@ -163,7 +163,7 @@ def verify_masks(
 
 
 def _intruder(folder: Path, name: str, row: Row, assets: RenderAssets) -> Finding | None:
-    """Whether the picture of an empty background changes along the outline of the vehicle that it was framed on."""
+    """Whether an empty background's picture shows the outline of the vehicle that it was framed on."""
     try:
         pixels = read_pixels(folder / name)
     except DatasetError:  # found elsewhere
@@ -222,16 +222,16 @@ def _judged(row: MaskRow, area: Any) -> Finding | None:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RowMasks:
-    """What Cycles shows of the vehicles of one row, at pixel centers.
+    """Cycles' masks of a row's vehicles, at pixel centers.
 
     Parameters
     ----------
     index
         The row.
     alone
-        (k, h, w) each vehicle as if nothing else were there.
+        (k, h, w) masks of each vehicle alone.
     visible
-        (k, h, w) each vehicle behind whatever hides it.
+        (k, h, w) visible masks of each vehicle.
     """
 
     index: int
@@ -261,7 +261,7 @@ def cycles_masks(
     device, blender
         As of `render.supervisor.render_plan`.
     progress
-        Called with the rows done and their number.
+        Called with (rows done, all).
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""What a worker inside Blender is told: paths and numbers, nothing to look up; as JSON between two processes.
+"""Jobs for a worker inside Blender: self-contained paths and numbers, as JSON between two processes.
 
-Read on both sides, so it needs numpy only.
+Both processes import it, so it needs numpy only.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ Matrix = list[list[float]]  # (4, 4)
 
 @dataclass(frozen=True, slots=True)
 class SceneryInput:
-    """A scenery to open.
+    """A scenery to load.
 
     Parameters
     ----------
     path
         Its .blend.
     scenery_from_file
-        (4, 4) where its coordinates go, in meters.
+        (4, 4) transform of its coordinates to meters.
     standing
         Objects planned as ground or obstacles, which are rendered whatever they or their meshes are called.
     removed
@@ -40,18 +40,18 @@ class SceneryInput:
 
 @dataclass(frozen=True, slots=True)
 class PaintInput:
-    """How a material of a vehicle is painted.
+    """The paint of a vehicle's material.
 
     Parameters
     ----------
     material
         Its name in the vehicle's file.
     mean
-        Mean luminance of its base color: what is brighter or darker stays so as it is painted.
+        Mean luminance of its base color; paint keeps brightness relative to it.
     color
-        Linear red, green and blue in place of its own; None for its own.
+        Linear red, green, and blue that replace its own; None: its own.
     hue
-        What its hue is turned by, in turns.
+        Change of its hue, in turns.
     saturation, value
         Factors.
     keeps_dark
@@ -72,16 +72,16 @@ class PaintInput:
 
 @dataclass(frozen=True, slots=True)
 class VehicleInput:
-    """A vehicle to stand in the scenery.
+    """A vehicle to place in the scenery.
 
     Parameters
     ----------
     tidy
-        The file that `reading.blender.tidy` made.
+        Its tidy twin, by `reading.blender.tidy`.
     world_from_parts
-        (p, 4, 4) where its parts are, in meters.
+        (p, 4, 4) poses of its parts, in meters.
     paint
-        Its painted materials.
+        Paint of its materials.
     """
 
     tidy: str
@@ -102,9 +102,9 @@ class CameraInput:
     near
         Meters along the optical axis; nothing closer is seen.
     exposure
-        Of the picture, in EV.
+        The picture's exposure in EV.
     white_balance
-        Offset in kelvin from the white balance that changes nothing.
+        Offset in kelvin from the neutral white balance.
     """
 
     world_from_camera: Matrix
@@ -123,11 +123,11 @@ class LightInput:
     hdri
         Path of the picture.
     yaw
-        Its turn about the vertical, radians counter-clockwise.
+        Its yaw in radians, counterclockwise.
     strength
         Factor on its brightness.
     horizon
-        Elevation in radians whose color the camera sees below it too; None: it sees the picture as it is.
+        Elevation in radians whose color continues below for the camera; None: the whole picture.
     """
 
     hdri: str
@@ -138,7 +138,7 @@ class LightInput:
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """Cycles' settings that a config chooses: `adaptive_threshold` 0 means no adaptive sampling."""
+    """The config's settings of Cycles; `adaptive_threshold` 0: no adaptive sampling."""
 
     samples: int
     denoise: bool
@@ -148,7 +148,7 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class MaskJob:
-    """Render which vehicle is at each pixel to `output`, a .npy file; see `render.blender.object_index`."""
+    """Render the vehicle at each pixel to `output`, a .npy file; see `render.blender.object_index`."""
 
     scenery: SceneryInput
     vehicles: list[VehicleInput]
@@ -158,9 +158,9 @@ class MaskJob:
 
 @dataclass(frozen=True, slots=True)
 class RenderJob:
-    """Render a picture to `output`; without weather it is clear and dry.
+    """Render a picture to `output`; weather None: clear and dry.
 
-    Without a sensor, the picture is what Blender's view transform makes of the light, a .png file.
+    Without a sensor, Blender's view transform makes the picture, a .png file.
     """
 
     scenery: SceneryInput
@@ -176,7 +176,7 @@ class RenderJob:
 
 @dataclass(frozen=True, slots=True)
 class StartJob:
-    """Choose the device to render on: what `render.blender.cycles.choose_device` takes, and CPU threads, 0 for all."""
+    """Choose a device by `render.blender.cycles.choose_device`, and the number of CPU threads, 0: all."""
 
     device: str
     index: int
@@ -202,12 +202,12 @@ PARTS: Mapping[str, Callable[..., Any]] = {
 
 
 def to_json(job: Job) -> dict[str, Any]:
-    """A job as what JSON can hold; its kind is called `do`."""
+    """A job as JSON values, with its kind under `do`."""
     return {"do": next(name for name, kind in KINDS.items() if type(job) is kind), **asdict(job)}
 
 
 def from_json(message: Mapping[str, Any]) -> Job:
-    """The job that `to_json` made a message of."""
+    """The job in a message by `to_json`."""
     parts = {
         key: PARTS[key](**value) if key in PARTS and value is not None else value
         for key, value in message.items()

@@ -1,4 +1,4 @@
-"""The pictures that a worker writes: whole or not, and without dates, render times and paths of this machine."""
+"""Check a worker's pictures, and remove dates, render times, and paths from them."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ NOTES = (b"tEXt", b"zTXt", b"iTXt", b"eXIf", b"tIME")
 
 
 def without_notes(data: bytes) -> bytes:
-    """The same picture without text, date and EXIF chunks, so that equal pictures are equal files.
+    """Remove text, date, and EXIF chunks, so that equal pictures are equal files.
 
-    A JPEG file has none: the worker writes it, not Blender.
+    A JPEG file has none, since the worker writes it, not Blender.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def without_notes(data: bytes) -> bytes:
 
 
 def damage(picture: Path, width: int, height: int) -> str | None:
-    """What is wrong with a picture that Blender says it has written; None if nothing is."""
+    """Find damage in a picture by Blender; None if there is none."""
     try:
         # Not by `Image.open`, which refuses pictures above a size.
         with JpegImageFile(picture) if picture.suffix == ".jpg" else PngImageFile(picture) as image:

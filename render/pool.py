@@ -1,4 +1,4 @@
-"""Blenders of this machine that share out jobs."""
+"""A pool of Blenders on this machine."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ MOST = 256  # Blenders
 
 
 class Pool:
-    """Blenders that share out jobs, each in a thread of its own. Leaving it as a context ends them.
+    """Several Blenders, each with its own thread. Leaving it as a context ends them.
 
     Parameters
     ----------
     logs
-        Folder for a log of each.
+        Folder for their logs.
     blender
         An installed Blender, or None for the bpy module of this Python.
     device
-        What `render.blender.cycles.choose_device` takes.
+        A device for `render.blender.cycles.choose_device`.
     workers
-        How many; None for one a GPU.
+        Number of Blenders; None: one per GPU.
     limits
-        When one is given up.
+        Limits of time, memory, and attempts.
     say
-        Called with a line for the user, now and then.
+        Called with messages for the user.
     stopping
-        Asked several times a second whether to give up now.
+        Called several times a second; true: stop now.
     confinement
-        What they may read and write; None for everything.
+        Their confinement; None: unconfined.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class Pool:
 
     @property
     def working(self) -> int:
-        """How many Blenders there are."""
+        """Number of Blenders."""
         return len(self._blenders)
 
     def _grow(self, blenders: int) -> None:
@@ -87,25 +87,25 @@ class Pool:
     def results(
         self, jobs: Sequence[int], message: Callable[[int], Mapping[str, Any]]
     ) -> Iterator[tuple[int, Outcome]]:
-        """Do all jobs, neighbors by one Blender; yields each with its outcome as it ends, while others go on.
+        """Do all jobs, neighbors in one Blender; yields each with its outcome when it ends, while others continue.
 
         Parameters
         ----------
         jobs
-            The caller's numbers for them, in an order in which a Blender profits from what it has in memory.
+            The caller's numbers of jobs, ordered so that neighbors share assets.
         message
-            What to tell Blender for a job.
+            Function from a job to Blender's message.
 
         Raises
         ------
         Stopped
-            If `stopping` said so.
+            If `stopping` returned true.
         HulldownError
             If Blender can't be used.
         """
         n = self.working
         queues = [deque(jobs[i * len(jobs) // n : (i + 1) * len(jobs) // n]) for i in range(n)]
-        running: dict[Future[Outcome], tuple[int, int]] = {}  # by what, and which job
+        running: dict[Future[Outcome], tuple[int, int]] = {}  # queue and job of each
         ended: deque[tuple[int, Future[Outcome]]] = deque()
         while any(queues) or running or ended:
             self._tell()
@@ -120,7 +120,7 @@ class Pool:
                 if (job := _next(queues, i)) is not None:
                     do = self._blenders[i].do
                     running[self._threads.submit(do, message(job), stopping=self._left.is_set)] = i, job
-            if ended:  # while this is filed, the Blenders render on
+            if ended:  # the Blenders continue meanwhile
                 job, future = ended.popleft()
                 outcome = future.result()
                 self._tell()
@@ -145,7 +145,7 @@ class Pool:
 
 
 def _next(queues: Sequence[deque[int]], i: int) -> int | None:
-    """The next job of one queue, which takes half of the longest one's when it's empty."""
+    """The next job of a queue; an empty queue takes half of the longest one's."""
     if not queues[i]:
         longest = max(queues, key=len)
         half = [longest.pop() for _ in range((len(longest) + 1) // 2)]

@@ -1,6 +1,6 @@
-"""A Blender that does one job after the other: one that crashes, hangs or uses too much memory is started again.
+"""A supervised Blender that does one job after the other, restarted if it crashes, hangs, or uses too much memory.
 
-Independent of what the jobs do: a job is a JSON object, and so is its answer.
+Jobs and answers are JSON objects of any kind.
 """
 
 from __future__ import annotations
@@ -28,33 +28,33 @@ from hulldown.render.messages import StartJob, to_json
 from hulldown.render.pictures import damage
 
 WORKER = Path(__file__).with_name("blender") / "worker.py"
-STOP_S = 5.0  # what a worker gets to end by itself
+STOP_S = 5.0  # for a worker to end by itself
 # For glibc: from how many bytes on a block goes back to the system when it is freed. This is its own first value; left
 # alone it raises it to the largest block yet, and other HDRIs and vehicles leave holes: 100 MB more, 7 % growth.
-# For OpenBLAS: threads that wait by turning round and round, for products that are too small for them.
+# For OpenBLAS, whose threads busy-wait for products that are too small for them.
 ENVIRONMENT = {"MALLOC_MMAP_THRESHOLD_": str(2**17), "OPENBLAS_NUM_THREADS": "1"}
-POLL_S = 0.2  # how often time and memory are looked at
-NEARLY = 0.8  # of the memory limit: a Blender that has grown so far is replaced between two jobs
+POLL_S = 0.2  # interval of checks of time and memory
+NEARLY = 0.8  # of the memory limit: above it, Blender is replaced between two jobs
 GIB = 2**30
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """When a Blender is given up.
+    """Limits of a Blender.
 
     Parameters
     ----------
     start_s
-        Seconds Blender gets to start.
+        Seconds for Blender's start.
     job_s
-        Seconds a job gets; None for what `patience` makes of the first ones.
+        Seconds for a job; None: by `patience`.
     memory_bytes
         Resident memory of one Blender; None for its share of nine tenths of the machine's. A Blender that ends a job
         above four fifths of it is replaced.
     attempts
-        How often a job is tried.
+        Attempts at a job.
     give_up_after
-        Attempts that fail one after the other, over all jobs, before the run is stopped: then it is not the jobs.
+        Consecutive failed attempts over all jobs after which the run stops, since the jobs aren't the cause.
     """
 
     start_s: float = 300.0
@@ -65,14 +65,14 @@ class Limits:
 
 
 DEFAULT_LIMITS = Limits()
-FIRST_JOBS = 5  # by which the time that the others get is judged
-FIRST_JOBS_S = 3600.0  # what they get themselves
-TIMES_LONGER = 20.0  # than the longest of them, a job is not thought to be honest
-SHORTEST_S = 300.0  # loading another scenery takes its time, however quick the first pictures were
+FIRST_JOBS = 5  # jobs that set the time limit of the others
+FIRST_JOBS_S = 3600.0  # their own time limit
+TIMES_LONGER = 20.0  # the longest of them is the others' time limit
+SHORTEST_S = 300.0  # least time limit, for loading another scenery
 
 
 def patience(seconds: Sequence[float]) -> float:
-    """Seconds that a job gets after those that took `seconds`, the first first.
+    """Seconds for a job after earlier ones took `seconds`, in order.
 
     Examples
     --------
@@ -85,14 +85,14 @@ def patience(seconds: Sequence[float]) -> float:
 
 
 class Allowance:
-    """What each of the Blenders gets that share a machine.
+    """The resources of each of several Blenders on a machine.
 
     Parameters
     ----------
     limits
         When one is given up.
     blenders
-        How many they are.
+        Number of Blenders.
     """
 
     def __init__(self, limits: Limits, blenders: int = 1) -> None:
@@ -118,33 +118,33 @@ class Allowance:
 
 
 class Stopped(Exception):
-    """The caller doesn't want the result of a job any more."""
+    """The caller doesn't need a job's result any more."""
 
 
 class AttemptFailed(Exception):
-    """An attempt at a job has failed, for a reason that is told to the user."""
+    """A failed attempt at a job, with a reason for the user."""
 
 
 class Lost(AttemptFailed):
-    """Blender has failed, and must be started again."""
+    """Blender has failed and must be restarted."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a job.
+    """The outcome of a job.
 
     Parameters
     ----------
     answer
         Blender's.
     content
-        Of the file that the job names as its output.
+        Contents of the job's output file.
     reasons
-        Why each attempt failed, if all did.
+        Reason of each failed attempt, if all failed.
     restarts
-        How often Blender had to be started again.
+        Number of Blender's restarts.
     device, blender, system, confinement
-        What did the job.
+        The device and software that did the job.
     """
 
     answer: Mapping[str, Any] = field(default_factory=dict)
@@ -158,20 +158,20 @@ class Outcome:
 
 
 class Blender:
-    """A Blender that is started for its first job and stays open. Leaving it as a context ends it.
+    """A Blender that starts with its first job and stays open. Leaving it as a context ends it.
 
     Parameters
     ----------
     log
-        File that its messages are added to.
+        File for its messages.
     program
         An installed Blender, or None for the bpy module of this Python.
     device
         What `render.blender.cycles.choose_device` takes.
     number
-        Its place among those of this machine, by which it chooses a graphics card.
+        Its index among this machine's Blenders, which selects a graphics card.
     allowance
-        Time, memory and threads.
+        Its resources.
     confinement
         What it may read and write; None for everything.
     say
@@ -180,7 +180,7 @@ class Blender:
     Attributes
     ----------
     devices
-        How many graphics cards it has found; 1 if there is none.
+        Number of graphics cards; 1 if there are none.
     """
 
     def __init__(
@@ -211,7 +211,7 @@ class Blender:
         return self._child.pid if self._child else None
 
     def do(self, message: Mapping[str, Any], *, stopping: Callable[[], bool] = lambda: False) -> Outcome:
-        """Do a job, with several attempts; returns when it's done or has failed for good.
+        """Do a job, with several attempts; returns when it's done or has finally failed.
 
         Parameters
         ----------
@@ -272,7 +272,7 @@ class Blender:
         return answer, content
 
     def start(self) -> None:
-        """Open it, if it isn't, and choose the device."""
+        """Start it if necessary, and choose the device."""
         reason = ""
         for _ in range(self._allowance.limits.attempts):
             if self._child is not None:
@@ -301,14 +301,14 @@ class Blender:
         if self._log.is_symlink():
             self._log.unlink()
         self._answers: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
-        answers = self._answers  # those of a process that was killed are not heard
+        answers = self._answers  # answers of a killed process are ignored
 
         def hear(line: bytes) -> None:
             text = line.decode("utf-8", "replace")
             if not line:
                 answers.put(None)
             elif text.startswith(ANSWER):
-                with contextlib.suppress(json.JSONDecodeError):  # half a line of a worker that was killed
+                with contextlib.suppress(json.JSONDecodeError):  # a killed worker's partial line
                     answers.put(json.loads(text[len(ANSWER) :]))
 
         command = worker_command(self._program)
@@ -329,7 +329,7 @@ class Blender:
         return self._hear(seconds)
 
     def _hear(self, seconds: float) -> dict[str, Any]:
-        """The next answer, if it comes in time and in memory."""
+        """The next answer, within the limits of time and memory."""
         assert self._child is not None
         end = time.monotonic() + seconds
         while True:
@@ -357,7 +357,7 @@ class Blender:
         self._say(f"{lost}; it is started again")
 
     def close(self) -> None:
-        """End it now; the next job opens another."""
+        """End it now; the next job starts another."""
         if self._child is not None:
             self._child.kill()
         self._child = None
@@ -370,7 +370,7 @@ class Blender:
 
 
 def worker_command(program: str | None) -> list[str]:
-    """How to start a worker: in this Python, which has the bpy module, or in an installed Blender."""
+    """The command of a worker, in this Python with the bpy module, or in an installed Blender."""
     if program is None:
         return [sys.executable, "-P", str(WORKER)]
     options = ["--background", "--factory-startup", "--disable-autoexec", "--python-exit-code", "1"]
@@ -378,7 +378,7 @@ def worker_command(program: str | None) -> list[str]:
 
 
 def _written(message: Mapping[str, Any]) -> tuple[str, bytes]:
-    """What is wrong with the file that a job has written, or its content."""
+    """The contents of a job's output file, or the problem with it."""
     output = Path(message["output"])
     if message["do"] == "render":
         size = message["camera"]["intrinsics"]

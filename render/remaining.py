@@ -1,4 +1,4 @@
-"""Which images of a plan are left to be rendered into a dataset, in what order, and what they are called there."""
+"""A plan's remaining images for a dataset: order, names, and ids."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hulldown.planning.row import Row
 
 
 class Outline:
-    """What a plan will add to a dataset: names, order and numbers of labels; read whole before anything is written.
+    """A plan's names, order, and numbers of labels, read completely before anything is written.
 
     Parameters
     ----------
@@ -34,28 +34,28 @@ class Outline:
         self.labels = np.array([row[2] for row in self.rows], dtype=np.int64)
 
     def first_annotations(self, run: Run) -> Int[np.ndarray, " images"]:
-        """The id of each image's first label; ids depend on the plan alone, never on what is finished when."""
+        """The id of each image's first label, which depends on the plan alone."""
         return np.cumsum(self.labels) - self.labels + run.annotation_offset + 1
 
 
 class Remaining:
-    """Which rows of a plan are left, in the order that lets a worker keep what it has loaded.
+    """A plan's remaining rows, ordered so that workers can keep loaded assets.
 
     Parameters
     ----------
     outline
-        Of the plan.
+        The plan's outline.
     dataset
-        Open.
+        The open dataset.
     wanted
-        Only the first so many rows.
+        Number of rows, from the first.
     share
-        Of these the k-th of n equal parts, in the order in which they are rendered: (k, n).
+        The k-th of n equal parts of these, in rendering order: (k, n).
 
     Raises
     ------
     DatasetError
-        If something else in the dataset has an id that is set aside for one of them.
+        If another record in the dataset has an id reserved for one of them.
     """
 
     def __init__(self, outline: Outline, dataset: CocoDataset, wanted: int, *, share: tuple[int, int] = (1, 1)) -> None:
@@ -75,12 +75,12 @@ class Remaining:
 
 
 def sort_key(row: Row) -> tuple[str, str, str, str]:
-    """Sorts rows by what takes long to change, the longest first: scenery, vehicle, kind of weather, HDRI."""
+    """Sort key of rows by loading time: scenery, vehicle, kind of weather, HDRI."""
     return row.scenery, row.target.vehicle, row.weather.kind if row.weather else "", row.hdri
 
 
 def stamp_of(path: Path) -> tuple[int, int, int] | None:
-    """Identity, size and time of the last change of a file; None if there is none."""
+    """Identity, size, and modification time of a file; None if there is none."""
     try:
         stat = path.stat()
     except OSError:

@@ -1,6 +1,6 @@
-"""From scene-linear light to a picture as a camera makes it: lens, noise, view transform, sharpening, 8 bits.
+"""Simulate a camera from scene-linear light to 8 bits: lens, noise, view transform, sharpening.
 
-Needs numpy only, as it runs in Blender too. The view transform is the caller's.
+Runs in Blender too, so it needs numpy only. The caller passes the view transform.
 
 References
 ----------
@@ -19,9 +19,9 @@ import numpy as np
 from hulldown.camera.sensor import Sensor
 
 WHITE = 0.18 * 2.0**6.5  # linear light at which a sensor clips, AgX's own white: 6.5 stops above middle gray
-BAND = 64  # rows that are worked on at a time: what fits a processor's cache, and the unit of random streams
-_TAPER = 4.0  # pixels in which an interpolation kernel falls to 0
-_FREQUENCIES, _STEPS = 128, 256  # of the sum that is a kernel, and per pixel of its table
+BAND = 64  # rows computed at a time, which fit a processor's cache and share a random stream
+_TAPER = 4.0  # pixels over which an interpolation kernel falls to 0
+_FREQUENCIES, _STEPS = 128, 256  # terms of the kernel's sum, and entries per pixel of its table
 
 Pixels = np.ndarray
 
@@ -36,7 +36,7 @@ def develop(
     view: Callable[[Pixels], Pixels],
     threads: int,
 ) -> np.ndarray:
-    """Return the picture that a camera makes of light.
+    """Return a camera's picture of light.
 
     Parameters
     ----------
@@ -45,15 +45,15 @@ def develop(
     sensor
         The camera.
     axis
-        Where the lens's axis meets the picture, in pixels.
+        The lens's axis in the picture, in pixels.
     exposure_ev
         Factor on the light, in stops.
     seed
-        Of the noise, which is the same with any number of threads.
+        Seed of the noise, which doesn't depend on the number of threads.
     view
-        Display levels from 0 to 1 of exposed linear light; white balance is its part.
+        View transform from exposed linear light to levels from 0 to 1, white balance included.
     threads
-        How many to use.
+        Number of threads.
     """
     height, width = radiance.shape[:2]
     lens, shown = Lens.of(sensor, width, height, axis), np.empty_like(radiance)
@@ -79,8 +79,8 @@ def develop(
 def read_out(light: Pixels, sensor: Sensor, rng: np.random.Generator) -> Pixels:
     """Return exposed light as a sensor measures it: with shot and read noise, clipped.
 
-    Shot noise is normal with the variance of the Poisson distribution, which it resembles from some 10 electrons on;
-    below, read noise hides the difference.
+    Shot noise is normal with the variance of the Poisson distribution, a good approximation from 10 electrons on;
+    below, read noise dominates.
     """
     if not sensor.full_well_e:
         return light
@@ -107,7 +107,7 @@ def sharpened(shown: Pixels, band: slice, amount: float) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Lens:
-    """How a lens draws a picture: a separable kernel per color channel, and the light that it loses to the sides.
+    """A lens: a separable kernel per color channel, and vignetting.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ class Lens:
         return cls(sensor, rows, columns, y, x)
 
     def through(self, radiance: Pixels, band: slice) -> np.ndarray:
-        """Return the light of a band of rows behind the lens: blurred, each color displaced, dimmed by cos^4."""
+        """Return a band of rows behind the lens: blurred, with color aberration and cos^4 vignetting."""
         light = self.sensor.falloff(self.x, self.y[band, None], math.hypot(len(self.x), len(self.y)) / 2.0)
         if not self.rows:
             return radiance[band] * light[..., None]
@@ -160,7 +160,7 @@ class Lens:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Block:
-    """Weights (o, i) by which pixels of an axis follow from others."""
+    """Weights (o, i) from input to output pixels along an axis."""
 
     outputs: slice
     inputs: slice
@@ -169,9 +169,9 @@ class Block:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Kernel:
-    """A Gaussian point spread function, limited to the frequencies that pixels can hold; sharp, it interpolates.
+    """A Gaussian point spread function, band-limited to pixels; without blur it interpolates.
 
-    Sampled as it is, a narrow Gaussian would blur less than it says.
+    A narrow Gaussian, simply sampled, would blur too little.
     """
 
     reach: int
@@ -194,7 +194,7 @@ class Kernel:
 
 
 def _blocks(n: int, middle: float, scale: float, kernel: Kernel) -> list[Block]:
-    """Weights that magnify n pixels about a point; beyond the ends the last pixels go on."""
+    """Weights that magnify n pixels about a point; the end pixels are repeated beyond the ends."""
     blocks = []
     for start in range(0, n, BAND):
         outputs = np.arange(start, min(start + BAND, n))

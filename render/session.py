@@ -1,7 +1,7 @@
-"""One run of a plan into a dataset: what becomes of each picture.
+"""One run of a plan into a dataset, picture by picture.
 
-A row is finished once its picture has its final name and the journal has its line. Whatever happens before that costs
-one picture; the next run does it again under the same name and id.
+A row is finished when its picture has its final name and the journal has its line. Any interruption before costs
+one picture, which the next run renders again under the same name and id.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ UNFINISHED_NAME = ".unfinished"  # pictures being written; in the dataset, so th
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a run is: pictures in the dataset, given up, wanted; a line to show, or an empty one; who renders."""
+    """Progress of a run: finished, failed, and wanted pictures; a message, possibly empty; the workers."""
 
     finished: int
     failed: int
@@ -50,23 +50,23 @@ class Progress:
 
 
 class Session:
-    """Sends rows to a pool and files what comes back.
+    """Sends rows to a pool and stores its results.
 
     Parameters
     ----------
     plan, dataset, remaining, assets
-        What is rendered, into what.
+        The plan, its target, its remaining rows, and its files.
     limits
-        When a run is given up.
+        Limits of the run.
     progress
         Called after each image and with each message.
 
     Attributes
     ----------
     begun
-        Whether an image has been given its name, or the run has come to its end.
+        Whether an image was placed, or the run has ended.
     devices
-        What has rendered.
+        The devices that rendered.
     restarts
         How often Blender had to be started again.
     """
@@ -92,7 +92,7 @@ class Session:
         self._pool: Pool | ClusterPool | None = None
         self._folder = dataset.folder
         self._unfinished = confined(self._folder, UNFINISHED_NAME).absolute()
-        # Of other plans, and of images that are not for this run. What is damaged is met before Blender is started.
+        # Failures of other plans, and of images outside this run. Damage is found before Blender starts.
         self._failures = [line for line in read_failures(self._folder) if line["file_name"] not in remaining.names]
         read_provenance(self._folder)
         self._recorded: dict[str, list[str]] = {}
@@ -107,19 +107,19 @@ class Session:
 
     @property
     def unfinished(self) -> Path:
-        """Folder that pictures are rendered into, there as long as `render` runs."""
+        """Folder for unfinished pictures during `render`."""
         return self._unfinished
 
     def say(self, line: str) -> None:
-        """Tell the caller how far the run is."""
+        """Report progress to the caller."""
         finished = self._remaining.already + self.rendered
         workers = self._pool.working if self._pool else 0
         self._progress(Progress(finished, len(self.failed), self._remaining.wanted, line, workers))
 
     def render(self, pool: Pool | ClusterPool) -> None:
-        """Render what is left; see `render.pool.Pool.results` for what it raises."""
+        """Render the remaining rows; errors as of `render.pool.Pool.results`."""
         if self._unfinished.is_symlink() or self._unfinished.is_file():
-            self._unfinished.unlink()  # and not what a link leads to
+            self._unfinished.unlink()  # not a link's target
         shutil.rmtree(self._unfinished, ignore_errors=True)
         self._unfinished.mkdir()
         self._pool = pool
@@ -154,13 +154,13 @@ class Session:
             )
 
     def _begin(self) -> None:
-        """Once an image is there: what failed in an earlier run gets its attempts anew."""
+        """After the first image: retry the failures of earlier runs."""
         if not self.begun:
             self.begun = True
             write_failures(self._folder, self._failures)
 
     def _record(self) -> None:
-        """Say what the images of this plan are made from, and by what, as soon as there is more to say of it."""
+        """Update the plan's provenance whenever there is news."""
         made_by = {
             "blender": sorted(self._blenders),
             "devices": sorted(self.devices),
@@ -183,7 +183,7 @@ class Session:
         return self._unfinished / f"{row.index}{Path(row.file_name).suffix}"
 
     def _row(self, index: int) -> Row:
-        """A row of the plan, read when it is needed; refused if another file has replaced the plan meanwhile."""
+        """A row of the plan, read when needed; refused if the plan's file was replaced meanwhile."""
         if stamp_of(self._plan.path) != self._remaining.stamp:
             raise ConfigError(
                 "is not what it was when this run began",
@@ -196,7 +196,7 @@ class Session:
         row = self._row(index)
         try:
             return to_json(render_job(row, self._assets, self._settings, self._output(row)))
-        except ValueError as error:  # what the schema cannot know, such as the parts of a vehicle
+        except ValueError as error:  # errors beyond the schema, such as a vehicle's unknown part
             raise ConfigError(
                 f"line {index + 2} cannot be rendered ({error})",
                 path=self._plan.path,

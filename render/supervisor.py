@@ -1,4 +1,4 @@
-"""A plan rendered into a dataset, unattended: resumes, outlives crashes of Blender, and stops politely."""
+"""Render a plan into a dataset, unattended: resumes, survives crashes of Blender, and stops cleanly."""
 
 from __future__ import annotations
 
@@ -38,24 +38,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class RenderReport:
-    """How a run went.
+    """The result of a run.
 
     Parameters
     ----------
     images
-        Images of the plan that were wanted.
+        Number of wanted images of the plan.
     already
-        Of these, how many were in the dataset before.
+        Number of these that were in the dataset before.
     rendered
-        How many were added.
+        Number of added images.
     failed
-        File names of those that were given up; `failures.jsonl` has the reasons.
+        File names of failed images; `failures.jsonl` has the reasons.
     restarts
         How often Blender had to be started again.
     interrupted
-        Whether the run was stopped from outside before its end.
+        Whether the run was stopped early.
     seconds
-        How long it took.
+        Duration.
     """
 
     images: int
@@ -68,7 +68,7 @@ class RenderReport:
 
     @property
     def complete(self) -> bool:
-        """Whether every image that was wanted is in the dataset."""
+        """Whether every wanted image is in the dataset."""
         return self.already + self.rendered == self.images
 
 
@@ -79,14 +79,14 @@ class Part:
     Parameters
     ----------
     limit
-        Only the first so many; None for all.
+        Number of images, from the first; None: all.
     share
-        Of these the k-th of n equal parts, (k, n): for machines that share a plan; see `dataset.join`.
+        The k-th of n equal parts of these, (k, n), for machines that share a plan; see `dataset.join`.
 
     Raises
     ------
     ValueError
-        If there is no such part.
+        If the part doesn't exist.
     """
 
     limit: int | None = None
@@ -104,7 +104,7 @@ WHOLE = Part()
 
 @dataclass(frozen=True, slots=True)
 class Engine:
-    """What renders: Blender processes of this machine, or the workers of a Dask cluster.
+    """The renderer: Blender processes on this machine, or the workers of a Dask cluster.
 
     Parameters
     ----------
@@ -113,13 +113,13 @@ class Engine:
     device
         "auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi" or "metal".
     blender
-        An installed Blender to use in place of the bpy module.
+        An installed Blender instead of the bpy module.
     scheduler
-        Of a Dask cluster whose workers render; None for processes of this machine.
+        Scheduler of a Dask cluster; None: processes on this machine.
     require_confinement
         Whether to use only workers of a cluster that can confine Blender.
     limits
-        Time, memory and attempts.
+        Limits of time, memory, and attempts.
     """
 
     workers: int | None = None
@@ -132,7 +132,7 @@ class Engine:
     def pool(
         self, logs: Path, assets: RenderAssets, session: Session, stopping: Callable[[], bool]
     ) -> Pool | ClusterPool:
-        """What does the jobs of a session.
+        """The pool for a session.
 
         Raises
         ------
@@ -177,9 +177,9 @@ def render(
     cache: Path | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> Dataset:
-    """Render what a plan plans and the dataset in `folder` doesn't have yet, and return that dataset.
+    """Render a plan's missing images into the dataset in `folder`, and return it.
 
-    Calling it again after it was stopped continues. Images that fail are warned of.
+    After a stop, the same call continues. Failed images give warnings.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ def render(
     device
         "auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi" or "metal".
     part
-        Which images of the plan.
+        The part of the plan to render.
     cache
         Where the plan's assets are kept; beside the plan if None.
     progress
@@ -256,24 +256,24 @@ def render_plan(
     read_limits: ReadLimits = DEFAULT_READ_LIMITS,
     progress: Callable[[Progress], None] | None = None,
 ) -> RenderReport:
-    """Render what a plan plans and the dataset does not have yet.
+    """Render a plan's missing images into a dataset.
 
     Parameters
     ----------
     plan_path
         The plan.
     dataset_folder
-        Where to add images and annotations.
+        The dataset.
     engine
-        What renders.
+        The renderer.
     part
-        Which images of the plan.
+        The part of the plan to render.
     assets
         The plan's files; those that its header names if not given.
     cache
         Where these are kept; beside the plan if None.
     read_limits
-        When the reading of an asset that the cache does not have is given up.
+        Limits of reading assets that aren't in the cache.
     progress
         Called after each image and with each message.
 
@@ -315,7 +315,7 @@ def render_plan(
         except HulldownError as error:
             if session is not None and session.begun:
                 raise
-            # A Blender that does not start says why itself; why attempts fail is in the log.
+            # A Blender that doesn't start reports the reason itself; reasons of failed attempts are in the log.
             logged = error.path is not None and Path(error.path).is_relative_to(folder / LOGS_NAME)
             started = session is not None and bool(session.devices)
             keep_logs = had_logs or (logged and started)
@@ -336,7 +336,7 @@ def render_plan(
 
 
 def _leave_no_trace(dataset: CocoDataset, *, keep_logs: bool) -> None:
-    """Undo what opening a dataset has done, so that the next run, perhaps of a mended plan, finds what this one has."""
+    """Undo the opening of a dataset, so that the next run, perhaps of a corrected plan, finds it unchanged."""
     if not keep_logs:
         shutil.rmtree(dataset.folder / LOGS_NAME, ignore_errors=True)
     dataset.abandon()
@@ -344,7 +344,7 @@ def _leave_no_trace(dataset: CocoDataset, *, keep_logs: bool) -> None:
 
 @contextlib.contextmanager
 def _stop_on_signals() -> Iterator[Callable[[], bool]]:
-    """Ctrl-C and a polite kill end the run and give up the pictures under way; a second one does not wait for that."""
+    """On Ctrl-C or SIGTERM, end the run and its current pictures; a second one doesn't wait."""
     stop = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield stop.is_set

@@ -1,6 +1,6 @@
-"""What weather does to surfaces, in numbers: how wet ground darkens, on which slopes snow lies, how high dust climbs.
+"""Constants of weather on surfaces: darkening of wet ground, slopes with snow, height of dust.
 
-`render.blender.covers` builds nodes by them.
+`render.blender.covers` builds nodes from them.
 
 References
 ----------

@@ -1,4 +1,4 @@
-"""Air that the camera sees: fog by meteorological visibility.
+"""Visible air: fog by meteorological visibility.
 
 Runs inside Blender; needs numpy and bpy only.
 """
@@ -17,9 +17,9 @@ from hulldown.render.blender.nodes import add_node
 
 
 class Fog:
-    """Air in a flat box around the camera: it dims what is behind it and glows with the sky's light.
+    """A flat box of air around the camera that absorbs light and emits the sky's.
 
-    Koschmieder's law (`camera.fog`): what is seen through `d` meters of air is
+    Koschmieder's law (`camera.fog`): the radiance through `d` meters of air is
     ``radiance * exp(-extinction d) + airlight * (1 - exp(-extinction d))``. Absorption and emission have that closed
     form, so fog adds no noise; scattering, simulated, needs many bounces, turns the ground black when it gets few, and
     in a world volume hides the sky, which is infinitely far away.
@@ -31,7 +31,7 @@ class Fog:
     Parameters
     ----------
     obj
-        Of an empty mesh.
+        An object with an empty mesh.
     world
         The light.
     """
@@ -57,7 +57,7 @@ class Fog:
         self._world.dim([], 0.0, np.zeros(3))
 
     def _hide(self, hidden: bool) -> None:
-        # Even a change that changes nothing makes Blender build its graph of all objects anew: 2 s for 7000.
+        # Even setting the same value makes Blender rebuild its graph of all objects: 2 s for 7000.
         if self._object.hide_render != hidden:
             self._object.hide_render = hidden
 
@@ -77,17 +77,17 @@ class Fog:
         Parameters
         ----------
         kind
-            Of the weather.
+            Kind of weather.
         visibility
             In meters.
         glow
             (3,) radiance of endless air.
         camera
-            (3,) where the camera is in the scenery, in meters.
+            (3,) the camera's position in the scenery, in meters.
         below
-            Meters from the camera down to what is lit.
+            Meters from the camera down to the lit surfaces.
         file_from_scenery, units_per_meter
-            The frame that everything is posed in.
+            The file's frame.
         """
         air = air_layers(kind, visibility)
         per_unit = sum(layer.extinction for layer in air) / units_per_meter

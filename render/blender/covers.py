@@ -1,6 +1,6 @@
-"""Node groups that weather puts into materials: water in and on a surface, snow or dust over it.
+"""Node groups for weather in materials: water in and on a surface, snow or dust over it.
 
-Each group holds its share in a node called `SHARE`, which is all that changes from one picture to the next. Runs
+Each group's share is in a node called `SHARE`, the only change from one picture to the next. Runs
 inside Blender; needs bpy only.
 
 References
@@ -29,7 +29,7 @@ PATCH_EDGE = 0.45  # width of an edge where half the ground is covered, as a sha
 DUST_PATCH = 0.5  # meters
 NOISE = {"Detail": 5.0, "Roughness": 0.65}  # patches of all sizes: one size looks like camouflage
 NOISE_MEAN, NOISE_SPREAD = 0.5, 0.0657  # of it, measured
-SKY_REACH = 10.0  # meters above which nothing keeps snow off
+SKY_REACH = 10.0  # meters; things higher above don't keep snow off
 SKY_RAYS = 2
 SKY_HIDDEN, SKY_OPEN = 0.0, 0.6  # shares of the rays that reach the sky, for no snow and for all of it
 
@@ -39,7 +39,7 @@ class Group:
 
     def __init__(self, name: str, inputs: dict[str, str], outputs: dict[str, str]) -> None:
         self.tree = bpy.data.node_groups.new(name, "ShaderNodeTree")
-        self.tree.use_fake_user = True  # in other weather nothing else keeps it from being purged with a vehicle
+        self.tree.use_fake_user = True  # keeps it from being purged with a vehicle in other weather
         for way, sockets in (("INPUT", inputs), ("OUTPUT", outputs)):
             for socket, kind in sockets.items():
                 self.tree.interface.new_socket(socket, in_out=way, socket_type=f"NodeSocket{kind}")
@@ -66,14 +66,14 @@ class Group:
         return self.add("MapRange", {0: value, 1: low, 2: high}, interpolation_type="SMOOTHSTEP").outputs[0]
 
     def even_noise(self, where: Any, sizes: Sequence[float], weights: Sequence[float] = (1.0,)) -> Any:
-        """Noise in patches of several sizes, below any number from 0 to 1 as often as that number, within 0.02.
+        """Noise in patches of several sizes, uniform in 0 to 1 within 0.02.
 
         Parameters
         ----------
         where
             Position in meters.
         sizes, weights
-            Meters of the patches, and how much each size counts; the squares of the weights add up to 1.
+            Meters of the patches, and the weight of each size; the squares of the weights add up to 1.
         """
         total: Any = NOISE_MEAN * (1.0 - sum(weights))
         for size, weight in zip(sizes, weights, strict=True):
@@ -83,14 +83,14 @@ class Group:
         return self.ramp(total, NOISE_MEAN - reach, NOISE_MEAN + reach)
 
     def end(self, **outputs: Any) -> Any:
-        """Give the outputs their values; the finished tree."""
+        """Link the outputs, and return the finished tree."""
         for name, value in outputs.items():
             feed(self.tree, self._end.inputs[name.replace("_", " ")], value)
         return self.tree
 
 
 def wetting(name: str, *, film: bool) -> Any:
-    """Between a principled shader and what gives it color, roughness and coat; `film`: water stands on it too."""
+    """A group before a principled shader's color, roughness, and coat; `film`: with a film of water on top."""
     floats = ("Roughness", "Specular IOR Level", "Coat Weight", "Coat Roughness")
     kinds = {"Base Color": "Color", **dict.fromkeys(floats, "Float")}
     g = Group(name, {**kinds, "Metallic": "Float"}, kinds)
@@ -110,7 +110,7 @@ def wetting(name: str, *, film: bool) -> Any:
 
 
 def soaking(name: str) -> Any:
-    """Between a diffuse shader, which is all pores, and what gives it color."""
+    """A group before a diffuse shader's color; such a surface is fully porous."""
     g = Group(name, {"Color": "Color"}, {"Color": "Color"})
     return g.end(Color=_times(g, g.given["Color"], g.maths("MULTIPLY_ADD", g.share, weather.WET_DIFFUSE - 1, 1.0)))
 
@@ -120,9 +120,9 @@ def _times(g: Group, color: Any, factor: Any) -> Any:
 
 
 def snow(name: str, up: tuple[float, float, float], units_per_meter: float) -> Any:
-    """Between a surface and the output: white where it is level enough, and open to the sky.
+    """A group between a surface and the output: white where it's level enough, and open to the sky.
 
-    The sky is looked for where the camera looks, and nowhere else: rays of bounced light see snow under roofs too.
+    Only camera rays test for open sky; bounced light sees snow under roofs too.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def snow(name: str, up: tuple[float, float, float], units_per_meter: float) -> A
     seen = g.add("NewGeometry").outputs
     low, high = (math.cos(math.radians(slope)) for slope in (weather.SNOW_SLIDES_FROM, weather.SNOW_LIES_TO))
     lies = g.ramp(g.dot(seen["Normal"], up), low, high)
-    # A distance of 0 costs no ray: of what is too steep, and of what the camera does not see itself.
+    # A distance of 0 costs no ray: for surfaces that are too steep or not seen directly.
     camera = g.add("LightPath").outputs["Is Camera Ray"]
     wanted = g.maths("MULTIPLY", camera, g.maths("GREATER_THAN", lies, 0.0))
     reach = g.maths("MULTIPLY", wanted, SKY_REACH * units_per_meter)
@@ -149,7 +149,7 @@ def snow(name: str, up: tuple[float, float, float], units_per_meter: float) -> A
     sky = g.add("AmbientOcclusion", rays, samples=SKY_RAYS).outputs["AO"]
     share = g.maths("MULTIPLY", g.maths("MULTIPLY", lies, g.share), g.ramp(sky, SKY_HIDDEN, SKY_OPEN))
     patches = g.even_noise(_meters(g, seen["Position"], units_per_meter), PATCHES, PATCH_WEIGHTS)
-    # Edges are narrower where little or nearly all is covered, so that the mean cover is the share.
+    # Edges are narrower for small and large shares, so that the mean cover is the share.
     bare = g.maths("SUBTRACT", 1.0, share)
     edge = g.maths("MULTIPLY_ADD", g.maths("MULTIPLY", share, bare), 4 * PATCH_EDGE, 1e-4)
     inside = g.maths("SUBTRACT", share, patches)
@@ -159,7 +159,7 @@ def snow(name: str, up: tuple[float, float, float], units_per_meter: float) -> A
 
 
 def dust(name: str, up: tuple[float, float, float], units_per_meter: float, *, climbs: bool) -> Any:
-    """Between a surface and the output: a thin brown film on what lies level and, if it `climbs`, near the ground.
+    """A group before the output: a thin brown film on level surfaces; near the ground too if it `climbs`.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def dust(name: str, up: tuple[float, float, float], units_per_meter: float, *, c
     up, units_per_meter
         As of `snow`.
     climbs
-        Whether what wears it is a vehicle, whose objects say by `PLANE` how high a point is.
+        Whether it's for vehicles, whose objects give a point's height by `PLANE`.
     """
     g = _cover(name)
     seen = g.add("NewGeometry").outputs
@@ -193,7 +193,7 @@ def _meters(g: Group, position: Any, units_per_meter: float) -> Any:
 
 
 def _covered(g: Group, share: Any, albedo: tuple[float, float, float]) -> Any:
-    """Close a cover: holes in the surface stay holes."""
+    """Finish a cover; holes in the surface stay holes."""
     matt = g.add("BsdfDiffuse", {"Color": (*albedo, 1.0)}).outputs[0]
     solid = g.maths("MULTIPLY", share, g.given["Opacity"])
     return g.end(Surface=g.add("MixShader", {0: solid, 1: g.given["Surface"], 2: matt}).outputs[0])

@@ -1,4 +1,4 @@
-"""Cycles as hulldown uses it: device, samples, denoising, film; nothing of a scenery file's own settings survives.
+"""Settings of Cycles: device, samples, denoising, film. A scenery file's own settings are reset.
 
 Runs inside Blender; imports numpy-free standard library and bpy only.
 
@@ -20,21 +20,21 @@ from hulldown.render.messages import Settings
 
 GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")  # the faster of two for one card first
 OIDN = "OPENIMAGEDENOISE"
-# What a view layer holds besides settings, and what leads from a setting back to where it came from.
+# Members of a view layer that aren't settings, and references back to the owner.
 NOT_SETTINGS = ("rna_type", "layer_collection", "active_aov", "active_lightgroup", "depsgraph", "freestyle_settings")
 NEUTRAL_K, NEUTRAL_TINT = 6500.0, 10.0  # the white balance that changes nothing, but for rounding
 CLAMP_INDIRECT, LIGHT_THRESHOLD = 10.0, 0.01  # Blender's defaults, at an exposure of 0
-FEWEST_THREADS = 2  # with one, a thread of its scheduler (TBB) waits by turning round and round, on a core of its own
+FEWEST_THREADS = 2  # with one, a thread of its scheduler (TBB) busy-waits on another core
 VIEW_TRANSFORM = "AgX"  # rolls highlights off as film does; Standard clips the sky of every sunny HDRI to flat white
 TRANSPARENT_BOUNCES = 32  # leaves are cards with holes; Cycles' own 8 leaves black spots in a treetop
 
 
 class Unusable(Exception):
-    """Blender or the machine cannot do what is asked, for any image; args: the problem and the remedy."""
+    """Blender or the machine can't render any image as requested; args: the problem and the remedy."""
 
 
 def available_devices() -> list[dict[str, str]]:
-    """`kind` and `name` of every device that Cycles could render on here, the preferred ones first; the CPU is last."""
+    """`kind` and `name` of every device for Cycles, preferred ones first, the CPU last."""
     preferences = _preferences()
     found = [{"kind": device.type, "name": device.name} for kind in GPU_KINDS for device in _cards(preferences, kind)]
     preferences.compute_device_type = "NONE"
@@ -42,7 +42,7 @@ def available_devices() -> list[dict[str, str]]:
 
 
 def choose_device(wanted: str, index: int = 0) -> tuple[str, int]:
-    """Make Cycles render on the device `wanted`; what it is called, and how many of its kind there are.
+    """Make Cycles render on the device `wanted`; return its name, and the number of devices of its kind.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def choose_device(wanted: str, index: int = 0) -> tuple[str, int]:
     Raises
     ------
     Unusable
-        If a GPU is asked for and there is none of that kind, or Blender has no Cycles.
+        If there is no GPU of the requested kind, or Blender has no Cycles.
     """
     preferences = _preferences()
     kinds: tuple[str, ...] = {"auto": GPU_KINDS, "gpu": GPU_KINDS, "cpu": ()}.get(wanted, (wanted.upper(),))
@@ -87,7 +87,7 @@ def _cards(preferences: Any, kind: str) -> list[Any]:
 
 
 def _reset(struct: Any, fresh: Any) -> None:
-    """Give an RNA struct, and those inside it, all the settings of another, which Blender has just made."""
+    """Copy all settings of a new RNA struct, nested ones included, to another."""
     for prop in struct.bl_rna.properties:
         name = prop.identifier
         if prop.type == "POINTER" and prop.is_readonly and name not in NOT_SETTINGS:
@@ -95,7 +95,7 @@ def _reset(struct: Any, fresh: Any) -> None:
             if inner is not None and fresh_inner is not None and not isinstance(inner, bpy.types.ID):
                 _reset(inner, fresh_inner)
         elif not (prop.is_readonly or prop.type == "COLLECTION" or name == "preview_pause" or _is_name(prop)):
-            # Some settings are only legal beside others, and those are set explicitly below.
+            # Some settings are only legal with others; those are set explicitly below.
             with contextlib.suppress(TypeError, AttributeError, ValueError):
                 setattr(struct, name, getattr(fresh, name))
 
@@ -105,31 +105,31 @@ def _is_name(prop: Any) -> bool:
 
 
 def configure(scene: Any, settings: Settings, *, device: str, threads: int = 0) -> None:
-    """Render `scene` as the plan says and in no other way.
+    """Configure `scene` as planned, whatever its file's settings.
 
     Parameters
     ----------
     scene
         The scene of the scenery file.
     settings
-        What the config chooses.
+        The config's settings.
     device
-        The first thing that `choose_device` said.
+        The name by `choose_device`.
     threads
         CPU threads; 0 for all.
 
     Raises
     ------
     Unusable
-        If Blender was built without the denoiser that is asked for.
+        If Blender was built without the denoiser.
     """
     render, cycles = scene.render, scene.cycles
-    scene.animation_data_clear()  # key frames of settings would undo what is set here
-    # A property's own default is not always what a new scene has, so a new scene is asked.
+    scene.animation_data_clear()  # key frames would override these settings
+    # A property's default may differ from a new scene's value, so a new scene is used.
     fresh = bpy.data.scenes.new("hulldown defaults")
     for of in ("render", "cycles", "view_settings", "display_settings", "cycles_curves"):
         _reset(getattr(scene, of), getattr(fresh, of))
-    # The one that would be rendered, and that the geometry was read from.
+    # The rendered view layer, from which the geometry was read.
     layer = next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
     for other in [other for other in scene.view_layers if other != layer]:
         scene.view_layers.remove(other)
@@ -156,8 +156,8 @@ def configure(scene: Any, settings: Settings, *, device: str, threads: int = 0) 
 def expose(scene: Any, settings: Settings, exposure: float, white_balance: float) -> None:
     """Set a configured scene to a picture's exposure in EV, and to its offset of white balance in kelvin.
 
-    The view transform applies both, so that everything that shines counts, lamps of the scenery too. Cycles' own
-    limits are of radiance: they follow, so that a picture is the same under an HDRI of any scale.
+    The view transform applies both, so they affect all light, lamps of the scenery too. Cycles' own
+    limits of radiance are scaled too, so that a picture is the same under an HDRI of any scale.
     """
     view, scale = scene.view_settings, 2.0**-exposure
     view.exposure = exposure
@@ -173,14 +173,14 @@ def expose(scene: Any, settings: Settings, exposure: float, white_balance: float
 
 
 def store_picture(scene: Any) -> None:
-    """Have a scene write pictures."""
+    """Make a scene write pictures."""
     settings = scene.render.image_settings
     settings.file_format, settings.color_mode, settings.color_depth = "PNG", "RGB", "8"
     settings.compression = 15  # zlib's higher levels take seconds at 1080p for 3 % of the size
 
 
 def store_light(scene: Any) -> None:
-    """Have a scene write scene-linear light."""
+    """Make a scene write scene-linear light."""
     settings = scene.render.image_settings
     settings.file_format, settings.color_mode = "OPEN_EXR", "RGB"
     settings.color_depth, settings.exr_codec = "32", "NONE"
@@ -208,7 +208,7 @@ def _bounces(cycles: Any, bounces: int) -> None:
 
 
 def _plain_output(scene: Any) -> None:
-    """Nothing between Cycles and the picture but Blender's own view transform."""
+    """Disable everything between Cycles and the picture but Blender's view transform."""
     scene.compositing_node_group = None
     scene.render.use_compositing = False
     scene.render.use_sequencer = False

@@ -1,4 +1,4 @@
-"""A rendered picture as a camera would have made it: from Cycles' linear light to a file.
+"""Develop Cycles' linear light into a picture file through the simulated sensor.
 
 Runs inside Blender; needs numpy, and OpenColorIO and OpenImageIO as Blender ships them.
 """
@@ -22,7 +22,7 @@ from hulldown.render.sensor import develop
 
 
 def develop_file(linear: Path, output: Path, sensor: Sensor, camera: CameraInput, *, seed: int, threads: int) -> None:
-    """Write the picture that a camera makes of the light in an .exr file: .jpg, or .png at a quality of 0.
+    """Develop the light in an .exr file into a .jpg, or a .png at a quality of 0.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def _view() -> Any:
 
 @cache
 def _libraries() -> tuple[Any, Any]:
-    """OpenColorIO and OpenImageIO, which the bpy module keeps in a folder of its own."""
+    """OpenColorIO and OpenImageIO, from the bpy module's own folder."""
     version = f"python{sys.version_info.major}.{sys.version_info.minor}"
     sys.path.append(os.path.join(bpy.utils.resource_path("LOCAL"), "python", "lib", version, "site-packages"))
     try:

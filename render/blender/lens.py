@@ -58,14 +58,14 @@ SOURCE = """shader hulldown_lens(
 
 
 def set_lens(camera: Any, intrinsics: Intrinsics, near: float) -> None:
-    """Have a camera of Blender see as a distorting lens does.
+    """Give a camera of Blender a distorting lens.
 
     Parameters
     ----------
     camera
-        Its data.
+        The camera's data.
     intrinsics
-        With a calibration.
+        Intrinsics with a calibration.
     near
         Distance of the near plane, in units of the scene.
 
@@ -88,7 +88,7 @@ def set_lens(camera: Any, intrinsics: Intrinsics, near: float) -> None:
 
 @lru_cache(maxsize=8)
 def _compiled(source: str) -> str:
-    """What Cycles makes of the source of a shader."""
+    """A shader's source, compiled by Cycles."""
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / "lens.osl"
         path.write_text(source, encoding="ascii")

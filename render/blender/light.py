@@ -1,4 +1,4 @@
-"""Light: an HDRI as lamp and backdrop, dimmed by the air that `render.blender.air` shows.
+"""Light: an HDRI as lamp and backdrop, dimmed by the air of `render.blender.air`.
 
 Runs inside Blender; needs numpy and bpy only.
 """
@@ -25,7 +25,7 @@ FINE = 1024  # columns of an HDRI up to which the map has twice as many: with as
 
 
 class HdriWorld:
-    """A world of our own in place of the scenery's."""
+    """A world with an HDRI that replaces the scenery's."""
 
     def __init__(self, scene: Any) -> None:
         world = bpy.data.worlds.new("hulldown")
@@ -52,7 +52,7 @@ class HdriWorld:
     def set(
         self, path: str, yaw: float, strength: float, file_from_scenery: np.ndarray, *, horizon: float | None = None
     ) -> None:
-        """Light with the HDRI in `path`, turned by `yaw` radians counter-clockwise seen from above.
+        """Light with the HDRI in `path`, turned by `yaw` radians counterclockwise seen from above.
 
         With a `horizon`, an elevation in radians, the camera sees the color there in all directions below it; with a
         high one, one color (`camera.backdrop`).
@@ -63,7 +63,7 @@ class HdriWorld:
             if self._texture.image is None:
                 self._texture.image = bpy.data.images.load(path)
             else:
-                # A new image in place of the old one would make Blender build its graph of all objects anew.
+                # A new image datablock would make Blender rebuild its graph of all objects.
                 self._texture.image.filepath = path
                 self._texture.image.colorspace_settings.name = self._color_space(path)  # reloading keeps the old one
                 self._texture.image.reload()
@@ -93,14 +93,14 @@ class HdriWorld:
             self._tree.links.new(output, socket)
 
     def _color_space(self, path: str) -> str:
-        """What the file says that its colors are, or what Blender takes such a file for."""
+        """The file's color space, or Blender's default for such a file."""
         if path not in self._colors:
             # It holds no pixels, and to remove it would cost what a new image in the graph does.
             self._colors[path] = bpy.data.images.load(path).colorspace_settings.name
         return self._colors[path]
 
     def _search_by(self, columns: int) -> None:
-        """Have Cycles find the bright parts of the sky by a map of so many columns."""
+        """Set the size of Cycles' importance map of the sky."""
         if self._world.cycles.sample_map_resolution != columns:
             self._world.cycles.sample_map_resolution = columns
             self._world.update_tag()  # or the first map's width stays, and a picture depends on those before it
@@ -110,12 +110,12 @@ class HdriWorld:
         return even_sky(self._map_of_path()) * self._background.inputs["Strength"].default_value
 
     def dim(self, air: Sequence[AirLayer], below: float, glow: np.ndarray) -> None:
-        """Light through air; the camera sees the sky through what is above the box of `Fog`.
+        """Dim light by air; the camera sees the sky through the air above the box of `Fog`.
 
         Parameters
         ----------
         air
-            Around the camera; nothing: clear air.
+            Layers around the camera; none: clear air.
         below
             Meters from the camera down to what is lit.
         glow
@@ -139,17 +139,17 @@ class HdriWorld:
 
 
 def sky_map(width: int) -> int:
-    """Columns of the map by which Cycles finds the bright parts of an HDRI of so many columns.
+    """Columns of Cycles' importance map for an HDRI of `columns`.
 
-    A texel of the map is as bright as the HDRI at its center. Where its other parts see a sun that its center does not,
-    light is found by chance: pictures are too dark, with sparks. For wider HDRIs, measured, more than `SKY_MAP` change
-    nothing until they are too many to build for each image.
+    A texel of the map is as bright as the HDRI at its center. If a sun is in the texel but not at its center,
+    light is found by chance: pictures are too dark, with fireflies. For wider HDRIs, more than `SKY_MAP` change
+    nothing (measured) until the map takes too long to build for each image.
     """
     return 2 * width if width <= FINE else SKY_MAP
 
 
 class _Veil:
-    """Nodes that show the camera one color up to an elevation, and a picture from a little above it."""
+    """Nodes that show the camera one color up to an elevation, and the HDRI from a little above."""
 
     def __init__(self, tree: Any, direction: Any, color: Any) -> None:
         z = add_node(tree, "SeparateXYZ", {0: direction}).outputs[2]
@@ -159,14 +159,14 @@ class _Veil:
         self._mix = add_node(tree, "Mix", {0: share, 6: color}, data_type="RGBA")
 
     def at(self, horizon: float, color: np.ndarray) -> Any:
-        """What is seen: the color below an elevation in radians, the picture above."""
+        """The visible color: even below an elevation in radians, the HDRI above."""
         self._share.inputs["From Min"].default_value, self._share.inputs["From Max"].default_value = fade(horizon)
         self._mix.inputs[7].default_value = (*color, 1.0)
         return self._mix.outputs[2]
 
 
 class _Lifted:
-    """Nodes that lift directions of camera rays to an elevation; light comes from where it comes from."""
+    """Nodes that lift directions of camera rays to an elevation; light is unchanged."""
 
     def __init__(self, tree: Any, direction: Any) -> None:
         x, y, z = add_node(tree, "SeparateXYZ", {0: direction}).outputs
@@ -187,8 +187,8 @@ class _Lifted:
 class _Dimmed:
     """Nodes that show a sky through air, so that the sun's shadows fade as they do in fog.
 
-    How far a ray goes through the air is a function of its direction: to a layer's top, or as far as its sides. Every
-    light that is looked for asks this, so it has as few nodes as it can.
+    A ray's length in the air is a function of its direction: to a layer's top or its sides. Every
+    light ray evaluates these nodes, so they're few.
     """
 
     def __init__(self, tree: Any, direction: Any, light: Any) -> None:
@@ -204,7 +204,7 @@ class _Dimmed:
         self._mix = add_node(tree, "MixShader", {0: share, 1: self._glow.outputs[0], 2: light})
 
     def by(self, air: Sequence[AirLayer], below: float, glow: np.ndarray) -> Any:
-        """The light, as of `HdriWorld.dim`."""
+        """The dimmed light; see `HdriWorld.dim`."""
         whole = sum(layer.extinction for layer in air)
         for number, (more, overhead, steepness) in enumerate(self._layers):
             layer = air[number] if number < len(air) else AirLayer(0.0, 0.0, 1.0)

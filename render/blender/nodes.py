@@ -1,4 +1,4 @@
-"""Nodes of shaders, added and fed."""
+"""Add nodes to shader trees, and link them."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import bpy
 
 
 def add_node(tree: Any, kind: str, inputs: Mapping[Any, Any] | None = None, /, **settings: Any) -> Any:
-    """A new node of a tree, `kind` as in "ShaderNodeMath" without its beginning.
+    """Add a node to a tree; `kind` is its type without "ShaderNode", such as "Math".
 
     Parameters
     ----------
     tree
         A node tree.
     kind
-        Which node.
+        Type of the node.
     inputs
-        Name or number of an input -> what it is fed; see `feed`.
+        Name or number of an input -> its source; see `feed`.
     settings
         Properties of the node.
     """
@@ -39,5 +39,5 @@ def feed(tree: Any, socket: Any, value: Any) -> None:
 
 
 def maths(tree: Any, operation: str, *values: Any, clamp: bool = False) -> Any:
-    """One operation on numbers: the output that has the result."""
+    """Add a math node; return its output."""
     return add_node(tree, "Math", dict(enumerate(values)), operation=operation, use_clamp=clamp).outputs[0]

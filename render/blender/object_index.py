@@ -1,8 +1,8 @@
-"""Which vehicle is at each pixel's center, by Cycles itself: the oracle that annotations are checked against.
+"""The vehicle at each pixel's center, rendered by Cycles: the oracle for annotations.
 
-Everything glows with its object's number, one ray goes through the center of each pixel, and the picture is read back.
-Where a material is less than half opaque it is not there; elsewhere it hides, however it looks, as the planner takes
-it. Runs inside Blender; needs numpy and bpy only.
+Everything emits its object's number, with one ray through the center of each pixel, and the picture is read back.
+A material is invisible where it's less than half opaque and opaque elsewhere, as in
+planning. Runs inside Blender; needs numpy and bpy only.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from hulldown.render.blender import cycles
 from hulldown.render.blender.scene import Stage
 from hulldown.render.messages import Settings
 
-FIRST = 30000  # object numbers of vehicles begin here; people number their own objects from 1
+FIRST = 30000  # first object number of vehicles; files number their own objects from 1
 PIXEL_CENTER = 0.01  # width of the pixel filter, the smallest that Blender takes
 DRESSED = "hulldown index"
 ONE_RAY = Settings(samples=1, denoise=False, adaptive_threshold=0.0, bounces=0)
 
 
 class IndexPictures:
-    """A stage that is rendered as object numbers from now on.
+    """A stage that renders object numbers.
 
     Parameters
     ----------
     stage
-        Nothing but masks can be rendered on it afterwards.
+        The stage; afterwards it can only render masks.
     device, threads
         As of `render.blender.cycles.configure`.
     """
@@ -58,12 +58,12 @@ class IndexPictures:
         self._plain = bpy.data.materials.new("hulldown index")
 
     def maps(self, vehicles: Sequence[Sequence[Any]], folder: Path) -> np.ndarray:
-        """Which vehicle each pixel's center shows.
+        """The vehicle at each pixel's center.
 
         Parameters
         ----------
         vehicles
-            The objects of each vehicle, in place.
+            The placed objects of each vehicle.
         folder
             For a temporary file.
 
@@ -90,7 +90,7 @@ class IndexPictures:
         return np.where(numbers >= FIRST, numbers - FIRST + 1, 0).astype(np.uint8)
 
     def _dress(self) -> None:
-        """Have all materials glow with their objects' numbers, those of vehicles placed since the last time too."""
+        """Make all materials emit their objects' numbers, those of newly placed vehicles too."""
         for material in bpy.data.materials:
             if DRESSED not in material and not material.is_grease_pencil:
                 if material.node_tree is None:  # before Blender 5.0 it may have none
@@ -128,7 +128,7 @@ def _index(tree: Any) -> Any:
 
 
 def _is_only_volume(obj: Any) -> bool:
-    """Whether a mesh has nothing but volume shaders; as a surface it would hide what it only veils."""
+    """Whether a mesh has only volume shaders, so that it hides nothing as a surface."""
     if obj.type == "VOLUME":
         return True
     materials = [slot.material for slot in obj.material_slots if slot.material is not None]

@@ -1,8 +1,8 @@
-"""Paint: nodes between what feeds a material's base color and its shader, told by each object what to do.
+"""Paint: nodes before a material's base color, controlled by properties of each object.
 
-The nodes are put in once, when a material is first painted. What they do stands in custom properties of the objects,
-which Cycles looks up where a ray meets them. So vehicles that share a material have paints of their own in one picture,
-nothing is compiled again from one picture to the next, and an object without the properties looks as in its file.
+The nodes are inserted once, when a material is first painted. Their parameters are custom properties of the objects,
+which Cycles reads at each hit. So vehicles that share a material can have different paints in one picture,
+no shader is recompiled between pictures, and an object without the properties looks as in its file.
 Runs inside Blender; needs bpy only.
 """
 
@@ -17,19 +17,19 @@ from hulldown.render.blender.nodes import add_node, maths
 from hulldown.render.messages import PaintInput
 
 BASE_COLORS = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}  # by shader, the input that has it
-BRIGHTEST = 4.0  # times the mean that painted texture is bright, at most
+BRIGHTEST = 4.0  # largest brightness of painted texture, in multiples of the mean
 PREFIX = "hulldown paint "  # of the properties' names
 
 
 class Paintable:
-    """The materials of a vehicle that is loaded.
+    """The materials of a loaded vehicle.
 
     Parameters
     ----------
     objects
         Of the vehicle.
     materials
-        By their names in its file; what was loaded may be called otherwise.
+        Materials by their names in its file; the loaded ones may have other names.
     """
 
     def __init__(self, objects: Iterable[Any], materials: Mapping[str, Any]) -> None:
@@ -42,21 +42,21 @@ class Paintable:
         self._numbers: dict[str, int] = {}  # of those that have been painted
 
     def is_first(self, paints: Sequence[PaintInput]) -> bool:
-        """Whether nodes come into a material by these that have not been painted before."""
+        """Whether one of these materials is painted for the first time."""
         return any(p.material in self._materials and p.material not in self._numbers for p in paints)
 
     def paint(self, objects: Iterable[Any], paints: Sequence[PaintInput]) -> None:
-        """Paint a copy of the vehicle like this, and in no other way.
+        """Paint a copy of the vehicle, replacing earlier paint.
 
         Parameters
         ----------
         objects
-            Of the copy.
+            The copy's objects.
         paints
-            How its materials are painted; those that it does not have are not.
+            Paint of its materials; missing ones are ignored.
         """
         on_all: dict[str, tuple[float, ...]] = {}
-        on_parts: dict[str, tuple[float, ...]] = {}  # that are unpainted otherwise
+        on_parts: dict[str, tuple[float, ...]] = {}  # parts that stay unpainted by default
         for paint in paints:
             if paint.material in self._materials:
                 properties = self._properties(paint)
@@ -87,7 +87,7 @@ class Paintable:
         return color_inputs
 
     def _own(self, name: str) -> Any:
-        """A material that can be changed: one that is linked from another file cannot."""
+        """A local copy of a material, since linked ones can't be changed."""
         material = self._materials[name]
         if material.library is None:
             return material
@@ -100,12 +100,12 @@ class Paintable:
 
 
 def _names(number: int) -> tuple[str, str]:
-    """The properties that have a material's color, and what its colors are turned by."""
+    """Names of the properties with a material's color, and with its changes of hue, saturation, and value."""
     return f"{PREFIX}{number} color", f"{PREFIX}{number} shift"
 
 
 def _insert(tree: Any, number: int, paint: PaintInput) -> None:
-    """Put nodes before all base colors of a tree, and of the groups in it, which it gets copies of."""
+    """Insert nodes before all base colors of a tree and of copies of its groups."""
     for node in list(tree.nodes):
         if node.type == "GROUP" and node.node_tree is not None and _is_colored(node.node_tree):
             node.node_tree = node.node_tree.copy()
@@ -121,7 +121,7 @@ def _is_colored(tree: Any) -> bool:
 
 
 def _painted(tree: Any, socket: Any, number: int, paint: PaintInput) -> Any:
-    """The output that has what is linked to a socket, painted."""
+    """An output with a socket's painted color."""
     color, shift = (
         add_node(tree, "Attribute", attribute_type="OBJECT", attribute_name=name) for name in _names(number)
     )
@@ -158,6 +158,6 @@ def _ramp(tree: Any, value: Any, at: float) -> Any:
 
 
 def _mix(tree: Any, share: Any, before: Any, after: Any) -> Any:
-    """From one color to another, of which no more light comes than falls on it."""
+    """Mix two colors, limited to 1 so that no surface adds light."""
     bounded = add_node(tree, "VectorMath", {0: after, 1: (1.0, 1.0, 1.0)}, operation="MINIMUM").outputs[0]
     return add_node(tree, "Mix", {0: share, 6: before, 7: bounded}, data_type="RGBA").outputs[2]

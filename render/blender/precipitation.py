@@ -1,4 +1,4 @@
-"""Streaks of rain and flakes of snow in the scene: one mesh of quads, filled anew for each image.
+"""Streaks of rain and flakes of snow in the scene: one mesh of quads, replaced for each image.
 
 Runs inside Blender; needs numpy and bpy only.
 """
@@ -21,7 +21,7 @@ NAME = "hulldown precipitation"
 
 
 def falling(weather: Weather, camera: CameraInput, seed: int) -> Streaks | None:
-    """What falls in front of a camera; None in weather where nothing does."""
+    """Streaks in front of a camera; None in weather without rain or snow."""
     sizes_of = KINDS[weather.kind].sizes
     if sizes_of is None:
         return None
@@ -31,12 +31,12 @@ def falling(weather: Weather, camera: CameraInput, seed: int) -> Streaks | None:
 
 
 class Precipitation:
-    """What falls near the camera: seen by the camera alone, it lights nothing and throws no shadow.
+    """Rain or snow near the camera, visible to the camera alone, without light or shadow.
 
     Parameters
     ----------
     obj
-        Of an empty mesh.
+        An object with an empty mesh.
     """
 
     def __init__(self, obj: Any) -> None:
@@ -44,13 +44,13 @@ class Precipitation:
         for rays in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
             setattr(obj, f"visible_{rays}", False)
         material = bpy.data.materials.new(NAME)
-        material.cycles.emission_sampling = "NONE"  # thousands of lamps otherwise
+        material.cycles.emission_sampling = "NONE"  # otherwise they'd be thousands of lamps
         self._emission = _glow_by_opacity(material.node_tree)
         obj.data.materials.append(material)
         self.clear()
 
     def clear(self) -> None:
-        """Nothing falls."""
+        """Remove all streaks."""
         self._hide(True)
 
     def _hide(self, hidden: bool) -> None:
@@ -65,11 +65,11 @@ class Precipitation:
         streaks
             Their quads.
         radiance
-            (3,) of what falls.
+            (3,) of drops or flakes.
         eye
-            (3,) where the camera is in the scenery, in meters.
+            (3,) the camera's position in the scenery, in meters.
         file_from_scenery
-            The frame that everything is posed in.
+            The file's frame.
         """
         mesh, count = self._object.data, len(streaks.gain)
         mesh.clear_geometry()
@@ -92,7 +92,7 @@ class Precipitation:
 
 
 def _glow_by_opacity(tree: Any) -> Any:
-    """Make `camera.precipitation.opacity` times the gain the opacity of an emission, which is the answer."""
+    """Build the material: an emission with the opacity `camera.precipitation.opacity` times the gain."""
     tree.nodes.clear()
     math = partial(maths, tree)
     profile = add_node(tree, "Attribute", attribute_name="profile").outputs["Vector"]

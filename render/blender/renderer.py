@@ -1,4 +1,4 @@
-"""What a worker does with a job: load what it needs and does not have, pose, render, measure.
+"""Do a worker's jobs: load missing assets, pose, render, measure.
 
 Runs inside Blender; needs numpy and bpy only.
 """
@@ -22,7 +22,7 @@ from hulldown.render.messages import MaskJob, RenderJob, StartJob, from_json
 
 
 class Renderer:
-    """Keeps a loaded scenery and its device between jobs."""
+    """Renders jobs, keeping the scenery and the device between them."""
 
     def __init__(self) -> None:
         self._stage: Stage | None = None
@@ -33,11 +33,11 @@ class Renderer:
         self._threads = 0
 
     def reset(self) -> None:
-        """Trust nothing that is in memory: the next job loads everything afresh."""
+        """Forget everything in memory: the next job loads its assets again."""
         self._stage = self._index = self._loaded = self._settings = None
 
     def do(self, message: Mapping[str, Any]) -> dict[str, Any]:
-        """Do the job of a message and say how it went."""
+        """Do the job in a message; return the answer."""
         job = from_json(message)
         if isinstance(job, StartJob):
             return self._start(job)
@@ -49,7 +49,7 @@ class Renderer:
         return {"done": "start", "device": self._device, "devices": count}
 
     def _ready(self, job: RenderJob | MaskJob) -> Stage:
-        """The stage that a job is for, loaded again if it is another than the last one's."""
+        """The stage for a job, loaded if it isn't the last job's."""
         scenery, wanted = job.scenery, (type(job), job.scenery)
         if any(job.camera.intrinsics.distortion) and self._device.split()[0] not in LENS_DEVICES:
             problem = f"Cycles renders `camera.distortion` on {' and '.join(LENS_DEVICES)} only, not on {self._device}"
@@ -75,7 +75,7 @@ class Renderer:
         stage.set_weather(job.weather, job.seed)
         stage.scene.cycles.seed = job.seed
         output = Path(job.output)
-        output.unlink(missing_ok=True)  # of an attempt that failed
+        output.unlink(missing_ok=True)  # from a failed attempt
         rendered = output if job.sensor is None else output.with_suffix(".exr")
         stage.scene.render.filepath = os.fspath(rendered)
         (cycles.store_picture if job.sensor is None else cycles.store_light)(stage.scene)
@@ -107,7 +107,7 @@ class Renderer:
 
 
 class _Stopwatch:
-    """When Cycles began to sample and when it had finished, by what it says of itself."""
+    """Times at which Cycles began and finished sampling, from its status messages."""
 
     def __enter__(self) -> _Stopwatch:
         self.sampling = self.finished = 0.0

@@ -1,4 +1,4 @@
-"""One scenery in Blender's memory, and what a plan row puts into it: vehicles, camera, HDRI, fog.
+"""A loaded scenery, and a row's vehicles, camera, HDRI, and weather in it.
 
 Everything is posed in the coordinates of the scenery's file, so that its parents, instances and scattered plants stay
 as they are. Runs inside Blender; needs numpy and bpy only.
@@ -31,7 +31,7 @@ from hulldown.render.blender.precipitation import Precipitation, falling
 from hulldown.render.blender.surfaces import Surfaces
 from hulldown.render.messages import CameraInput, LightInput, VehicleInput
 
-MAX_VEHICLES = 4  # vehicle files kept in memory where rows have companions, which come back
+MAX_VEHICLES = 4  # vehicle files kept in memory if rows have companions, which recur
 BACKDROP_TYPES = ("MESH", "CURVE", "SURFACE", "FONT", "META", "VOLUME")  # an empty called "sky" may carry anything
 SENSOR_WIDTH = 36.0
 SHORTEST_LENS = 1.0  # Blender clamps focal lengths below
@@ -39,7 +39,7 @@ FAR = 1e7  # meters; Cycles traces rays, so a far clip plane costs no depth reso
 
 
 class Stage:
-    """A loaded scenery with camera and light of our own, ready to be dressed for one row after the other."""
+    """A loaded scenery with our own camera and light, to be set up for one row after the other."""
 
     def __init__(
         self, path: str, scenery_from_file: np.ndarray, standing: Sequence[str] = (), removed: Sequence[str] = ()
@@ -64,7 +64,7 @@ class Stage:
         self._vehicles: dict[str, list[Any]] = {}  # by prepared file, a collection for each copy; last used last
         self._paintable: dict[str, Paintable] = {}  # of each of them
         self._companions = False  # whether any row has had more than one vehicle file
-        self._lowest = math.inf  # meters; where light is asked for, at the lowest vehicle
+        self._lowest = math.inf  # meters: height of the lowest vehicle
 
     def _add(self, name: str, data: Any) -> Any:
         obj = bpy.data.objects.new(name, data)
@@ -73,12 +73,12 @@ class Stage:
         return obj
 
     def place_vehicles(self, vehicles: Sequence[VehicleInput]) -> list[list[Any]]:
-        """Stand exactly these vehicles in the scenery; the objects of each.
+        """Place these vehicles and no others in the scenery; return the objects of each.
 
         Parameters
         ----------
         vehicles
-            What stands in it, in the order of the answer.
+            The vehicles, in the order of the result.
         """
         used: dict[str, int] = {}
         placed = []
@@ -94,7 +94,7 @@ class Stage:
                 obj[PLANE] = above
                 pose(obj, parts[obj[PART]] @ np.array(obj[REST]).reshape(4, 4))
             if self._paintable[path].is_first(vehicle.paint):
-                self.surfaces.clear()  # paint goes beneath water and snow
+                self.surfaces.clear()  # paint is inserted below water and snow
             self._paintable[path].paint(collection.objects, vehicle.paint)
             placed.append(list(collection.objects))
         linked = {c for path, n in used.items() for c in self._vehicles[path][:n]}
@@ -113,14 +113,14 @@ class Stage:
                 target.collections = source.collections[:1]
                 names = list(source.materials)
                 target.materials = list(names)
-            disarm()  # a prepared vehicle has nothing of that, but the cache may have come with the plan
+            disarm()  # prepared vehicles don't need it, but the cache may have come with the plan
             by_name = dict(zip(names, target.materials, strict=True))
             self._paintable[path] = Paintable(target.collections[0].objects, by_name)
             copies.append(target.collections[0])
-            copies[0].use_fake_user = True  # while it is in no scene, nothing else keeps it from being purged
+            copies[0].use_fake_user = True  # keeps it from being purged while it's in no scene
             for obj in copies[0].objects:
                 obj.parent = self.root
-                obj.matrix_basis.identity()  # `pose` says all
+                obj.matrix_basis.identity()  # `pose` has the whole transform
         while len(copies) <= copy:
             twin = bpy.data.collections.new(copies[0].name)
             for obj in copies[0].objects:
@@ -131,7 +131,7 @@ class Stage:
 
     def _forget_all_but(self, used: Mapping[str, int]) -> None:
         self._companions = self._companions or len(used) > 1
-        kept = MAX_VEHICLES if self._companions else 1  # rows are sorted: what stands alone does not come back
+        kept = MAX_VEHICLES if self._companions else 1  # sorted rows of one vehicle don't return to it
         for path in [p for p in self._vehicles if p not in used][: max(0, len(self._vehicles) - kept)]:
             copies = self._vehicles.pop(path)
             del self._paintable[path]
@@ -139,7 +139,7 @@ class Stage:
             bpy.data.orphans_purge(do_recursive=True)
 
     def set_camera(self, camera: CameraInput) -> None:
-        """Look through the row's camera."""
+        """Set the row's camera."""
         self._view = camera
         matrix = self.file_from_scenery @ world_from_blender_camera(camera.world_from_camera)
         matrix[:3, :3] /= np.linalg.norm(matrix[:3, :3], axis=0)  # a camera has no scale
@@ -172,14 +172,14 @@ class Stage:
         self.world.set(light.hdri, light.yaw, light.strength, self.file_from_scenery, horizon=light.horizon)
 
     def set_weather(self, weather: Weather | None, seed: int) -> None:
-        """Fill the air and cover what is solid, after all else is set: the veil glows as the sky lights it.
+        """Fill the air and cover surfaces, after everything else is set, since fog is lit by the sky.
 
         Parameters
         ----------
         weather
-            None clears the air and uncovers all.
+            None: clear air and uncovered surfaces.
         seed
-            Drops and flakes fall by it.
+            Seed of drops and flakes.
         """
         if not weather:
             self.fog.clear()
@@ -214,9 +214,9 @@ def _delete_delivered() -> None:
 
 
 def _hide_backdrops(scene: Any, standing: Set[str]) -> None:
-    """Hide the file's own sky, which the HDRI replaces, and what cuts holes into the picture for compositing.
+    """Hide the file's own sky, which the HDRI replaces, holdouts, and shadow catchers.
 
-    What was planned as ground or obstacle is `standing`, and stays; a tidy twin holds no sky any more.
+    Objects planned as ground or obstacles are `standing` and stay; a tidy twin has no sky.
     """
     layer = next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
     for obj in bpy.data.objects:  # those of collections that are only instanced, and in no scene, too
@@ -226,9 +226,9 @@ def _hide_backdrops(scene: Any, standing: Set[str]) -> None:
 
 
 def _remove(names: Set[str]) -> None:
-    """Draw nothing of these objects, nor what they draw as instances, nor instances of them.
+    """Hide these objects, the instances that they draw, and instances of them.
 
-    A prototype that is hidden from render is still drawn where it is scattered, so that it needs an empty mesh.
+    A prototype hidden from render is still drawn where it's scattered, so it gets an empty mesh.
     """
     for obj in [obj for obj in bpy.data.objects if obj.name in names]:
         obj.hide_render = True

@@ -1,8 +1,8 @@
-"""What weather does to every material of a scene: puts node groups in, sets their shares, and takes them out again.
+"""Weather in every material of a scene: insert node groups, set their shares, and remove them.
 
-A row without weather finds the materials as they were in the file, so that its picture is the same whatever was
-rendered before. Vehicles have materials of their own, since each comes from a file of its own: what a material is worn
-by says which of the two shares is its. Runs inside Blender; needs numpy and bpy only.
+A row without weather has the materials as in the file, so its picture doesn't depend on the rows
+before. Vehicles come from their own files, so they have their own materials, which have the vehicles'
+share; all others have the ground's. Runs inside Blender; needs numpy and bpy only.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from hulldown.reading.blender.surfaces.opacity_nodes import SOCKET, opacity_sock
 from hulldown.reading.blender.surfaces.shaders import is_clear
 from hulldown.render.blender import covers
 
-MARK = "hulldown weather"  # label of the nodes that are put in
+MARK = "hulldown weather"  # label of inserted nodes
 OURS = "hulldown"  # begins the names of the stage's own materials
 SCENERY, VEHICLES = "scenery", "vehicles"
 UNTOUCHED = ("BSDF_GLOSSY", "BSDF_METALLIC", "BSDF_GLASS", "BSDF_REFRACTION", "BSDF_TRANSPARENT", "EMISSION")
@@ -28,7 +28,7 @@ Shape = tuple[tuple[str, int], ...]  # names of a material's node tree and the g
 
 
 class Surfaces:
-    """Water, snow or dust on what a stage shows.
+    """Water, snow, or dust on the surfaces of a stage.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class Surfaces:
         self._kind = ""
         self._groups: dict[tuple[str, str], list[Any]] = {}  # by kind and wearer, made when first needed
         self._dressed: dict[int, Shape] = {}  # by session id of a material
-        self.left: list[str] = []  # materials that wetness found nothing in that it understands
+        self.left: list[str] = []  # materials without a shader that rain can change
 
     def set(self, kind: str, ground: float, vehicle: float, vehicles: Iterable[Any]) -> None:
         """Cover scenery and vehicles.
@@ -53,9 +53,9 @@ class Surfaces:
         Parameters
         ----------
         kind
-            Of the weather; of anything but rain, snow and dust nothing lies on surfaces.
+            Kind of weather; only rain, snow, and dust cover surfaces.
         ground, vehicle
-            Shares from 0 to 1: of water in pores, of snow on level ground, of dust.
+            Shares from 0 to 1 of water in pores, snow on level ground, or dust.
         vehicles
             The objects of all vehicles in memory.
         """
@@ -73,7 +73,7 @@ class Surfaces:
                     value.default_value = share
 
     def clear(self) -> None:
-        """Take out all that was put in."""
+        """Remove all inserted nodes."""
         if self._kind:
             for material, _ in _materials():
                 _undress(material.node_tree)
@@ -84,7 +84,7 @@ class Surfaces:
         self.left.clear()
 
     def _dress_new(self, worn: Set[Any]) -> None:
-        """Put groups into materials that have none yet; those that are `worn` are vehicles'."""
+        """Insert groups into materials without them; those in `worn` are vehicles'."""
         known = len(self.left)
         if new := [material for material, _ in _materials() if material.session_uid not in self._dressed]:
             for material in new:
@@ -117,14 +117,14 @@ class Surfaces:
 
 
 def _materials() -> Iterator[tuple[Any, Shape]]:
-    """The materials of scenery and vehicles, and what tells whether somebody has put nodes into them since."""
+    """The materials of scenery and vehicles, and the shape of their trees, which changes with new nodes."""
     for material in list(bpy.data.materials):
         if material.node_tree and not material.is_grease_pencil and not material.name.startswith(OURS):
             yield material, tuple((tree.name, len(tree.nodes)) for tree in _trees(material.node_tree))
 
 
 def _is_water(material: Any) -> bool:
-    """Whether snow melts in it: what one sees through, and what is called water."""
+    """Whether a material is water, where snow melts: transparent, or named so."""
     wet = says(material.name, (*WATER, *WATERS)) and not says(material.name, NOT_WATER)
     return bool(wet) or is_clear(material)
 
@@ -141,7 +141,7 @@ def _trees(tree: Any) -> Iterator[Any]:
 
 
 def _wet(tree: Any, principled: Any, matt: Any) -> int:
-    """Wet the shaders of one tree that are not wet yet; how many it has that are understood."""
+    """Wet the dry shaders of one tree; return the number of supported ones."""
     understood = 0
     for node in list(tree.nodes):
         if node.type in ("BSDF_PRINCIPLED", "BSDF_DIFFUSE"):
@@ -154,7 +154,7 @@ def _wet(tree: Any, principled: Any, matt: Any) -> int:
 
 
 def _insert(tree: Any, shader: Any, group: Any, outputs: Sequence[str]) -> None:
-    """A group whose inputs are called like the shader's, before these inputs of it."""
+    """Insert a group before the shader's inputs of the same names."""
     node = _node(tree, group)
     for socket in node.inputs:
         own = shader.inputs[socket.name]
@@ -192,7 +192,7 @@ def _node(tree: Any, group: Any) -> Any:
 
 
 def _undress(tree: Any) -> None:
-    """Take out the marked nodes, and link what was linked to where they stood."""
+    """Remove the marked nodes, and restore the links."""
     marked = [node for node in tree.nodes if node.label == MARK]
     for node in marked:
         for socket in node.outputs if node.bl_idname == "ShaderNodeGroup" else ():

@@ -1,4 +1,4 @@
-"""The child process that Blender lives in: takes jobs as JSON lines on stdin, answers on what was its stdout.
+"""The child process with Blender: reads jobs as JSON lines on stdin, and writes answers to its original stdout.
 
 Started as `python -P render/blender/worker.py` where bpy is a module, or by an installed Blender with `--python`;
 Blender stays on the main thread. Needs numpy and bpy only. Everything else that is printed here, Blender's own messages
@@ -26,7 +26,7 @@ ANSWER = "@hulldown "  # begins the lines that are answers; an installed Blender
 
 
 def main() -> int:
-    """Answer jobs until stdin ends."""
+    """Do jobs until stdin ends."""
     _find_hulldown()
     answers = _claim_stdout()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the supervisor's; it closes our stdin
@@ -65,9 +65,9 @@ def main() -> int:
 
 
 def _find_hulldown() -> None:
-    """Make this checkout or installation the package `hulldown`, whichever Python this is.
+    """Make this checkout or installation importable as `hulldown` in any Python.
 
-    The folder of this script leaves the path: its cycles.py would hide Blender's own.
+    This script's folder is removed from the path, because its cycles.py would hide Blender's.
     """
     here = Path(__file__).resolve().parent
     sys.path[:] = [entry for entry in sys.path if Path(entry or ".").resolve() != here]
@@ -82,19 +82,19 @@ def _find_hulldown() -> None:
 
 
 def _unusable(problem: str, remedy: str) -> dict[str, str]:
-    """The answer that ends the run: other images would fare no better."""
+    """The answer that ends the run, since all images would fail."""
     return {"unusable": problem, "remedy": remedy}
 
 
 def _claim_stdout() -> Any:
-    """A stream to the supervisor; file descriptor 1 now leads to the log, for C code that prints."""
+    """A stream to the supervisor; file descriptor 1 is redirected to the log, for C code that prints."""
     stream = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     return stream
 
 
 def _read_jobs(jobs: queue.SimpleQueue[str]) -> None:
-    """Pass lines on; when the supervisor has died, end at once even in the middle of a picture."""
+    """Queue lines; end at once, even during a picture, when the supervisor is gone."""
     for line in sys.stdin:
         jobs.put(line)
     jobs.put("")

@@ -1,1 +1,1 @@
-"""Rows rendered by a Dask cluster."""
+"""Render rows on a Dask cluster."""

@@ -1,4 +1,4 @@
-"""The files that a plan is rendered from: which of the client's files a worker needs, and where it keeps its copies.
+"""A plan's asset files on a cluster: the files that a worker needs, and its copies of them.
 
 A worker uses an asset in place if the client's paths lead to the same contents on the worker's machine. Otherwise it
 keeps each content once, by its SHA-256, and links to it from a folder per plan, at the client's path below that folder.
@@ -25,13 +25,13 @@ from hulldown.reading.confinement.landlock import is_inside
 from hulldown.render.jobs import RenderAssets
 
 CACHE_VARIABLE = "HULLDOWN_CACHE"  # names the folder of a worker's copies
-TILES = ("<UDIM>", "<UVTILE>")  # stand for a number in the names of textures
-LONGEST = 1023  # bytes of a path in a .blend, which has room for one more
+TILES = ("<UDIM>", "<UVTILE>")  # placeholders for a number in names of textures
+LONGEST = 1023  # bytes of a path in a .blend, without the terminator
 
 
 @dataclass(frozen=True, slots=True)
 class FileNote:
-    """A file by its absolute path on the client's machine, its content, and its size in bytes."""
+    """A client's file: absolute path, SHA-256, and size in bytes."""
 
     path: str
     sha256: str
@@ -40,7 +40,7 @@ class FileNote:
 
 @dataclass(frozen=True, slots=True)
 class AssetNote:
-    """A file that jobs name, the files that it refers to, and the folders that Blender may read for its sake."""
+    """A file named in jobs, the files that it refers to, and the folders that Blender may read for it."""
 
     file: FileNote
     references: tuple[FileNote, ...] = ()
@@ -48,12 +48,12 @@ class AssetNote:
 
     @property
     def files(self) -> tuple[FileNote, ...]:
-        """The file and those that it refers to."""
+        """The file and its references."""
         return (self.file, *self.references)
 
 
 class ClientFiles:
-    """The files of this machine that a plan is rendered from.
+    """The client's files of a plan.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class ClientFiles:
     Attributes
     ----------
     key
-        Equal for the same contents at the same paths.
+        A hash of contents and paths.
     """
 
     def __init__(self, assets: RenderAssets) -> None:
@@ -84,11 +84,11 @@ class ClientFiles:
         self.key = hashlib.sha256("\0".join(listed).encode("utf-8", "surrogateescape")).hexdigest()
 
     def asset(self, path: str) -> AssetNote:
-        """What a worker needs for a file that a job names."""
+        """The asset of a file named in a job."""
         return self._assets[path]
 
     def content(self, digest: str) -> bytes:
-        """The bytes of a file that a worker was told of."""
+        """The bytes of a noted file."""
         return Path(self._by_hash[digest].path).read_bytes()
 
     def _note(self, path: Path) -> FileNote:
@@ -98,22 +98,22 @@ class ClientFiles:
 
 
 def references(paths: Sequence[str], asset: Path, readable: Sequence[Path]) -> list[Path]:
-    """The files that an asset refers to and may read, each once, by paths without detours.
+    """The readable files that an asset refers to, each once, by normalized paths.
 
     Parameters
     ----------
     paths
-        As the asset names them, absolute; a texture of tiles names them all.
+        Absolute paths in the asset; a tiled texture stands for all its tiles.
     asset
-        Its own file.
+        The asset's file.
     readable
-        Folders that a render on this machine may read; ``HULLDOWN_READ`` adds to them.
+        Folders that a render on this machine may read, besides ``HULLDOWN_READ``.
     """
     found: dict[Path, None] = {}
     for named in paths:
         path = Path(os.path.normpath(named))
         if not is_inside(path.parent, readable):
-            continue  # not even its folder is listed
+            continue  # its folder isn't listed either
         tiles = next((token for token in TILES if token in path.name), None)
         several = path.parent.glob(glob.escape(path.name).replace(tiles, "*")) if tiles else [path]
         for one in sorted(several):
@@ -123,7 +123,7 @@ def references(paths: Sequence[str], asset: Path, readable: Sequence[Path]) -> l
 
 
 def cache_folder() -> Path:
-    """Where a worker keeps the files that it was sent."""
+    """The folder of a worker's received files."""
     if named := os.environ.get(CACHE_VARIABLE):
         return Path(named)
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hulldown" / "sent"
@@ -135,7 +135,7 @@ class AssetCache:
     Parameters
     ----------
     folder
-        Of the copies.
+        Folder of the copies.
     key
         `ClientFiles.key`, which names the folder below it that Blender may read.
     """
@@ -146,24 +146,24 @@ class AssetCache:
         self._hashes: dict[tuple[str, int, int], str] = {}  # by path, size and time of the last change
 
     def keep(self, content: bytes) -> str:
-        """Add a content; its SHA-256."""
+        """Store a content; return its SHA-256."""
         digest = hashlib.sha256(content).hexdigest()
         with self._replacing(self.contents / digest) as made:
             made.write_bytes(content)
         return digest
 
     def is_in_place(self, asset: AssetNote) -> bool:
-        """Whether this machine has all of an asset's files where the client has them."""
+        """Whether this machine has all of an asset's files at the client's paths."""
         return all(self._is(Path(file.path), file) for file in asset.files)
 
     def lacking(self, asset: AssetNote) -> list[str]:
-        """The contents, by their SHA-256, that this machine must be sent before it can use an asset."""
+        """SHA-256 of the contents that this machine lacks for an asset."""
         if self.is_in_place(asset):
             return []
         return [file.sha256 for file in asset.files if self._source(file) is None]
 
     def readable(self, asset: AssetNote) -> list[Path]:
-        """What Blender must be able to read to use an asset where `place` has it."""
+        """Folders that Blender must read for an asset at the path by `place`."""
         if not self.is_in_place(asset):
             return [self.tree]
         folders = [Path(folder) for folder in asset.folders]
@@ -171,12 +171,12 @@ class AssetCache:
         return [*folders, *(file for file in files if not any(map(file.is_relative_to, folders)))]
 
     def place(self, asset: AssetNote) -> Path:
-        """The path at which this machine has an asset that lacks nothing.
+        """The path of a complete asset on this machine.
 
         Raises
         ------
         AssetError
-            If a path in a .blend gets too long when it is made relative.
+            If a path in a .blend becomes too long when it's made relative.
         """
         if self.is_in_place(asset):
             return Path(asset.file.path)
@@ -204,11 +204,11 @@ class AssetCache:
                 _link(source, made)
 
     def _source(self, file: FileNote) -> Path | None:
-        """A file of this machine with this content; None if there is none."""
+        """A file with this content on this machine; None if there is none."""
         return next((path for path in (self.contents / file.sha256, Path(file.path)) if self._is(path, file)), None)
 
     def _is(self, path: Path, file: FileNote) -> bool:
-        """Whether a path leads to a file's content, which is hashed anew if size or time have changed."""
+        """Whether a path has a file's content, hashed again after a change of size or time."""
         try:
             stat = path.stat()
             if stat.st_size != file.size or not path.is_file():
@@ -222,7 +222,7 @@ class AssetCache:
 
     @contextmanager
     def _replacing(self, path: Path) -> Iterator[Path]:
-        """A path to write to, which takes the place of `path` when it's complete."""
+        """Yield a temporary path that replaces `path` when it's complete."""
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".", dir=path.parent) as folder:
             made = Path(folder) / path.name
@@ -238,11 +238,11 @@ def _link(source: Path, made: Path) -> None:
 
 
 def _is_absolute(name: str) -> bool:
-    return name.startswith("/") and not name.startswith("//")  # which means the folder of the .blend
+    return name.startswith("/") and not name.startswith("//")  # // is the folder of the .blend
 
 
 def _make_relative(source: Path, made: Path, path: str) -> None:
-    """Copy a .blend, which the client has at `path`, with relative paths in place of absolute ones."""
+    """Copy the .blend that the client has at `path`, with relative paths instead of absolute ones."""
     with source.open("rb") as raw, unpacked(raw) as packed, made.open("wb") as out:
         shutil.copyfileobj(packed, out)
     with made.open("r+b") as file, mmap.mmap(file.fileno(), 0) as content:

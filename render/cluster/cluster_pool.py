@@ -1,4 +1,4 @@
-"""Rows rendered by the workers of a Dask cluster, in place of a `render.pool.Pool`: a row is a task."""
+"""Render rows on the workers of a Dask cluster, like `render.pool.Pool`; each row is a task."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from hulldown.render.cluster.workers import Cluster
 from hulldown.render.jobs import RenderAssets
 from hulldown.render.process import Limits, Outcome, Stopped
 
-RESOURCE = "render"  # what `dask worker --resources "render=1"` declares
-AT_ONCE = 2  # tasks per worker: the one that it renders, and the next
+RESOURCE = "render"  # declared by `dask worker --resources "render=1"`
+AT_ONCE = 2  # tasks per worker: the current and the next one
 LOST = "its workers were lost, the last ones while they had nothing else to do"
 
 
 class ClusterPool:
-    """The workers of a Dask cluster. Leaving it as a context takes back what they haven't begun.
+    """The workers of a Dask cluster. Leaving it as a context cancels waiting tasks.
 
     Parameters
     ----------
     scheduler
-        The cluster's.
+        The cluster's scheduler.
     assets
-        What the plan is rendered from.
+        The plan's files.
     device
-        What `render.blender.cycles.choose_device` takes.
+        A device for `render.blender.cycles.choose_device`.
     limits
-        When a row is given up.
+        Limits of time, memory, and attempts.
     say
-        Called with a line for the user, now and then.
+        Called with messages for the user.
     stopping
-        Asked several times a second whether to give up now.
+        Called several times a second; true: stop now.
     require_confinement
         Whether to refuse workers that can't confine Blender.
 
@@ -64,7 +64,7 @@ class ClusterPool:
 
     @property
     def working(self) -> int:
-        """How many workers get rows."""
+        """Number of workers that get rows."""
         return len(self._cluster.fit)
 
     def results(

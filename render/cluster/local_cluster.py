@@ -1,4 +1,4 @@
-"""A Dask cluster on this machine, to try what docs/cluster.md says of larger ones."""
+"""A Dask cluster on this machine, to try docs/cluster.md."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from hulldown.render.cluster.cluster_pool import RESOURCE
 from hulldown.render.cluster.node import SHARE_VARIABLE
 
 RESOURCES = {RESOURCE: 1, "train": 1}
-HOST = "127.0.0.1"  # whoever reaches the port of a scheduler can run programs here
-LOST_S = 60  # a worker that says nothing for so long is lost
+HOST = "127.0.0.1"  # anyone who reaches a scheduler's port can run programs here
+LOST_S = 60  # a worker silent for this long is lost
 
 
 @contextmanager
 def local_cluster(workers: int, *, port: int = 0) -> Iterator[str]:
-    """A scheduler in this process and workers beside it that render, for as long as the block lasts; its address.
+    """Run a scheduler in this process, and rendering workers, during the block; yields its address.
 
-    The workers end with the scheduler, however it ends; one that dies is started again.
+    The workers end with the scheduler in any case; one that dies is restarted.
 
     Parameters
     ----------
     workers
-        How many; they share the machine's cores and memory.
+        Number of workers, which share the machine's cores and memory.
     port
         The scheduler's; 0 for any.
 
@@ -46,7 +46,7 @@ def local_cluster(workers: int, *, port: int = 0) -> Iterator[str]:
                 n_workers=workers,
                 threads_per_worker=1,
                 resources=RESOURCES,
-                memory_limit=0,  # Dask would see its own process, and not Blender, which `render.process` watches
+                memory_limit=0,  # Dask sees only its own process; `render.process` watches Blender
                 host=HOST,
                 scheduler_port=port,
                 dashboard_address=f"{HOST}:0",

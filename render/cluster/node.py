@@ -1,6 +1,6 @@
-"""A worker of a cluster: one Blender, supervised as on a single machine, that stays open from image to image.
+"""A worker of a cluster: one supervised Blender that stays open from image to image.
 
-Blender is started when the first image comes and ends with the worker's process, however that ends: the pipe between
+Blender starts with the first image and ends with the worker's process in any case: the pipe between
 them is closed then, see `render.blender.worker`.
 """
 
@@ -25,18 +25,18 @@ from hulldown.render.cluster.workers import Answer, wanted
 from hulldown.render.confinement import Confinement
 from hulldown.render.process import Allowance, Blender, Limits, Stopped
 
-SHARE_VARIABLE = "HULLDOWN_SHARE"  # how many workers share this machine's cores and memory
+SHARE_VARIABLE = "HULLDOWN_SHARE"  # number of workers that share this machine's cores and memory
 PLUGIN = "hulldown-blender"
-IDLE_S = 60.0  # after which Blender is ended: it holds memory
+IDLE_S = 60.0  # of idling, after which Blender is ended to free memory
 
 
 def refusal(client: Mapping[str, str], require_confinement: bool) -> str:
-    """Why this process can't render for a client; empty if it can.
+    """Reason why this process can't render for a client; empty if it can.
 
     Parameters
     ----------
     client
-        Its versions of hulldown and bpy, which must be the same here; a client that only plans may have no bpy.
+        The client's versions of hulldown and bpy, which must equal this process's; the client may have no bpy.
     require_confinement
         Whether Blender must be confined.
     """
@@ -51,20 +51,20 @@ def refusal(client: Mapping[str, str], require_confinement: bool) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """An image to render.
+    """An image to render, as a task's argument.
 
     Parameters
     ----------
     message
-        What to tell Blender, with the client's paths.
+        Blender's job, with the client's paths.
     assets
-        Each file that it names.
+        The assets that it names.
     key
         `render.cluster.asset_files.ClientFiles.key`.
     device
-        What `render.blender.cycles.choose_device` takes.
+        A device for `render.blender.cycles.choose_device`.
     image_s
-        Seconds that an image gets; None for what the first ones teach.
+        Time limit of an image in seconds; None: by the first images.
     """
 
     message: Mapping[str, Any]
@@ -75,7 +75,7 @@ class Order:
 
 
 def render_row(order: Order, *contents: bytes) -> Answer:
-    """Render an image on the Dask worker that calls this, with contents of files that it lacked.
+    """Render an image on this Dask worker, with contents of files that it lacked.
 
     The answer's value is a `render.process.Outcome`.
     """
@@ -90,7 +90,7 @@ def render_row(order: Order, *contents: bytes) -> Answer:
 
 @dataclass(frozen=True, slots=True)
 class _Setting:
-    """What a Blender was started with; for something else another is started."""
+    """The parameters of a running Blender; others need another Blender."""
 
     key: str
     read: frozenset[Path]
@@ -118,19 +118,19 @@ class OpenBlender(WorkerPlugin):
         self._idle = threading.Timer(IDLE_S, self.close)
 
     def teardown(self, worker: Worker) -> None:
-        """End Blender as the worker ends."""
+        """End Blender with the worker."""
         self._idle.cancel()
         if self._blender is not None:
             self._blender.close()
 
     def close(self) -> None:
-        """End Blender once it's idle; the next image starts another."""
+        """End an idle Blender; the next image starts another."""
         with self._busy:
             if self._blender is not None:
                 self._blender.close()
 
     def render(self, order: Order, contents: tuple[bytes, ...], *, stopping: Callable[[], bool]) -> Answer:
-        """Render an image, or tell what is missing for it."""
+        """Render an image, or return the missing contents."""
         self._idle.cancel()
         with self._busy:
             try:
@@ -163,10 +163,10 @@ class OpenBlender(WorkerPlugin):
         return Answer(outcome, has_failed=bool(outcome.reasons))
 
     def _blender_for(self, order: Order, read: list[Path]) -> Blender:
-        """The Blender that is open, if it may do what an order needs; otherwise a new one."""
+        """The open Blender, if its parameters fit an order; otherwise a new one."""
         setting = _Setting(order.key, frozenset(read), order.device, order.image_s)
         if (had := self._setting) is not None and had.key == order.key:
-            setting = replace(setting, read=had.read | setting.read)  # so that it isn't started again and again
+            setting = replace(setting, read=had.read | setting.read)  # so that it isn't restarted repeatedly
         if self._blender is None or setting != had:
             if self._blender is not None:
                 self._blender.close()
@@ -183,7 +183,7 @@ class OpenBlender(WorkerPlugin):
 
 
 def _moved(message: Mapping[str, Any], here: Mapping[str, str], output: Path) -> dict[str, Any]:
-    """A message with the paths that its files have on this machine."""
+    """Replace a message's paths by those on this machine."""
     scenery, light = message["scenery"], message["light"]
     return {
         **message,

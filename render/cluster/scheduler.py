@@ -1,4 +1,4 @@
-"""Where the scheduler of a cluster is, and how it is to be spoken to."""
+"""The address of a cluster's scheduler, and its certificates."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class Scheduler:
     Parameters
     ----------
     address
-        `tcp://HOST:PORT` or `tls://HOST:PORT`, or the .json file that `dask scheduler --scheduler-file` has written.
+        `tcp://HOST:PORT` or `tls://HOST:PORT`, or the .json file of `dask scheduler --scheduler-file`.
     tls_ca, tls_cert, tls_key
-        Certificates for `tls://`; None for what Dask's own configuration says.
+        Certificates for `tls://`; None: by Dask's configuration.
     """
 
     address: str
@@ -30,12 +30,12 @@ class Scheduler:
 
 @contextmanager
 def needing_dask() -> Iterator[None]:
-    """Say in one line that Dask is not installed.
+    """Turn a missing Dask into a one-line error.
 
     Raises
     ------
     HulldownError
-        That.
+        If Dask isn't installed.
     """
     try:
         yield

@@ -1,7 +1,7 @@
-"""Tasks on the workers of a Dask cluster; knows nothing about pictures or trainings.
+"""Run tasks on the workers of a Dask cluster, for images and trainings alike.
 
-Dask schedules tasks, gives those of a lost worker to others, and moves data. This module leaves out workers that can't
-do the tasks, which Dask doesn't know.
+Dask schedules tasks, reassigns those of a lost worker, and moves data. This module excludes workers that can't
+do the tasks.
 """
 
 from __future__ import annotations
@@ -28,30 +28,30 @@ from distributed.worker import thread_state
 from hulldown.geometry.errors import HulldownError
 from hulldown.render.cluster.scheduler import Scheduler
 
-GONE_S = 15.0  # how long a scheduler may be out of reach
-LOOK_S = 1.0  # how often the client asks which workers there are
+GONE_S = 15.0  # longest time without a scheduler
+LOOK_S = 1.0  # interval of the client's checks for workers
 POLL_S = 0.05
-GATHER_S = 60.0  # that a result may take over the network before it's asked for again
-LOSSES = 3  # of workers over a task, until it's tried alone
-STRIKES = 3  # tasks that a worker fails at and others don't, until it gets no more
+GATHER_S = 60.0  # for a result over the network, before it's requested again
+LOSSES = 3  # workers lost during a task before it's tried alone
+STRIKES = 3  # tasks that only this worker fails at, before it's excluded
 
 Job = TypeVar("Job")
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What a task returns.
+    """A task's answer.
 
     Parameters
     ----------
     value
         Its result.
     has_failed
-        Whether another worker shall try it, if there is one.
+        Whether another worker should try it.
     lacking
-        SHA-256 of the contents that the worker must be sent first.
+        SHA-256 of contents that the worker needs first.
     refused
-        Why this worker can do no task; empty if it can.
+        Reason why this worker can't do any task; empty if it can.
     lines
         Messages for the user.
     worker
@@ -68,20 +68,20 @@ class Answer:
 
 @dataclass(eq=False, slots=True)
 class _Task(Generic[Job]):
-    """A job that isn't done yet.
+    """An unfinished job.
 
     Parameters
     ----------
     job
-        The caller's.
+        The caller's job.
     failed_on
         Workers that failed at it.
     contents
-        Data that its next worker is sent.
+        Data for its next worker.
     losses
-        How many workers were lost over it.
+        Number of workers lost during it.
     is_suspect
-        Whether it's tried alone, since it may be what ends workers.
+        Whether it's tried alone, since it may crash workers.
     """
 
     job: Job
@@ -92,22 +92,22 @@ class _Task(Generic[Job]):
 
 
 class Cluster:
-    """A connection to the workers of a cluster, for any thread. Leaving it as a context takes back its tasks.
+    """A connection to a cluster's workers, for any thread. Leaving it as a context cancels its tasks.
 
     Parameters
     ----------
     scheduler
         The cluster's.
     resource
-        What a worker must have to get tasks, one of it for each: ``dask worker --resources "NAME=1"``.
+        A resource that each task needs: ``dask worker --resources "NAME=1"``.
     refusal
-        Called on each new worker with `about`; returns why it can't do the tasks, empty if it can.
+        Called on each new worker with `about`; returns the reason why it can't do tasks, empty if it can.
     about
-        Data of the client.
+        The client's data for `refusal`.
     at_once
-        Tasks that each worker is given: one that it does, and more that wait there.
+        Tasks sent to each worker: a running one, and waiting ones.
     say
-        Told a line now and then.
+        Called with messages for the user.
 
     Raises
     ------
@@ -127,7 +127,7 @@ class Cluster:
     ) -> None:
         self._address, self._resource, self._at_once, self._say = scheduler.address, resource, at_once, say
         self._refusal, self._about = refusal, about
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # we report what matters
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # this module reports problems itself
         self.client = _connect(scheduler)
         self._lock = threading.RLock()
         self._reached, self._looked = time.monotonic(), 0.0
@@ -136,14 +136,14 @@ class Cluster:
         self._asked: dict[str, Future] = {}
         self._told = -1
         self._strikes: dict[str, int] = {}
-        self._tasks: dict[Future, frozenset[str]] = {}  # who may do each
+        self._tasks: dict[Future, frozenset[str]] = {}  # allowed workers of each
         self._contents: WeakValueDictionary[str, Future] = WeakValueDictionary()
         if "dashboard" in self.client.scheduler_info()["services"]:
             self._say(f"dashboard: {self.client.dashboard_link}")
 
     @property
     def fit(self) -> frozenset[str]:
-        """Addresses of the workers that get tasks."""
+        """Addresses of accepted workers."""
         return frozenset(self._fit)
 
     def results(
@@ -155,27 +155,27 @@ class Cluster:
         stopping: Callable[[], bool],
         content: Callable[[str], bytes] = lambda digest: b"",
     ) -> Iterator[tuple[Job, Answer | None]]:
-        """Have the workers do some jobs; yields each with its answer as it ends, None if its workers were lost.
+        """Run jobs on the workers; yields each with its answer when it ends, None if its workers were lost.
 
         Parameters
         ----------
         jobs
             Any objects.
         function
-            What a worker calls with an order, and contents that it lacked; see `Answer`.
+            Called on a worker with an order, and contents that it lacked; returns an `Answer`.
         order
-            The order for a job.
+            Function from a job to its order.
         stopping
-            Asked several times a second whether to end early.
+            Called several times a second; true: end early.
         content
-            Data by its SHA-256.
+            Function from a SHA-256 to its data.
 
         Raises
         ------
         HulldownError
             If the scheduler is lost, or there are workers and all are refused.
         """
-        new = map(_Task, jobs)  # one after the other, however many there are
+        new = map(_Task, jobs)  # lazily, for any number of jobs
         waiting, suspects = deque(islice(new, 1)), deque[_Task[Job]]()
         running: dict[Future, _Task[Job]] = {}
         try:
@@ -199,7 +199,7 @@ class Cluster:
                     except TimeoutError:
                         running[future] = task
                         continue
-                    except CancelledError:  # with its workers, its contents or the scheduler
+                    except CancelledError:  # its workers, contents, or scheduler are gone
                         task.losses += 1
                     except KilledWorker:  # Dask has tried it on several workers
                         task.losses = LOSSES
@@ -235,7 +235,7 @@ class Cluster:
         return future
 
     def _is_final(self, answer: Answer, task: _Task[Any], content: Callable[[str], bytes]) -> bool:
-        """Whether a task is done; what it needs to be tried again is arranged otherwise."""
+        """Whether a task is done; otherwise prepare its next attempt."""
         with self._lock:
             for line in answer.lines:
                 self._say(f"{answer.worker}: {line}")
@@ -256,7 +256,7 @@ class Cluster:
             return True
 
     def _content(self, digest: str, read: Callable[[str], bytes], worker: str) -> Future | None:
-        """Data in the cluster's memory by its SHA-256, put on a worker first; None if that worker is gone."""
+        """A future of data in the cluster's memory, stored on a worker first; None if that worker is gone."""
         future = self._contents.get(digest)
         if future is None or future.status in ("cancelled", "lost", "error"):
             try:
@@ -268,7 +268,7 @@ class Cluster:
         return future
 
     def look(self) -> bool:
-        """Find workers that came or went; whether the scheduler is in reach.
+        """Update the list of workers; return whether the scheduler can be reached.
 
         Raises
         ------
@@ -322,7 +322,7 @@ class Cluster:
             self._told = len(self._fit)
             many = f"{self._told} workers are in use"
             self._say({0: "waiting for workers", 1: "1 worker is in use"}.get(self._told, many))
-        # Dask would wait for one of the workers that a task was meant for.
+        # Dask would wait for one of the task's lost workers.
         self.cancel([task for task, workers in self._tasks.items() if not workers & there and not task.done()])
 
     def _judge(self, address: str, asked: Future) -> None:
@@ -335,7 +335,7 @@ class Cluster:
             self._fit.add(address)
 
     def refuse(self, address: str, why: str) -> None:
-        """Give a worker no more tasks; `why` completes a sentence about it."""
+        """Exclude a worker; `why` completes a sentence about it."""
         with self._lock:
             if address not in self._refused:
                 self._refused[address] = why
@@ -343,7 +343,7 @@ class Cluster:
             self._fit.discard(address)
 
     def cancel(self, futures: Iterable[Future]) -> None:
-        """Take tasks back; one that has begun finds out by `wanted`."""
+        """Cancel tasks; a running one notices by `wanted`."""
         with self._lock:
             for future in (futures := list(futures)):
                 self._tasks.pop(future, None)
@@ -360,7 +360,7 @@ class Cluster:
 
 
 def wanted() -> Callable[[], bool]:
-    """For the task that calls this: a function that tells, in any thread, whether the client still waits for it."""
+    """Return a function that tells, in any thread, whether the client still wants the current task."""
     worker, key = get_worker(), thread_state.key
 
     def ask() -> bool:
