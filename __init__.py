@@ -1,7 +1,7 @@
 """Plan, render, and annotate synthetic detection datasets of vehicles on terrain.
 
-The names below are the whole of what a script needs; docs/python.md shows them in use. Each is imported when it's first
-asked for, so that `import hulldown` waits for nothing.
+A script needs only the names below; docs/python.md shows their use. Each is imported on first
+use, so that `import hulldown` is fast.
 
 Examples
 --------

@@ -1,10 +1,10 @@
 """The `hulldown` command: arguments, progress, exit codes; no logic.
 
 Messages and progress go to stderr, results to stdout, so that `--json` can be piped. Exit code 0: done; 1: done, but
-something failed or was found; 2: a mistake of the user's, said in one line; 130: stopped by Ctrl-C, or `render` by
+something failed or was found; 2: a user's mistake, explained in one line; 130: stopped by Ctrl-C, or `render` by
 SIGTERM.
 
-Stages are imported where they are used: `hulldown --help` must not wait for SciPy.
+Stages are imported where they're used, so that `hulldown --help` doesn't wait for SciPy.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from hulldown.verbs.terminal import (
     warnings_in_one_line,
 )
 
-# Errors of the file system that are no bugs: a full disk, missing rights, a file in place of a folder or the reverse.
+# Errors of the file system that aren't bugs: a full disk, missing rights, a file instead of a folder or the reverse.
 REFUSALS = (
     *(errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM),
     *(errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP),
@@ -49,7 +49,7 @@ REFUSALS = (
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code."""
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # one that only knows ASCII must not end a run that is done
+        if isinstance(stream, io.TextIOWrapper):  # an ASCII terminal must not fail a finished run
             stream.reconfigure(errors="backslashreplace")
     arguments = parser().parse_args(argv)
     try:
@@ -63,7 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         STDERR.print(f"hulldown: stopped; {stopped}")
         return STOPPED
     except BrokenPipeError:
-        # The reader of our stdout has gone, as `head` does; nothing more can be said there.
+        # The reader of stdout is gone, as with `head`.
         silence_stdout()
         return DONE
     except OSError as error:
@@ -91,7 +91,7 @@ def _doctor(arguments: argparse.Namespace) -> int:
 
 
 def _demo(arguments: argparse.Namespace) -> int:
-    """The verbs one after the other, as a user would type them."""
+    """Run the verbs of the demo one after the other."""
     folder = arguments.output
     config, plan, dataset = folder / "hulldown.toml", folder / "plan.jsonl", folder / "dataset"
     steps = [

@@ -1,1 +1,1 @@
-"""Detectors trained on datasets of pictures and evaluated on photographs (paper, sections 2.2, 2.3 and 3)."""
+"""Train detectors on datasets, and evaluate them on photographs (paper, sections 2.2, 2.3, and 3)."""

@@ -1,9 +1,9 @@
-"""Random changes to pictures and their boxes before each training step: the paper's Table 1, by Albumentations.
+"""Augmentation of pictures and boxes: the paper's Table 1, by Albumentations.
 
-Where the paper leaves a choice: saturation and value are shifted by as much of their range of 0 to 255 as the number
-says without its percent sign, as Albumentations has it, since 30 % of the range makes gray roads green. The hue is in
-OpenCV's half degrees. What comes in from outside the picture is black, since a mirrored picture has vehicles without
-labels. Kernels are in pixels of the picture as it is augmented, which is about as large as the model sees it.
+Where the paper leaves a choice: saturation and value are shifted by the number without its percent sign in
+steps of 0 to 255, as in Albumentations, since 30 % of the range makes gray roads green. The hue is in
+OpenCV's half degrees. Borders of turned pictures are black, since mirrored borders have vehicles without
+labels. Kernels are in pixels of the picture at about the model's input size.
 
 References
 ----------
@@ -32,9 +32,9 @@ from hulldown.geometry.errors import ConfigError
 Number: TypeAlias = int | float
 Option: TypeAlias = Number | tuple[Number, Number]
 
-MIN_VISIBLE = 0.2  # share of a box that must be left inside the picture for it to stay
-MASK_ROUNDING = 1.0  # pixels: what the box of a mask may differ from the box of the outline that was rasterized
-MIN_SIDE = 1.0  # pixels of a box's width and height, at least: less is nothing to learn from
+MIN_VISIBLE = 0.2  # least share of a box inside the picture
+MASK_ROUNDING = 1.0  # pixels between the box of a mask and that of its outline
+MIN_SIDE = 1.0  # least width and height of a box in pixels
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +44,11 @@ class Change:
     Parameters
     ----------
     probability
-        Of being applied; within a group, of being the one that is picked.
+        Probability of being applied; within a group, of being selected.
     options
-        Numbers and ranges, as the paper gives them.
+        Numbers and ranges, as in the paper.
     group
-        The line that applies one at most of its group; empty for a line that applies by itself.
+        The line of its group, of which at most one is applied; empty for a single line.
     """
 
     probability: float
@@ -88,7 +88,7 @@ NOTHING: Table = {}
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Sample:
-    """A picture with what is on it.
+    """A picture with its labels.
 
     Parameters
     ----------
@@ -97,9 +97,9 @@ class Sample:
     xywh
         (n, 4) boxes, pixels.
     label
-        (n,) of each, an index of its class.
+        (n,) class index of each.
     masks
-        Of each, its pixels, or None where they are not known.
+        Mask of each, or None if unknown.
     """
 
     picture: UInt8[np.ndarray, "h w 3"]
@@ -108,7 +108,7 @@ class Sample:
     masks: tuple[Bool[np.ndarray, "h w"] | None, ...]
 
     def resized(self, width: int, height: int) -> Sample:
-        """The same at another size, sides scaled each by itself."""
+        """Resize, each side by its own factor."""
         was_height, was_width = self.picture.shape[:2]
         if (was_width, was_height) == (width, height):
             return self
@@ -122,19 +122,19 @@ class Sample:
 
 
 class Augmenter:
-    """Applies a table to samples, each time in the way that a seed says.
+    """Applies a table to samples, as a function of a seed.
 
     Parameters
     ----------
     table
-        What to apply, in this order.
+        The augmentations, in order.
     height
-        Of the pictures, about: what flares are measured by.
+        Approximate height of the pictures, the unit of flares.
     """
 
     def __init__(self, table: Table = TABLE, *, height: int) -> None:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # a wrong argument's name is only a warning to Albumentations
+            warnings.simplefilter("error")  # Albumentations only warns of a wrong argument's name
             warnings.filterwarnings("ignore", message="Got processor for bboxes")  # a table may leave boxes alone
             self._compose = A.Compose(
                 [_line(name, table, height) for name, change in table.items() if not change.group],
@@ -145,17 +145,17 @@ class Augmenter:
             )  # fmt: skip
 
     def __call__(self, sample: Sample, seed: int) -> Sample:
-        """The sample, changed; boxes that are hardly in the picture any more are left out.
+        """Augment a sample; boxes that are mostly outside of the picture are dropped.
 
-        A box follows from its mask where there is one, else from the ellipse in it: the outline of an object turned
-        by 15 degrees fills its corners rarely.
+        A box follows its mask if there is one, else the ellipse in it, since a turned object's outline
+        rarely reaches the corners of its box.
 
         Parameters
         ----------
         sample
-            Its boxes lie in its picture.
+            A sample with boxes inside its picture.
         seed
-            The same seed does the same to the same sample.
+            Seed of the changes.
         """
         # One generator for all: Albumentations' own seeding gives each transform the same numbers, and what is
         # applied with a probability of 0.05 would then be applied with all the rest.
@@ -191,17 +191,17 @@ class Augmenter:
 
 
 def changed_table(changes: Mapping[str, Any], table: Table = TABLE) -> Table:
-    """The table with other numbers here and there.
+    """Return the table with changes.
 
     Parameters
     ----------
     changes
-        Name of a line -> its new ``probability`` and options; what is not named stays.
+        Name of a line -> its new ``probability`` and options.
 
     Raises
     ------
     ConfigError
-        Naming what there is not, or what is no such number.
+        Naming an unknown line or option, or an invalid number.
     """
     result = dict(table)
     for name, keys in changes.items():
@@ -254,7 +254,7 @@ def _whole(value: Option) -> tuple[int, int]:
 
 
 def _line(name: str, table: Table, height: int) -> Any:
-    """A line of the table, with its group if it has one, as Albumentations has it."""
+    """Albumentations' transform of a line, with its group if it has one."""
     group = {key: change for key, change in table.items() if change.group == name}
     if not group:
         return _transform(name, table[name], height)

@@ -1,4 +1,4 @@
-"""Draws as pictures and boxes for a network: draw k gives the same pixels in any process at any time."""
+"""Draws as pictures and boxes for a network: draw k has the same pixels in any process."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from hulldown.training.augment import Augmenter, Sample, Table
 from hulldown.training.draws import Draws
 from hulldown.training.sources import Source
 
-KEPT_BYTES = 256 * 2**20  # of pictures that each worker keeps in memory
+KEPT_BYTES = 256 * 2**20  # bytes of pictures that each worker keeps in memory
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Example:
-    """A picture at the network's size, with what is on it.
+    """A picture at the network's size, with its labels.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class Example:
     xyxy
         (n, 4) corners of boxes, pixels.
     label
-        (n,) of each.
+        (n,) class of each.
     """
 
     picture: UInt8[torch.Tensor, "3 h w"]
@@ -38,16 +38,16 @@ class Example:
 
 
 class DrawnExamples(Dataset[Example]):
-    """Draw k, augmented, at the network's size.
+    """A PyTorch dataset of augmented draws at the network's size.
 
     Parameters
     ----------
     sources, draws
-        What is drawn from, and what.
+        The datasets, and the draws from them.
     size
-        Width and height that the network sees; pictures are squeezed into it, as RF-DETR has it.
+        Width and height of the network's input; pictures are squeezed into it, as in RF-DETR.
     table
-        The augmentation; an empty one for none.
+        The augmentation; empty: none.
     masks
         Whether boxes follow their masks when a picture is turned; one rule for all sources.
     """
@@ -64,11 +64,11 @@ class DrawnExamples(Dataset[Example]):
         return len(self.draws)
 
     def __getitem__(self, k: int) -> Example:
-        cv2.setNumThreads(0)  # its threads fight for the cores that the loader's workers and the network use
+        cv2.setNumThreads(0)  # its threads compete with the loader's workers and the network
         return example(self.augment(self._sample(k), int(self.draws.seed[k])), self.size)
 
     def _sample(self, k: int) -> Sample:
-        """What draw k is of, before augmentation. A small dataset is read once: reading takes longer than the rest."""
+        """The sample of draw k before augmentation. Small datasets are kept in memory, since reading is slow."""
         key = int(self.draws.source[k]), int(self.draws.image[k])
         if key in self._kept:
             return self._kept[key]
@@ -84,14 +84,14 @@ class DrawnExamples(Dataset[Example]):
 
 
 def at_work_size(sample: Sample, size: tuple[int, int]) -> Sample:
-    """A sample as large as augmentation needs it: shrunk as long as neither side is smaller than the network's."""
+    """A sample at the size for augmentation: shrunk, but no side smaller than the network's."""
     height, width = sample.picture.shape[:2]
     scale = max(size[0] / width, size[1] / height)
     return sample if scale >= 1.0 else sample.resized(round(width * scale), round(height * scale))
 
 
 def example(sample: Sample, size: tuple[int, int]) -> Example:
-    """A sample as a network sees it, at (width, height)."""
+    """A sample at a network's size (width, height)."""
     seen = sample.resized(*size)
     corners = np.concatenate((seen.xywh[:, :2], seen.xywh[:, :2] + seen.xywh[:, 2:]), axis=1)
     return Example(
@@ -102,23 +102,23 @@ def example(sample: Sample, size: tuple[int, int]) -> Example:
 
 
 class Batches(Sampler[list[int]]):
-    """The draws of each step in order, cut into the batches that go through the network at once.
+    """The batches of each step, in order.
 
-    A step has as many draws as the others, but for the last, which has what is left of the budget; a step's batches
-    are as even as they can be. So no step weighs its draws otherwise than the next, and every draw is used once.
+    All steps have the same number of draws, except the last, which has the rest of the budget. A step's batches
+    are as even as possible. So every draw has the same weight and is used once.
 
     Parameters
     ----------
     draws
-        How many there are.
+        Number of draws.
     batch
         Draws in a batch.
     parts
         Batches in a step: of one process after the other, and of several at once.
     rank, ranks
-        Which of the batches that several processes work on at once are this one's.
+        This process's index, and the number of processes that share each step's batches.
     first
-        The step to begin with: those before it are done.
+        The first step; earlier ones are done.
     """
 
     def __init__(
@@ -126,7 +126,7 @@ class Batches(Sampler[list[int]]):
     ) -> None:
         whole = batch * parts
         ends = [*range(whole, draws, whole), draws]
-        # A rest too small to give every batch a draw goes with the step before.
+        # A rest too small for all batches is added to the step before.
         if len(ends) > 1 and ends[-1] - ends[-2] < parts:
             del ends[-2]
         self._steps = list(zip([0, *ends[:-1]], ends, strict=True))
@@ -134,11 +134,11 @@ class Batches(Sampler[list[int]]):
 
     @property
     def steps(self) -> int:
-        """How many times the weights change."""
+        """Number of steps."""
         return len(self._steps)
 
     def __len__(self) -> int:
-        """Batches of this process in all, those before `first` counted: Lightning knows itself that they are done."""
+        """Number of this process's batches, including those before `first`, which Lightning skips."""
         return len(self._steps) * (self._parts // self._ranks)
 
     def __iter__(self) -> Iterator[list[int]]:
@@ -150,6 +150,6 @@ class Batches(Sampler[list[int]]):
 def network_pictures(
     images: Sequence[UInt8[np.ndarray, "_ _ 3"]], size: tuple[int, int]
 ) -> UInt8[torch.Tensor, "n 3 h w"]:
-    """Pictures of any sizes as a network of (width, height) sees them, made as for training."""
+    """Pictures of any sizes at a network's size (width, height), as in training."""
     nothing = np.zeros((0, 4)), np.zeros(0, dtype=np.int64), ()
     return torch.stack([example(at_work_size(Sample(image, *nothing), size), size).picture for image in images])

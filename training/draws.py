@@ -1,4 +1,4 @@
-"""Which picture is trained on when, settled before training begins: a file with a row for each draw.
+"""The sequence of training pictures, fixed before training: a file with a row for each draw.
 
 "25,000 randomly sampled images (with replacement)" (paper, section 2.2). Row k is a function of the seed and k alone.
 """
@@ -27,11 +27,11 @@ class Draws:
     Parameters
     ----------
     source
-        (n,) which source.
+        (n,) index of the source.
     image
-        (n,) which of its pictures.
+        (n,) index of its picture.
     seed
-        (n,) of its augmentation.
+        (n,) seed of its augmentation.
     """
 
     source: Int[np.ndarray, " n"]
@@ -42,11 +42,11 @@ class Draws:
         return len(self.source)
 
     def counts(self, sizes: Sequence[int]) -> list[Int[np.ndarray, " images"]]:
-        """How often each picture of each source is drawn."""
+        """Number of draws of each picture of each source."""
         return [np.bincount(self.image[self.source == i], minlength=size) for i, size in enumerate(sizes)]
 
     def after(self, first: int) -> Draws:
-        """All but the first draws."""
+        """The draws after the first `count`."""
         return Draws(self.source[first:], self.image[first:], self.seed[first:])
 
 
@@ -58,12 +58,12 @@ def make_draws(sizes: Sequence[int], budget: int, *, seed: int, shares: Sequence
     sizes
         Pictures of each source, at least 1.
     budget
-        How many draws.
+        Number of draws.
     seed
         From 0 on. Draws of a smaller budget are the beginning of those of a larger one.
     shares
-        Of each source, its part of the draws, or None: those share what is left by their sizes. Empty: all are None,
-        every picture is as likely as any other.
+        Each source's share of the draws, or None: they divide the rest by their sizes. Empty: all are None,
+        and every picture is equally likely.
 
     Examples
     --------
@@ -86,7 +86,7 @@ def source_shares(names: Sequence[str], shares: Mapping[str, float]) -> list[flo
     Raises
     ------
     ConfigError
-        If one is of no source or out of range, or all together are not 1.
+        If a name is unknown, a share is out of range, or the sum isn't 1.
     """
     for name, share in shares.items():
         if name not in names:
@@ -100,7 +100,7 @@ def source_shares(names: Sequence[str], shares: Mapping[str, float]) -> list[flo
 
 
 def draws_text(draws: Draws, names: Sequence[str], file_names: Sequence[Sequence[str]]) -> bytes:
-    """A row for each draw: its number, the source's name, the picture's, the seed of its augmentation."""
+    """CSV with a row for each draw: number, source, picture, seed of the augmentation."""
     text = io.StringIO(newline="")
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(HEADER)
@@ -110,12 +110,12 @@ def draws_text(draws: Draws, names: Sequence[str], file_names: Sequence[Sequence
 
 
 def read_draws(path: Path, names: Sequence[str], file_names: Sequence[Sequence[str]]) -> Draws:
-    """The draws of a file, whoever made it.
+    """Read the draws in a file from any source.
 
     Raises
     ------
     DatasetError
-        Naming the first row that is none.
+        Naming the first invalid row.
     """
     index = [{name: i for i, name in enumerate(listed)} for listed in file_names]
     source, image, seeds = [], [], []
@@ -138,7 +138,7 @@ def read_draws(path: Path, names: Sequence[str], file_names: Sequence[Sequence[s
 
 
 def _parts(sizes: Sequence[int], shares: Sequence[float | None]) -> Float[np.ndarray, " sources"]:
-    """The part of the draws that each source gets."""
+    """The share of the draws of each source."""
     if not sizes or min(sizes) < 1:
         raise ValueError(f"sizes: expected at least one picture in each of at least one source, got {list(sizes)}")
     given = list(shares) or [None] * len(sizes)

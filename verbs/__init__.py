@@ -1,1 +1,1 @@
-"""The verbs of the `hulldown` command: their arguments, what they show while they work, what they print."""
+"""The verbs of the `hulldown` command: arguments, progress, and output."""

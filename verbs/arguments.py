@@ -1,4 +1,4 @@
-"""What arguments of the command may be, and those that several verbs share."""
+"""Types of arguments, and arguments that several verbs share."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ class AddVerb(Protocol):
     def __call__(
         self, name: str, run: Callable[[argparse.Namespace], int], does: str, more: str, *, resumes: bool = False
     ) -> argparse.ArgumentParser:
-        """Its parser; `resumes` says that the same command goes on with what was stopped."""
+        """Return its parser; `resumes`: the same command continues after a stop."""
         ...
 
 
 def argument(
     expected: str, convert: Callable[[str], Value], fits: Callable[[Value], bool] = lambda _: True
 ) -> Callable[[str], Value]:
-    """Return a type for argparse that refuses text which `convert` raises ValueError for, or whose value doesn't fit.
+    """Return a type for argparse that refuses text if `convert` raises ValueError, or the value doesn't fit.
 
     Examples
     --------
@@ -88,7 +88,7 @@ def threshold_or_best(text: str) -> float | str:
 
 
 def read_limits(arguments: argparse.Namespace) -> ReadLimits:
-    """How much memory and time reading an asset may take; warns if Blender can't be confined.
+    """Limits of memory and time for reading an asset; warns if Blender can't be confined.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def read_limits(arguments: argparse.Namespace) -> ReadLimits:
 
 
 def add_read_limits(sub: argparse.ArgumentParser) -> None:
-    """What `read_limits` reads."""
+    """Add the arguments of `read_limits`."""
     sub.add_argument(
         "--read-timeout", type=positive, metavar="SECONDS",
         help="give an asset up that has got nowhere for so long (default: 900)",
@@ -126,18 +126,18 @@ def add_read_limits(sub: argparse.ArgumentParser) -> None:
 
 
 def add_cache(sub: argparse.ArgumentParser, where: str) -> None:
-    """The folder that what is read of assets is kept in."""
+    """Add the argument for the cache."""
     sub.add_argument("--cache", type=Path, metavar="DIR", help=f"folder of what is read of assets (default: {where})")
 
 
 def add_planned(sub: argparse.ArgumentParser) -> None:
-    """How the assets that a plan names are read."""
+    """Add the arguments for reading a plan's assets."""
     add_read_limits(sub)
     add_cache(sub, ".hulldown-cache beside the plan")
 
 
 def planned_assets(plan: Any, arguments: argparse.Namespace) -> Any:
-    """The assets that a plan names, read by the arguments of `add_planned`."""
+    """A plan's assets, read by the arguments of `add_planned`."""
     from hulldown.planning.loading import load_planned_assets
 
     with reading_status() as progress:
@@ -145,7 +145,7 @@ def planned_assets(plan: Any, arguments: argparse.Namespace) -> Any:
 
 
 def add_allow_links(sub: argparse.ArgumentParser) -> None:
-    """Folders that links in a dataset may lead to."""
+    """Add the argument for folders that links in a dataset may lead to."""
     sub.add_argument(
         "--allow-links", type=Path, metavar="DIR", action="append", default=[],
         help="folder that pictures which are links may lead to, besides their dataset; may be repeated",

@@ -1,4 +1,4 @@
-"""The verb cluster, and what other verbs say of a cluster that they use."""
+"""The verb cluster, and other verbs' arguments for a cluster."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hulldown.verbs.terminal import DONE, print_json
 
 
 def add_scheduler(sub: argparse.ArgumentParser, help_text: str) -> None:
-    """Let a verb work on a cluster."""
+    """Add the arguments for a cluster to a verb."""
     sub.add_argument("--scheduler", metavar="ADDRESS", help=help_text)
     sub.add_argument("--tls-ca-file", type=Path, metavar="PEM", help="for --scheduler tls://HOST:8786")
     sub.add_argument("--tls-cert", type=Path, metavar="PEM", help="the same")
@@ -25,7 +25,7 @@ def add_scheduler(sub: argparse.ArgumentParser, help_text: str) -> None:
 
 
 def scheduler_of(arguments: argparse.Namespace) -> Any:
-    """The cluster that a command line names; None without."""
+    """The scheduler in the arguments; None without one."""
     if arguments.scheduler is None:
         return None
     return Scheduler(
@@ -38,7 +38,7 @@ def scheduler_of(arguments: argparse.Namespace) -> Any:
 
 @contextmanager
 def training_workers(scheduler: Any, *, say: Callable[[str], None] = say) -> Iterator[Callable[..., str | None]]:
-    """The workers of a cluster that train: what `training.study.runs.run_study` launches runs by."""
+    """The training workers of a cluster, for `training.study.runs.run_study`."""
     from hulldown.geometry.code import difference, versions
 
     with needing_dask():
@@ -50,7 +50,7 @@ def training_workers(scheduler: Any, *, say: Callable[[str], None] = say) -> Ite
 
 
 def _train_here(order: Any) -> Any:
-    """What runs in a worker of the cluster."""
+    """The function that a worker of the cluster calls."""
     from hulldown.render.cluster.workers import Answer, wanted
     from hulldown.training.study.elsewhere import run_here, unseen
 
@@ -59,7 +59,7 @@ def _train_here(order: Any) -> Any:
 
 
 def _cluster(arguments: argparse.Namespace) -> int:
-    """Runs until Ctrl-C or SIGTERM."""
+    """Run a cluster until Ctrl-C or SIGTERM."""
     with needing_dask():
         from hulldown.render.cluster.local_cluster import local_cluster
 

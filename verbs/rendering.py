@@ -64,7 +64,7 @@ def _render(arguments: argparse.Namespace) -> int:
 
 
 def _scheduler(arguments: argparse.Namespace) -> Any:
-    """The cluster to render on; None without."""
+    """The scheduler of the cluster to render on; None without one."""
     if arguments.scheduler is None:
         return None
     if alone := next((name for name in ("workers", "blender") if getattr(arguments, name) is not None), None):

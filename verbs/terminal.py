@@ -1,4 +1,4 @@
-"""What the command prints when it's done: results on stdout, tables, JSON, exit codes."""
+"""The command's output: results on stdout, tables, JSON, exit codes."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ DONE, FOUND, MISTAKE, STOPPED = 0, 1, 2, 130  # exit codes
 
 
 def in_one_line(message: str) -> str:
-    """A message without line breaks of the names in it, and with its middle left out where it fills a screen."""
+    """A message without line breaks, and without its middle if it's very long."""
     line = " ".join(message.splitlines())
     return line if len(line) <= LONGEST_LINE else f"{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 2 :]}"
 
 
 @contextmanager
 def warnings_in_one_line() -> Iterator[None]:
-    """What a stage warns the user of is shown as everything else is, without a place in the code."""
+    """Show Python's warnings like other messages, without their place in the code."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)
         elsewhere = warnings.showwarning
@@ -45,18 +45,18 @@ def warnings_in_one_line() -> Iterator[None]:
 
 
 def silence_stdout() -> None:
-    """What is still buffered must not fail again when Python ends."""
+    """Discard buffered output, which must not fail again when Python ends."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def show_list(lines: Sequence[str]) -> None:
-    """On stdout, a line each however narrow the terminal."""
+    """Print lines on stdout, each unbroken in a narrow terminal."""
     for line in lines:
         STDOUT.print(escape(line), soft_wrap=True)
 
 
 def show_table(table: Table) -> None:
-    """On stdout; as wide as it is where no terminal limits it, since whoever reads it there wants whole names."""
+    """Print a table on stdout, with its full width in a file or a pipe."""
     if STDOUT.is_terminal:
         STDOUT.print(table)
     else:

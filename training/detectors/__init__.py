@@ -1,1 +1,1 @@
-"""The detectors that can be trained: RF-DETR and a small network."""
+"""Trainable detectors: RF-DETR and a small network."""

@@ -1,4 +1,4 @@
-"""What goes on beside the steps of a run: seeds, averaged weights, figures, checkpoints."""
+"""Lightning callbacks of a run: seeds, averaged weights, figures, checkpoints."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from hulldown.geometry.files import replacing
 AVERAGE_DECAY = 0.998
 ESTIMATE_AFTER = 10  # steps
 CHECKPOINT_S = 60.0
-VALIDATIONS = 10  # points of a run's curve; the last is the result
+VALIDATIONS = 10  # points of a run's curve; the last one is the result
 
 
 class StepSeeds(pl.Callback):
-    """Makes what a network draws at random in a step a function of the run's seed and the step.
+    """Seeds PyTorch in each step by the run's seed and the step.
 
-    So a run that was killed goes on as if nothing had happened, without a generator's state in its checkpoints.
+    So a killed run continues identically, without a generator's state in its checkpoints.
     """
 
     def __init__(self, seed: int) -> None:
@@ -39,53 +39,53 @@ class StepSeeds(pl.Callback):
 
 
 class AveragedWeights(WeightAveraging):
-    """The exponential moving average of a module's weights over its steps; the first steps are forgotten sooner."""
+    """The exponential moving average of a module's weights; early steps are forgotten sooner."""
 
     def __init__(self) -> None:
         super().__init__(avg_fn=_averaged)
 
     def get_ema_model_state_dict(self) -> dict[str, torch.Tensor]:
-        """Return the average of the module's `model`, by the name that RF-DETR's callback has for it."""
+        """Return the average of the module's `model`; RF-DETR's callback has the same method."""
         assert self._average_model is not None
         return cast("pl.LightningModule", self._average_model.module).model.state_dict()
 
 
 def _averaged(average: torch.Tensor, weights: torch.Tensor, steps: int | torch.Tensor) -> torch.Tensor:
-    """The average after another step; `steps` are those before it."""
+    """The average after another step; `steps` is the number before it."""
     decay = min(AVERAGE_DECAY, (2 + int(steps)) / (11 + int(steps)))
     return decay * average + (1.0 - decay) * weights
 
 
 def log(loggers: Sequence[Logger], figures: Mapping[str, float], step: int) -> None:
-    """Tell Lightning's loggers the figures of a step."""
+    """Pass the figures of a step to Lightning's loggers."""
     for logger in loggers:
         logger.log_metrics(dict(figures), step)
 
 
 class Rows(pl.Callback):
-    """Rows of figures that go into each checkpoint and come back from it."""
+    """Rows of figures that are stored in checkpoints."""
 
     def __init__(self) -> None:
         self.rows: list[list[float]] = []
 
     def state_dict(self) -> dict[str, Any]:
-        """What a checkpoint keeps."""
+        """The rows for a checkpoint."""
         return {"rows": self.rows}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Take up what a checkpoint has kept."""
+        """Restore the rows of a checkpoint."""
         self.rows = [list(row) for row in state_dict["rows"]]
 
 
 class Validator(Rows):
-    """Measures the averaged weights some times in a run, for its curve: it decides nothing and changes nothing.
+    """Measures the averaged weights several times in a run, without effect on the training.
 
     Parameters
     ----------
     steps
-        Of the whole run.
+        Number of steps in the run.
     measure
-        AP, AP50 and AP75 of the averaged weights; None: there is nothing to measure on.
+        Returns AP, AP50, and AP75 of the averaged weights; None: there is no validation set.
     """
 
     def __init__(self, steps: int, measure: Callable[[], Mapping[str, float]] | None) -> None:
@@ -96,7 +96,7 @@ class Validator(Rows):
     def on_train_batch_end(
         self, trainer: pl.Trainer, pl_module: pl.LightningModule, outputs: Any, batch: Any, batch_idx: int
     ) -> None:
-        """Measure, once, after the steps that are due."""
+        """Measure after the steps of the curve."""
         step = trainer.global_step
         if self._measure is None or step not in self._due or (self.rows and self.rows[-1][0] >= step):
             return
@@ -107,20 +107,20 @@ class Validator(Rows):
 
 
 class Recorder(Rows):
-    """A row of figures for each step, and a checkpoint from time to time.
+    """Records figures of each step, and writes checkpoints.
 
     Parameters
     ----------
     checkpoint
-        The file; each one takes the place of the one before.
+        The file, replaced by each checkpoint.
     every
-        Steps between two; None: as many as pass in a minute.
+        Steps between checkpoints; None: one a minute.
     progress
-        Told (steps done, all) after each step.
+        Called with (steps done, all) after each step.
     estimate
-        Told the seconds that are left, once, after some steps.
+        Called once with the remaining seconds, after some steps.
     on_checkpoint
-        Told the rows when a checkpoint has been written.
+        Called with the rows after each checkpoint.
     """
 
     def __init__(
@@ -149,13 +149,13 @@ class Recorder(Rows):
     def on_train_batch_start(
         self, trainer: pl.Trainer, pl_module: pl.LightningModule, batch: Any, batch_idx: int
     ) -> None:
-        """Note how long the batch was waited for."""
+        """Record the wait for the batch."""
         self._waited += time.monotonic() - self._fetching
 
     def on_train_batch_end(
         self, trainer: pl.Trainer, pl_module: pl.LightningModule, outputs: Any, batch: Any, batch_idx: int
     ) -> None:
-        """Note what a step has done, once its last batch is through."""
+        """Record a step's figures after its last batch."""
         loss = outputs["loss"] if isinstance(outputs, dict) else outputs
         self._losses.append(loss.detach())
         if trainer.global_step > len(self.rows):
@@ -179,7 +179,7 @@ class Recorder(Rows):
 
     def _save(self, trainer: pl.Trainer) -> None:
         if not trainer.is_global_zero:
-            trainer.save_checkpoint(self._checkpoint)  # takes part, and writes nothing
+            trainer.save_checkpoint(self._checkpoint)  # all processes must call it; only one writes
             return
         with replacing(self._checkpoint) as file:
             trainer.save_checkpoint(file.name)

@@ -1,8 +1,8 @@
-"""A network that finds objects as points: maps of how likely each class has a center in a cell, and of its box.
+"""A network that finds objects as points: maps of each class's center probability, and of boxes.
 
-It is small enough to learn from random weights on a CPU. Objects are the peaks of its maps, so no anchors are matched
-and no boxes are suppressed. Targets are as wide as their boxes, and every cell near a center learns box and class,
-which takes fewer steps than the center's cell alone.
+It's small enough to learn from random weights on a CPU. Objects are peaks of its maps, so there is no matching of
+anchors and no suppression of boxes. Targets are as wide as their boxes, and every cell near a center learns box and
+class, which takes fewer steps than the center's cell alone.
 
 References
 ----------
@@ -25,12 +25,12 @@ from torchvision.models.resnet import BasicBlock, conv1x1
 STEM = 16  # channels at stride 2
 WIDTHS = (24, 48, 96, 128)  # channels at strides 4, 8, 16, 32
 BLOCKS = (1, 1, 2, 2)  # residual blocks there
-STRIDE = 8  # pixels between cells of the maps; at 4 a step takes longer, and as many steps teach no more
+STRIDE = 8  # pixels between cells of the maps; 4 is slower without better results
 SKIPPED = 1  # stages finer than the maps
 NECK = 48  # channels on the way back to the maps; the head has twice as many
 MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet's colors, from 0 to 1
-RARE = 0.01  # how likely a center is in a cell before anything is learnt
-USUAL = (32.0, 16.0)  # pixels: width and height of a box before anything is learnt
+RARE = 0.01  # initial probability of a center in a cell
+USUAL = (32.0, 16.0)  # pixels: initial width and height of a box
 SPREAD = 0.15  # standard deviation of a target as a share of its box's sides
 LEAST_SPREAD = 0.4  # cells
 AXIS_WEIGHTS = (0.5, 0.5, 1.0, 1.0)  # of errors of x, y, width and height
@@ -38,7 +38,7 @@ NEAR_BOX, NEAR_CLASS = 0.5, 0.3  # height of a target from which cells learn its
 
 
 class CenterMaps(NamedTuple):
-    """What the network says of n pictures in cells of `STRIDE` pixels.
+    """The network's output for n pictures, in cells of `STRIDE` pixels.
 
     Parameters
     ----------
@@ -53,12 +53,12 @@ class CenterMaps(NamedTuple):
 
 
 class Truth(NamedTuple):
-    """The k objects of n pictures, one after the other.
+    """The ground truth of n pictures: k objects, concatenated.
 
     Parameters
     ----------
     owner
-        (k,) the picture of each.
+        (k,) picture of each object.
     xyxy
         (k, 4) corners, pixels.
     label
@@ -71,14 +71,14 @@ class Truth(NamedTuple):
 
 
 class Peaks(NamedTuple):
-    """The k likeliest objects of each of n pictures, by falling score.
+    """The k most likely objects of each of n pictures, by falling score.
 
     Parameters
     ----------
     xyxy
-        (n, k, 4) corners, pixels; they may reach out of the picture.
+        (n, k, 4) corners, pixels, possibly outside of the picture.
     score
-        (n, k) from 0 to 1; 0 where there are fewer peaks.
+        (n, k) from 0 to 1; 0 if there are fewer peaks.
     label
         (n, k) classes.
     """
@@ -141,12 +141,12 @@ def _stage(before: int, after: int, blocks: int) -> nn.Module:
         BasicBlock(before, after, 2, shortcut), *(BasicBlock(after, after) for _ in range(blocks - 1))
     )
     for block in stage:
-        nn.init.zeros_(block.bn2.weight)  # each begins as its shortcut, which trains faster
+        nn.init.zeros_(block.bn2.weight)  # each block begins as its shortcut, which trains faster
     return stage
 
 
 def truth_of(xyxy: Sequence[Tensor], label: Sequence[Tensor]) -> Truth:
-    """The objects of some pictures, given for each by itself."""
+    """Concatenate the objects of pictures."""
     counts = torch.tensor([len(one) for one in label])
     return Truth(
         torch.repeat_interleave(torch.arange(len(label)), counts), torch.cat(list(xyxy)), torch.cat(list(label))
@@ -154,7 +154,7 @@ def truth_of(xyxy: Sequence[Tensor], label: Sequence[Tensor]) -> Truth:
 
 
 def center_bumps(xyxy: Float[Tensor, "k 4"], height: int, width: int) -> Float[Tensor, "k h w"]:
-    """For each object, 1 in the cell of its center and a Gaussian of its box's width and height around it."""
+    """Target maps: for each object a Gaussian of its box's size around its center, 1 in the center's cell."""
     middle = (xyxy[:, :2] + xyxy[:, 2:]) / (2 * STRIDE)
     spread = ((xyxy[:, 2:] - xyxy[:, :2]) * (SPREAD / STRIDE)).clamp(min=LEAST_SPREAD)
 
@@ -169,8 +169,8 @@ def center_bumps(xyxy: Float[Tensor, "k 4"], height: int, width: int) -> Float[T
 def center_loss(maps: CenterMaps, truth: Truth) -> Tensor:
     """The focal loss of centers and, over the cells near each, the loss of boxes and the cross-entropy of classes.
 
-    The focal loss asks each class for itself, and mostly whether there is anything at all: a small network finds
-    objects long before it tells them apart.
+    The focal loss treats each class separately and mostly teaches whether there is an object: a small network finds
+    objects long before it distinguishes classes.
     """
     height, width = maps.heat.shape[-2:]
     bumps = center_bumps(truth.xyxy, height, width)
@@ -191,7 +191,7 @@ def center_loss(maps: CenterMaps, truth: Truth) -> Tensor:
 
 
 def _near(bumps: Tensor, least: float) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Object, row, column and weight of each cell near a center; an object's weights add up to its part of all."""
+    """Object, row, column, and weight of each cell near a center; each object has the same total weight."""
     which, row, column = torch.where(bumps > least)
     weight = bumps[which, row, column]
     sums = torch.zeros(len(bumps), device=weight.device).index_add_(0, which, weight)
@@ -207,21 +207,21 @@ def _focal(logits: Tensor, target: Tensor) -> Tensor:
 
 
 def encoded(xyxy: Float[Tensor, "k 4"], row: Int[Tensor, " k"], column: Int[Tensor, " k"]) -> Float[Tensor, "k 4"]:
-    """What cells should say of boxes with corners in pixels; `corners` is its inverse."""
+    """Encode boxes with corners in pixels for cells; the inverse of `corners`."""
     middle = (xyxy[:, :2] + xyxy[:, 2:]) / (2 * STRIDE)
     sides = xyxy[:, 2:] - xyxy[:, :2]
     return torch.cat((middle - torch.stack((column, row), dim=1) - 0.5, (sides / sides.new_tensor(USUAL)).log()), dim=1)
 
 
 def corners(box: Float[Tensor, "k 4"], row: Int[Tensor, " k"], column: Int[Tensor, " k"]) -> Float[Tensor, "k 4"]:
-    """Corners in pixels of the boxes that cells speak of."""
+    """Decode corners in pixels from cells' boxes."""
     middle = STRIDE * (torch.stack((column, row), dim=1) + 0.5 + box[:, :2])
     half = box[:, 2:].clamp(-3.0, 3.0).exp() * box.new_tensor(USUAL) / 2
     return torch.cat((middle - half, middle + half), dim=1)
 
 
 def peaks(maps: CenterMaps, count: int) -> Peaks:
-    """The likeliest objects: cells that are as likely as any of the eight around them."""
+    """The most likely objects: cells at least as likely as their eight neighbors."""
     scores = maps.heat.sigmoid()
     highest = functional.max_pool2d(scores, 3, 1, 1)
     n, _, height, width = scores.shape

@@ -1,4 +1,4 @@
-"""What a detector is, and what its files hold."""
+"""Detectors, and their files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from jaxtyping import Float, Int, UInt8
 from hulldown.geometry.errors import HulldownError
 
 RUN_NAME, WEIGHTS_NAME = "run.json", "weights.pt"
-# What unpickling damaged bytes, or fitting them into a network, raises.
+# Exceptions of unpickling damaged bytes, or of loading them into a network.
 DAMAGED = (
     *(RuntimeError, ValueError, LookupError, TypeError, AttributeError, EOFError, OSError),
     *(pickle.UnpicklingError, struct.error),
@@ -35,12 +35,12 @@ _KINDS = {
 
 
 class DetectorError(HulldownError):
-    """A run or checkpoint that cannot be used, or a network that cannot be built."""
+    """An unusable run or checkpoint, or a network that can't be built."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Detections:
-    """What was found in a picture, by falling score.
+    """Detections in a picture, by falling score.
 
     Parameters
     ----------
@@ -64,17 +64,17 @@ class Detector(Protocol):
     Parameters
     ----------
     classes
-        Names of what it knows.
+        Names of its classes.
     """
 
     classes: tuple[str, ...]
 
     def detect(self, images: Sequence[UInt8[np.ndarray, "_ _ 3"]]) -> list[Detections]:
-        """What is in each of some RGB pictures, of any sizes; all go through the network at once."""
+        """Detect objects in RGB pictures of any sizes, as one batch."""
 
 
 def read_run(folder: Path) -> dict[str, Any]:
-    """What run.json of a run folder says.
+    """Read run.json of a run folder.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def read_run(folder: Path) -> dict[str, Any]:
 
 
 def read_weights(path: Path) -> dict[str, Any]:
-    """What a weights file of hulldown or RF-DETR holds; code in it is refused, not run.
+    """Read a weights file of hulldown or RF-DETR; code in it is refused, not run.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def read_weights(path: Path) -> dict[str, Any]:
             found = torch.load(path, map_location="cpu", weights_only=True)
     except FileNotFoundError:
         raise DetectorError("no such run folder or checkpoint", path=path, remedy=_REMEDY) from None
-    except DAMAGED:  # whose text advises to load code
+    except DAMAGED:  # its text advises loading code
         raise DetectorError(f"is {_kind(path)}, not the weights of a detector", path=path, remedy=_REMEDY) from None
     if not isinstance(found, dict):
         raise DetectorError("is a PyTorch file, but not the weights of a detector", path=path, remedy=_REMEDY)
@@ -116,7 +116,7 @@ def read_weights(path: Path) -> dict[str, Any]:
 
 
 def _kind(path: Path) -> str:
-    """Name what a file that isn't loaded seems to be, by its first bytes."""
+    """Guess the kind of a file that can't be loaded from its first bytes."""
     try:
         with path.open("rb") as file:
             head = file.read(16)
@@ -136,12 +136,12 @@ def first_line(error: BaseException) -> str:
 
 
 def chosen_device(device: str) -> Any:
-    """The device that a user has named.
+    """Return the device that the user named.
 
     Raises
     ------
     DetectorError
-        If it does not exist here.
+        If it doesn't exist.
     """
     import torch
 

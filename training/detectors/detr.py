@@ -1,8 +1,8 @@
-"""RF-DETR through its own training stack, with the file of draws as its data and the budget as its clock.
+"""RF-DETR through its own training stack, with draws as its data and schedules by budget.
 
-Its LightningModule and `build_trainer` are used as they are. What they would do against a fixed budget of draws is
-set otherwise: learning rates follow the steps of the budget and not epochs, its data module neither shuffles nor
-fills up, its own augmentation is off, and the result is the averaged weights at the end, whatever validation says.
+Its LightningModule and `build_trainer` are used unchanged. Settings replace everything that conflicts with a fixed
+budget of draws: learning rates follow the steps of the budget instead of epochs, its data module doesn't shuffle or
+pad, its own augmentation is off, and the result is the averaged weights at the end.
 
 References
 ----------
@@ -29,7 +29,7 @@ from hulldown.training.extra import quiet
 from hulldown.training.fitting import Fitted, Training, seed_weights
 from hulldown.training.settings import Settings, rate_factor
 
-with quiet():  # it warns of what its own dependencies will lose
+with quiet():  # its dependencies give deprecation warnings
     import rfdetr.config as rf_config
     from rfdetr import RFDETR
     from rfdetr.assets.coco_classes import COCO_CLASSES
@@ -52,12 +52,12 @@ COCO_LOGITS = 91  # of the pre-trained heads, which number classes as COCO does
 
 
 def starting_weights(settings: Settings) -> Path | None:
-    """The file that training starts from; fetched if it is RF-DETR's own and not here yet.
+    """The file that training starts from; RF-DETR's own is downloaded if necessary.
 
     Raises
     ------
     DetectorError
-        If there is no such file, or it cannot be downloaded, saying where it belongs.
+        If there is no such file, or it can't be downloaded, with the path where it belongs.
     """
     if settings.weights == "none":
         return None
@@ -85,17 +85,17 @@ def starting_weights(settings: Settings) -> Path | None:
 
 
 def check_weights(path: Path, settings: Settings, classes: Sequence[str]) -> None:
-    """Refuse weights that don't fit the network that the settings ask for, by fitting them into one.
+    """Load weights into the settings' network; refuse those that don't fit.
 
     Raises
     ------
     DetectorError
-        If they are of another model, or a part of them has another shape.
+        If they're another model's, or a tensor has another shape.
     """
     _check_kind(path, read_weights(path))
     cpu = torch.device("cpu")
     with quiet():
-        # The network is built without the file first: what goes wrong then isn't the file's fault.
+        # The network is first built without the file, whose fault those errors aren't.
         bare, full = (
             detr_configs(settings, classes, 1, weights=weights, device=cpu, folder=path.parent)
             for weights in (None, path)
@@ -117,12 +117,12 @@ def _check_kind(path: Path, found: dict[str, Any]) -> None:
 
 
 def check_resolution(settings: Settings) -> None:
-    """Refuse a resolution that the network cannot be built for.
+    """Refuse a resolution that the network doesn't support.
 
     Raises
     ------
     DetectorError
-        Naming the nearest that it can.
+        Naming the nearest supported one.
     """
     fields = CONFIGS[settings.model].model_fields
     step = int(fields["patch_size"].default) * int(fields["num_windows"].default)
@@ -172,14 +172,14 @@ def detr_configs(
 
 
 class DrawnData(RFDETRDataModule):
-    """RF-DETR's data module with draws in their order in place of a data set to be shuffled.
+    """RF-DETR's data module with draws in order instead of a shuffled dataset.
 
     Parameters
     ----------
     model_config, train_config
         RF-DETR's.
     loader
-        Makes the loader, given what collates a batch.
+        Makes the loader from a collating function.
     """
 
     def __init__(
@@ -189,7 +189,7 @@ class DrawnData(RFDETRDataModule):
         self._loader = loader
 
     def setup(self, stage: str) -> None:
-        """Nothing is to be read: the draws are given."""
+        """Do nothing, since the draws are given."""
 
     def train_dataloader(self) -> DataLoader[Example]:
         """The draws, in order."""
@@ -201,7 +201,7 @@ def _collated(batch: list[Example], *, collate: Callable[[Any], Any]) -> Any:
 
 
 def _target(k: int, example: Example) -> tuple[Tensor, dict[str, Tensor]]:
-    """An example as RF-DETR's data sets give it: boxes as center and size, in shares of the picture."""
+    """An example in RF-DETR's form: boxes as center and size, in shares of the picture."""
     height, width = example.picture.shape[1:]
     corners = example.xyxy
     sizes = corners[:, 2:] - corners[:, :2]
@@ -219,13 +219,13 @@ def _target(k: int, example: Example) -> tuple[Tensor, dict[str, Tensor]]:
 
 
 def normalized(pictures: Tensor) -> Tensor:
-    """Pictures (..., 3, h, w) of 0 to 255 as RF-DETR wants them."""
+    """Normalize pictures (..., 3, h, w) of 0 to 255 for RF-DETR."""
     mean, std = (torch.tensor(n, device=pictures.device).view(3, 1, 1) for n in (MEAN, STD))
     return (pictures.float() / 255 - mean) / std
 
 
 def save_detr(module: RFDETRModelModule, classes: Sequence[str], network: Any) -> dict[str, Any]:
-    """What a weights file holds: a checkpoint that `rfdetr.RFDETR.from_checkpoint` opens too."""
+    """The contents of a weights file, which `rfdetr.RFDETR.from_checkpoint` opens too."""
     state = {key: value.detach().cpu() for key, value in network.state_dict().items()}
     config = BestModelCallback._serialize_model_config(module, state)
     name = type(module.model_config).__name__.removesuffix("Config")
@@ -248,10 +248,10 @@ class DetrDetector:
     postprocess
         RF-DETR's.
     names
-        Index of a logit -> name of its class; what has none, such as the last one, which stands for nothing, is left
-        out.
+        Index of a logit -> name of its class; others, such as the last one for the background, are
+        ignored.
     resolution
-        Pixels of a side that the network sees.
+        Side of the network's input in pixels.
     """
 
     def __init__(
@@ -264,7 +264,7 @@ class DetrDetector:
 
     @torch.inference_mode()
     def detect(self, images: Sequence[UInt8[np.ndarray, "_ _ 3"]]) -> list[Detections]:
-        """What is in each of some RGB pictures."""
+        """Detect objects in RGB pictures."""
         if not images:
             return []
         pictures = normalized(network_pictures(images, self._size).to(self._device))
@@ -309,12 +309,12 @@ def fit_detr(training: Training) -> Fitted:
 
 
 def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:
-    """The detector of an RF-DETR checkpoint, ours or anybody's.
+    """Load the detector of an RF-DETR checkpoint, from hulldown or elsewhere.
 
     Raises
     ------
     DetectorError
-        If the file is none.
+        If the file isn't one.
     """
     _check_kind(path, read_weights(path))
     try:

@@ -1,6 +1,6 @@
 """A small detector that learns from random weights on a CPU in minutes: a center-point network of our own layers.
 
-It is what tests, demos and studies use where there are neither weights to start from nor a GPU.
+Tests, demos, and studies use it without pretrained weights and a GPU.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ ASPECT = 9 / 16
 STEP = 16  # pixels: sides are multiples of it
 MOST = 100  # objects found in a picture
 MIN_SCORE = 0.01
-WEIGHTS_KIND = "center points"  # what a weights file says that it holds
+WEIGHTS_KIND = "center points"  # kind of weights in a file
 
 
 def small_size(resolution: int = RESOLUTION) -> tuple[int, int]:
-    """Width and height that the network sees.
+    """Width and height of the network's input.
 
     Examples
     --------
@@ -54,14 +54,14 @@ class SmallDetector:
 
     @torch.inference_mode()
     def detect(self, images: Sequence[UInt8[np.ndarray, "_ _ 3"]]) -> list[Detections]:
-        """What is in each of some RGB pictures."""
+        """Detect objects in RGB pictures."""
         if not images:
             return []
         found = peaks(self.network(network_pictures(images, self.size).to(self._device)), MOST)
         return [self._detections(found, i, image.shape[1], image.shape[0]) for i, image in enumerate(images)]
 
     def _detections(self, found: Peaks, i: int, width: int, height: int) -> Detections:
-        """What was found in a picture, cut to it."""
+        """Detections in a picture, clipped to it."""
         kept = found.score[i] >= MIN_SCORE
         corners = found.xyxy[i][kept].cpu().double().numpy() * ([width / self.size[0], height / self.size[1]] * 2)
         corners = corners.clip(0.0, [width, height] * 2)
@@ -73,12 +73,12 @@ class SmallDetector:
 
 
 def starting_network(classes: Sequence[str], weights: Path | None) -> CenterNetwork:
-    """A network with random weights, or with those of a file: the outputs of classes that the file lacks stay random.
+    """A network with random weights, or with a file's; outputs of classes that the file lacks stay random.
 
     Raises
     ------
     DetectorError
-        If the file holds no small model.
+        If the file has no small model.
     """
     network = CenterNetwork(len(classes))
     if weights is None:
@@ -96,18 +96,18 @@ def starting_network(classes: Sequence[str], weights: Path | None) -> CenterNetw
 
 
 def save_small(network: CenterNetwork, classes: Sequence[str], size: tuple[int, int]) -> dict[str, object]:
-    """What a weights file holds."""
+    """The contents of a weights file."""
     state = {key: value.detach().cpu() for key, value in network.state_dict().items()}
     return {"hulldown": WEIGHTS_KIND, "classes": list(classes), "size": list(size), "model": state}
 
 
 def load_small(path: Path, *, device: torch.device) -> SmallDetector:
-    """The detector of a weights file.
+    """Load the detector of a weights file.
 
     Raises
     ------
     DetectorError
-        If it holds none.
+        If it has none.
     """
     found = read_weights(path)
     if found.get("hulldown") != WEIGHTS_KIND:
@@ -126,12 +126,12 @@ def load_small(path: Path, *, device: torch.device) -> SmallDetector:
 
 
 class SmallModule(pl.LightningModule):
-    """The small network as Lightning trains it.
+    """The small network as a LightningModule.
 
     Parameters
     ----------
     network
-        To be trained.
+        The network.
     settings
         Completed.
     steps
@@ -146,7 +146,7 @@ class SmallModule(pl.LightningModule):
     def transfer_batch_to_device(
         self, batch: list[Example], device: torch.device, dataloader_idx: int
     ) -> list[Example]:
-        """Leave it to the step, which makes tensors of it."""
+        """Leave the batch to the step, which makes tensors of it."""
         return batch
 
     def training_step(self, batch: list[Example], batch_idx: int) -> Tensor:
