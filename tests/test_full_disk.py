@@ -6,12 +6,9 @@ from pathlib import Path
 
 from hulldown.planning.plan_file import PlanWriter
 from hulldown.planning.row import Header
+from hulldown.tests.plan_lines import HEADER
 
 ROOT = Path(__file__).resolve().parents[1]
-HEADER = Header(
-    **{"hulldown_plan": 3, "images": 0, "seed": 0, "root": ".", "config": {}, "vehicles": {}, "sceneries": {}},
-    **{"hdris": {}, "distractors": {}, "versions": {}, "left_out": []},
-)
 FILL = """
 import resource, sys
 from pathlib import Path
@@ -34,7 +31,7 @@ def test_a_file_that_has_no_room_is_named(tmp_path):
 
 
 def test_the_lock_of_a_plan_is_removed_while_it_is_held(tmp_path, monkeypatch):
-    writer = PlanWriter(tmp_path / "plan.jsonl", HEADER)
+    writer = PlanWriter(tmp_path / "plan.jsonl", Header(**HEADER))
     there = []
     release = writer._lock.release
     monkeypatch.setattr(

@@ -12,76 +12,11 @@ from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.files import PICTURE_NAME, stays_inside
 from hulldown.planning.plan_file import PlanWriter, read_plan
 from hulldown.planning.row import PlannedVehicle, Row, decode_header, encode, fields
-
-HEADER = {
-    "hulldown_plan": 3,
-    "config": {},
-    "seed": 0,
-    "root": ".",
-    "vehicles": {},
-    "sceneries": {},
-    "hdris": {},
-    "distractors": {},
-    "versions": {},
-    "left_out": [],
-    "images": 5,
-}
-
-
-POSE = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
-VEHICLE = {
-    "vehicle": "t72",
-    "category": "tank",
-    "world_from_vehicle": POSE,
-    "articulation": {"turret": 0.1},
-    "bbox": [1.0, 2.0, 3.0, 4.0],
-    "bbox_amodal": [1.0, 2.0, 3.0, 4.0],
-    "visible_fraction": 0.5,
-    "truncated_fraction": 0.0,
-    "slope_deg": 1.0,
-    "gap": 0.1,
-    "penetration": 0.0,
-    "tries": 1,
-    "label": "full",
-    "bounds": [[-3.0, -1.5, 0.0], [3.0, 1.5, 2.5]],
-    "paint": [{"materials": ["camo*"], "color": "#4b5320", "hue_deg": -3.5, "saturation": 1.0, "value": 0.9}],
-    "air_contrast": 0.9,
-}
-ROW = {
-    "scenery": "hills",
-    "position": 0,
-    "shot": 0,
-    "world_from_camera": POSE,
-    "fov_x_deg": 50.0,
-    "width": 64,
-    "height": 48,
-    "hdri": "noon",
-    "hdri_yaw_deg": 3.0,
-    "strength": 1.0,
-    "horizon_deg": None,
-    "exposure_ev": 0.5,
-    "white_balance_k": -120.0,
-    "weather": None,
-    "sample_seed": 7,
-    "background": False,
-    **VEHICLE,
-    "companions": [],
-    "distractors": [],
-    "rejected": {},
-    "left_out": 0,
-}
-
-
-def line(record):
-    return json.dumps(record).encode() + b"\n"
+from hulldown.tests.plan_lines import HEADER, POSE, VEHICLE, line, row, write_lines
 
 
 def header(**changes):
     return decode_header(line({**HEADER, **changes}))
-
-
-def row(i):
-    return {**ROW, "index": i, "image_id": i + 1, "file_name": f"images/{i:08d}.png", "gap": 0.1 * i}
 
 
 def written(path, rows=5, **changes):
@@ -118,7 +53,7 @@ def test_rows_come_back_as_they_were(path):
         (2, line(row(1)), r"line 2 has index 1, expected 0"),
         (
             6,
-            line({**row(4), "file_name": "../x.png"}),
+            line(row(4, file_name="../x.png")),
             r"line 6 has file_name '../x.png', expected a path like images/1.png",
         ),
         (6, b"", r"ends after 4 of 5 images"),
@@ -191,7 +126,7 @@ CHANGED = [
 def test_a_line_edited_into_nonsense_is_named(tmp_path, changed, message):
     path = written(tmp_path / "plan.jsonl", vehicles={"t72": {"category": "tank"}})
     lines = path.read_bytes().splitlines(keepends=True)
-    lines[3] = line({**row(2), **changed})
+    lines[3] = line(row(2, **changed))
     path.write_bytes(b"".join(lines))
     with pytest.raises(ConfigError, match=message):
         list(read_plan(path))
@@ -322,9 +257,8 @@ ILLEGAL = [
 
 @pytest.mark.parametrize("name", LEGAL)
 def test_a_picture_may_be_called(tmp_path, name):
-    path = tmp_path / "plan.jsonl"
-    path.write_bytes(line({**HEADER, "images": 1}) + line({**row(0), "file_name": name}))
-    assert [row.file_name for row in read_plan(path)] == [name]
+    path = write_lines(tmp_path / "plan.jsonl", [row(0, file_name=name)])
+    assert [read.file_name for read in read_plan(path)] == [name]
     assert stays_inside(name)
 
 
@@ -332,8 +266,7 @@ def test_a_picture_may_be_called(tmp_path, name):
 def test_a_picture_may_not_be_called(tmp_path, name):
     """Two spellings of one name were two rows and one picture; what begins with a dot was swept away."""
     assert not re.search(PICTURE_NAME, name)
-    path = tmp_path / "plan.jsonl"
-    path.write_bytes(line({**HEADER, "images": 1}) + line({**row(0), "file_name": name}))
+    path = write_lines(tmp_path / "plan.jsonl", [row(0, file_name=name)])
     with pytest.raises(ConfigError, match=r"line 2 has file_name .*, expected a path like images/1.png"):
         list(read_plan(path))
 
@@ -343,12 +276,10 @@ def test_a_picture_may_not_be_called(tmp_path, name):
     [("1.png", {"jpeg_quality": 90}, "jpg"), ("1.jpg", {"blur_px": 0.5}, "png"), ("1.jpg", None, "png")],
 )
 def test_a_picture_has_the_suffix_of_its_kind(tmp_path, name, sensor, kind):
-    path = tmp_path / "plan.jsonl"
-    path.write_bytes(line({**HEADER, "images": 1}) + line({**row(0), "file_name": f"images/{name}", "sensor": sensor}))
+    path = write_lines(tmp_path / "plan.jsonl", [row(0, file_name=f"images/{name}", sensor=sensor)])
     with pytest.raises(ConfigError, match=f"file_name 'images/{name}', expected a .{kind} file"):
         list(read_plan(path))
-    right = {**row(0), "file_name": f"images/1.{kind}", "sensor": sensor}
-    path.write_bytes(line({**HEADER, "images": 1}) + line(right))
+    write_lines(path, [row(0, file_name=f"images/1.{kind}", sensor=sensor)])
     (read,) = read_plan(path)
     assert (image_record(read).get("sensor") or {}).items() >= (sensor or {}).items()
     assert ("sensor" in image_record(read)) == (sensor is not None)
@@ -367,11 +298,9 @@ def test_a_picture_has_the_suffix_of_its_kind(tmp_path, name, sensor, kind):
     ],
 )
 def test_two_pictures_of_one_name_are_found(tmp_path, names, message):
-    path = tmp_path / "plan.jsonl"
-    rows = [line({**row(i), "file_name": name}) for i, name in enumerate(names)]
-    path.write_bytes(b"".join([line({**HEADER, "images": len(names)}), *rows]))
+    path = write_lines(tmp_path / "plan.jsonl", [row(i, file_name=name) for i, name in enumerate(names)])
     if message is None:
-        assert [row.file_name for row in read_plan(path)] == names
+        assert [read.file_name for read in read_plan(path)] == names
     else:
         with pytest.raises(ConfigError, match=message):
             list(read_plan(path))

@@ -9,38 +9,32 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from hulldown.camera.weather_kinds import Weather
 from hulldown.placement.rejection import Rejection
-from hulldown.planning.row import Bounds, Box, PlannedVehicle, Row, picture_name
+from hulldown.planning.row import decode_row
 from hulldown.planning.search.tally import AIMING, BY_KEY, PLACING
 from hulldown.planning.summary import Histogram, summarize
+from hulldown.tests import plan_lines
+from hulldown.tests.plan_lines import VEHICLE, line
 
-TARGET = {
-    "vehicle": "t72", "category": "tank", "world_from_vehicle": np.eye(4), "articulation": {},
-    "bbox": Box(0.0, 0.0, 10.0, 20.0), "bbox_amodal": None, "visible_fraction": 1.0, "truncated_fraction": 0.0,
-    "slope_deg": 5.0, "gap": 0.0, "penetration": 0.0, "tries": 1, "label": "full",
-    "bounds": Bounds((-3.0, -1.5, 0.0), (3.0, 1.5, 2.5)), "paint": [], "air_contrast": 1.0,
-}  # fmt: skip
+CAMERA = [[1.0, 0.0, 0.0, 3.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 4.0], [0.0, 0.0, 0.0, 1.0]]
+TARGET = {"bbox": [0.0, 0.0, 10.0, 20.0], "visible_fraction": 1.0, "slope_deg": 5.0, "air_contrast": 1.0, "paint": []}
+FOG, RAIN = ({"visibility_m": 100.0, "kind": kind} for kind in ("fog", "rain"))
+
+
+def companion(**changes):
+    """Another vehicle of an image."""
+    return {**VEHICLE, **TARGET, **changes}
 
 
 def row(i, **changes):
-    camera = np.eye(4)
-    camera[:3, 3] = [3.0, 0.0, 4.0]
-    image = {
-        "index": i, "image_id": i + 1, "file_name": picture_name(i), "scenery": "hills", "position": i // 2,
-        "shot": i % 2, "world_from_camera": camera, "fov_x_deg": 50.0, "width": 1920, "height": 1080, "hdri": "noon",
-        "hdri_yaw_deg": 0.0, "strength": 1.0, "weather": None, "sample_seed": 0, "companions": [], "rejected": {},
-        "distractors": [], "left_out": 0, "background": False, "horizon_deg": None, "exposure_ev": 0.0,
-        "white_balance_k": 0.0,
-    }  # fmt: skip
-    mine = {key: changes.pop(key) for key in TARGET if key in changes}
-    return Row(**image | changes, target=PlannedVehicle(**TARGET | mine))
+    where = {"position": i // 2, "shot": i % 2, "world_from_camera": CAMERA, "exposure_ev": 0.0}
+    return decode_row(line(plan_lines.row(i, **{**where, **TARGET, **changes})))
 
 
 ROWS = [
     row(0, rejected={"too_steep": 3, "camera_low": 1}),
-    row(1, bbox=Box(0.0, 0.0, 33.0, 33.0), weather=Weather(100.0, "fog")),
-    row(2, category="truck", vehicle="ural", bbox=Box(0.0, 0.0, 500.0, 200.0), companions=[PlannedVehicle(**TARGET)]),
+    row(1, bbox=[0.0, 0.0, 33.0, 33.0], weather=FOG),
+    row(2, category="truck", vehicle="ural", bbox=[0.0, 0.0, 500.0, 200.0], companions=[companion()]),
     row(3, category="truck", vehicle="man", slope_deg=29.5, visible_fraction=0.4, rejected={"hidden": 2}),
 ]
 
@@ -63,14 +57,13 @@ def test_counts():
 
 
 def test_what_is_in_an_image_besides_its_target_is_counted():
-    beside = [PlannedVehicle(**TARGET | {"vehicle": "car", "category": None, "label": "none"})]
-    rain = Weather(800.0, "rain")
+    car = [companion(vehicle="car", category=None, label="none")]
     rows = [
-        row(0, left_out=2, distractors=beside, weather=rain, hdri="dusk", air_contrast=0.5),
-        row(1, left_out=2, distractors=beside, companions=[PlannedVehicle(**TARGET | {"label": "ignored"})]),
-        row(2, background=True, category=None, vehicle="bales", bbox=None, label="none", exposure_ev=2.0),
-        row(3, weather=Weather(500.0, "fog"), air_contrast=0.25, exposure_ev=1.0),
-        row(4, background=True, bbox=None, label="none"),
+        row(0, left_out=2, distractors=car, weather=RAIN, hdri="dusk", air_contrast=0.5),
+        row(1, left_out=2, distractors=car, companions=[companion(label="ignored")]),
+        row(2, background=True, category=None, vehicle="bales", label="none", exposure_ev=2.0),
+        row(3, weather=FOG, air_contrast=0.25, exposure_ev=1.0),
+        row(4, background=True, label="none"),
     ]
     summary = summarize(rows)
     found = summary.to_json()

@@ -13,10 +13,10 @@ from hulldown.dataset.verification.planned import image_record, label_records
 from hulldown.dataset.verification.verify import Finding, compare, verify
 from hulldown.geometry.errors import ConfigError, DatasetError
 from hulldown.planning.row import decode_row
+from hulldown.tests.plan_lines import POSE, VEHICLE, line, row, write_lines
 
 MASK = np.zeros((24, 32), dtype=bool)
 MASK[4:10, 5:15] = True
-POSE = np.eye(4).tolist()
 
 
 @pytest.fixture
@@ -118,54 +118,19 @@ def test_equal_pictures_are_found(dataset):
     assert list(map(str, verify(dataset))) == ["warning: images/2.png: is the same picture as images/0.png"]
 
 
-def make_row(i, **changes):
-    target = {
-        "category": "tank",
-        "vehicle": "a",
-        "bbox": [5.0, 4.0, 10.0, 6.0],
-        "bbox_amodal": [5.0, 4.0, 10.0, 7.0],
-        "world_from_vehicle": POSE,
-        "articulation": {"turret": 0.1},
-        "visible_fraction": 0.75,
-        "truncated_fraction": 1 / 7,
-        **{"slope_deg": 2.0, "gap": 0.1, "penetration": 0.0, "tries": 1, "paint": [], "air_contrast": 0.9},
-        **{"label": "full", "bounds": [[-1.0] * 3, [1.0] * 3]},
-    }
-    unseen = [{**target, "visible_fraction": 0.0, "label": "none"}, {**target, "bbox": None, "label": "none"}]
-    seen = [{**target, "category": "truck", "bbox": [6.5, 4.0, 8.0, 6.0]}] if i == 1 else []
-    light = {
-        "hdri": "sky",
-        "hdri_yaw_deg": 3.5,
-        "strength": 1.0,
-        "weather": {"visibility_m": 500.0, "kind": "fog"},
-        "sample_seed": i,
-    }
-    light |= {"horizon_deg": None, "exposure_ev": 0.5, "white_balance_k": 0.0}
-    where = {"scenery": "hills", "position": i, "shot": 0, "world_from_camera": POSE, "fov_x_deg": 1 / 3}
-    size = {"width": 32, "height": 24}
-    name = {
-        "index": i,
-        "image_id": i + 1,
-        "file_name": f"images/{i}.png",
-        "rejected": {},
-        "distractors": [],
-        "left_out": 0,
-    }
-    return {**name, **size, **where, **light, **target, "background": False, "companions": unseen + seen, **changes}
-
-
-HEADER = {
-    **{"hulldown_plan": 3, "images": 4, "seed": 0, "root": ".", "config": {}},
-    **{"vehicles": {}, "sceneries": {}, "hdris": {}, "distractors": {}, "versions": {}, "left_out": []},
-}
+def planned_row(i):
+    """A row of a foggy image with two companions that aren't seen, and a third in image 1."""
+    unseen = [{**VEHICLE, "visible_fraction": 0.0, "label": "none"}, {**VEHICLE, "bbox": None, "label": "none"}]
+    seen = [{**VEHICLE, "category": "truck", "bbox": [6.5, 4.0, 8.0, 6.0]}] if i == 1 else []
+    fog = {"visibility_m": 500.0, "kind": "fog"}
+    return row(i, fov_x_deg=1 / 3, weather=fog, file_name=f"images/{i}.png", companions=unseen + seen)
 
 
 @pytest.fixture
 def planned(tmp_path):
     """A dataset with real images and one plan before, and the plan that was rendered into it then."""
-    rows = [make_row(i) for i in range(4)]
-    plan = tmp_path / "plan.jsonl"
-    plan.write_text("\n".join(map(json.dumps, [HEADER, *rows])) + "\n")
+    rows = [planned_row(i) for i in range(4)]
+    plan = write_lines(tmp_path / "plan.jsonl", rows)
     folder = tmp_path / "dataset"
     (folder / "images").mkdir(parents=True)
     with CocoDataset.open(folder, categories=["truck", "tank"]) as dataset:
@@ -174,11 +139,11 @@ def planned(tmp_path):
         dataset.run("p" * 64, images=3, annotations=3)
         run = dataset.run(hashlib.sha256(plan.read_bytes()).hexdigest(), images=4, annotations=5)
         n = run.annotation_offset
-        for i, row in enumerate(rows):
-            name = run.file_name(row["file_name"])
+        for i, each in enumerate(rows):
+            name = run.file_name(each["file_name"])
             Image.new("RGB", (32, 24), (i, 0, 0)).save(folder / name)
             boxes = []
-            decoded = decode_row(json.dumps(row))
+            decoded = decode_row(line(each))
             for label in label_records(decoded):
                 n += 1
                 boxes.append({"id": n, **label})
@@ -204,16 +169,16 @@ def moved(pose):
         (lambda i, a: i.update(world_from_camera=moved(POSE)), "error", "world_from_camera is [[1.0, 0.0, 0.0, 0.25],"),
         (lambda i, a: i.pop("fov_x_deg"), "error", "fov_x_deg is None, planned is 0.3333333333333333"),
         (lambda i, a: i.update(weather=None), "error", "weather is None, planned is {'visibility_m': 500.0,"),
-        (lambda i, a: a.update(bbox=[5.0, 4.0, 10.0, 6.0 + 1e-12]), "error", "'a': bbox is [5.0, 4.0, 10.0, 6.00"),
-        (lambda i, a: a.update(category_id=1), "error", "tank 'a': category is 'truck', planned is 'tank'"),
-        (lambda i, a: a.update(category_id=[1]), "error", "tank 'a': category is None, planned is 'tank'"),
+        (lambda i, a: a.update(bbox=[5.0, 4.0, 10.0, 6.0 + 1e-12]), "error", "'t72': bbox is [5.0, 4.0, 10.0, 6.00"),
+        (lambda i, a: a.update(category_id=1), "error", "tank 't72': category is 'truck', planned is 'tank'"),
+        (lambda i, a: a.update(category_id=[1]), "error", "tank 't72': category is None, planned is 'tank'"),
         (lambda i, a: a.update(image_id=6), "error", "image_id is 6, planned is 7"),
         (lambda i, a: a.update(image_id=[7]), "error", "image_id is [7], planned is 7"),
         (lambda i, a: (a.update(image_id=[7]), i.update(id=100)), "warning", "1 of 4 planned images are not there"),
         (lambda i, a: a.update(world_from_vehicle=moved(POSE)), "error", "world_from_vehicle is"),
         (lambda i, a: a.update(articulation={"turret": 0.2}), "error", "articulation is {'turret': 0.2}"),
         (lambda i, a: a.update(visible_fraction=0.5), "error", "visible_fraction is 0.5, planned is 0.75"),
-        (lambda i, a: a.update(id=100), "warning", "tank 'a' is planned and has no annotation"),
+        (lambda i, a: a.update(id=100), "warning", "tank 't72' is planned and has no annotation"),
         (
             lambda i, a: i.update(id=100),
             "warning",
