@@ -73,13 +73,6 @@ def test_distractors_are_labeled_only_if_they_have_a_class(rows):
     assert seen["car"] > seen["bus"]
 
 
-def test_the_bytes_do_not_depend_on_the_number_of_workers(made, assets, tmp_path, monkeypatch):
-    monkeypatch.setattr("hulldown.planning.write._SMALLEST_BLOCK", 2)
-    config = config_of(placement={"vehicles_per_image": [1, 3]}, seed=5)
-    again = write_plan(config, assets, tmp_path / "plan.jsonl", workers=3)
-    assert again.path.read_bytes().split(b"\n", 1)[1] == made.path.read_bytes().split(b"\n", 1)[1]
-
-
 def test_all_places_are_alike_for_distractors():
     """Uniform over the disk: the square of the distance is uniform."""
     shares, bearings = (np.arange(1000) + 0.5) / 1000, np.linspace(0.0, 1.0, 1000)

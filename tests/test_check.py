@@ -86,17 +86,6 @@ def test_a_plan_is_what_its_config_gives(made, planner):
     assert seen[-1] == (len(made), len(made))
 
 
-def test_labels_are_those_of_the_poses(made, planner):
-    for row in made:
-        again = relabeled(row, CONFIG, planner.stage)
-        for one, two in zip(row.planned, again.planned, strict=True):
-            assert (one.label, one.bounds, one.paint) == (two.label, two.bounds, two.paint)
-            for key in FOLLOWS - {"label", "bounds", "bbox", "bbox_amodal"}:
-                assert getattr(one, key) == pytest.approx(getattr(two, key), abs=2e-9), key
-            assert one.bbox == (two.bbox and pytest.approx(two.bbox, abs=2e-6))
-            assert one.bbox_amodal == (two.bbox_amodal and pytest.approx(two.bbox_amodal, abs=2e-6))
-
-
 @pytest.mark.parametrize("whose", ["", "companions", "distractors"])
 def test_every_changed_field_is_found(made, planner, tmp_path, whose):
     """One field of one row after the other, in rounds of as many fields as there are rows."""

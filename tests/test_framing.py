@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from hulldown.camera.framing import frame_target, turned
+from hulldown.camera.framing import frame_target
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import project
 from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation
@@ -27,27 +27,12 @@ def boxes(world_from_camera: np.ndarray, intrinsics: Intrinsics = HD) -> tuple[n
     return pixels.min(axis=1), pixels.max(axis=1)
 
 
-@pytest.mark.parametrize("elevation", [math.pi / 2, -math.pi / 2, 1.5, 1.2])
-def test_steep_cameras_turn_too(elevation: float) -> None:
-    before = camera_pose([0, 0, 0], 30.0, np.linspace(0, 6, 50), elevation)
-    pixel = np.random.default_rng(1).uniform(0, 1080, (50, 2))
-    after = turned(before, HD, pixel)
-    np.testing.assert_allclose(project(HD, after, [[0.0, 0, 0]]).pixels[:, 0], pixel, atol=1e-9)
-    np.testing.assert_allclose(
-        after[:, :3, :3] @ np.swapaxes(after[:, :3, :3], 1, 2), np.tile(np.eye(3), (50, 1, 1)), atol=1e-14
-    )
-
-
-def test_a_target_that_is_wanted_whole_is_whole_and_anywhere() -> None:
+def test_a_target_is_in_the_image_as_a_whole_unless_cuts_are_allowed() -> None:
     framed = frame_target(poses(), CORNERS[None], HD, rng=np.random.default_rng(0))
     low, high = boxes(framed.world_from_camera)
     assert (low > -1e-2).all()
     assert (high < np.array([1920, 1080]) + 1e-2).all()
     assert (framed.truncated < 1e-4).all()
-    # The place between the edges is uniform: mean 1/2, standard deviation 1 / sqrt(12), for 500 draws.
-    place = low / ([1920, 1080] - (high - low))
-    np.testing.assert_allclose(place.mean(axis=0), 0.5, atol=0.06)
-    np.testing.assert_allclose(place.std(axis=0), 12**-0.5, atol=0.03)
 
 
 @pytest.mark.parametrize("band", [(0.1, 0.1), (0.2, 0.7), (0.0, 0.5), (0.9, 0.95)])

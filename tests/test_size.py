@@ -3,22 +3,12 @@ import math
 import numpy as np
 import pytest
 
-from hulldown.camera.framing import turned
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation
+from hulldown.camera.shell import camera_pose
 from hulldown.camera.size import solve_distance
-from hulldown.tests.oracles.extent import extent
 
 HD = Intrinsics(1920, 1080, math.radians(50))
 POINTS = np.random.default_rng(0).uniform(-1, 1, (60, 3)) * [3.5, 1.7, 1.2]
-
-
-def moved(poses: np.ndarray, center: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """The cameras on the same lines through the center, at other distances."""
-    out = poses.copy()
-    outward = poses[:, :3, 3] - center
-    out[:, :3, 3] = center + outward / np.linalg.norm(outward, axis=1, keepdims=True) * distance[:, None]
-    return out
 
 
 def test_a_face_on_square_is_where_equation_6_says() -> None:
@@ -29,24 +19,6 @@ def test_a_face_on_square_is_where_equation_6_says() -> None:
     for measure, pixels in [("width", 216.0), ("diagonal", 216 * math.sqrt(2)), ("area", 216.0**2)]:
         again = solve_distance(HD, pose, square[None], center=[0, 0, 0], pixels=pixels, measure=measure)
         assert again[0] == pytest.approx(found[0], rel=1e-14)
-
-
-@pytest.mark.parametrize("measure", ["height", "width", "diagonal", "area"])
-@pytest.mark.parametrize("fov_deg", [0.1, 50, 179])
-@pytest.mark.parametrize("center", [[0, 0, 0], [500_000, 5_400_000, 100]])
-def test_the_size_that_was_asked_for_comes_out(measure: str, fov_deg: float, center: list) -> None:
-    camera, n = Intrinsics(1920, 1080, math.radians(fov_deg)), 200
-    rng = np.random.default_rng(1)
-    poses = camera_pose(center, 30.0, draw_azimuth(n, rng=rng), draw_elevation(n, (-1.5, math.pi / 2), rng=rng))
-    poses = turned(poses, camera, rng.uniform(0, 1, (n, 2)) * [1920, 1080])
-    size = rng.uniform(1, 1500, n)
-    pixels = size**2 if measure == "area" else size
-    points = (POINTS + center)[None]
-    found = solve_distance(camera, poses, points, center=center, pixels=pixels, measure=measure)
-    assert np.isfinite(found).all()
-    achieved = extent(camera, moved(poses, np.array(center), found), points, measure)
-    # At map coordinates a camera's own place is rounded to 1e-9 m, which counts most for one that nearly touches.
-    np.testing.assert_allclose(achieved, size, rtol=1e-10 if center == [0, 0, 0] else 1e-5)
 
 
 def test_a_size_that_no_distance_gives_is_nan() -> None:

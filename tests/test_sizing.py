@@ -10,7 +10,7 @@ from hulldown.assets.library import Assets
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.geometry.transforms import apply
-from hulldown.planning.planner import Planner, plan
+from hulldown.planning.planner import plan
 from hulldown.planning.row import encode_rows
 from hulldown.tests.planning_assets import small_assets, small_config
 
@@ -59,14 +59,6 @@ def test_sizes_fill_their_range_and_the_factor_plays_no_part(assets):
     shares = [MEASURES["area"](*amodal_size(row, assets)) for row in rows]
     assert 0.0005 <= min(shares) < 0.0015 < 0.003 < max(shares) <= 0.0044
     assert encode_rows(list(plan(config_of(**options, distance_factor=4.0), assets))) == encode_rows(rows)
-
-
-def test_rows_of_exact_sizes_do_not_depend_on_their_company(assets):
-    config = config_of(size_measure="diagonal", target_fraction=[0.02, 0.9], truncated_fraction=[0.0, 0.5])
-    planner = Planner(config, assets)
-    n = planner.budget.n_positions
-    apart = [row for k in range(n) for row in planner.rows(k, k + 1)]
-    assert encode_rows(planner.rows(0, n)) == encode_rows(apart)
 
 
 def test_a_size_that_no_distance_gives_is_counted(assets):
