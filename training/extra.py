@@ -1,4 +1,4 @@
-"""The extra `training`: PyTorch, RF-DETR, Albumentations; who needs them asks here first."""
+"""The extra `training`: PyTorch, RF-DETR, Albumentations. Call `require_extra` before importing them."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ PACKAGES = ("torch", "torchvision", "pytorch_lightning", "rfdetr", "albumentatio
 
 
 def require_extra() -> None:
-    """Refuse to go on where the extra is not installed; to be called before anything of it is imported.
+    """Raise if the extra isn't installed; call it before importing anything of it.
 
     Raises
     ------
     HulldownError
-        Naming what is missing and how to install it.
+        Naming the missing packages and how to install them.
     """
     os.environ["NO_ALBUMENTATIONS_UPDATE"] = "1"  # else it asks the network for its latest version
     missing = [name for name in PACKAGES if importlib.util.find_spec(name) is None]
@@ -30,7 +30,7 @@ def require_extra() -> None:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Silence: Lightning and RF-DETR tell of their habits, which are no news to whoever trains; errors come through."""
+    """Silence routine messages of Lightning and RF-DETR; errors are shown."""
     loggers = [logging.getLogger(name) for name in ("pytorch_lightning", "lightning_fabric", "rf-detr")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:

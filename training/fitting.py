@@ -1,4 +1,4 @@
-"""One training of any network: its draws in order, averaged weights, figures, and the checkpoint it goes on from."""
+"""Fit any network: draws in order, averaged weights, figures, and checkpoints."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from hulldown.training.detectors.detector import DAMAGED, Detector, DetectorErro
 from hulldown.training.run_folder import RunFolder, content_of
 from hulldown.training.settings import Settings
 
-# What Lightning would do beside the steps is done here, or must not be: nothing but the budget ends a run.
+# Lightning's extras are off: this module does them, and only the budget ends a run.
 _OURS: Mapping[str, Any] = {
     "enable_checkpointing": False,
     "enable_progress_bar": False,
@@ -43,9 +43,9 @@ class Fitted:
     detector
         The detector.
     weights
-        What its weights file holds.
+        The contents of its weights file.
     rows, validated
-        Rows of metrics.csv, and those of validation.csv but the last.
+        Rows of metrics.csv, and of validation.csv without the last.
     """
 
     detector: Detector
@@ -56,34 +56,34 @@ class Fitted:
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """What a network is trained with.
+    """The parameters of a training.
 
     Parameters
     ----------
     settings
         Completed.
     classes
-        Names, in the order of the labels.
+        Names of the classes, in order.
     examples
         The draws.
     folder
-        Where checkpoints and figures go.
+        The run's folder.
     weights
         The file to start from; None: random weights.
     device
-        What it runs on.
+        The device.
     workers
         Processes that read and augment pictures.
     checkpoint_every
-        Steps between checkpoints; None: as many as pass in a minute.
+        Steps between checkpoints; None: one a minute.
     judge
-        Measures AP, AP50 and AP75 of a detector; None: there is nothing to measure on.
+        Measures AP, AP50, and AP75 of a detector; None: there is no validation set.
     progress
-        Told (steps done, all).
+        Called with (steps done, all).
     say
-        Told a line now and then.
+        Called with messages for the user.
     logger
-        Lightning's, that figures go to as well; False: none.
+        A logger of Lightning's; False: none.
     """
 
     settings: Settings
@@ -101,13 +101,13 @@ class Training:
 
     @property
     def processes(self) -> int:
-        """How many processes share the batches of a step: one a GPU."""
+        """Number of processes that share the batches of a step: one per GPU."""
         several = self.device.type == "cuda" and self.device.index is None
         return torch.cuda.device_count() if several else 1
 
     @cached_property
     def batches(self) -> Batches:
-        """The draws in steps, from the first that the checkpoint doesn't hold."""
+        """The batches of the steps after the checkpoint."""
         parts, ranks = self.settings.accumulate or 1, self.processes
         if parts % ranks:
             raise DetectorError(
@@ -118,7 +118,7 @@ class Training:
         return Batches(len(self.examples), batch=self.settings.batch or 1, parts=parts, first=done, ranks=ranks)
 
     def loader(self, collate: Callable[[list[Example]], Any]) -> DataLoader[Example]:
-        """Return a loader of what `collate` makes of the examples of each batch, in order."""
+        """Return a loader of collated batches, in order."""
         return DataLoader(
             self.examples, batch_sampler=self.batches, collate_fn=collate, num_workers=self.workers,
             prefetch_factor=4 if self.workers else None,
@@ -134,22 +134,22 @@ class Training:
         saved: Callable[[Any], dict[str, Any]],
         **data: Any,
     ) -> Fitted:
-        """Train a module, or go on from the checkpoint.
+        """Train a module, or continue from the checkpoint.
 
         Parameters
         ----------
         module
-            Its `model` is the network.
+            A module with the network as `model`.
         average
-            The callback that averages its weights, RF-DETR's or `AveragedWeights`.
+            The callback that averages its weights: RF-DETR's or `AveragedWeights`.
         trainer
-            Makes the trainer from the arguments that all networks share.
+            Makes the trainer from the common arguments.
         detector
             Makes the detector of a network.
         saved
-            What the weights file of a network holds.
+            Returns the contents of a network's weights file.
         data
-            The data, as `pl.Trainer.fit` takes it.
+            The data, as arguments of `pl.Trainer.fit`.
         """
 
         def judged() -> Mapping[str, float]:
@@ -186,22 +186,22 @@ class Training:
                 raise self._foreign("holds other weights")
         try:
             trainer.fit(module, ckpt_path=checkpoint, weights_only=True if checkpoint else None, **data)
-        except SystemExit:  # what Lightning makes of Ctrl-C
+        except SystemExit:  # raised by Lightning on Ctrl-C
             raise KeyboardInterrupt from None
         except HulldownError as error:
-            # A loader's process hands its error over as text, behind its traceback.
+            # A loader's process passes its error on as text, after its traceback.
             _, raised, text = str(error).rpartition(f"{type(error).__module__}.{type(error).__qualname__}: ")
             raise (HulldownError(text) if raised else error) from None
         finally:
             torch.use_deterministic_algorithms(before[0], warn_only=before[1])
 
     def _checkpoint(self) -> dict[str, Any]:
-        """What the checkpoint holds.
+        """The contents of the checkpoint.
 
         Raises
         ------
         DetectorError
-            If it's damaged, or not of this training.
+            If it's damaged, or another training's.
         """
         try:
             found = torch.load(self.folder.checkpoint, map_location="cpu", weights_only=True, mmap=True)
@@ -228,7 +228,7 @@ def _shapes(state: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def duration(seconds: float) -> str:
-    """Say a time in seconds, minutes, or hours."""
+    """Format a duration in seconds, minutes, or hours."""
     if seconds < 120:
         return f"{seconds:.0f} seconds"
     return f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.1f} hours"

@@ -1,4 +1,4 @@
-"""Lightning's loggers, for those who watch a training elsewhere."""
+"""Lightning's loggers, to watch a training elsewhere."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from hulldown.geometry.errors import HulldownError
 
 
 def logger_of(kind: str, folder: Path) -> loggers.Logger:
-    """Return a logger of a run that goes on with what it logged before the run was stopped.
+    """Return a logger of a run, which continues its log after a stop.
 
     Parameters
     ----------
     kind
-        ``"tensorboard"``, ``"csv"``: files in the run's folder; ``"wandb"``, ``"mlflow"``: as their own environment
-        variables say, with the run's folder as a name.
+        ``"tensorboard"``, ``"csv"``: files in the run's folder; ``"wandb"``, ``"mlflow"``: by their own environment
+        variables, with the folder's name.
     folder
         The run's.
 

@@ -24,7 +24,7 @@ DETR_OUTPUT = "dets: (1, k, 4) center and size as shares of the picture; labels:
 
 
 def export_model(run: str | os.PathLike[str], output: str | os.PathLike[str]) -> dict[str, object]:
-    """Write a detector as ONNX: of RF-DETR by its own exporter, of `small` by PyTorch's.
+    """Write a detector as ONNX: RF-DETR with its own exporter, `small` with PyTorch's.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def export_model(run: str | os.PathLike[str], output: str | os.PathLike[str]) ->
 
     Returns
     -------
-    What the file's metadata hold too: ``classes``, in the order of labels, and the meaning of ``input`` and ``output``.
+    The file's metadata: ``classes``, in the order of labels, and the meaning of ``input`` and ``output``.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def _small(detector: SmallDetector) -> bytes:
     network, (width, height) = detector.network, detector.size
 
     class Found(torch.nn.Module):
-        """The network and its peaks, without the threshold on scores."""
+        """The network with its peaks, without a score threshold."""
 
         def __init__(self) -> None:
             super().__init__()

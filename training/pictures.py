@@ -1,4 +1,4 @@
-"""What a detector looks at: the pictures of a dataset, of folders and patterns, or the frames of a video."""
+"""Find the pictures for a detector: a dataset's, of folders and patterns, or a video's frames."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from hulldown.training.evaluation.labels import Labels, read_labels
 
 VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".webm")
 READERS = 2  # threads
-AHEAD = 16  # pictures that are read before they're needed
+AHEAD = 16  # pictures that are read in advance
 Picture = UInt8[np.ndarray, "h w 3"]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Pictures:
-    """Pictures in an order that stays the same.
+    """Pictures in a fixed order.
 
     Parameters
     ----------
     path
-        What the user named, for errors.
+        The user's path, for errors.
     folder
-        What names of files are relative to.
+        Folder that file names are relative to.
     records
         COCO image records: ``id``, ``file_name``, ``width``, ``height``; of a video also ``frame``, from 0.
     categories
@@ -52,17 +52,17 @@ class Pictures:
 
     @classmethod
     def of(cls, labels: Labels) -> Pictures:
-        """Return those of a dataset."""
+        """Return a dataset's pictures."""
         ids = dict(zip(labels.class_names, labels.class_id.tolist(), strict=True))
         return cls(labels.path, labels.folder, labels.images, ids)
 
     def read(self, indices: Sequence[int]) -> Iterator[Picture]:
-        """Yield RGB pictures, (h, w, 3), at some ascending indices.
+        """Yield RGB pictures, (h, w, 3), at ascending indices.
 
         Raises
         ------
         DatasetError
-            If a picture is missing, damaged, or not as large as its record states.
+            If a picture is missing, damaged, or has another size than its record.
         """
         yield from _frames(self.path, indices) if self.video else self._files(indices)
 
@@ -82,18 +82,18 @@ class Pictures:
 
 
 def find_pictures(paths: Sequence[str | os.PathLike[str]]) -> Pictures:
-    """Find what a user means by some paths.
+    """Find the pictures at the user's paths.
 
     Parameters
     ----------
     paths
-        A dataset (its folder, or a COCO file beside its pictures); a video; or any number of pictures, folders of
-        pictures, searched to the bottom, and patterns such as ``"photographs/*.jpg"``.
+        A dataset (its folder, or a COCO file next to its pictures); a video; or any number of pictures, folders of
+        pictures, searched recursively, and patterns such as ``"photographs/*.jpg"``.
 
     Raises
     ------
     DatasetError
-        If something isn't there, isn't a picture, or nothing is found.
+        If a path is missing, a file isn't a picture, or nothing is found.
 
     Examples
     --------
@@ -145,7 +145,7 @@ def _video_size(path: Path) -> tuple[int, int, int]:
     try:
         counts = [video.get(key) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)]
         frames = 0
-        while video.grab():  # what a file states is often an estimate
+        while video.grab():  # a file's own count is often an estimate
             frames += 1
     finally:
         video.release()

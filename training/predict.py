@@ -1,4 +1,4 @@
-"""A detector's finds in every image of a dataset, as COCO results; what was interrupted goes on."""
+"""Run a detector on pictures and write COCO results; an interrupted call can be continued."""
 
 from __future__ import annotations
 
@@ -35,25 +35,25 @@ from hulldown.training.evaluation.predictions import INFO_SUFFIX, predictions_of
 from hulldown.training.extra import require_extra
 from hulldown.training.pictures import Pictures, find_pictures
 
-UNFINISHED_SUFFIX = ".unfinished"  # beside the results: a line for each image that is done
+UNFINISHED_SUFFIX = ".unfinished"  # of a file next to the results: a line for each finished image
 BATCH = 8
 DIGITS = 3  # decimals of a pixel
-THRESHOLD = 0.5  # score from which detections are counted and drawn
+THRESHOLD = 0.5  # least score of counted and drawn detections
 Found = list[dict[str, Any]]  # COCO results of an image
 
 
 @dataclass(frozen=True, slots=True)
 class Predicted:
-    """What a run of `predict` has done.
+    """The result of `predict`.
 
     Parameters
     ----------
     images, detections
-        How many the results hold.
+        Number of images and detections in the results.
     already
-        Of these images, how many were done before.
+        Number of images that were done before.
     unknown
-        Classes of the detector that the dataset lacks; they have got ids of their own.
+        Classes of the detector that the dataset lacks; they get new ids.
     counts
         Class -> detections with a score of at least the threshold.
     """
@@ -66,12 +66,12 @@ class Predicted:
 
 
 def weights_of(path: Path) -> Path:
-    """Return the file of weights of a finished run; any other path as it is.
+    """Return the weights file of a finished run; other paths are returned unchanged.
 
     Raises
     ------
     DetectorError
-        If the folder holds no run, or the run isn't finished.
+        If the folder has no run, or the run isn't finished.
     """
     if not path.is_dir():
         return path
@@ -88,14 +88,14 @@ def load_detector(path: Path | str, device: str = "auto") -> Detector:
     Parameters
     ----------
     path
-        A folder that `hulldown train` has finished, the weights.pt of one, or a checkpoint of RF-DETR.
+        A finished run's folder, its weights.pt, or a checkpoint of RF-DETR.
     device
-        ``"auto"``: a GPU if there is one; or a name that PyTorch knows, such as ``"cpu"`` or ``"cuda:1"``.
+        ``"auto"``: a GPU if there is one; or a device of PyTorch, such as ``"cpu"`` or ``"cuda:1"``.
 
     Raises
     ------
     DetectorError
-        If it is none of these, the run is not finished, or the device does not exist.
+        If it's none of these, the run isn't finished, or the device doesn't exist.
     """
     require_extra()
     path = weights_of(Path(path))
@@ -120,33 +120,33 @@ def predict(
     batch: int = BATCH,
     progress: Callable[[int, int], None] | None = None,
 ) -> Predicted:
-    """Look at pictures and write COCO results, and beside them which pictures were looked at.
+    """Detect objects in pictures, and write COCO results with a list of the pictures.
 
     Parameters
     ----------
     run
         See `load_detector`.
     pictures
-        A dataset, whose labels are not looked at; or see `training.pictures.find_pictures`.
+        A dataset, without its labels; or see `training.pictures.find_pictures`.
     output
-        The file of results. ``OUTPUT.info.json`` lists the images, so that those without detections are known too;
+        The file of results. ``OUTPUT.info.json`` lists all images, also those without detections;
         without a dataset also their names and the categories.
     drawn
-        A folder for copies of the pictures, or of the video, with the detections on them; None: none.
+        A folder for copies of the pictures, or of the video, with detections; None: no copies.
     threshold
-        Score from which detections are drawn and counted. The results have all.
+        Least score of drawn and counted detections. The results have all.
     device
         See `load_detector`.
     batch
         Images that go through the network at once.
     progress
-        Told (done, all) after each batch; None for a bar on a terminal or in a notebook.
+        Called with (done, all) after each batch; None: a bar in a terminal or notebook.
 
     Raises
     ------
     HulldownError
-        If the detector cannot be loaded, knows none of the dataset's classes, or a picture cannot be read. What was
-        done until then is kept, and the same call goes on from there.
+        If the detector can't be loaded, has none of the dataset's classes, or a picture can't be read. Results
+        until then are kept, and the same call continues.
 
     Examples
     --------
@@ -177,7 +177,7 @@ def predict(
     if not found.categories:
         info["pictures"] = found.records
     beside = output.with_name(output.name + INFO_SUFFIX)
-    beside.unlink(missing_ok=True)  # of earlier results, which it must not outlive
+    beside.unlink(missing_ok=True)  # of earlier results
     for path, value in ((output, results), (beside, info)):
         replace_file(path, orjson.dumps(value) + b"\n")
     if drawn is not None:
@@ -190,16 +190,16 @@ def predict(
 def validation_figures(
     detector: Detector, labels: Labels, *, progress: Callable[[int, int], None] = lambda done, total: None
 ) -> dict[str, float]:
-    """AP, AP50 and AP75 of a detector over all classes, as `evaluate` has them; 0 where nothing is defined.
+    """AP, AP50, and AP75 of a detector over all classes, as by `evaluate`; 0 if undefined.
 
     Parameters
     ----------
     detector
-        Its classes are the dataset's.
+        A detector with the dataset's classes.
     labels
-        What is to be found.
+        The ground truth.
     progress
-        Told (images done, all).
+        Called with (images done, all).
     """
     pictures = Pictures.of(labels)
     ids, _ = _category_ids(detector.classes, pictures)
@@ -216,7 +216,7 @@ def validation_figures(
 def _detected(
     detector: Detector, pictures: Pictures, ids: Sequence[int], indices: Sequence[int], batch: int
 ) -> Iterator[dict[int, Found]]:
-    """Yield the results of some images by their ids, a batch at a time."""
+    """Yield the results of images by their ids, a batch at a time."""
     pixels = pictures.read(indices)
     for start in range(0, len(indices), batch):
         images = [int(pictures.records[k]["id"]) for k in indices[start : start + batch]]
@@ -233,7 +233,7 @@ def _results(image: int, found: Detections, ids: Sequence[int]) -> Found:
 
 
 def _category_ids(classes: Sequence[str], pictures: Pictures) -> tuple[list[int], tuple[str, ...]]:
-    """The dataset's id of each of the detector's classes, by name; new ones above all others for those it lacks."""
+    """The dataset's id of each of the detector's classes, by name; new, higher ids for missing ones."""
     by_name = pictures.categories
     if not by_name:
         return list(range(1, len(classes) + 1)), ()
@@ -252,7 +252,7 @@ def _category_ids(classes: Sequence[str], pictures: Pictures) -> tuple[list[int]
 def _draw(
     pictures: Pictures, found: Mapping[int, Found], names: Mapping[int, str], folder: Path, threshold: float
 ) -> None:
-    """Write each picture with its detections into a folder, under its own name; a video as a video."""
+    """Write each picture with its detections into a folder, under the same name; a video as a video."""
 
     def labeled() -> Iterator[tuple[Mapping[str, Any], Image.Image]]:
         for record, pixels in zip(pictures.records, pictures.read(range(len(pictures.records))), strict=True):
@@ -275,7 +275,7 @@ def _draw(
 
 
 def _key(run: Path, pictures: Pictures, classes: Sequence[str]) -> str:
-    """What makes results these and no others: weights, classes, and which images are looked at."""
+    """A key of the results: weights, classes, and images."""
     digest = hashlib.sha256()
     with weights_of(run).open("rb") as file:
         while block := file.read(1 << 20):
@@ -287,9 +287,9 @@ def _key(run: Path, pictures: Pictures, classes: Sequence[str]) -> str:
 
 @contextmanager
 def _kept(path: Path, key: str) -> Iterator[tuple[dict[int, Found], Callable[[dict[int, Found]], None]]]:
-    """Yield what an interrupted call has found, by image, and what adds to it and to its file.
+    """Yield an interrupted call's results by image, and a function that adds to them and to their file.
 
-    Nothing was found before if the file is about something else. A last line that was cut off is lost.
+    A file with another key is ignored, and so is a truncated last line.
     """
     done: dict[int, Found] = {}
     with suppress(FileNotFoundError, orjson.JSONDecodeError), path.open("rb") as before:

@@ -1,4 +1,4 @@
-"""The folder of a training run: what it was made with, how far it has come, what came out."""
+"""The folder of a training run: config, draws, checkpoint, and results."""
 
 from __future__ import annotations
 
@@ -34,35 +34,35 @@ class RunFolder:
 
     @property
     def config(self) -> Path:
-        """What decides the weights: settings, classes, hashes of data."""
+        """The file of settings, classes, and hashes of data."""
         return self.path / CONFIG_NAME
 
     @property
     def draws(self) -> Path:
-        """Which picture is trained on when."""
+        """The file of draws."""
         return self.path / DRAWS_NAME
 
     @property
     def checkpoint(self) -> Path:
-        """The last state that training can go on from."""
+        """The latest checkpoint."""
         return self.path / CHECKPOINT_NAME
 
     @property
     def weights(self) -> Path:
-        """The result."""
+        """The result's weights."""
         return self.path / WEIGHTS_NAME
 
     @property
     def best(self) -> Path:
-        """The weights of the best validation so far, where the best are to be kept."""
+        """The weights of the best validation so far, with `keep = "best"`."""
         return self.path / BEST_NAME
 
     def before(self, draws: int) -> Path:
-        """What the run was after so many draws, before it was extended: the folder of a finished run."""
+        """The folder of the finished run of `draws`, before it was extended."""
         return self.path / f"before-{draws}"
 
     def finished(self) -> dict[str, Any] | None:
-        """What run.json says, if the run is finished."""
+        """The contents of run.json, if the run is finished."""
         if not (self.path / RUN_NAME).exists() or not self.weights.exists():
             return None
         run = read_run(self.path)
@@ -73,7 +73,7 @@ class RunFolder:
         replace_file(self.path / name, json.dumps(value, indent=2, ensure_ascii=False).encode() + b"\n")
 
     def write_metrics(self, rows: Sequence[Sequence[float]], validated: Sequence[Sequence[float]] = ()) -> None:
-        """Replace metrics.csv, validation.csv where there is any, and the picture of both."""
+        """Replace metrics.csv, validation.csv if there is one, and their chart."""
         _write_table(self.path / METRICS_NAME, METRICS, rows)
         if validated:
             _write_table(self.path / VALIDATION_NAME, VALIDATION, validated)
@@ -84,22 +84,22 @@ def content_of(weights: Mapping[str, Any]) -> memoryview:
     """Return the bytes of a weights file."""
     import torch
 
-    content = io.BytesIO()  # PyTorch hides the reason where a disk is full
+    content = io.BytesIO()  # PyTorch hides the reason of a full disk
     torch.save(dict(weights), content)
     return content.getbuffer()
 
 
 def extension(path: Path, draws: int) -> int:
-    """Prepare a finished run for more draws, and return how many it had: its files move to `RunFolder.before`.
+    """Prepare a finished run for more draws, and return its number of draws; its files move to `RunFolder.before`.
 
-    An extension that was stopped goes on.
+    A stopped extension is continued.
 
     Parameters
     ----------
     path
         The run's folder.
     draws
-        To be added.
+        Number of further draws.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def extension(path: Path, draws: int) -> int:
                 shutil.copy2(file, moving / file.name)
             moving.rename(kept)
         for file in files:
-            if file != folder.config:  # which says that this is a run, until the extension's takes its place
+            if file != folder.config:  # it marks the folder as a run until the extension replaces it
                 file.unlink()
         folder.write_json(
             CONFIG_NAME, {**config, "after": after + budget, "settings": {"budget": draws}, "prepared": True}
@@ -138,12 +138,12 @@ def extension(path: Path, draws: int) -> int:
 
 @contextmanager
 def alone_in(folder: Path, *, marker: str, what: str) -> Iterator[None]:
-    """Make a folder, or take one that is empty or has the file `marker`, and keep other processes out of it.
+    """Lock a folder that is new, empty, or has the file `marker`.
 
     Raises
     ------
     HulldownError
-        If it holds something else than a `what`, or another process is at work in it.
+        If it contains something other than a `what`, or another process uses it.
     """
     if folder.exists() and not (folder / marker).exists():
         held = [one.name for one in folder.iterdir()] if folder.is_dir() else [folder.name]
@@ -160,21 +160,21 @@ def alone_in(folder: Path, *, marker: str, what: str) -> Iterator[None]:
 
 @contextmanager
 def opened(path: Path, config: Mapping[str, Any]) -> Iterator[RunFolder]:
-    """The folder, made if there is none, with this process alone in it.
+    """Open and lock a run's folder, made if missing.
 
     Parameters
     ----------
     path
-        New, empty, or of a run with the same config.
+        A folder that is new, empty, or a run's with the same config.
     config
-        What decides the weights, as plain JSON.
+        The config that determines the weights, as plain JSON.
 
     Raises
     ------
     HulldownError
         As `alone_in`.
     ConfigError
-        If it holds a run of another config, naming the first key that differs.
+        If it has a run with another config, naming the first different key.
     """
     folder = RunFolder(path)
     if folder.config.exists():

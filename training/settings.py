@@ -1,4 +1,4 @@
-"""What a training run is made with: read from TOML, completed with what suits the model, written into the run."""
+"""Settings of a training run, from TOML, completed with the model's defaults."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ FLAGS = (
     "freeze",
     "keep",
     "logger",
-)  # what the command line may say itself
+)  # keys with a flag on the command line
 
 
 class Settings(BaseModel):
-    """All that decides what a run's weights are, beside the data; None: what suits the model."""
+    """The settings that determine a run's weights, besides the data; None: the model's default."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -53,11 +53,11 @@ class Settings(BaseModel):
 
     @property
     def effective_batch(self) -> int:
-        """Pictures in a step, of a completed setting."""
+        """Pictures per step, for completed settings."""
         return (self.batch or 1) * (self.accumulate or 1)
 
 
-# RF-DETR's default of batches in a step went from 4 to 1 between versions: here it is written down.
+# Set here because RF-DETR's default of batches per step changed from 4 to 1 between versions.
 _RF_DETR = {"batch": 4, "accumulate": 4, "learning_rate": 1e-4, "schedule": "step"}
 _DEFAULTS: Mapping[str, Mapping[str, Any]] = {
     "small": {"resolution": 256, "batch": 12, "accumulate": 1, "learning_rate": 4e-3, "schedule": "cosine"},
@@ -68,7 +68,7 @@ _DEFAULTS: Mapping[str, Mapping[str, Any]] = {
 }
 
 
-# Hides, bends and blurs what a network of random weights has yet to learn: without, it learns faster in a short run.
+# Off, since a network with random weights learns faster without them in a short run.
 _OFF = ("shear", "channel_shuffle", "blur", "gaussian_noise", "compression", "downscale", "shadow", "flare")
 _AUGMENTATION: Mapping[str, dict[str, dict[str, Any]]] = {
     "small": {
@@ -79,19 +79,19 @@ _AUGMENTATION: Mapping[str, dict[str, dict[str, Any]]] = {
 
 
 def load_settings(path: Path | None, changes: Mapping[str, Any]) -> Settings:
-    """Settings of a TOML file, if there is one, with changes from the command line, completed.
+    """Load settings from a TOML file, if given, with changes from the command line, completed.
 
     Parameters
     ----------
     path
         A file with the fields of `Settings` as its keys.
     changes
-        Field -> value; None leaves it as it is.
+        Field -> value; None: unchanged.
 
     Raises
     ------
     ConfigError
-        Naming file, key, value and what is allowed.
+        Naming file, key, value, and the allowed values.
     """
     data = {} if path is None else read_toml(path)
     data.update({key: value for key, value in changes.items() if value is not None})
@@ -99,7 +99,7 @@ def load_settings(path: Path | None, changes: Mapping[str, Any]) -> Settings:
 
 
 def completed(settings: Settings) -> Settings:
-    """The same with what suits the model where nothing is asked for; `weights`, `queries`, `groups` may stay None."""
+    """Fill in the model's defaults; `weights`, `queries`, and `groups` may stay None."""
     missing = {key: value for key, value in _DEFAULTS[settings.model].items() if getattr(settings, key) is None}
     suits = _AUGMENTATION.get(settings.model, {})
     asked = settings.augmentation
@@ -108,7 +108,7 @@ def completed(settings: Settings) -> Settings:
 
 
 def rate_factor(step: int, settings: Settings, steps: int) -> float:
-    """The learning rate of a step as a share of its highest: in steps of the budget, never in epochs.
+    """The learning rate of a step as a share of the highest, by steps of the budget.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def rate_factor(step: int, settings: Settings, steps: int) -> float:
     settings
         Completed.
     steps
-        Of the whole run.
+        Number of steps in the run.
     """
     rise = math.ceil(settings.warmup * steps)
     if step < rise:

@@ -1,4 +1,4 @@
-"""A sheet that shows what augmentation does to a dataset's pictures (paper, Figure 4)."""
+"""A sheet of augmented pictures of a dataset (paper, Figure 4)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hulldown.training.settings import load_settings
 from hulldown.training.sources import read_sources
 
 TIMES = 8  # augmentations in a row
-WORK_SIZE = (512, 288)  # what the pictures are shrunk to, as for a network of that size
+WORK_SIZE = (512, 288)  # size of the pictures, as for a network of that size
 TILE_WIDTH = 256
 
 
@@ -28,25 +28,25 @@ def augmentation_sheet(
     config: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Image.Image:
-    """In each row a picture as it is, and eight times augmented.
+    """Make a sheet; each row has a picture, and eight augmentations of it.
 
     Parameters
     ----------
     dataset
         The folder of a COCO dataset.
     rows
-        Pictures, evenly taken from its whole length.
+        Number of pictures, an even selection.
     seed
-        Of the augmentations.
+        Seed of the augmentations.
     config
-        Of a training, whose augmentation is used; None: the paper's.
+        Config of a training for its augmentation; None: the paper's.
     progress
-        Told (pictures done, all).
+        Called with (pictures done, all).
 
     Raises
     ------
     DatasetError, ConfigError
-        If dataset or config cannot be used.
+        If dataset or config is unusable.
     """
     table = changed_table(load_settings(config, {}).augmentation)
     classes, (source,) = read_sources({"dataset": dataset})
@@ -64,7 +64,7 @@ def augmentation_sheet(
 
 
 def hash_of(*numbers: int) -> int:
-    """A seed that is a function of some numbers."""
+    """A seed from several numbers."""
     return int(np.random.SeedSequence(numbers).generate_state(1)[0])
 
 

@@ -1,4 +1,4 @@
-"""The datasets that a detector is trained on, as arrays; checked before anything begins."""
+"""Training datasets as arrays, checked before training."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from hulldown.dataset.verification.near_duplicates import near_duplicates, pictu
 from hulldown.geometry.errors import ConfigError, DatasetError
 from hulldown.training.augment import Sample
 
-READERS = 4  # threads that look at pictures before training
+READERS = 4  # threads that check pictures before training
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -32,23 +32,23 @@ class Source:
     Parameters
     ----------
     name
-        What the user calls it.
+        The user's name for it.
     folder
-        Where its pictures are.
+        Folder of its pictures.
     file_names
         Of each picture, relative to the folder.
     sizes
         (n, 2) width and height, pixels.
     starts
-        (n + 1,) the boxes of picture i are those from ``starts[i]`` to ``starts[i + 1]``.
+        (n + 1,) picture i has the boxes from ``starts[i]`` to ``starts[i + 1]``.
     xywh
         (m, 4) pixels.
     label
         (m,) index into the classes that all sources share.
     segmentations
-        Of each box as COCO has it; None where there is none.
+        COCO's segmentation of each box; None if it has none.
     digest
-        SHA-256 of what a detector learns from it beside the pixels.
+        SHA-256 of its labels.
     """
 
     name: str
@@ -70,12 +70,12 @@ class Source:
         return None not in self.segmentations
 
     def sample(self, i: int, *, masks: bool = True) -> Sample:
-        """Picture i with what is on it, with or without masks.
+        """Picture i with its labels, with or without masks.
 
         Raises
         ------
         DatasetError
-            If the picture cannot be read, or is not as large as its record says.
+            If the picture can't be read, or has another size than its record.
         """
         boxes = slice(self.starts[i], self.starts[i + 1])
         width, height = (int(n) for n in self.sizes[i])
@@ -87,22 +87,22 @@ class Source:
 def read_sources(
     folders: Mapping[str, str | os.PathLike[str]], *, classes: Sequence[str] | None = None
 ) -> tuple[tuple[str, ...], tuple[Source, ...]]:
-    """The classes of all datasets, and each dataset with labels that index them.
+    """Read datasets; return their common classes, and each dataset with labels that index them.
 
-    Classes are matched by name; ids are each dataset's own. A category that no box has and that another one names as
-    its ``supercategory`` only groups others and is no class. Regions of many (``iscrowd``) are left out.
+    Classes match by name; ids may differ. A category without boxes that another one names as
+    its ``supercategory`` isn't a class. Crowds (``iscrowd``) are left out.
 
     Parameters
     ----------
     folders
         Name -> folder of a COCO dataset.
     classes
-        What the classes must be, in this order; None: those of the first dataset, in the order of their ids.
+        Required classes, in order; None: those of the first dataset, in the order of their ids.
 
     Raises
     ------
     DatasetError
-        If a folder is no dataset or has no images, a record or box cannot be used, or classes differ, naming both.
+        If a folder isn't a dataset or has no images, a record or box is unusable, or classes differ, naming both.
     """
     cocos = {name: _checked(Path(folder)) for name, folder in folders.items()}
     known, of = (list(classes), "the detector") if classes is not None else ([], "")
@@ -119,7 +119,7 @@ def read_sources(
 
 
 def follow_masks(asked: bool | None, sources: Sequence[Source]) -> bool:
-    """Whether boxes follow masks when a picture is turned: one rule for everything that is compared.
+    """Whether boxes follow masks when a picture is turned: one rule for all compared datasets.
 
     A box follows its mask closely, and without one the ellipse in it. If the two were mixed, photographs without masks
     would get smaller boxes than renders.
@@ -127,12 +127,12 @@ def follow_masks(asked: bool | None, sources: Sequence[Source]) -> bool:
     Parameters
     ----------
     asked
-        None: where every box of every source has a mask.
+        The setting; None: if every box of every source has a mask.
 
     Raises
     ------
     ConfigError
-        If masks are asked for and a box has none.
+        If masks are required and a box has none.
     """
     lacking = [source.name for source in sources if not source.masked]
     if asked and lacking:
@@ -142,12 +142,12 @@ def follow_masks(asked: bool | None, sources: Sequence[Source]) -> bool:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CheckedPictures:
-    """What is known about a source once its pictures have been read.
+    """Hashes of a source's pictures.
 
     Parameters
     ----------
     sha256
-        Of records and pictures.
+        SHA-256 of records and pictures.
     digests
         SHA-256 of each picture.
     hashes
@@ -162,12 +162,12 @@ class CheckedPictures:
 def check_pictures(
     sources: Sequence[Source], *, progress: Callable[[int, int], None] | None = None
 ) -> dict[str, CheckedPictures]:
-    """Read every picture of every source, and return what is known then by the source's name.
+    """Read every picture of every source; return their hashes by the source's name.
 
     Raises
     ------
     DatasetError
-        Naming the first picture, in the order of sources and names, that cannot be used.
+        Naming the first unusable picture, in the order of sources and names.
     """
     checked, done, total = {}, 0, sum(map(len, sources))
     with ThreadPoolExecutor(READERS) as pool:
@@ -187,10 +187,10 @@ def check_pictures(
 
 
 def shared_pictures(first: Source, second: Source, checked: Mapping[str, CheckedPictures]) -> list[str]:
-    """Return the pairs of pictures that show the same in two sources, in words."""
+    """Describe the near duplicates between two sources."""
     ones, others = checked[first.name], checked[second.name]
     pairs = set(map(tuple, near_duplicates(ones.hashes, others.hashes).tolist()))
-    rows = {digest: i for i, digest in enumerate(ones.digests)}  # a picture without contrast has no other hash
+    rows = {digest: i for i, digest in enumerate(ones.digests)}  # pictures without contrast have only this hash
     pairs |= {(rows[digest], j) for j, digest in enumerate(others.digests) if digest in rows}
     return [
         f"{second.file_names[j]} of {second.name} shows the same as {first.file_names[i]} of {first.name}"
@@ -207,7 +207,7 @@ def _hashes(path: Path, size: tuple[int, int]) -> tuple[bytes, Bool[np.ndarray, 
 
 
 def _checked(folder: Path) -> dict[str, Any]:
-    """A dataset whose records can all be learned from."""
+    """Read a dataset, and check that all records are usable for training."""
     coco = read_usable(folder)
     if not coco["images"]:
         raise DatasetError("has no images", path=folder, remedy="name a dataset that has some")
@@ -231,7 +231,7 @@ def _checked(folder: Path) -> dict[str, Any]:
 
 
 def _classes(coco: Mapping[str, Any]) -> list[str]:
-    """Names of what boxes are of, each once, in the order of ids."""
+    """Names of the boxes' classes, each once, in the order of ids."""
     used = {annotation["category_id"] for annotation in coco["annotations"]}
     parents = {c.get("supercategory") for c in coco["categories"] if c.get("supercategory") != c["name"]}
     ordered = sorted(coco["categories"], key=lambda category: category["id"])

@@ -1,4 +1,4 @@
-"""Smaller datasets out of a dataset, each within the next larger one: real data made scarce (paper, section 2.2)."""
+"""Nested subsets of a dataset, to make real data scarce (paper, section 2.2)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.05)
 
 
 def subset_name(fraction: float) -> str:
-    """The folder of a fraction: its percentage, as short as it can be written.
+    """The folder's name of a fraction: its percentage.
 
     Examples
     --------
@@ -39,10 +39,10 @@ def shuffled_images(
     seed: int = 0,
     stratified: bool = False,
 ) -> list[int]:
-    """The ids of all images in the one order whose beginnings are the subsets.
+    """The ids of all images, ordered so that subsets are prefixes.
 
-    The order depends on the seed and the file names alone. The shots of one position follow each other, as they show
-    one vehicle on one piece of ground.
+    The order depends on the seed and the file names alone. Shots of one position follow each other, since they show
+    one vehicle on the same ground.
 
     Parameters
     ----------
@@ -51,9 +51,9 @@ def shuffled_images(
     annotations
         Image id -> its COCO annotation records.
     seed
-        Another seed, another order.
+        Seed of the order.
     stratified
-        Whether every beginning shall have each class in the proportion of the whole, as well as whole positions
+        Whether every prefix keeps the proportion of classes, as far as whole positions
         allow.
     """
     groups = positions(images, annotations)
@@ -73,7 +73,7 @@ def nested_subsets(
     seed: int = 0,
     stratified: bool = False,
 ) -> list[list[int]]:
-    """Image ids of each share, all beginnings of one order: whole positions, at least one.
+    """Image ids of each share, as prefixes of one order with whole positions, at least one.
 
     Parameters
     ----------
@@ -97,33 +97,33 @@ def write_subsets(
     stratified: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, int]:
-    """Write nested subsets of a dataset, each a dataset in a folder of its own, named by its percentage.
+    """Write nested subsets of a dataset, each a dataset in its own folder, named by its percentage.
 
-    Pictures are hard links where the disk allows, copies elsewhere. A subset has as many images as its share, or fewer
-    where the last position would only be in it in part; at least one position.
+    Pictures are hard links if the disk allows, else copies. A subset has as many images as its share, or fewer
+    if the last position doesn't fit completely; at least one position.
 
     Parameters
     ----------
     dataset
         The folder of a COCO dataset.
     out
-        A folder that does not exist or is empty.
+        A folder that doesn't exist or is empty.
     fractions
         Shares of the images, above 0 and at most 1.
     seed, stratified
         See `shuffled_images`.
     progress
-        Told (done, all) after each picture.
+        Called with (done, all) after each picture.
 
     Returns
     -------
-    Images in each subset, by its folder's name.
+    Number of images in each subset, by its folder's name.
 
     Raises
     ------
     DatasetError
-        If the dataset cannot be read or has no images, a fraction is out of range, a picture is missing, or `out` has
-        something in it or cannot be written. Nothing is left in `out` then.
+        If the dataset can't be read or has no images, a fraction is out of range, a picture is missing, or `out`
+        isn't empty or can't be written. `out` is empty then.
     """
     dataset, out = Path(dataset), Path(out)
     for fraction in fractions:
@@ -162,11 +162,11 @@ def write_subsets(
 
 
 def _sizes(groups: Sequence[str], fractions: Sequence[float]) -> list[int]:
-    """How many images of the order each fraction gets: whole groups, at least one."""
+    """Number of images of each fraction: whole groups, at least one."""
     ends = [i + 1 for i, name in enumerate(groups) if i + 1 == len(groups) or groups[i + 1] != name]
     sizes = []
     for fraction in fractions:
-        # As it was written: 0.05 of 420 is 21, whatever 0.05 is in binary.
+        # By decimal value: 0.05 of 420 is 21, although 0.05 isn't exact in binary.
         wanted = round(Fraction(str(fraction)) * len(groups))
         sizes.append(max([end for end in ends if end <= wanted], default=ends[0]))
     return sizes
@@ -175,7 +175,7 @@ def _sizes(groups: Sequence[str], fractions: Sequence[float]) -> list[int]:
 def _spread(
     order: Sequence[list[Mapping[str, Any]]], annotations: Mapping[int, Sequence[Mapping[str, Any]]]
 ) -> list[list[Mapping[str, Any]]]:
-    """Groups so that the classes come evenly: of each kind of group the i-th of n at (i + 1/2) / n of the way."""
+    """Order groups so that classes are spread evenly: the i-th of n groups of a kind is at (i + 1/2) / n."""
     kinds: dict[tuple[int, ...], list[list[Mapping[str, Any]]]] = {}
     for members in order:
         labels = {a["category_id"] for image in members for a in annotations.get(image["id"], ())}

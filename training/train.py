@@ -1,4 +1,4 @@
-"""Training a detector on draws from datasets under a fixed budget; a run that is killed goes on where it was."""
+"""Train a detector on draws from datasets with a fixed budget; a killed run can be continued."""
 
 from __future__ import annotations
 
@@ -53,43 +53,43 @@ def train(
     progress: Callable[[str, int, int], None] | None = None,
     say: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
-    """Train a detector, or go on with the training that was killed in the same folder.
+    """Train a detector, or continue a killed training in the same folder.
 
     Parameters
     ----------
     data
-        Name -> folder of each dataset that is drawn from.
+        Name -> folder of each dataset.
     out
         The run's folder.
     settings
-        Completed, see `training.settings.load_settings`; or what isn't to be as the model has it, by the keys of
+        Completed settings, see `training.settings.load_settings`; or changes to the model's defaults, by the keys of
         docs/training.md.
     valid
-        A dataset that the result is measured on. It decides nothing.
+        A dataset on which results are measured, without effect on the training.
     draws_file
-        A file of draws, as `training.draws.draws_text` has it, as many as the budget; None: they are made.
+        A file of draws in the form of `training.draws.draws_text`, as many as the budget; None: sampled.
     more_budget
-        Extend the finished run in `out` by so many draws, with a schedule of their own; `settings.budget` and
-        `settings.weights` don't count then. What the run was moves to a folder ``before-N`` in it.
+        Extend the finished run in `out` by this many draws, with a new schedule; `settings.budget` and
+        `settings.weights` are ignored then. The old run moves to a folder ``before-N`` in it.
     workers
-        Processes that read and augment pictures; None: as many as suit the machine. They change no pixel.
+        Processes that read and augment pictures; None: by the machine. Pixels don't depend on it.
     device
         ``"auto"``, ``"cpu"`` or ``"gpu"``.
     checkpoint_every
-        Steps between checkpoints; None: as many as pass in a minute.
+        Steps between checkpoints; None: one a minute.
     progress
-        Told what is done, how much of it, and all; None for bars on a terminal or in a notebook.
+        Called with (title, steps done, all); None: bars in a terminal or notebook.
     say
-        Told a line now and then.
+        Called with messages for the user.
 
     Returns
     -------
-    What run.json holds.
+    The contents of run.json.
 
     Raises
     ------
     HulldownError
-        If a dataset, a setting, the weights to start from, the device or the run's folder cannot be used. Nothing has
+        If a dataset, a setting, the starting weights, the device, or the run's folder is unusable. Nothing has
         been written then.
 
     Examples
@@ -193,12 +193,12 @@ def train(
 
 
 def usable_weights(settings: Settings) -> Path | None:
-    """The file that training starts from, None for random weights.
+    """The file that training starts from; None: random weights.
 
     Raises
     ------
     HulldownError
-        If there is none, it cannot be fetched, or the network cannot be built as the settings say.
+        If it doesn't exist or can't be downloaded, or the network can't be built.
     """
     if settings.model != "small":
         from hulldown.training.detectors.detr import check_resolution, starting_weights
@@ -214,7 +214,7 @@ def usable_weights(settings: Settings) -> Path | None:
 
 
 def _workers() -> int:
-    """One for each core but the one that trains, at most 8."""
+    """One worker per core except the training one, at most 8."""
     return max(1, min(8, len(os.sched_getaffinity(0)) - 1 if hasattr(os, "sched_getaffinity") else 1))
 
 
@@ -222,7 +222,7 @@ def _description(
     settings: Settings, size: tuple[int, int], classes: Sequence[str], data: Mapping[str, str | os.PathLike[str]],
     sources: Sequence[Source], draws: Draws, device: torch.device,
 ) -> dict[str, Any]:  # fmt: skip
-    """run.json of a run that begins."""
+    """run.json of a new run."""
     counts = draws.counts(list(map(len, sources)))
     return {
         "status": "running",
@@ -254,10 +254,10 @@ def _description(
 
 
 def _figures(rows: Sequence[Sequence[float]], settings: Settings, seconds: float) -> dict[str, Any]:
-    """What the steps say together; times of killed parts are in them as far as checkpoints reach."""
+    """Figures over all steps; times of killed parts are included up to their checkpoints."""
     _, losses, _, took, waited = np.array(rows).T
     tail = losses[-max(1, math.ceil(len(losses) / 20)) :]
-    # The first step of a process starts workers and warms up.
+    # The first step of a process includes the start of workers.
     steady = slice(1, None) if len(took) > 1 else slice(None)
     return {
         "final_loss": float(tail.mean()),

@@ -1,8 +1,8 @@
-"""Average precision: of a test set by faster-coco-eval, and of resampled test sets on arrays.
+"""Average precision: of a test set by faster-coco-eval, and of resampled test sets by array operations.
 
 faster-coco-eval equals pycocotools on thousands of random sets with crowds, ties, areas, and empty classes, in a sixth
-of its time. No library resamples positions: that takes the match of every detection, which
-`training.evaluation.matching` has.
+of its time. No library resamples positions, which needs the match of every detection, from
+`training.evaluation.matching`.
 
 References
 ----------
@@ -24,8 +24,8 @@ from hulldown.training.evaluation.matching import Matching
 from hulldown.training.evaluation.predictions import Predictions
 
 RECALLS = np.linspace(0.0, 1.0, 101)
-IOUS = tuple(np.linspace(0.5, 0.95, 10).tolist())  # of AP, to the bit as COCO has them
-AT_50, AT_75 = 0, 5  # which of them AP50 and AP75 are at
+IOUS = tuple(np.linspace(0.5, 0.95, 10).tolist())  # IoUs of AP, bit-equal to COCO's
+AT_50, AT_75 = 0, 5  # indices of AP50's and AP75's
 AVERAGES = ("ap", "ap50", "ap75")
 SUMMARY = (
     *("ap", "ap50", "ap75", "ap_small", "ap_medium", "ap_large"),
@@ -55,7 +55,7 @@ def average_precision(labels: Labels, predictions: Predictions) -> AveragePrecis
     """AP and AR over all classes, and AP of each class."""
     classes = len(predictions.class_names)
     if not len(predictions.score):
-        # The library takes no empty list of results. Nothing was found: 0 where there is something to find.
+        # The library refuses an empty list of results. Without detections, AP is 0 for classes with labels.
         known = np.bincount(labels.label[~labels.crowd], minlength=classes) > 0
         each = np.where(known, 0.0, np.nan)
         return AveragePrecision(dict.fromkeys(SUMMARY, 0.0 if known.any() else float("nan")), each, each, each)
@@ -71,7 +71,7 @@ def average_precision(labels: Labels, predictions: Predictions) -> AveragePrecis
 
 
 def oriented_average(labels: Labels, predictions: Predictions, matchings: Sequence[Matching]) -> AveragePrecision:
-    """AP by the matches at `IOUS`, of oriented boxes, which the library doesn't compare; the other figures are nan."""
+    """AP of oriented boxes, which the library doesn't support, from matches at `IOUS`; other figures are nan."""
     together = np.zeros(len(labels.images), dtype=np.int64)
     each = resampled_averages(labels, predictions, matchings, position=together, weights=np.ones((1, 1)))
     known = dict(zip(AVERAGES, class_mean(each)[0].tolist(), strict=True))
@@ -79,7 +79,7 @@ def oriented_average(labels: Labels, predictions: Predictions, matchings: Sequen
 
 
 def _loaded(labels: Labels, predictions: Predictions) -> tuple[COCO, COCO]:
-    """Labels and detections as the library takes them; images, classes, and boxes are numbered from 1."""
+    """Labels and detections for the library; images, classes, and boxes are numbered from 1."""
     true, found = COCO(), COCO()
     head: dict[str, Any] = {
         "images": [{"id": i + 1} for i in range(len(labels.images))],
@@ -116,20 +116,20 @@ def resampled_averages(
     weights: Float[np.ndarray, "r positions"],
     cells: int = 1 << 22,
 ) -> Float[np.ndarray, "r c 3"]:
-    """`AVERAGES` of each class in each resample of positions; nan where a resample has no label of the class.
+    """`AVERAGES` of each class in each resample of positions; nan if a resample has no label of the class.
 
     Parameters
     ----------
     labels, predictions
-        Of one dataset.
+        Labels and predictions of one dataset.
     matchings
         One for each of `IOUS`.
     position
-        (n,) of each image, numbered from 0.
+        (n,) position of each image, numbered from 0.
     weights
-        How often each position is in each resample.
+        Count of each position in each resample.
     cells
-        Numbers of one array in memory, about.
+        Approximate largest size of an array.
     """
     order = np.argsort(-predictions.score, kind="stable")
     each = []
@@ -153,20 +153,20 @@ def weighted_averages(
     weight: Float[np.ndarray, "r d"],
     labels: Float[np.ndarray, " r"],
 ) -> Float[np.ndarray, "r i"]:
-    """AP of one class where each detection counts a whole number of times: COCO's mean precision at 101 recalls.
+    """AP of one class with integer weights of detections: COCO's mean precision at 101 recalls.
 
-    Precision is highest where a label has just been found, so only true detections are searched.
+    Precision has its maxima at true detections, so only those are searched.
 
     Parameters
     ----------
     true, counts
-        At each of i IoUs, of the detections by falling score, which have found a label and which count at all.
+        For each of i IoUs and the detections by falling score, whether they're matched, and whether they count.
     weight
-        How often each counts, in each of r resamples.
+        Weight of each in each of r resamples.
     labels
-        How many there are to find; where there are none the result is nan.
+        Number of labels; without any the result is nan.
     """
-    # The least count of found labels that reaches each recall, to the bit as a division has it.
+    # The least count of found labels that reaches each recall, with the rounding of a division.
     least = np.ceil(RECALLS * labels[:, None])
     with np.errstate(invalid="ignore", divide="ignore"):
         least -= (least > 0) & ((least - 1) / labels[:, None] >= RECALLS)
@@ -179,7 +179,7 @@ def weighted_averages(
         tp = np.cumsum(weight[:, columns], axis=1)
         precision = tp / (all_so_far[:, columns] + np.spacing(1))
         highest = np.maximum.accumulate(precision[:, ::-1], axis=1)[:, ::-1]
-        # One search for all resamples: each has a range of counts of its own.
+        # One search for all resamples, each in its own range of counts.
         apart = (labels.max(initial=0.0) + 2.0) * np.arange(len(weight))[:, None]
         at = np.searchsorted((tp + apart).ravel(), (least + apart).ravel()).reshape(least.shape)
         at -= len(columns) * np.arange(len(weight))[:, None]
@@ -189,7 +189,7 @@ def weighted_averages(
 
 
 def class_mean(each: Float[np.ndarray, "r c *more"]) -> Float[np.ndarray, "r *more"]:
-    """The mean over classes that have labels, as COCO takes it; nan where none has."""
+    """The mean over classes with labels, as in COCO; nan without any."""
     known = ~np.isnan(each)
     counts = known.sum(axis=1)
     total = np.where(known, each, 0.0).sum(axis=1)

@@ -1,4 +1,4 @@
-"""Bins of what is known about labels, such as size or weather; what was found in each, and the worst in words."""
+"""Bins of labels by attributes such as size or weather, with figures of each, and sentences about the worst."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from hulldown.training.evaluation.matching import Matching
 from hulldown.training.evaluation.metrics import SUMS, Outcomes, ratio, sums_by
 from hulldown.training.evaluation.predictions import Predictions
 
-MOST_NAMES = 30  # bins of a field of names, the most frequent; the others share one
-ENOUGH = 10  # labels in a bin before it is called one of the worst
+MOST_NAMES = 30  # most frequent names with their own bin; the others share one
+ENOUGH = 10  # least labels of a bin among the worst
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Field:
-    """Bins of one thing that is known about labels.
+    """Bins of one attribute of labels.
 
     Parameters
     ----------
     name, title
-        What it is called in files, and for readers.
+        Its name in files, and its title for readers.
     bins
-        b names, in their order.
+        b names, in order.
     of_label
-        (g,) the bin of each label; -1 where it is not known.
+        (g,) bin of each label; -1 if unknown.
     of_detection
-        (d,) the same of detections, where it does not take a label to know it; else None: precision is not defined.
+        (d,) bin of each detection, if it doesn't depend on labels; else None: precision is undefined.
     """
 
     name: str
@@ -45,9 +45,9 @@ class Field:
 
 
 def fields(labels: Labels, predictions: Predictions) -> list[Field]:
-    """Everything that labels can be put into bins by; what no label knows is left out, as are empty bins.
+    """All attributes with bins; those that no label has are left out, as are empty bins.
 
-    What is stored comes first; distance, elevation, side and slope are else derived from stored poses, and contrast
+    Stored values come first; otherwise distance, elevation, side, and slope follow from stored poses, and contrast
     is measured in the pictures.
     """
     numbers = numbers_of(labels.annotations, labels.images, labels.image)
@@ -87,7 +87,7 @@ def _named(
     of_label: Sequence[str | None],
     of_detection: Sequence[str | None] | None,
 ) -> Field:
-    """Bins by name; those beyond the thirty most frequent share one."""
+    """Bins by name; names beyond the thirty most frequent share one."""
     known = [one for one in of_label if one is not None]
     names = sorted(set(known) | {one for one in of_detection or () if one is not None})
     if len(names) > MOST_NAMES:
@@ -117,22 +117,22 @@ def _without_empty(field: Field) -> Field:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class BinFigures:
-    """What was found in the b bins of a field.
+    """Figures of a field's b bins.
 
     Parameters
     ----------
     field
         The field.
     labels, found
-        (b,) how many there are, and how many were found.
+        (b,) number of labels, and of found ones.
     recall, recall_interval
         (b,), (2, b) with the 95 % interval; nan with too few positions to tell.
     precision, precision_interval
-        The same of the detections in a bin; nan where that is not defined.
+        The same for the detections in a bin; nan if undefined.
     detections
-        (b,) how many there are above the threshold; -1 where that is not defined.
+        (b,) detections above the threshold; -1 if undefined.
     mean_iou
-        (b,) of the matches.
+        (b,) mean IoU of the matches.
     """
 
     field: Field
@@ -150,7 +150,7 @@ def figures_of(
     field: Field, labels: Labels, predictions: Predictions, matching: Matching, seen: Outcomes, *,
     position: Int[np.ndarray, " n"],
 ) -> BinFigures:  # fmt: skip
-    """Recall, precision where it is defined, and mean IoU in every bin; `position` is that of each image."""
+    """Recall, precision if defined, and mean IoU in every bin; `position` is each image's."""
     n = len(field.bins)
     positions = int(position.max()) + 1 if len(position) else 0
 
@@ -161,7 +161,7 @@ def figures_of(
             labels, predictions, matching, seen, of_detection=cells[0], of_label=cells[1], groups=positions * n
         ).reshape(positions, n, len(SUMS))
 
-    by_label = sums(np.append(field.of_label, -1)[matching.box])  # a find is in the bin of its label
+    by_label = sums(np.append(field.of_label, -1)[matching.box])  # a match is in its label's bin
     found, there = by_label[..., 0], by_label[..., 0] + by_label[..., 2]
     if field.of_detection is None:
         detections, precision, ends = np.full(n, -1), np.full(n, np.nan), np.full((2, n), np.nan)
@@ -193,9 +193,9 @@ def _share(
 
 
 def worst(found: Sequence[BinFigures], *, count: int = 3, enough: int = ENOUGH) -> list[str]:
-    """The bins of the lowest recall, in words: those whose interval ends lowest, one a field.
+    """Sentences about the bins of the lowest recall, by the upper end of their interval, one per field.
 
-    Bins of fewer labels than `enough`, and those whose recall is not below that of all, are not among them.
+    Bins with fewer labels than `enough`, or with a recall at or above the overall one, are left out.
     """
     rows = []
     for one in found:

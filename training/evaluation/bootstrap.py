@@ -1,9 +1,9 @@
-"""Intervals: resample the positions of a test set, and turn the spread into an interval that covers.
+"""Confidence intervals from resampled positions of a test set.
 
-Shots of one position show one vehicle on one piece of ground, and are found or missed together, so they are resampled
-together. A photograph is a position of its own. Percentiles of few resampled positions cover far too little (five
-labels, all found, would give 1.000 to 1.000), so an interval is Wilson's with as many trials as the resampled spread
-shows the test set to be worth, and with Student's quantile. docs/evaluation.md has the measured coverage.
+Shots of one position show one vehicle on the same ground, and are found or missed together, so they're resampled
+together. Each photograph is its own position. Percentiles of few resampled positions cover far too little (five
+labels, all found, would give 1.000 to 1.000), so an interval is Wilson's, with the number of trials that matches the
+resampled spread, and with Student's quantile. docs/evaluation.md has the measured coverage.
 
 References
 ----------
@@ -28,14 +28,14 @@ from scipy.special import stdtrit
 from hulldown.training.evaluation.metrics import SHARES, denominators, figures, ratio
 
 RESAMPLES = 2000
-LEAST_ERROR = 1e-150  # whose square is a number
+LEAST_ERROR = 1e-150  # smallest error whose square doesn't underflow
 LEVEL = 0.95
-FEWEST = 5  # positions: with fewer, no coverage has been measured, and there is no interval
+FEWEST = 5  # positions: with fewer, coverage wasn't measured, so there is no interval
 DRAWN_AT_ONCE = 1 << 22
 
 
 def resamples(groups: int, *, times: int = RESAMPLES, seed: int = 0) -> Iterator[Float[np.ndarray, "r groups"]]:
-    """How often each group is in each of `times` resamples of as many as there are; some resamples at a time."""
+    """Yield batches of resamples, `times` in all: the count of each group in each resample."""
     random = np.random.default_rng(seed)
     rows = max(1, DRAWN_AT_ONCE // max(groups, 1))
     for start in range(0, times, rows):
@@ -47,7 +47,7 @@ def resamples(groups: int, *, times: int = RESAMPLES, seed: int = 0) -> Iterator
 def resampled_sums(
     sums: Float[np.ndarray, "groups *columns"], *, times: int = RESAMPLES, seed: int = 0
 ) -> Float[np.ndarray, "r *columns"]:
-    """Sums over the groups of each resample; with one seed and number of groups the resamples are the same."""
+    """Sums over the groups of each resample; the resamples depend on the seed and the number of groups alone."""
     if not len(sums):
         return np.zeros((times, *sums.shape[1:]))
     flat = sums.reshape(len(sums), -1)
@@ -57,14 +57,14 @@ def resampled_sums(
 
 
 def standard_error(resampled: Float[np.ndarray, "r *shape"], groups: ArrayLike) -> Float[np.ndarray, "*shape"]:
-    """The standard error that resamples show; nan with fewer groups than `FEWEST`, or where most define nothing.
+    """The standard error by resampling; nan with fewer groups than `FEWEST`, or if most resamples are undefined.
 
     Parameters
     ----------
     resampled
-        A figure of every resample.
+        The figure in every resample.
     groups
-        How many groups bear on it. Resampling n of them shows (n - 1) / n of the variance.
+        Number of groups that matter. Resampling n of them shows (n - 1) / n of the variance.
     """
     groups = np.asarray(groups, dtype=np.float64)
     known = ~np.isnan(resampled)
@@ -78,7 +78,7 @@ def standard_error(resampled: Float[np.ndarray, "r *shape"], groups: ArrayLike) 
 def ratio_error(
     part: Float[np.ndarray, "groups *shape"], whole: Float[np.ndarray, "groups *shape"]
 ) -> Float[np.ndarray, "*shape"]:
-    """The same of a ratio of sums, without resampling: by the delta method."""
+    """The standard error of a ratio of sums by the delta method, without resampling."""
     groups = (whole > 0).sum(axis=0)
     total = whole.sum(axis=0)
     off = part - ratio(part.sum(axis=0), total) * whole
@@ -89,19 +89,19 @@ def ratio_error(
 def share_interval(
     value: ArrayLike, error: ArrayLike, *, freedom: ArrayLike, trials: ArrayLike = np.inf
 ) -> Float[np.ndarray, "2 *shape"]:
-    """Lower and upper end of the 95 % interval of a figure between 0 and 1; nan where `error` is.
+    """The 95 % interval of a figure between 0 and 1; nan if `error` is.
 
-    It is Wilson's interval with the number of trials that `error` stands for.
+    It's Wilson's interval with the number of trials that has this `error`.
 
     Parameters
     ----------
     value, error
         The figure and its standard error.
     freedom
-        Degrees of freedom of the error. Where the error is 0, the trials are one more than these: if all that was seen
-        agrees, positions count and not labels.
+        Degrees of freedom of the error. If the error is 0, the trials are one more: if all observations
+        agree, positions count instead of labels.
     trials
-        The most that the figure can be worth: labels of a recall, detections of a precision.
+        Largest number of trials: labels for a recall, detections for a precision.
 
     Examples
     --------
@@ -124,9 +124,9 @@ def share_interval(
 def difference_interval(
     value: ArrayLike, error: ArrayLike, *, freedom: ArrayLike, labels: ArrayLike
 ) -> Float[np.ndarray, "2 *shape"]:
-    """Lower and upper end of the 95 % interval of a paired difference; nan where `error` is.
+    """The 95 % interval of a paired difference; nan if `error` is.
 
-    Two labels more are counted, one gained and one lost, since few changes show too little of their own spread.
+    Two labels are added, one gained and one lost (Bonett and Price), since few changes underestimate the spread.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def difference_interval(
     freedom
         Degrees of freedom of the error.
     labels
-        How many labels there are.
+        Number of labels.
     """
     value, error, labels = (np.asarray(n, dtype=np.float64) for n in (value, error, labels))
     middle = value * labels / (labels + 2.0)
@@ -163,7 +163,7 @@ def figure_intervals(
     sums
         `metrics.SUMS` of each group.
     resampled
-        The same of every resample of the groups.
+        The same in every resample of the groups.
     """
     whole, again = figures(sums.sum(axis=0)), figures(resampled)
     found = {}

@@ -1,4 +1,4 @@
-"""What misses, false alarms and finds look like: the worst of each, cut out of their pictures."""
+"""Crops of the worst misses, false positives, and matches."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ MOST = 60  # of each outcome
 SHEET = 24  # of these on a sheet
 TILE = (320, 240)
 AROUND = 2.4  # widths of a box that its picture shows
-LEAST = 96  # pixels that a picture shows at least, so that one sees where it is
+LEAST = 96  # least pixels of a crop, for context
 LABEL_COLOR, FOUND_COLOR = (0, 200, 120), (255, 120, 0)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Case:
-    """One box worth a look.
+    """A crop of one box.
 
     Parameters
     ----------
@@ -37,11 +37,11 @@ class Case:
     image
         Index of its image.
     xywh
-        The label's box, or the false alarm's.
+        The label's box, or the false positive's.
     caption
         Lines about it.
     values
-        What it is in each facet.
+        Its value in each facet.
     """
 
     outcome: str
@@ -58,9 +58,9 @@ class Cases:
     Parameters
     ----------
     cases, pictures
-        One a case.
+        A picture for each case.
     unread
-        Why the first picture that could not be read was not; empty if all were.
+        The error of the first unreadable picture; empty if all were read.
     """
 
     cases: list[Case]
@@ -68,14 +68,14 @@ class Cases:
     unread: str
 
     def tiles(self) -> list[Tile]:
-        """As thumbnails of a page."""
+        """Thumbnails for a page."""
         return [
             Tile(_jpeg(picture), case.caption, case.values)
             for case, picture in zip(self.cases, self.pictures, strict=True)
         ]
 
     def sheet(self, outcome: str) -> Image.Image | None:
-        """The first of one outcome, side by side; None if there is none."""
+        """A sheet of the first cases of one outcome; None if there are none."""
         chosen = [k for k, case in enumerate(self.cases) if case.outcome == outcome][:SHEET]
         if not chosen:
             return None
@@ -84,14 +84,14 @@ class Cases:
 
 
 def facets(one: Evaluation) -> list[Facet]:
-    """What cases are filtered by: outcome, class, cause, and every field of bins."""
+    """Facets of cases: outcome, class, cause, and every field of bins."""
     causes = Facet("cause", "cause", [name for name in CAUSES if name != "missed"])
     bins = [Facet(found.field.name, found.field.title, found.field.bins) for found in one.bins]
     return [Facet("outcome", "outcome", OUTCOMES), *bins[:1], causes, *bins[1:]]
 
 
 def cases(one: Evaluation, *, most: int = MOST) -> Cases:
-    """The worst misses (the largest and most visible), the most confident false alarms, the worst-placed finds."""
+    """The largest and most visible misses, the most confident false positives, and the matches of lowest IoU."""
     visible = np.array([_share(box.get("visible_fraction")) for box in one.labels.annotations], dtype=np.float64)
     size = one.labels.xywh[:, 2] * one.labels.xywh[:, 3] * visible
     overlap = np.zeros(len(one.labels.label))
@@ -152,7 +152,7 @@ def _false_alarm(one: Evaluation, d: int) -> Case:
 
 
 def _cut(one: Evaluation, case: Case, whole: Image.Image) -> Image.Image:
-    """The surroundings of a case, as large as a tile, with the boxes of all labels and counted detections in it."""
+    """A case's surroundings at a tile's size, with the boxes of all labels and counted detections."""
     center = case.xywh[:2] + case.xywh[2:] / 2.0
     ratio = TILE[0] / TILE[1]
     width = max(AROUND * case.xywh[2], AROUND * case.xywh[3] * ratio, LEAST)

@@ -1,4 +1,4 @@
-"""Measure how targets contrast with their surroundings, where records don't say."""
+"""Measure the contrast of targets with their surroundings, if records don't have it."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from hulldown.training.evaluation.labels import Labels
 READERS = 4  # threads; decoding releases the interpreter lock
 
 
-@lru_cache(maxsize=2)  # the detectors of a study or a comparison are judged on the same pictures, one after the other
+@lru_cache(maxsize=2)  # the detectors of a study are evaluated on the same pictures, one after the other
 def measured_contrast(labels: Labels) -> Float[np.ndarray, " g"]:
     """Return the contrast of each target, (g,), 1 for black on white; see `dataset.verification.look`.
 
-    It's nan where a label has no mask, or its picture cannot be read.
+    It's nan if a label has no mask, or its picture can't be read.
     """
     found = np.full(len(labels.label), np.nan)
     masked = np.array([bool(record.get("segmentation")) for record in labels.annotations], dtype=bool) & ~labels.crowd

@@ -41,20 +41,20 @@ from hulldown.training.evaluation.metrics import (
 from hulldown.training.evaluation.predictions import Predictions
 from hulldown.training.evaluation.tide import BACKGROUND, Errors, errors
 
-FOREGROUND = 0.5  # the IoU of AP50 and of the causes of errors, whatever that of the counts
-AP_RESAMPLES = 400  # a standard error needs no more, and each goes through all detections
+FOREGROUND = 0.5  # IoU of AP50 and of the causes of errors, independent of the counts' IoU
+AP_RESAMPLES = 400  # enough for a standard error; each passes over all detections
 
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """The confidence from which detections count, and where it comes from.
+    """The confidence threshold of detections, and its source.
 
     Parameters
     ----------
     value
-        Scores of at least this count.
+        Detections with at least this score count.
     source
-        ``"given"``, ``"validation"`` (the best F1 on another set) or ``"test"``: the best F1 on the set itself, which
+        ``"given"``, ``"validation"`` (the best F1 on another set), or ``"test"``: the best F1 on the set itself, which
         makes every figure at the threshold too good. Each resample then chooses its own.
     """
 
@@ -63,16 +63,16 @@ class Threshold:
 
 
 class Evaluation:
-    """What is known about one detector's detections in a dataset of c classes; what isn't asked for isn't computed.
+    """The evaluation of a detector on a dataset of c classes; each property is computed on first use.
 
     Parameters
     ----------
     labels, predictions
-        What was to be found, and what was found.
+        Ground truth and detections.
     threshold
-        The confidence from which detections count.
+        The confidence threshold.
     iou
-        The overlap from which a detection has found a label of its class.
+        Least IoU of a match.
     """
 
     def __init__(self, labels: Labels, predictions: Predictions, *, threshold: Threshold, iou: float = 0.5) -> None:
@@ -85,7 +85,7 @@ class Evaluation:
 
     @cached_property
     def positions(self) -> int:
-        """How many independent positions the images show."""
+        """Number of independent positions in the images."""
         return int(self._position.max()) + 1 if len(self._position) else 0
 
     @cached_property
@@ -106,7 +106,7 @@ class Evaluation:
 
     @cached_property
     def label_positions(self) -> Int[np.ndarray, "positions c"]:
-        """Labels of each class in each position, crowds left out."""
+        """Number of labels of each class in each position, without crowds."""
         return self.position_sums[:, :, [SUMS.index("tp"), SUMS.index("fn")]].sum(axis=2).astype(np.int64)
 
     @cached_property
@@ -139,7 +139,7 @@ class Evaluation:
 
     @cached_property
     def errors(self) -> Errors:
-        """Causes, at an IoU of 0.5."""
+        """Causes of errors, at an IoU of 0.5."""
         at_half = match(self.labels, self.predictions, self._pairs, iou=FOREGROUND)
         return errors(self.labels, self.predictions, self._pairs, at_half)
 
@@ -160,7 +160,7 @@ class Evaluation:
 
     @cached_property
     def bins(self) -> list[BinFigures]:
-        """Figures by what is known about labels."""
+        """Figures in the bins of each field."""
         return [
             figures_of(field, self.labels, self.predictions, self.matching, self.seen, position=self._position)
             for field in fields(self.labels, self.predictions)
@@ -180,12 +180,12 @@ class Evaluation:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Comparison:
-    """Second minus first, on one dataset.
+    """Differences of two detectors, second minus first, on one dataset.
 
     Parameters
     ----------
     first, second
-        Names of the two.
+        Their names.
     difference, intervals
         By figure.
     """
@@ -197,18 +197,18 @@ class Comparison:
 
 
 def best_threshold(labels: Labels, predictions: Predictions, *, iou: float = 0.5) -> float | None:
-    """The confidence of the highest F1 over all classes; None without detections."""
+    """The confidence with the highest F1 over all classes; None without detections."""
     pairs = overlapping(labels, predictions, at_least=iou)
     return curves(labels, predictions, match(labels, predictions, pairs, iou=iou)).best()
 
 
 def compare(first: Evaluation, second: Evaluation) -> Comparison:
-    """Second minus first, position by position: both have seen the same drawings.
+    """Compare two detectors, second minus first, on the same resamples of positions.
 
     Raises
     ------
     ValueError
-        If they are not of one dataset.
+        If they're of different datasets.
     """
     if first.labels is not second.labels:
         raise ValueError(f"second: expected an evaluation on {first.labels.path}, got {second.labels.path}")

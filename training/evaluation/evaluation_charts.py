@@ -31,7 +31,7 @@ def precision_recall(evaluations: Sequence[Evaluation]) -> bytes:
 
 
 def marker_of(values: np.ndarray) -> str:
-    """A line, or a dot where there's one point, which a line doesn't show."""
+    """The marker of a curve: a dot if it has one point."""
     return "-" if len(values) > 1 else "."
 
 
@@ -48,7 +48,7 @@ def over_thresholds(one: Evaluation) -> bytes:
 
 
 def losses(loss: Mapping[str, float]) -> bytes:
-    """What fixing each cause alone would bring."""
+    """AP50 that fixing each cause alone would gain."""
     figure, axes = axes_of(5.4, 2.4)
     names = list(loss)[::-1]
     axes.barh(names, [100.0 * loss[name] for name in names], color=RED, height=0.6)
@@ -57,7 +57,7 @@ def losses(loss: Mapping[str, float]) -> bytes:
 
 
 def recall_bins(found: BinFigures, overall: float) -> bytes:
-    """Recall in the bins of a field, with its interval and how many labels there are."""
+    """Recall in the bins of a field, with intervals and numbers of labels."""
     rows = np.flatnonzero(found.labels > 0)[::-1]
     figure, axes = axes_of(3.75, 0.7 + 0.24 * len(rows))
     places = np.arange(len(rows))

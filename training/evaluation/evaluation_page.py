@@ -1,4 +1,4 @@
-"""An evaluation for people: report.html and what it shows."""
+"""The HTML page of an evaluation."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def evaluation_page(one: Evaluation, report: Mapping[str, Any], looks: Cases) ->
     Parameters
     ----------
     one, report
-        The evaluation, and what `report.report` says of it.
+        The evaluation, and its `report.report`.
     looks
         Its cases.
     """
@@ -91,7 +91,7 @@ def comparison_page(
     compared: Sequence[Comparison],
     folders: Mapping[str, str],
 ) -> str:
-    """The page about several files of detections of one dataset; `folders` is where each one's own page is."""
+    """The page that compares several files of detections; `folders` have their own pages."""
     first = evaluations[0]
     rows = [
         [_title(key, *reports.values()), *(_with_interval(one["overall"], key) for one in reports.values())]
@@ -125,7 +125,7 @@ def comparison_page(
 
 
 def operating_point(one: Evaluation) -> list[Block]:
-    """What counts as found, in words."""
+    """A sentence about the operating point."""
     source = one.threshold.source
     labels = int((~one.labels.crowd).sum())
     text = (
@@ -188,7 +188,7 @@ def _where(one: Evaluation, report: Mapping[str, Any]) -> list[Block]:
             [
                 Chart(recall_bins(found, overall), f"recall by {found.field.title}")
                 for found in one.bins
-                if (found.labels > 0).sum() > 1  # one bin says no more than the whole
+                if (found.labels > 0).sum() > 1  # a single bin equals the whole
             ]
         ),
     ]
@@ -223,7 +223,7 @@ def _looks(one: Evaluation, looks: Cases) -> list[Block]:
 
 
 def _title(key: str, *reports: Mapping[str, Any]) -> str:
-    """What a figure is called; it carries its own warning where the threshold was chosen on the set itself."""
+    """A figure's title, with a warning if the threshold was chosen on the test set itself."""
     chosen = key not in AVERAGES and any(one["threshold_source"] == "test" for one in reports)
     return f"{FIGURES[key]}, at a threshold chosen on this set" if chosen else FIGURES[key]
 
@@ -233,7 +233,7 @@ def _with_interval(record: Mapping[str, Any], key: str) -> str:
 
 
 def ranged(value: float | int | None, ends: Sequence[float | None] | None, *, sign: str = "") -> str:
-    """Say a figure with its interval, where it has one; `sign` is ``"+"`` for differences."""
+    """Format a figure with its interval, if it has one; `sign` is ``"+"`` for differences."""
     if ends is None or value is None:
         return number(value, sign=sign)
     if None in ends:
@@ -242,7 +242,7 @@ def ranged(value: float | int | None, ends: Sequence[float | None] | None, *, si
 
 
 def number(value: float | int | None, *, sign: str = "") -> str:
-    """Say a count, or a figure with three decimals."""
+    """Format a count, or a figure with three decimals."""
     return "–" if value is None else f"{value:,}" if isinstance(value, int) else f"{value:{sign}.3f}"
 
 

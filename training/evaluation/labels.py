@@ -1,4 +1,4 @@
-"""What a detector should have found: a COCO dataset's labels as arrays."""
+"""Ground truth: a COCO dataset's labels as arrays."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class Labels:
     Parameters
     ----------
     path
-        The dataset as the user named it, for errors.
+        The dataset's path, for errors.
     folder
-        Where its pictures are.
+        Folder of its pictures.
     image_id
         (n,) ascending.
     class_id
@@ -33,13 +33,13 @@ class Labels:
     class_names
         Of each.
     image, label
-        (g,) of each box, which image and which class, as indices.
+        (g,) indices of each box's image and class.
     xywh
         (g, 4) pixels.
     area
-        (g,) pixels: the record's, of a mask where there is one; else the box's.
+        (g,) pixels: the record's area (a mask's, if there is one), else the box's.
     crowd
-        (g,) whether it is a region of many (COCO's ``iscrowd``): found or not, it counts for nothing.
+        (g,) whether it's COCO's ``iscrowd``, which is ignored.
     images, annotations
         The records themselves, in the same order.
     """
@@ -58,7 +58,7 @@ class Labels:
     annotations: Sequence[Mapping[str, Any]]
 
     def positions(self) -> Int[np.ndarray, " n"]:
-        """(n,) number of the position that each image shows; one of its own for an image that knows no position."""
+        """(n,) position of each image; an image without one is its own."""
         boxes_of: list[list[Mapping[str, Any]]] = [[] for _ in self.images]
         for image, record in zip(self.image.tolist(), self.annotations, strict=True):
             boxes_of[image].append(record)
@@ -67,29 +67,29 @@ class Labels:
 
 
 def read_labels(path: Path | str) -> Labels:
-    """The labels of a dataset.
+    """Read the labels of a dataset.
 
     Parameters
     ----------
     path
-        Its folder, with ``annotations.json`` or ``_annotations.coco.json``, or a COCO file beside its pictures.
+        Its folder, with ``annotations.json`` or ``_annotations.coco.json``, or a COCO file next to its pictures.
 
     Raises
     ------
     DatasetError
-        If there is none, or naming the first record that cannot be used.
+        If there is none, or naming the first unusable record.
     """
     path = Path(path)
     return labels_of(read_usable(path), path=path, folder=path if path.is_dir() else path.parent)
 
 
 def labels_of(coco: Mapping[str, Any], *, path: Path, folder: Path) -> Labels:
-    """The same of a COCO dictionary whose records have been checked.
+    """Labels of a COCO dictionary with checked records.
 
     Raises
     ------
     DatasetError
-        If an id is given twice, a box belongs to no image, or an area is no number, or a size is negative.
+        If an id occurs twice, a box belongs to no image, an area isn't a number, or a size is negative.
     """
     for kind, records in (("image", coco["images"]), ("category", coco["categories"])):
         doubled = [i for i, times in Counter(record["id"] for record in records).items() if times > 1]
@@ -101,7 +101,7 @@ def labels_of(coco: Mapping[str, Any], *, path: Path, folder: Path) -> Labels:
     categories = sorted(coco["categories"], key=lambda category: category["id"])
     index = {image["id"]: i for i, image in enumerate(images)}
     class_index = {category["id"]: i for i, category in enumerate(categories)}
-    # By image, in the order of the file within each: the order of images in the file changes nothing.
+    # By image, then in the file's order, so the order of images in the file doesn't matter.
     annotations = sorted(coco["annotations"], key=lambda record: index.get(record["image_id"], -1))
     if annotations and annotations[0]["image_id"] not in index:
         lost = annotations[0]

@@ -1,8 +1,8 @@
-"""Which detection has found which label: COCO's matching, of all images at once.
+"""COCO's matching of detections with labels, for all images at once.
 
 COCO takes the detections of a class in an image by falling score; each gets the free label with the highest overlap, if
-that is at least the threshold. Images and classes do not touch each other, so the n-th detections of all of them are
-decided together, in one step on arrays.
+that is at least the threshold. Images and classes are independent, so the n-th detections of all of them are
+matched together in one array operation.
 
 References
 ----------
@@ -22,7 +22,7 @@ from hulldown.dataset.oriented import visible_corners
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.predictions import Predictions
 
-MAX_DETECTIONS = 100  # of a class in an image: COCO looks at no more
+MAX_DETECTIONS = 100  # of a class in an image, COCO's limit
 PAIRS_AT_ONCE = 1 << 21
 
 
@@ -33,9 +33,9 @@ class Pairs:
     Parameters
     ----------
     detection, box
-        (p,) indices of a detection and of a label.
+        (p,) indices of detection and label.
     iou
-        (p,) their intersection over union; over the detection's area where the label is a crowd.
+        (p,) their IoU; for crowds, intersection over the detection's area.
     """
 
     detection: Int[np.ndarray, " p"]
@@ -43,26 +43,26 @@ class Pairs:
     iou: Float[np.ndarray, " p"]
 
     def where(self, keep: Bool[np.ndarray, " p"]) -> Pairs:
-        """Some of them."""
+        """Select pairs."""
         return Pairs(self.detection[keep], self.box[keep], self.iou[keep])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Matching:
-    """What became of d detections and g labels.
+    """Matches of d detections and g labels.
 
     Parameters
     ----------
     iou_threshold
-        The least overlap of a match.
+        Least IoU of a match.
     box
-        (d,) the label that a detection has found; -1 if none.
+        (d,) matched label; -1 if none.
     iou
-        (d,) its overlap; nan if none.
+        (d,) its IoU; nan if none.
     ignored
-        (d,) whether the detection counts for nothing: it lies in a crowd, or a hundred others stand before it.
+        (d,) whether the detection is ignored: it's in a crowd, or beyond the first hundred.
     detection
-        (g,) the detection that has found a label; -1 if none; always -1 for crowds.
+        (g,) matched detection; -1 if none, and for crowds.
     """
 
     iou_threshold: float
@@ -75,14 +75,14 @@ class Matching:
 def overlaps(
     found: Float[np.ndarray, "p 4"], true: Float[np.ndarray, "p 4"], crowd: Bool[np.ndarray, " p"]
 ) -> Float[np.ndarray, " p"]:
-    """Intersection over union of boxes, pair by pair, to the bit as pycocotools has it.
+    """IoU of boxes, pair by pair, bit-equal to pycocotools'.
 
     Parameters
     ----------
     found, true
         xywh of detections and labels.
     crowd
-        Where the label is a crowd, the detection's area takes the place of the union.
+        Whether the label is a crowd; then the detection's area replaces the union.
     """
     ends = np.minimum(found[:, :2] + found[:, 2:], true[:, :2] + true[:, 2:])
     size = ends - np.maximum(found[:, :2], true[:, :2])
@@ -96,7 +96,7 @@ def overlaps(
 def oriented_overlaps(
     found: Float[np.ndarray, "p 4 2"], true: Float[np.ndarray, "p 4 2"], crowd: Bool[np.ndarray, " p"]
 ) -> Float[np.ndarray, " p"]:
-    """The same of convex quadrilaterals by their corners, by Shapely."""
+    """IoU of convex quadrilaterals by their corners, by Shapely."""
     near = ((found.max(axis=1) > true.min(axis=1)) & (true.max(axis=1) > found.min(axis=1))).all(axis=1)
     result = np.zeros(len(found))
     first, second = shapely.polygons(found[near]), shapely.polygons(true[near])
@@ -109,7 +109,7 @@ def oriented_overlaps(
 def overlapping(
     labels: Labels, predictions: Predictions, *, at_least: float = 0.1, max_detections: int = MAX_DETECTIONS
 ) -> Pairs:
-    """Every detection with every label of its image, whatever its class, that it overlaps enough.
+    """All pairs of a detection and a label of its image, of any class, with enough overlap.
 
     Detections beyond the first `max_detections` of their class and image have no pairs. Oriented detections are
     compared with the labels' `dataset.oriented.visible_corners`.
@@ -138,17 +138,17 @@ def overlapping(
 def match(labels: Labels, predictions: Predictions, pairs: Pairs, *, iou: float = 0.5) -> Matching:
     """Match detections with labels of their class as COCO does.
 
-    Of a label that stands below the threshold of confidence nothing is lost by matching all: the matches of the
-    confident are decided first.
+    Matching every detection is safe: those below the confidence threshold are dropped later, since the matches of the
+    confident ones are decided first.
 
     Parameters
     ----------
     labels, predictions
         Of one dataset.
     pairs
-        What overlaps, at least as much as `iou`, from `overlapping`.
+        Pairs from `overlapping` with at least `iou`.
     iou
-        The least overlap.
+        Least IoU.
     """
     same = labels.label[pairs.box] == predictions.label[pairs.detection]
     keep = same & (pairs.iou >= min(iou, 1.0 - 1e-10))
@@ -167,22 +167,22 @@ def match(labels: Labels, predictions: Predictions, pairs: Pairs, *, iou: float 
 def greedy(
     pairs: Pairs, order: Float[np.ndarray, " d"], group: Int[np.ndarray, " d"], crowd: Bool[np.ndarray, " g"]
 ) -> Pairs:
-    """Each detection's label, where those that come first choose first.
+    """Match greedily in order.
 
     Parameters
     ----------
     pairs
-        Who may have whom; no label is wanted from two groups.
+        Possible matches; no label is in pairs of two groups.
     order
-        (d,) lowest first; the earlier detection where equal.
+        (d,) rank, lowest first; on ties the earlier detection.
     group
-        (d,) which detections stand in each other's way.
+        (d,) group of each detection; only detections of a group compete.
     crowd
-        (g,) labels that serve any number of detections, and only those that find no other.
+        (g,) crowds, which match any number of detections without another match.
 
     Returns
     -------
-    The chosen pairs, one a detection at most.
+    Indices of the chosen pairs, at most one per detection.
     """
     if not len(pairs.box):
         return pairs
@@ -210,7 +210,7 @@ def greedy(
 
 
 def leading(predictions: Predictions, most: int) -> Bool[np.ndarray, " d"]:
-    """Which detections are among the first `most` of their class and image, by score."""
+    """Whether each detection is among the first `most` of its class and image, by score."""
     group = _groups(predictions)
     order = np.lexsort((-predictions.score, group))
     sorted_group = group[order]
@@ -225,7 +225,7 @@ def _groups(predictions: Predictions) -> Int[np.ndarray, " d"]:
 
 
 def _chunks(ends: Int[np.ndarray, " d"]) -> list[tuple[int, int]]:
-    """Runs of detections with about `PAIRS_AT_ONCE` pairs each; `ends` are the sums so far."""
+    """Runs of detections with about `PAIRS_AT_ONCE` pairs each; `ends` are cumulative counts."""
     total = int(ends[-1]) if len(ends) else 0
     cuts = np.searchsorted(ends, np.arange(PAIRS_AT_ONCE, total, PAIRS_AT_ONCE), side="left") + 1
     bounds = np.unique(np.concatenate([[0], cuts, [len(ends)]])).tolist()

@@ -17,23 +17,23 @@ from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.matching import Matching, Pairs, greedy
 from hulldown.training.evaluation.predictions import Predictions
 
-SUMS = ("tp", "fp", "fn", "iou", "confidence_tp", "confidence_fp")  # what adds up over images
+SUMS = ("tp", "fp", "fn", "iou", "confidence_tp", "confidence_fp")  # quantities that add up over images
 FIGURES = ("precision", "recall", "f1", "mean_iou", "mean_confidence", "mean_confidence_tp", "mean_confidence_fp")
-SHARES = ("precision", "recall", "f1")  # those of what is counted; the others are means
+SHARES = ("precision", "recall", "f1")  # figures that are ratios of counts; the others are means
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Outcomes:
-    """What became of detections and labels at a threshold of confidence.
+    """Outcomes of detections and labels at a confidence threshold.
 
     Parameters
     ----------
     true
-        (d,) detections that have found a label.
+        (d,) true positives.
     false
-        (d,) those that have found none.
+        (d,) false positives.
     found, missed
-        (g,) labels; a crowd is neither.
+        (g,) found and missed labels; a crowd is neither.
     """
 
     true: Bool[np.ndarray, " d"]
@@ -43,7 +43,7 @@ class Outcomes:
 
 
 def outcomes(labels: Labels, predictions: Predictions, matching: Matching, threshold: float) -> Outcomes:
-    """True and false detections, found and missed labels, where only scores of at least `threshold` count."""
+    """Outcomes of detections with scores of at least `threshold`."""
     counted = (predictions.score >= threshold) & ~matching.ignored
     found = np.zeros(len(labels.label), dtype=bool)
     matched = matching.detection >= 0
@@ -71,11 +71,11 @@ def sums_by(
     Parameters
     ----------
     labels, predictions, matching, seen
-        What was found.
+        The labels, the predictions, their matches, and the outcomes.
     of_detection, of_label
-        (d,), (g,) the group that each belongs to; those of a negative group count nowhere.
+        (d,), (g,) group of each; negative groups are ignored.
     groups
-        How many there are.
+        Number of groups.
     """
 
     def total(group: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -96,7 +96,7 @@ def sums_by(
 
 
 def figures(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np.ndarray, "*batch"]]:
-    """`FIGURES` from `SUMS` in the last axis; nan where nothing defines one.
+    """`FIGURES` from `SUMS` in the last axis; nan if undefined.
 
     Examples
     --------
@@ -113,20 +113,20 @@ def figures(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np.ndarray, 
 
 
 def denominators(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np.ndarray, "*batch"]]:
-    """What each of `FIGURES` is a share or a mean of."""
+    """Denominators of `FIGURES`."""
     tp, fp, fn = np.moveaxis(np.asarray(sums, dtype=np.float64), -1, 0)[:3]
     return dict(zip(FIGURES, (tp + fp, tp + fn, 2.0 * tp + fp + fn, tp, tp + fp, tp, fp), strict=True))
 
 
 def ratio(part: ArrayLike, whole: ArrayLike) -> Float[np.ndarray, "..."]:
-    """`part / whole`, nan where the whole is 0."""
+    """`part / whole`, nan if the whole is 0."""
     part, whole = np.asarray(part, dtype=np.float64), np.asarray(whole, dtype=np.float64)
     return np.divide(part, whole, out=np.full(np.broadcast(part, whole).shape, np.nan), where=whole != 0.0)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Curves:
-    """Precision, recall and F1 over k thresholds of confidence, which are the scores that occur, falling.
+    """Precision, recall, and F1 over k confidence thresholds: all scores, falling.
 
     Parameters
     ----------
@@ -140,14 +140,14 @@ class Curves:
     f1: Float[np.ndarray, " k"]
 
     def best(self) -> float | None:
-        """The threshold of the highest F1, the highest such; None if there is nothing to choose from."""
+        """The highest threshold with the highest F1; None without detections."""
         if not len(self.f1) or np.isnan(self.f1).all():
             return None
         return float(self.threshold[int(np.nanargmax(self.f1))])
 
 
 def curves(labels: Labels, predictions: Predictions, matching: Matching, *, label: int | None = None) -> Curves:
-    """How the figures go with the threshold, of one class or of all."""
+    """Curves over the threshold, of one class or of all."""
     counted = ~matching.ignored
     wanted = ~labels.crowd
     if label is not None:
@@ -164,10 +164,10 @@ def curves(labels: Labels, predictions: Predictions, matching: Matching, *, labe
 def confusion(
     labels: Labels, predictions: Predictions, pairs: Pairs, matching: Matching, seen: Outcomes
 ) -> Int[np.ndarray, "k k"]:
-    """What was taken for what: rows are true classes, columns detected ones, the last of each is the background.
+    """The confusion matrix: rows are true classes, columns detected ones, the last of each is the background.
 
-    The diagonal is the true detections. What they leave is matched again, whatever its class, by the same rule; what
-    is left then is background.
+    The diagonal has the true positives. The rest is matched again, ignoring classes, by the same rule; what
+    remains is background.
     """
     classes = len(predictions.class_names)
     left = pairs.where(
@@ -200,11 +200,11 @@ def sums_at_best(
     Parameters
     ----------
     labels, predictions, matching
-        What was found, whatever its score.
+        Labels, all predictions, and their matches.
     position
-        (n,) of each image.
+        (n,) position of each image.
     weights
-        How often each position is in each resample.
+        Count of each position in each resample.
     """
     classes = len(predictions.class_names)
     rows = np.flatnonzero(~matching.ignored)

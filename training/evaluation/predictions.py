@@ -1,4 +1,4 @@
-"""What a detector has found: a file of COCO results as arrays."""
+"""Detections: a file of COCO results as arrays."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hulldown.annotate.oriented import rectangle_corners
 from hulldown.geometry.errors import DatasetError
 from hulldown.training.evaluation.labels import Labels
 
-INFO_SUFFIX = ".info.json"  # beside a file of results: which images were looked at, and by what
+INFO_SUFFIX = ".info.json"  # of a file next to the results: the processed images, and the detector
 
 
 _Side = Annotated[float, msgspec.Meta(ge=0)]
@@ -34,20 +34,20 @@ class _Detection(msgspec.Struct, kw_only=True):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Predictions:
-    """d detections in the images of a dataset, in an order of their own: by image, class, falling score, and box.
+    """d detections in a dataset's images, ordered by image, class, falling score, and box.
 
-    So equal scores do not leave the result to the order of the file.
+    So results don't depend on the file's order of equal scores.
 
     Parameters
     ----------
     name
-        What to call them, unique among those that are compared.
+        Their name, unique in a comparison.
     class_id, class_names
-        Of c classes: the dataset's, in its order, and after them those that only the detections have.
+        c classes: the dataset's, in its order, then those of the detections alone.
     image, label
-        (d,) of each detection, which image and which class, as indices.
+        (d,) indices of each detection's image and class.
     xywh
-        (d, 4) pixels; around `corners` where the boxes are oriented.
+        (d, 4) pixels; around `corners` if the boxes are oriented.
     score
         (d,) confidence.
     corners
@@ -64,28 +64,28 @@ class Predictions:
     corners: Float[np.ndarray, "d 4 2"] | None = None
 
     def take(self, rows: np.ndarray) -> Predictions:
-        """Some of them: `rows` are indices or a mask."""
+        """Select detections; `rows` are indices or a mask."""
         arrays = {key: getattr(self, key)[rows] for key in ("image", "label", "xywh", "score")}
         return replace(self, **arrays, corners=None if self.corners is None else self.corners[rows])
 
 
 def read_predictions(path: Path | str, labels: Labels, *, name: str | None = None) -> Predictions:
-    """Detections from a file of COCO results: a list, or the ``annotations`` of an object.
+    """Read detections from a file of COCO results: a list, or the ``annotations`` of an object.
 
     Parameters
     ----------
     path
-        The file. If it lists its images (``images`` of the object, or of ``PATH.info.json`` beside it), they must be
-        those of the dataset: images without detections are part of a result.
+        The file. If it lists its images (``images`` of the object, or of ``PATH.info.json`` next to it), they must be
+        the dataset's, since images without detections are part of a result.
     labels
-        The dataset that they are about.
+        The dataset's labels.
     name
-        What to call them; None: the file's name without its ending.
+        Their name; None: the file's name without its extension.
 
     Raises
     ------
     DatasetError
-        If it cannot be read, or naming the first detection that cannot be used.
+        If it can't be read, or naming the first unusable detection.
     """
     path = Path(path)
     found, names = _read(path), {}
@@ -106,7 +106,7 @@ def read_predictions(path: Path | str, labels: Labels, *, name: str | None = Non
 def predictions_of(
     found: list[Any], labels: Labels, *, path: Path, name: str, names: Mapping[int, str] | None = None
 ) -> Predictions:
-    """The same from the list itself; `names` are those of categories that the dataset lacks.
+    """Detections from a list; `names` are those of categories that the dataset lacks.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def _unusable(problem: str, path: Path, labels: Labels) -> DatasetError:
 
 
 def _names(beside: Mapping[str, Any]) -> dict[int, str]:
-    """Names of categories by id, as far as they are listed."""
+    """Names of the listed categories by id."""
     listed = beside.get("categories")
     records = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
     return {
@@ -159,7 +159,7 @@ def _names(beside: Mapping[str, Any]) -> dict[int, str]:
 
 
 def _check_images(path: Path, listed: Any, labels: Labels) -> None:
-    """Refuse a list of images, if there is one, that is not the dataset's."""
+    """Refuse a list of images that isn't the dataset's."""
     if listed is None:
         return
     found = [one.get("id") if isinstance(one, dict) else one for one in listed] if isinstance(listed, list) else [None]

@@ -1,4 +1,4 @@
-"""From files to files: a dataset and the detections in it become report.json, metrics.csv, report.html, and sheets."""
+"""Evaluate files of detections, and write report.json, metrics.csv, report.html, and sheets."""
 
 from __future__ import annotations
 
@@ -48,35 +48,35 @@ def evaluate_files(
     validation: Sequence[str | os.PathLike[str]] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
-    """Judge one or several files of detections in a dataset, and write the report.
+    """Evaluate one or several files of detections on a dataset, and write the report.
 
     Parameters
     ----------
     dataset
         See `training.evaluation.labels.read_labels`.
     predictions
-        A file of COCO results, or several: then the others are compared with the first.
+        A file of COCO results, or several, of which the others are compared with the first.
     output
-        Folder of the report, made if it is not there: ``report.html``, ``report.json``, ``metrics.csv``, sheets of
-        pictures; with several, a folder for each file of detections too.
+        Folder of the report, made if missing: ``report.html``, ``report.json``, ``metrics.csv``, sheets of
+        pictures; for several files of detections, a folder for each too.
     threshold
-        The confidence from which detections count; ``"best"``: that of the highest F1 on the dataset itself.
+        The confidence threshold; ``"best"``: that of the highest F1 on the dataset itself.
     iou
-        The overlap from which a detection has found a label.
+        Least IoU of a match.
     validation
-        Another dataset and, for each of `predictions`, the same detector's detections in it: the threshold is then
+        Another dataset and, for each of `predictions`, the same detector's detections in it; the threshold is
         that of the highest F1 there.
     progress
-        Told (done, all) after each step; None for a bar on a terminal or in a notebook.
+        Called with (done, all) after each step; None: a bar in a terminal or notebook.
 
     Returns
     -------
-    What ``report.json`` holds.
+    The contents of ``report.json``.
 
     Raises
     ------
     DatasetError
-        If a file cannot be read or does not fit the dataset, or nothing gives a threshold. Nothing is written then.
+        If a file can't be read or doesn't fit the dataset, or there is no threshold. Nothing is written then.
 
     Examples
     --------
@@ -161,7 +161,7 @@ def _threshold(
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
-    """What to call files of detections: as the file, with its folder where that tells them apart, else numbered."""
+    """Names of files of detections: the file's, with its folder if needed to distinguish them, else numbered."""
     for names in (
         [path.stem for path in paths],
         [path.resolve().parent.name or path.stem for path in paths],
@@ -202,7 +202,7 @@ def _make_folder(folder: Path) -> None:
 
 
 def report(one: Evaluation) -> dict[str, Any]:
-    """All that is written about one file of detections; what is not defined is None."""
+    """The report about one file of detections; undefined values are None."""
     predictions = one.predictions
     names = class_keys(predictions.class_names)
     return {
@@ -236,13 +236,13 @@ def report(one: Evaluation) -> dict[str, Any]:
 
 
 def _picture_px(labels: Labels) -> float | None:
-    """Root of the area of pictures, the median: what sizes of boxes are to be compared with."""
+    """Median of the square root of the pictures' areas, the unit of box sizes."""
     roots = [math.sqrt(image["width"] * image["height"]) for image in labels.images]
     return round(float(np.median(roots)), DIGITS) if roots else None
 
 
 def causes(one: Evaluation) -> dict[str, int]:
-    """How often each cause is met above the threshold: false detections, and missed labels that none was for."""
+    """Number of errors of each cause above the threshold: false positives, and labels without any detection."""
     confident = one.predictions.score >= one.threshold.value
     counts = {name: int((confident & (one.errors.cause == k)).sum()) for k, name in enumerate(CAUSES)}
     missed = one.seen.missed.copy()
@@ -251,7 +251,7 @@ def causes(one: Evaluation) -> dict[str, int]:
 
 
 def metrics_csv(reports: Mapping[str, Mapping[str, Any]]) -> str:
-    """Of each file of detections, one line for all classes (``overall``) and one for each (``per_class.NAME``)."""
+    """CSV with a line for all classes (``overall``) and one for each (``per_class.NAME``), per file of detections."""
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
@@ -262,12 +262,12 @@ def metrics_csv(reports: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def class_keys(names: Sequence[str]) -> list[str]:
-    """The names of classes, numbered where two have the same."""
+    """The names of classes, numbered if equal."""
     return [name if names.count(name) == 1 else f"{name} ({c + 1})" for c, name in enumerate(names)]
 
 
 def plain(value: Any) -> Any:
-    """Numbers and arrays as JSON has them, rounded; None for nan."""
+    """Numbers and arrays as JSON values, rounded; None for nan."""
     if isinstance(value, Mapping):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
@@ -309,7 +309,7 @@ def _bins(found: BinFigures) -> list[dict[str, Any]]:
 
 
 def _thinned(one: Evaluation) -> dict[str, Float[np.ndarray, " k"]]:
-    """The curves at two hundred of their thresholds."""
+    """The curves at 200 of their thresholds."""
     curve = one.curves
     rows = spread(len(curve.threshold), CURVE_POINTS)
     return {key: getattr(curve, key)[rows] for key in ("threshold", "precision", "recall", "f1")}

@@ -1,4 +1,4 @@
-"""Why average precision is lost: each false detection and each miss gets one cause, and a cause its share of AP.
+"""Causes of errors: each false positive and each miss gets one cause, and each cause its loss of AP.
 
 References
 ----------
@@ -17,7 +17,7 @@ from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.matching import Matching, Pairs
 from hulldown.training.evaluation.predictions import Predictions
 
-BACKGROUND = 0.1  # the overlap below which a detection has to do with nothing
+BACKGROUND = 0.1  # IoU below which a detection means no label
 CAUSES = ("class", "localization", "both", "duplicate", "background", "missed")
 NONE = -1
 
@@ -29,13 +29,13 @@ class Errors:
     Parameters
     ----------
     cause
-        (d,) of each detection, an index into `CAUSES`; -1 if it is true or ignored.
+        (d,) index into `CAUSES` of each detection; -1 if it's true or ignored.
     meant
-        (d,) the label that a detection of the wrong class or place was for; -1 if none.
+        (d,) the label meant by a detection of the wrong class or place; -1 if none.
     missed
-        (g,) labels that no detection was for.
+        (g,) labels without any detection.
     loss
-        For each of `CAUSES` the AP50 that fixing it alone would bring; nan without labels.
+        For each of `CAUSES` the AP50 that fixing it alone would gain; nan without labels.
     """
 
     cause: Int[np.ndarray, " d"]
@@ -45,16 +45,16 @@ class Errors:
 
 
 def errors(labels: Labels, predictions: Predictions, pairs: Pairs, matching: Matching) -> Errors:
-    """Decompose the errors of all detections, whatever their score.
+    """Classify the errors of all detections of any score.
 
     Parameters
     ----------
     labels, predictions
         Of one dataset.
     pairs
-        All that overlap by `BACKGROUND` or more, whatever the class, from `overlapping`.
+        Pairs from `overlapping` with an IoU of at least `BACKGROUND`, of any class.
     matching
-        Of a foreground threshold, which the paper has at an IoU of 0.5.
+        Matches at the foreground threshold, an IoU of 0.5 in the paper.
     """
     cause, meant = _causes(labels, predictions, pairs, matching)
     free = (matching.detection < 0) & ~labels.crowd
@@ -68,7 +68,7 @@ def errors(labels: Labels, predictions: Predictions, pairs: Pairs, matching: Mat
 def _causes(
     labels: Labels, predictions: Predictions, pairs: Pairs, matching: Matching
 ) -> tuple[Int[np.ndarray, " d"], Int[np.ndarray, " d"]]:
-    """Cause of each false detection, and the label it was for, in the order in which the paper's program asks."""
+    """Cause of each false positive, and the label that it meant, by the order of the paper's program."""
     pairs = pairs.where(~labels.crowd[pairs.box])
     same = predictions.label[pairs.detection] == labels.label[pairs.box]
     foreground = pairs.iou >= matching.iou_threshold
@@ -76,7 +76,7 @@ def _causes(
         _best(pairs, among, len(predictions.score))
         for among in (same & ~foreground, ~same & foreground, same & foreground, pairs.iou >= BACKGROUND)
     )
-    # The paper's program asks for the best overlap with the class: one in the foreground is no error of place.
+    # The paper's program uses the best overlap with the class, which isn't a localization error in the foreground.
     place = np.where(doubled >= 0, NONE, place)
     false = (matching.box < 0) & ~matching.ignored
     asked = [place >= 0, other >= 0, doubled >= 0, anything < 0]
@@ -88,7 +88,7 @@ def _causes(
 
 
 def _best(pairs: Pairs, among: Bool[np.ndarray, " p"], detections: int) -> Int[np.ndarray, " d"]:
-    """(d,) the label that each detection overlaps most, of some pairs; -1 if none."""
+    """(d,) label with the highest overlap of each detection, among some pairs; -1 if none."""
     some = pairs.where(among)
     order = np.lexsort((some.iou, some.detection))
     best = np.full(detections, NONE, dtype=np.int64)
@@ -117,7 +117,7 @@ def _losses(
             kept[cause == number] = False
         if name in ("class", "localization"):
             rows = np.flatnonzero(cause == number)
-            free = rows[matching.detection[meant[rows]] < 0]  # what is for a found label would be a duplicate of it
+            free = rows[matching.detection[meant[rows]] < 0]  # one that means a found label would be a duplicate
             mended = _first_for_each(meant, predictions.score, free)
             kept[mended], right[mended], label[mended] = True, True, labels.label[meant[mended]]
         loss[name] = mean_ap(predictions.score, label, right, kept, left, classes=wanted > 0) - before
@@ -127,7 +127,7 @@ def _losses(
 def _first_for_each(
     meant: Int[np.ndarray, " d"], score: Float[np.ndarray, " d"], rows: Int[np.ndarray, " r"]
 ) -> Int[np.ndarray, " m"]:
-    """Of the detections that were for one label, the most confident: the others would be duplicates of it."""
+    """The most confident of the detections that mean a label; the others would be its duplicates."""
     rows = rows[np.argsort(-score[rows], kind="stable")]
     return rows[np.unique(meant[rows], return_index=True)[1]]
 
@@ -141,14 +141,14 @@ def mean_ap(
     *,
     classes: Bool[np.ndarray, " c"] | None = None,
 ) -> float:
-    """AP at one IoU, the mean over classes that have labels; nan if none has.
+    """AP at one IoU, the mean over classes with labels; nan without any.
 
     Parameters
     ----------
     score, label, true
-        (d,) of the detections, in the order in which COCO takes equal scores.
+        (d,) of the detections, in COCO's order of equal scores.
     counted
-        (d,) which of them count.
+        (d,) whether each counts.
     wanted
         (c,) labels of each class.
     classes

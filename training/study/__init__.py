@@ -1,1 +1,1 @@
-"""The scarcity study: what synthetic images are worth where real ones are few (paper, sections 2.2, 3 and 4)."""
+"""The scarcity study: the value of synthetic images when photographs are few (paper, sections 2.2, 3, and 4)."""

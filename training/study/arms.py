@@ -1,6 +1,6 @@
-"""From a study to its runs: what each arm draws from what, pure functions of the config and the datasets.
+"""The runs of a study and the draws of each arm, as pure functions of the config and the datasets.
 
-An arm is nothing but a file of draws. All else is the same for every run: the model, the budget, the test.
+Arms differ only in their draws. Model, budget, and test are the same for all runs.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ class StudyRun:
     arm
         Its arm's name.
     fraction
-        The share of the photographs that it may use; None of the arm that uses none.
+        Its share of the photographs; None for arms without photographs.
     seed
-        Of draws, augmentation, weights, and which photographs are the share.
+        Seed of draws, augmentation, weights, and the selection of photographs.
     base
-        The arm whose draws it has.
+        The arm that defines its draws.
     train
-        Keys of the settings that differ from those of other arms.
+        Settings that differ from other arms'.
     """
 
     arm: str
@@ -53,18 +53,18 @@ class StudyRun:
 
     @property
     def name(self) -> str:
-        """Unique in a study."""
+        """Its name, unique in a study."""
         share = "" if self.fraction is None else f"-{subset_name(self.fraction)}"
         return f"{self.arm}{share}-seed{self.seed}"
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """The datasets that it draws from."""
+        """Names of the datasets that it draws from."""
         return SOURCES[self.base]
 
 
 def study_runs(config: StudyConfig) -> list[StudyRun]:
-    """Every run, those of one seed after those of another, so that a study that is stopped early says something."""
+    """All runs, seed by seed, so that a study stopped early has complete seeds."""
     arms = config.settled_arms
     return [
         StudyRun(name, fraction, seed, base, train)
@@ -77,21 +77,21 @@ def study_runs(config: StudyConfig) -> list[StudyRun]:
 
 
 def budget_of(arm: Arm, budget: int) -> int:
-    """Draws of a run of an arm, where the real arm has `budget`."""
+    """Number of draws of an arm's run, if the real arm has `budget`."""
     return 2 * budget if arm == "matched" else budget
 
 
 def arm_draws(run: StudyRun, photographs: Int[np.ndarray, " k"], synthetic: int, budget: int) -> Draws:
-    """What a run is trained on, draw by draw; `Draws.source` is an index into ``run.sources``.
+    """The draws of a run; `Draws.source` is an index into ``run.sources``.
 
     Parameters
     ----------
     run
-        Which.
+        The run.
     photographs
-        (k,) the pictures of the real dataset that it may use.
+        (k,) indices of its photographs in the real dataset.
     synthetic
-        How many synthetic pictures there are.
+        Number of synthetic pictures.
     budget
         Draws of the real arm.
 
@@ -127,7 +127,7 @@ def arm_draws(run: StudyRun, photographs: Int[np.ndarray, " k"], synthetic: int,
 
 
 def _taken(both: Sequence[Draws], source: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"]) -> Draws:
-    """Row `row` of the draws from `source`, for each draw."""
+    """Select row `row` of the draws from `source`, for each draw."""
     image, seed = (
         np.where(source == 0, getattr(both[0], key)[row], getattr(both[1], key)[row]) for key in ("image", "seed")
     )

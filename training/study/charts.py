@@ -1,4 +1,4 @@
-"""Charts of a study: the paper's Figures 5 to 9, and the one that they lack, over how many photographs there are."""
+"""Charts of a study: the paper's Figures 5 to 9, and curves over the number of photographs."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ COLORS = {
 }
 SPARE = ("#8c564b", "#7f7f7f", "#17becf", "#bcbd22")  # of named arms
 PANELS = (("tp", "fp", "fn"), ("precision", "recall", "f1"), ("mean_iou",), ("mean_confidence",))
-BARS = 0.8  # of the room that the bars of one measure may take
+BARS = 0.8  # share of the width for the bars of one measure
 
 
 def color_of(arm: str) -> str:
@@ -33,14 +33,14 @@ def color_of(arm: str) -> str:
 
 
 def beside(title: str, cells: Sequence[Mapping[str, Any]]) -> Figure:
-    """Arms beside each other in four panels, as the paper's Figures 5 to 9.
+    """Bars of arms in four panels, as in the paper's Figures 5 to 9.
 
     Parameters
     ----------
     title
-        Of the figure.
+        Title of the figure.
     cells
-        One for each arm, as report.json has them; a figure that is None or lacking is not known.
+        A cell of report.json for each arm; missing values and None are unknown.
     """
     figure = Figure(figsize=(11.0, 3.4), layout="constrained")
     axes = figure.subplots(1, len(PANELS), width_ratios=[len(keys) + 0.6 for keys in PANELS])
@@ -83,9 +83,9 @@ def over_photographs(cells: Sequence[Mapping[str, Any]], measures: Sequence[str]
     Parameters
     ----------
     cells
-        As report.json has them. An arm without photographs is a level line.
+        Cells of report.json. An arm without photographs is a level line.
     measures
-        What to show.
+        Measures to show.
     """
     figure = Figure(figsize=(3.9 * len(measures), 3.7), layout="constrained")
     axes = np.atleast_1d(figure.subplots(1, len(measures)))
@@ -120,7 +120,7 @@ def over_photographs(cells: Sequence[Mapping[str, Any]], measures: Sequence[str]
 
 
 def png(figure: Figure) -> bytes:
-    """The same bytes for the same chart."""
+    """A figure as PNG, with the same bytes each time."""
     file = io.BytesIO()
     figure.savefig(file, format="png", dpi=150, metadata={"Software": None})
     return file.getvalue()

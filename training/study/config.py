@@ -1,4 +1,4 @@
-"""What a study compares: read from TOML, every mistake named with its file and key."""
+"""The config of a study, from TOML."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Share = Annotated[float, Field(gt=0.0, le=1.0)]
 
 
 class NamedArm(BaseModel):
-    """An arm that draws as another does, and is trained with other settings."""
+    """An arm with another arm's draws and other settings."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -30,7 +30,7 @@ class NamedArm(BaseModel):
 
 
 class StudyConfig(BaseModel):
-    """Datasets, arms, and what every run is trained with."""
+    """Datasets, arms, and training settings of a study."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -60,7 +60,7 @@ class StudyConfig(BaseModel):
 
     @property
     def settled_arms(self) -> tuple[tuple[str, Arm, dict[str, Any]], ...]:
-        """Each arm's name, the arm whose draws it has, and the keys of `train` that differ."""
+        """Each arm's name, the arm that defines its draws, and its own settings."""
         return tuple((a, a, {}) if isinstance(a, str) else (a.name, a.base, a.train) for a in self.arms)
 
     @model_validator(mode="after")
@@ -77,12 +77,12 @@ class StudyConfig(BaseModel):
 
 
 def load_study(path: Path | str) -> StudyConfig:
-    """The study of a TOML file; its paths are relative to the file's folder.
+    """Load a study's config from a TOML file; its paths are relative to the file's folder.
 
     Raises
     ------
     ConfigError
-        Naming file, key, value and what is allowed.
+        Naming file, key, value, and the allowed values.
     """
     path = Path(path)
     data: dict[str, Any] = read_toml(path)
@@ -117,7 +117,7 @@ def load_study(path: Path | str) -> StudyConfig:
 
 
 def study_text(real: str, synthetic: str, test: str, valid: str | None = None) -> str:
-    """A config to start from: every key with its default, what it does and what it may be."""
+    """A commented config with every key and its default."""
     chosen = f"valid = {_toml(valid)}" if valid else '# valid = "photographs/valid"'
     return _TEXT.format(
         real=_toml(real), synthetic=_toml(synthetic), test=_toml(test), valid=chosen,
@@ -126,7 +126,7 @@ def study_text(real: str, synthetic: str, test: str, valid: str | None = None) -
 
 
 def _toml(value: str | Sequence[str]) -> str:
-    # What JSON and TOML write alike.
+    # JSON and TOML write these values in the same way.
     return json.dumps(value, ensure_ascii=False)
 
 

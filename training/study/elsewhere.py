@@ -1,6 +1,6 @@
-"""The runs of a study on the workers of a cluster, which see the study's folder and its datasets as this machine does.
+"""Runs of a study on a cluster's workers, which see the study's folder and datasets under the same paths.
 
-A run is a task. A lost worker costs its run what was trained since its last checkpoint: another worker continues.
+Each run is a task. After a lost worker, another one continues from the last checkpoint.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ PACKAGES = ("torch", "rfdetr", "pytorch-lightning")  # of which all machines mus
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """A run for a worker, and the SHA-256 of the manifest that it must see."""
+    """A run for a worker, and the SHA-256 of the study's manifest."""
 
     study: str
     manifest: str
@@ -39,14 +39,14 @@ class Order:
 
 
 def launch_on(cluster: Any, function: Callable[[Order], Any]) -> Launch:
-    """What runs each run on a worker of a cluster.
+    """Return a function that runs a run on a worker of a cluster.
 
     Parameters
     ----------
     cluster
         A `render.cluster.workers.Cluster`.
     function
-        What a worker calls, which comes to `run_here`.
+        The function that a worker calls, which calls `run_here`.
     """
 
     def launch(study: Path, name: str, options: Options, progress: Progress, stop: threading.Event) -> str | None:
@@ -60,14 +60,14 @@ def launch_on(cluster: Any, function: Callable[[Order], Any]) -> Launch:
 
 
 def run_here(order: Order, wanted: Callable[[], bool]) -> str | None:
-    """Run what a client has ordered, in a process of its own; why it failed, None if it didn't.
+    """Run a client's order in a separate process; return the reason of a failure, or None.
 
     Parameters
     ----------
     order
         The run.
     wanted
-        Asked now and then whether the client still waits for it; the run is ended if not.
+        Whether the client still waits for it; if not, the run is ended.
     """
     study = Path(order.study)
     stop, ended = threading.Event(), threading.Event()
@@ -88,7 +88,7 @@ def run_here(order: Order, wanted: Callable[[], bool]) -> str | None:
 
 
 def unseen(order: Order) -> str:
-    """Why this machine can't run a run, whose files it doesn't see; empty if it can."""
+    """Reason why this machine can't do a run, such as unseen files; empty if it can."""
     study = Path(order.study)
     try:
         if _sha256(study / MANIFEST_NAME) != order.manifest:
@@ -100,7 +100,7 @@ def unseen(order: Order) -> str:
 
 
 def _wait_for(run: Path) -> None:
-    """Give a process that is still in a run's folder, as its worker is gone, the time to end."""
+    """Wait for a lost worker's process in a run's folder to end."""
     lock = run / LOCK_NAME
     if lock.exists():
         with contextlib.suppress(Timeout), FileLock(lock, timeout=LEFT_S):

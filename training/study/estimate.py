@@ -1,4 +1,4 @@
-"""How long a study will take, before it is begun."""
+"""Estimate the duration of a study."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ TRIED_STEPS = 3
 
 
 def overview(study: Path, manifest: Manifest) -> list[dict[str, Any]]:
-    """A row for each run: what it draws, how often from each image, and whether it is finished.
+    """A row for each run: draws, draws per image, and whether it's finished.
 
     Parameters
     ----------
     study
-        The study's folder; it need not be there.
+        The study's folder, which may be missing.
     manifest
-        Its runs.
+        The study's manifest.
     """
     return [
         {
@@ -46,7 +46,7 @@ def overview(study: Path, manifest: Manifest) -> list[dict[str, Any]]:
 def seconds_per_step(
     study: Path, manifest: Manifest, options: Options, *, say: Callable[[str], None] = lambda line: None
 ) -> float:
-    """What a step takes: as in the finished runs, else as three steps take now, which are taken and thrown away."""
+    """Seconds per step: of finished runs, else of three steps that are run as a test."""
     found = []
     for run in manifest.runs:
         path = study / RUNS_NAME / run.folder / RUN_NAME
@@ -70,7 +70,7 @@ def seconds_per_step(
 
 
 def hours(rows: list[dict[str, Any]], seconds: float, places: int) -> float:
-    """Of training that is left, where so many runs go on at the same time."""
+    """Remaining hours of training, with some runs at the same time."""
     return sum(row["steps"] for row in rows if row["state"] != "finished") * seconds / places / 3600.0
 
 

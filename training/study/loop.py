@@ -1,7 +1,7 @@
 """The arm `loop`: train, evaluate on validation photographs, plan and render more of what was missed, train again.
 
-Planning and rendering are verbs in processes of their own, which training doesn't import: `python -m
-hulldown.training.study.loop VERB ...` is `hulldown VERB ...` that is interrupted when its parent ends.
+Planning and rendering are verbs in separate processes, since training doesn't import them: `python -m
+hulldown.training.study.loop VERB ...` is `hulldown VERB ...`, interrupted when its parent ends.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ LOOPS_NAME = "loops"
 
 
 def train_loop(study: Path, manifest: Manifest, run: PlannedRun, options: Options, progress: Progress) -> None:
-    """Train a run of the arm; what was begun goes on.
+    """Train a run of the arm; an interrupted one continues.
 
-    The first detector draws what the arm `synthetic` does. The second has the same budget and settings, and draws from
+    The first detector has the draws of the arm `synthetic`. The second has the same budget and settings, and draws from
     the synthetic images and the rendered ones, each image equally likely.
 
     Raises
     ------
     HulldownError
-        If a step can't be done: with the last line of the verb that failed.
+        If a verb fails, with its last line.
     """
     from hulldown.training.evaluation.report import evaluate_files
     from hulldown.training.predict import predict
@@ -69,7 +69,7 @@ def _hulldown(*arguments: str, log: Path) -> None:
 
 
 def _interrupt_with_parent() -> None:
-    """Nobody writes to stdin: it ends when the process that started this one has gone, even by kill -9."""
+    """Interrupt this process when stdin ends, which happens when the parent ends, even by kill -9."""
     while os.read(0, 1):
         pass
     os.kill(os.getpid(), signal.SIGINT)

@@ -1,4 +1,4 @@
-"""All runs of a study with everything that makes them, settled before the first begins: study.json."""
+"""All runs of a study with everything that determines them, fixed before the first run: study.json."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ MOST_LISTED = 10  # pairs of pictures that an error names
 
 
 class StudyData(BaseModel):
-    """A dataset of a study, as it was when the study was settled."""
+    """A dataset of a study, with its state at the start."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -48,9 +48,9 @@ class StudyData(BaseModel):
 
 
 class PlannedRun(BaseModel):
-    """A run with everything that makes it.
+    """A run with everything that determines it.
 
-    `folder` ends in the hash of the rest: another config, other data make another folder, and what is there stays.
+    `folder` ends in the hash of the rest, so another config or other data get another folder.
     """
 
     model_config = ConfigDict(frozen=True)
@@ -61,14 +61,14 @@ class PlannedRun(BaseModel):
     base: Arm
     fraction: float | None
     seed: int
-    photographs: int  # that it may use
+    photographs: int  # number of its photographs
     sources: tuple[str, ...]
-    drawn: dict[str, int]  # from each source
+    drawn: dict[str, int]  # draws from each source
     settings: Settings
 
 
 class Manifest(BaseModel):
-    """What study.json holds."""
+    """The contents of study.json."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -79,13 +79,13 @@ class Manifest(BaseModel):
     runs: tuple[PlannedRun, ...]
 
     def run(self, name: str) -> PlannedRun:
-        """The run of a name."""
+        """The run with a name."""
         return next(run for run in self.runs if run.name == name)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SettledStudy:
-    """A manifest, and the draws that it says the hash of.
+    """A manifest, and the draws of its runs.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class SettledStudy:
     draws
         Folder name of each run -> its file of draws.
     warnings
-        What deserves a look before the time is spent.
+        Warnings to show before the study runs.
     """
 
     manifest: Manifest
@@ -103,19 +103,19 @@ class SettledStudy:
 
 
 def settle(config: StudyConfig, *, progress: Callable[[int, int], None] | None = None) -> SettledStudy:
-    """Everything that the runs of a study are made with; every picture is looked at.
+    """Fix everything that determines the runs of a study; every picture is read.
 
     Parameters
     ----------
     config
-        As `load_study` gives it.
+        The config by `load_study`.
     progress
-        Told (pictures looked at, all).
+        Called with (pictures read, all).
 
     Raises
     ------
     HulldownError
-        If a dataset cannot be used or lacks a class, or a test photograph is trained on.
+        If a dataset is unusable or lacks a class, or a test photograph is also in training.
     """
     folders = {"real": config.real, "synthetic": config.synthetic, "test": config.test}
     if config.valid is not None:
@@ -168,7 +168,7 @@ def write_manifest(study: SettledStudy, folder: Path) -> None:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """What study.json of a study's folder says.
+    """Read study.json of a study's folder.
 
     Raises
     ------
@@ -188,7 +188,7 @@ def read_manifest(folder: Path) -> Manifest:
 
 
 def draws_path(folder: Path, run: str) -> Path:
-    """The file of draws of a run's folder name."""
+    """The file of draws of a run, by its folder's name."""
     return folder / DRAWS_NAME / f"{run}.csv"
 
 
@@ -233,7 +233,7 @@ def _shares(config: StudyConfig, real: Source) -> dict[tuple[int, float], Int[np
 
 
 def _equal_shares(shares: Mapping[tuple[int, float], Int[np.ndarray, " k"]]) -> list[str]:
-    """Say which shares of a seed contain the same photographs, so that one of the two trainings is wasted."""
+    """Warn of shares of a seed with the same photographs, for which one training would be enough."""
     return [
         f"seed {seed}: {100 * first:g} % and {100 * second:g} % are the same {len(one)} photographs; leave one out"
         for ((seed, first), one), ((other_seed, second), other) in combinations(shares.items(), 2)
@@ -246,7 +246,7 @@ def _boxes(source: Source, classes: Sequence[str]) -> dict[str, int]:
 
 
 def _check_classes(sources: Mapping[str, Source], classes: Sequence[str]) -> None:
-    """Refuse what could not learn, or not show, a class: no run would be about the same task."""
+    """Refuse datasets without a box of some class, since runs would have different tasks."""
     for name, source in sources.items():
         lacking = [label for label, boxes in _boxes(source, classes).items() if not boxes]
         if lacking:
@@ -266,7 +266,7 @@ def _missing(run: StudyRun, real: Source, photographs: Int[np.ndarray, " k"], cl
 
 
 def _check_apart(sources: Mapping[str, Source], checked: Mapping[str, CheckedPictures]) -> None:
-    """Refuse a test or validation picture that is trained on, and one that is in both of these."""
+    """Refuse pictures that are in two of training, validation, and test."""
     alike = [
         pair
         for first, second in combinations(sources.values(), 2)

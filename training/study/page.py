@@ -1,4 +1,4 @@
-"""A study's report for people, from what report.json holds: the same blocks as Markdown and as a page."""
+"""A study's report for people, from report.json: the same blocks as Markdown and as HTML."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ TITLE = "What synthetic images are worth"
 
 
 def charts_of(report: Record) -> dict[str, tuple[bytes, bytes]]:
-    """Name -> PNG and SVG of every chart of a report."""
+    """PNG and SVG of every chart of a report, by name."""
     found = {}
     for fraction in _fractions(report):
         own = _at(report, fraction)
@@ -48,7 +48,7 @@ def charts_of(report: Record) -> dict[str, tuple[bytes, bytes]]:
 
 
 def sections(report: Record, pictures: Pictures) -> list[Section]:
-    """Return all that the report shows, in order; `pictures` are those of `charts_of`."""
+    """Return the report's sections, with the pictures of `charts_of`."""
 
     def chart(name: str, says: str) -> list[Block]:
         return [Chart(pictures[name][1], says, name)] if name in pictures else []
@@ -72,7 +72,7 @@ def sections(report: Record, pictures: Pictures) -> list[Section]:
 
 
 def markdown(shown: Sequence[Section]) -> str:
-    """Return the report as Markdown; its charts are files beside it."""
+    """Return the report as Markdown; its charts are files next to it."""
     parts = [f"# {TITLE}"]
     for section in shown:
         parts.append(f"## {section.heading}")
@@ -94,7 +94,7 @@ def markdown(shown: Sequence[Section]) -> str:
 
 
 def html(shown: Sequence[Section]) -> str:
-    """Return the report as one page that fetches nothing."""
+    """Return the report as one self-contained page."""
     return page(TITLE, shown)
 
 

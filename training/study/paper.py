@@ -1,6 +1,6 @@
-"""The paper's own figures, to stand beside a study's: sections 3 and 4, Figures 5 to 9.
+"""The paper's figures, for comparison with a study's: sections 3 and 4, Figures 5 to 9.
 
-The text gives counts at 100 % and rounded shares elsewhere. What it does not give is None.
+The text has counts at 100 % and rounded shares elsewhere. Values that it doesn't have are None.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 LABELS = 1079  # of its 320 test photographs: 688 found and 391 missed
 PHOTOGRAPHS = 420
 
-# Fraction -> arm -> what the text says.
+# Fraction -> arm -> figures in the text.
 PAPER: dict[float, dict[str, dict[str, float | None]]] = {
     0.05: {
         "real": {"tp": 210, "precision": 0.88, "recall": 0.20, "f1": 0.32},
@@ -34,5 +34,5 @@ PAPER: dict[float, dict[str, dict[str, float | None]]] = {
 
 
 def paper_figure(fraction: float, arm: str, measure: str) -> float | None:
-    """What the paper says of an arm at a fraction."""
+    """The paper's figure of an arm at a fraction; None if it has none."""
     return PAPER.get(fraction, {}).get(arm, {}).get(measure)

@@ -1,4 +1,4 @@
-"""From a study's folder to its report: report.json for programs, report.md and report.html for people, charts."""
+"""The report of a study: report.json for programs, report.md, report.html, and charts for people."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ WORTH_BY = ("f1", "recall", "ap50")
 
 
 def write_report(study: Path | str, *, progress: Callable[[int, int], None] | None = None) -> dict[str, Any]:
-    """Compare the finished runs of a study, as `compared_runs`, and write report and charts into its folder."""
+    """Compare the finished runs of a study, and write report and charts into its folder."""
     study = Path(study)
     report = compared_runs(study, progress=progress)
     drawn = charts_of(report)
@@ -63,18 +63,18 @@ def compared_runs(study: Path | str, *, progress: Callable[[int, int], None] | N
     Parameters
     ----------
     study
-        Folder of `run_study`, finished or not.
+        The study's folder, finished or not.
     progress
-        Told (runs judged, all).
+        Called with (runs evaluated, all).
 
     Returns
     -------
-    What report.json holds.
+    The contents of report.json.
 
     Raises
     ------
     HulldownError
-        If it is no study, no run is finished, or test pictures are not as they were.
+        If it isn't a study, no run is finished, or test pictures have changed.
     """
     study = Path(study)
     manifest = read_manifest(study)
@@ -105,14 +105,14 @@ def _judge(study: Path, manifest: Manifest, run: PlannedRun, labels: Labels, val
     if valid is not None:
         looked = read_predictions(predictions_path(study, manifest, run, "valid"), valid)
         best = best_threshold(valid, looked, iou=config.iou)
-        # A detector that has found nothing there will find nothing anywhere.
+        # A detector without any detection there is given the highest threshold.
         threshold = Threshold(1.0 if best is None else best, "validation")
     predictions = read_predictions(path, labels, name=run.name)
     return judged(run, Evaluation(labels, predictions, threshold=threshold, iou=config.iou))
 
 
 def _compared(manifest: Manifest, runs: Sequence[Judged]) -> dict[str, Any]:
-    """Everything that is computed from detections and labels alone: the same study gives the same."""
+    """The part of the report that is computed from detections and labels alone, so it's reproducible."""
     found = cells(runs)
     compared = [(first, second, _differences(first, second)) for first, second in pairs(found)]
     real = [cell for cell in found if cell.arm == "real"]
@@ -216,7 +216,7 @@ def _run_record(one: Judged) -> dict[str, Any]:
 
 
 def _time(study: Path, run: PlannedRun) -> float | None:
-    """Seconds of a run's training, of its last process where it was killed."""
+    """Seconds of a run's training; after a kill, of its last process."""
     found = json.loads((study / RUNS_NAME / run.folder / RUN_NAME).read_text(encoding="utf-8"))
     seconds = found.get("figures", {}).get("seconds")
     return None if seconds is None else round(float(seconds), 1)
@@ -227,5 +227,5 @@ def _ends(ends: Float[np.ndarray, "2"]) -> list[float] | None:
 
 
 def _finite(value: float) -> float | None:
-    """None for more than there are."""
+    """None for infinity."""
     return None if np.isinf(value) else value

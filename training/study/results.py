@@ -1,7 +1,7 @@
-"""What the runs of a study say together: arms with intervals, pairs of arms, what synthetic images are worth, where.
+"""Results of a study: arms with intervals, pairs of arms, the worth of synthetic images, and bins.
 
-Every run is judged by the same test pictures, resampled in the same way for all: what is hard for every detector
-cancels out of a difference. How far seeds differ is in the intervals too, so that they cover other trainings.
+Every run has the same test pictures, resampled in the same way, so the difficulty of pictures
+cancels in differences. Intervals include the spread of seeds, so they cover other trainings.
 
 References
 ----------
@@ -32,7 +32,7 @@ from hulldown.training.study.manifest import PlannedRun
 COUNTS = ("tp", "fp", "fn")
 MEASURES = ("precision", "recall", "f1", "mean_iou", "mean_confidence", "ap50", "ap")
 COMPARED = ("f1", "recall", "precision", "ap50", "ap", "mean_iou", "mean_confidence")
-ENOUGH = 10  # labels in a bin that something is said of
+ENOUGH = 10  # least labels of a reported bin
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -44,11 +44,11 @@ class Judged:
     run
         The run.
     evaluation
-        All that was found out about it.
+        Its evaluation.
     values
         Each of `COUNTS` and `MEASURES`.
     resampled
-        Measure -> (r,) of every resample of the test positions.
+        Measure -> (r,) values in every resample of the test positions.
     """
 
     run: PlannedRun
@@ -66,7 +66,7 @@ class Cell:
     arm, fraction
         Which.
     photographs
-        That a run of it may use, the mean over seeds.
+        Its number of photographs, the mean over seeds.
     judged
         Its runs, by seed.
     """
@@ -78,20 +78,20 @@ class Cell:
 
     @property
     def name(self) -> str:
-        """What to call it."""
+        """Its name."""
         return self.arm if self.fraction is None else f"{self.arm} at {100 * self.fraction:.10g} %"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Difference:
-    """Second minus first, of one measure.
+    """The difference of a measure, second minus first.
 
     Parameters
     ----------
     value
         The mean over seeds.
     ends
-        (2,) its interval; nan where there is none.
+        (2,) its interval; nan if there is none.
     """
 
     value: float
@@ -99,12 +99,12 @@ class Difference:
 
     @property
     def shown(self) -> bool:
-        """Whether the interval holds no 0."""
+        """Whether the interval excludes 0."""
         return bool(self.ends[0] > 0.0 or self.ends[1] < 0.0)
 
 
 def judged(run: PlannedRun, evaluation: Evaluation) -> Judged:
-    """A run with its figures."""
+    """Evaluate a run."""
     sums = evaluation.sums.sum(axis=0)
     resampled = dict(figures(evaluation.resampled.sum(axis=1)))
     averages = class_mean(evaluation.averages_resampled)
@@ -116,7 +116,7 @@ def judged(run: PlannedRun, evaluation: Evaluation) -> Judged:
 
 
 def cells(runs: Sequence[Judged]) -> list[Cell]:
-    """The runs by arm and fraction, in the order of the study."""
+    """Group runs by arm and fraction, in the study's order."""
     groups: dict[tuple[str, float | None], dict[int, Judged]] = {}
     for one in runs:
         groups.setdefault((one.run.arm, one.run.fraction), {})[one.run.seed] = one
@@ -127,17 +127,17 @@ def cells(runs: Sequence[Judged]) -> list[Cell]:
 
 
 def mean(cell: Cell, measure: str) -> float:
-    """A count or measure, the mean over seeds; nan if a run does not define it."""
+    """The mean over seeds of a count or measure; nan if a run doesn't define it."""
     return float(np.mean([one.values[measure] for one in cell.judged.values()]))
 
 
 def resampled_means(cell: Cell, measure: str, seeds: Sequence[int]) -> Float[np.ndarray, " r"]:
-    """A measure in every resample of the test positions, the mean over some seeds."""
+    """The mean over seeds of a measure in every resample of the test positions."""
     return np.mean([cell.judged[seed].resampled[measure] for seed in seeds], axis=0)
 
 
 def cell_interval(cell: Cell, measure: str) -> Float[np.ndarray, "2"]:
-    """The interval of a measure: what another test set and, with several seeds, other trainings would give."""
+    """The interval of a measure for other test sets and, with several seeds, other trainings."""
     seeds = sorted(cell.judged)
     values = np.array([cell.judged[seed].values[measure] for seed in seeds])
     positions, labels = _test_size(cell)
@@ -147,7 +147,7 @@ def cell_interval(cell: Cell, measure: str) -> Float[np.ndarray, "2"]:
 
 
 def difference(first: Cell, second: Cell, measure: str) -> Difference | None:
-    """Second minus first over the seeds that both have; None where they share none."""
+    """Second minus first over their common seeds; None if there are none."""
     seeds = sorted(set(first.judged) & set(second.judged))
     if not seeds:
         return None
@@ -159,7 +159,7 @@ def difference(first: Cell, second: Cell, measure: str) -> Difference | None:
 
 
 def _test_size(cell: Cell) -> tuple[int, int]:
-    """Positions with labels, and labels, of the test pictures."""
+    """Number of positions with labels, and of labels, in the test pictures."""
     labels = next(iter(cell.judged.values())).evaluation.label_positions.sum(axis=1)
     return int((labels > 0).sum()), int(labels.sum())
 
@@ -176,9 +176,9 @@ def _errors(again: Float[np.ndarray, " r"], values: Float[np.ndarray, " seeds"],
 
 
 def pairs(found: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
-    """Which cells are compared: each with real at its fraction, synthetic at the largest; later arms also with mixed.
+    """Pairs of cells to compare: each with real at its fraction, synthetic at the largest; later arms also with mixed.
 
-    Named arms are compared with their base. Only cells that share a seed are.
+    Named arms are compared with their base. Both cells must share a seed.
     """
     by_key = {(cell.arm, cell.fraction): cell for cell in found}
     fractions = [cell.fraction for cell in found if cell.fraction is not None]
@@ -196,18 +196,18 @@ def pairs(found: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Equivalent:
-    """How many more photographs a cell is worth than it has, by a measure.
+    """The worth of a cell's synthetic images in photographs, by a measure.
 
     Parameters
     ----------
     cell, measure
-        Of what.
+        The cell, and the measure.
     images
-        Photographs that the real arm needs to be as good, minus those that the cell has; inf: more than there are.
+        Photographs that the real arm needs to be as good, minus the cell's; inf: more than there are.
     ends
         (2,) its interval.
     most
-        What there are beyond the cell's own: nothing above it can be told.
+        Number of further photographs, the largest value that can be shown.
     """
 
     cell: Cell
@@ -218,17 +218,17 @@ class Equivalent:
 
 
 def equivalent_photographs(real: Sequence[Cell], cell: Cell, measure: str) -> Equivalent | None:
-    """What a cell's synthetic images are worth in photographs; None where no difference shows that.
+    """The worth of a cell's synthetic images in photographs; None if no difference is shown.
 
     Photographs must be shown to help: the real arm with the most must be better than that with the fewest. The cell
-    must be shown to differ from the real arm with as many photographs, and the interval of its worth must not hold 0.
+    must be shown to differ from the real arm with as many photographs, and the interval of its worth must exclude 0.
 
     Parameters
     ----------
     real
         The cells of the real arm.
     cell
-        Of an arm with synthetic images.
+        A cell of an arm with synthetic images.
     measure
         Such as ``"f1"``.
     """
@@ -251,7 +251,7 @@ def equivalent_photographs(real: Sequence[Cell], cell: Cell, measure: str) -> Eq
     at = needed(counts, values[:-1], values[-1])[0] - own
     again = np.stack([_with_seeds(one, measure, seeds) for one in (*ordered, cell)])
     in_resamples = needed(counts, again[:-1], again[-1]) - own
-    # Where a resample needs more than there are, it is infinite: ends are resamples themselves, never between two.
+    # Some resamples are infinite, so interval ends are resamples themselves, without interpolation.
     ends = np.quantile(in_resamples, [0.025, 0.975], method="inverted_cdf")
     return (
         Equivalent(cell, measure, float(at), ends, float(counts[-1] - own)) if ends[0] > 0.0 or ends[1] < 0.0 else None
@@ -259,7 +259,7 @@ def equivalent_photographs(real: Sequence[Cell], cell: Cell, measure: str) -> Eq
 
 
 def _with_seeds(cell: Cell, measure: str, seeds: Sequence[int]) -> Float[np.ndarray, " r"]:
-    """A measure in every resample of test positions and of seeds; cells with the same seeds have the same resamples."""
+    """A measure in every resample of test positions and seeds; cells with the same seeds share resamples."""
     each = np.stack([cell.judged[seed].resampled[measure] for seed in seeds])
     chosen = np.random.default_rng([len(seeds), 3]).integers(0, len(seeds), (len(seeds), each.shape[1]))
     return each[chosen, np.arange(each.shape[1])].mean(axis=0)
@@ -268,19 +268,19 @@ def _with_seeds(cell: Cell, measure: str, seeds: Sequence[int]) -> Float[np.ndar
 def needed(
     counts: Float[np.ndarray, " n"], curve: Float[np.ndarray, "n r"], wanted: Float[np.ndarray, " r"]
 ) -> Float[np.ndarray, " r"]:
-    """The fewest photographs with which a curve reaches what is wanted; inf where it never does.
+    """The least number of photographs for a wanted value of a curve; inf if it's never reached.
 
-    Between two fractions a curve is a straight line over the logarithm of the count, and below the least over the count
-    itself, from nothing. Where it falls, more photographs are taken to be no worse.
+    Between two fractions, a curve is linear in the logarithm of the count, and below the least fraction in the count
+    itself, from 0. Falling parts are replaced by the maximum so far.
 
     Parameters
     ----------
     counts
         (n,) photographs, rising.
     curve
-        (n, r) what so many give, of each drawing.
+        (n, r) values at each count, in each resample.
     wanted
-        (r,) what is to be reached.
+        (r,) wanted values.
 
     Examples
     --------
@@ -300,16 +300,16 @@ def needed(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class BinDifference:
-    """How much more of a bin's labels the second finds than the first.
+    """The difference of recall in a bin, second minus first.
 
     Parameters
     ----------
     field, bin
-        Titles of what the bin is about, and of the bin.
+        Titles of the field and of the bin.
     labels
-        How many there are.
+        Number of labels.
     recall
-        Of first and second, the mean over seeds.
+        Recall of first and second, means over seeds.
     change
         Their difference.
     """
@@ -322,7 +322,7 @@ class BinDifference:
 
 
 def bin_differences(first: Cell, second: Cell) -> list[BinDifference]:
-    """Second minus first in each bin of what is known about labels."""
+    """Differences of recall, second minus first, in each bin of every field."""
     seeds = sorted(set(first.judged) & set(second.judged))
     found = []
     evaluation = first.judged[seeds[0]].evaluation

@@ -1,6 +1,6 @@
-"""The runs of a study one after the other, each in a process of its own; one that fails leaves the others alone.
+"""Run a study's trainings, each in its own process, so that a failure doesn't affect the others.
 
-`run_one` is all that a machine has to do for a run: give it the study's folder and a name.
+`run_one` does a whole run, given the study's folder and the run's name.
 """
 
 from __future__ import annotations
@@ -41,16 +41,16 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """How runs are run; nothing of it changes what comes out on one machine.
+    """Options of running, which don't change results on one machine.
 
     Parameters
     ----------
     device
         ``"auto"``, ``"cpu"`` or ``"gpu"``.
     workers
-        Processes of each run that read and augment pictures; None: as many as suit the machine.
+        Processes of each run that read and augment pictures; None: by the machine.
     environment
-        Variables of the run's process, beside those of this one.
+        Additional environment variables of the run's process.
     """
 
     device: str = "auto"
@@ -58,22 +58,22 @@ class Options:
     environment: Mapping[str, str] = field(default_factory=dict)
 
 
-# Runs one run by its name; the reason why it failed, None if it did not. It is given up once the event is set.
+# Runs a run by its name; returns the reason of a failure, or None. It's stopped when the event is set.
 Launch = Callable[[Path, str, Options, Progress, threading.Event], str | None]
 
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """What became of the runs of a study.
+    """The outcomes of a study's runs.
 
     Parameters
     ----------
     finished
-        Names of those that were run now.
+        Names of runs finished now.
     already
-        Those that were finished before.
+        Names of runs finished before.
     failed
-        Name -> reason of those that are set aside; the next call tries them again.
+        Name -> reason of failed runs, which the next call retries.
     """
 
     finished: tuple[str, ...]
@@ -84,23 +84,23 @@ class Done:
 def run_one(
     study: Path | str, name: str, options: Options, progress: Progress = lambda what, done, total: None
 ) -> None:
-    """Train one run of a study and let it look at the test and validation pictures; what was begun goes on.
+    """Train one run of a study, and predict on the test and validation pictures; an interrupted run continues.
 
     Parameters
     ----------
     study
-        Folder of a study that has been settled.
+        The folder of a study with study.json.
     name
-        Of the run, as in study.json.
+        The run's name in study.json.
     options
-        How.
+        Options of running.
     progress
-        Told what is done, how much of it, and all.
+        Called with (title, steps done, all).
 
     Raises
     ------
     HulldownError
-        If something cannot be used.
+        If a file or setting is unusable.
     """
     from hulldown.training.predict import predict
     from hulldown.training.train import train
@@ -126,12 +126,12 @@ def run_one(
 
 
 def predictions_path(study: Path, manifest: Manifest, run: PlannedRun, which: str) -> Path:
-    """The file of a run's detections in the test or validation pictures; other pictures have another file."""
+    """The file of a run's detections in the test or validation pictures, specific to these pictures."""
     return study / RUNS_NAME / run.folder / f"{which}-{manifest.datasets[which].sha256[:10]}.json"
 
 
 def is_finished(study: Path, manifest: Manifest, run: PlannedRun) -> bool:
-    """Whether all that the report needs of a run is there."""
+    """Whether a run has everything for the report."""
     return RunFolder(study / RUNS_NAME / run.folder).finished() is not None and all(
         predictions_path(study, manifest, run, which).exists() for which in JUDGED if which in manifest.datasets
     )
@@ -147,29 +147,29 @@ def run_study(
     progress: Progress = lambda what, done, total: None,
     say: Callable[[str], None] = lambda line: None,
 ) -> Done:
-    """Run what is not finished.
+    """Run the unfinished runs of a study.
 
     Parameters
     ----------
     settled
         The runs.
     out
-        The study's folder; made if it is not there.
+        The study's folder; made if missing.
     options
-        How each is run.
+        Options of each run.
     launch
-        What runs one; None: a process of its own.
+        Function that runs one; None: in a process on this machine.
     at_once
-        Runs that are launched at the same time; None: one a GPU of this machine, or one.
+        Number of runs at the same time; None: one per GPU of this machine, or one.
     progress
-        Told what is done, how much of it, and all.
+        Called with (title, steps done, all).
     say
-        Told a line now and then.
+        Called with messages for the user.
 
     Raises
     ------
     HulldownError
-        If the folder holds something else, or another process is running the study.
+        If the folder contains something else, or another process runs the study.
     """
     out, manifest = Path(out), settled.manifest
     with alone_in(out, marker=MANIFEST_NAME, what="study"):
@@ -205,7 +205,7 @@ def _run_all(
 
         place = slots.get()
         try:
-            # Bars of several runs at once would take turns.
+            # Bars of several simultaneous runs would alternate.
             reason = launch(out, name, place, show if len(places) == 1 else _unseen, stop)
         finally:
             slots.put(place)
@@ -229,7 +229,7 @@ def _run_all(
         try:
             for future in [pool.submit(run, name) for name in left]:
                 future.result()
-        except BaseException:  # Ctrl-C above all
+        except BaseException:  # mainly Ctrl-C
             stop.set()
             pool.shutdown(wait=False, cancel_futures=True)
             raise
@@ -237,11 +237,11 @@ def _run_all(
 
 
 def _unseen(what: str, done: int, total: int) -> None:
-    """Progress that nobody sees."""
+    """Ignore progress."""
 
 
 def gpu_places(options: Options) -> list[Options]:
-    """The options of each run that can go on at the same time as the others: one a GPU, else one."""
+    """The options of simultaneous runs: one per GPU, else one."""
     import torch
 
     count = torch.cuda.device_count() if options.device != "cpu" else 0
@@ -263,7 +263,7 @@ def in_a_process(
     stop: threading.Event,
     environment: Mapping[str, str] = os.environ,
 ) -> str | None:
-    """`run_one` in a process of its own, which ends when this one does, however it ends."""
+    """Call `run_one` in a separate process, which ends with this one in any case."""
     command = [
         sys.executable,
         "-P",
@@ -285,7 +285,7 @@ def in_a_process(
         try:
             told = json.loads(line)
         except ValueError:
-            return  # what a library prints
+            return  # output of a library
         if "failed" in told:
             reasons.append(str(told["failed"]))
         else:
@@ -306,7 +306,7 @@ def _write_failures(out: Path, failed: Mapping[str, str]) -> None:
 
 
 def read_failures(out: Path) -> dict[str, str]:
-    """Name -> reason of the runs that were set aside the last time."""
+    """Name -> reason of the runs that failed before."""
     try:
         return {str(name): str(reason) for name, reason in orjson.loads((out / FAILURES_NAME).read_bytes()).items()}
     except (FileNotFoundError, ValueError):

@@ -1,4 +1,4 @@
-"""What a study shows, in sentences that claim no more than the intervals hold."""
+"""Sentences about a study's results, limited by their intervals."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ TITLES = {
     "ap50": "AP50",
     "ap": "AP",
 }
-MOST_BINS = 3  # that are told of, on each side
+MOST_BINS = 3  # reported bins of each sign
 
 
 def difference_words(first: Cell, second: Cell, measure: str, found: Difference) -> str:
-    """A pair of arms by one measure.
+    """A sentence about a pair of arms by one measure.
 
     Parameters
     ----------
     first, second
-        Whose.
+        The arms.
     measure
-        By what.
+        The measure.
     found
         Second minus first.
     """
@@ -54,7 +54,7 @@ def difference_words(first: Cell, second: Cell, measure: str, found: Difference)
 
 
 def worth_words(found: Equivalent) -> str:
-    """What synthetic images are worth in photographs."""
+    """A sentence about the worth of synthetic images in photographs."""
     name, title = found.cell.name, TITLES[found.measure]
     if np.isinf(found.images) and found.most <= 0:
         return f"By {title} {name} is better than all photographs alone: what that is worth is open above."
@@ -71,7 +71,7 @@ def worth_words(found: Equivalent) -> str:
 
 
 def bin_words(found: Sequence[BinDifference]) -> list[str]:
-    """The bins in which most more, and most fewer, labels are found, of those whose interval holds no 0."""
+    """Sentences about the bins with the largest gains and losses of recall whose interval excludes 0."""
     sure = sorted(
         (one for one in found if one.change.shown and one.labels >= ENOUGH), key=lambda one: -one.change.value
     )
@@ -85,7 +85,7 @@ def bin_words(found: Sequence[BinDifference]) -> list[str]:
 
 
 def sureness(seeds: int, images: int, compared: int) -> str:
-    """What the intervals hold, and what they do not."""
+    """A note on the meaning of the intervals."""
     trainings = (
         "There is one seed only, so that they say nothing of what another training would give."
         if seeds == 1
@@ -101,7 +101,7 @@ def sureness(seeds: int, images: int, compared: int) -> str:
 
 
 def summary(measured: Sequence[tuple[Cell, Cell, Difference]], real: Cell | None) -> list[str]:
-    """The few sentences that a reader should take away."""
+    """The summary's sentences."""
     lines = [difference_words(first, second, "f1", found) for first, second, found in measured]
     if real is not None and mean(real, "ap50") < 0.5:
         lines.append(

@@ -1,4 +1,4 @@
-"""`python -m hulldown.training.study.worker STUDY NAME`: one run of a study; JSON lines on stdout for what is done."""
+"""`python -m hulldown.training.study.worker STUDY NAME`: one run of a study, with progress as JSON lines on stdout."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hulldown.training.study.runs import Options, run_one
 
 
 def main() -> int:
-    """Run what the command line asks for; the exit code."""
+    """Run the command line; return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m hulldown.training.study.worker", description=__doc__)
     parser.add_argument("study", type=Path)
     parser.add_argument("name")
@@ -38,8 +38,8 @@ def _tell(what: str, done: int, total: int) -> None:
 
 
 def _end_with_parent() -> None:
-    """Nobody writes to stdin: it ends when the process that started this one has gone, even by kill -9."""
-    # Not through sys.stdin: its lock, held while reading, would be held for ever in processes forked from this one.
+    """End this process when stdin ends, which happens when the parent ends, even by kill -9."""
+    # Not through sys.stdin, whose lock, held while reading, would stay locked in forked processes.
     while os.read(0, 1):
         pass
     os._exit(1)
