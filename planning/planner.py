@@ -27,6 +27,7 @@ from hulldown.planning.row import MoreOf, Row, encode_rows
 from hulldown.planning.rows import rows_of
 from hulldown.planning.search.block import Block, HopelessPosition, before
 from hulldown.planning.search.budget import Positions, make_budget
+from hulldown.planning.search.columns import take
 from hulldown.planning.search.draws import Purpose, RandomStreams, choose
 from hulldown.planning.search.extras import Extras, extras_at, framed_on
 from hulldown.planning.search.given import given_of, pose_budget
@@ -189,37 +190,27 @@ class Planner:
         weights[pending, site] = 0.0
         movable = weights[pending].any(axis=1) & (not self.strict)
         stage = self.stage
-        some = Positions(held.vehicle[pending], held.ordinal[pending], held.shots[pending], held.first_image[pending])
-        framed = framed_on(
-            self.budget,
-            stage,
-            self.config,
-            self._draws,
-            position=position[pending],
-            held=some,
-            sites=[stage.sites[s].name for s in site.tolist()],
-        )
-        model = np.array([stage.fleet.index[name] for name in framed])
-        classed = np.array([one.category is not None for one in stage.fleet.models])
+        position, held = position[pending], take(held, pending)
+        model = framed_on(self.budget, stage, self.config, self._draws, position=position, held=held, site=site)
+        classed = np.array([entry.category is not None for entry in stage.fleet.models])
         for s in np.unique(site).tolist():
             here = np.flatnonzero(site == s)
-            rows = pending[here]
             yield (
                 Block(
                     site=stage.sites[s],
                     fleet=stage.fleet,
                     extras={background: self._extras(s, background=background) for background in (False, True)},
                     model=model[here],
-                    background=some.background[here],
-                    empty=some.background[here] & classed[model[here]],
+                    background=held.background[here],
+                    empty=held.background[here] & classed[model[here]],
                     movable=movable[here],
-                    position=position[rows],
-                    shots=held.shots[rows],
-                    first_image=held.first_image[rows],
+                    position=position[here],
+                    shots=held.shots[here],
+                    first_image=held.first_image[here],
                     likeness=self.likeness,
                     given=self.given,
                 ),
-                rows,
+                pending[here],
             )
 
     def _extras(self, site: int, *, background: bool) -> tuple[Extras, ...]:

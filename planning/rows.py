@@ -130,10 +130,9 @@ def _vehicles(
     block: Block, table: InstanceTable, *, config: Config, draws: RandomStreams, assets: Assets
 ) -> list[dict[str, Any]]:
     """What rows say of each instance, whatever their cameras see of it."""
-    settled, fleet = table.settled, block.fleet
-    instances = Instances(fleet, table.row, table.model, settled.world_from_vehicle, table.angles)
+    settled, instances = table.settled, table.posed(np.arange(len(table.row)))
     turned = instances.articulation() if config.placement.articulate else [{}] * len(table.row)
-    models = [fleet.models[model] for model in table.model.tolist()]
+    models = [block.fleet.models[model] for model in table.model.tolist()]
     return records(
         {
             "vehicle": [model.shape.name for model in models],

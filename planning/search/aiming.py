@@ -1,4 +1,4 @@
-"""One try per row at a camera that sees its target as the config wants it (paper, section 2.1.6)."""
+"""Tries of cameras that show their targets within the config's limits, one per row (paper, section 2.1.6)."""
 
 from __future__ import annotations
 
@@ -28,27 +28,25 @@ from hulldown.planning.search.likeness import Likeness, directions_of, matching_
 from hulldown.planning.search.sizing import boxes_of, fraction_of, image_size, sized_cameras
 from hulldown.planning.search.stage import Site
 
-SIZED = 1e-9  # of the wanted size: the solve and the box's own projection round differently
-NEAREST = 1e-6  # meters from a target's center to a given camera; within the target it's refused anyway
-PLENTY = 1000.0  # square pixels of a box times visible fraction from which on some pixel is sure to show the target
+SIZED = 1e-9  # relative tolerance of solved sizes: the solver and the box's projection round differently
+NEAREST = 1e-6  # least meters from a target's center to a given camera, which keeps the direction defined
+PLENTY = 1000.0  # visible square pixels of a box above which some pixel center surely shows the target
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Views:
-    """Cameras that were aimed, n of them, and what they see of one vehicle; nan where rejected before it was known.
+    """n cameras and what each sees of one vehicle; nan for values after a rejection.
 
     Parameters
     ----------
-    world_from_camera
-        (n, 4, 4) poses.
-    lens
-        Their intrinsics.
+    world_from_camera, lens
+        (n, 4, 4) poses, and n intrinsics.
     bbox, bbox_amodal
-        (n, 4) boxes; nan where nothing of the vehicle is in the frame, or in front of the camera.
+        (n, 4) boxes; nan for a vehicle outside the frame, or behind the camera.
     truncated_fraction, visible_fraction
-        (n,) shares; of what is out of the frame 1 and 0.
+        (n,) shares; 1 and 0 for a vehicle outside the frame.
     air_contrast
-        (n,) what the air leaves of the vehicle's contrast; see `camera.weather`.
+        (n,) share of the vehicle's contrast after haze; see `camera.weather`.
     rejection
         (n,) codes of `Rejection`.
     asked, followed
@@ -68,7 +66,7 @@ class Views:
 
 
 def no_views(n: int) -> Views:
-    """Room for n views."""
+    """Allocate n views: nan, and no rejection."""
     nan = np.nan
     return Views(
         np.full((n, 4, 4), nan),
@@ -98,13 +96,11 @@ def try_cameras(
     likeness: Likeness | None,
     quarter: Int[np.ndarray, " n"],
 ) -> Views:
-    """Try `attempt` of each image's camera; `visibility_m` is nan where the air is clear.
+    """Make try number `attempt` of each image's camera; `visibility_m` is nan where the air is clear.
 
-    A given camera isn't asked whether its distance is within the config's range, nor how large its target is.
-    `quarter` tells how much of an image's tries is used up; see `Likeness.wishes`.
-
-    Row i of the targets and of what stands beside them is image i. Checks go from cheap to dear, and each is asked
-    only of what passed those before.
+    Row i of `targets` and of `others` is image i. Checks are in the order of their cost, and each applies to the rows
+    that passed those before. Limits of distance and size don't apply to given cameras. `quarter` tells how many of an
+    image's tries are used up; see `Likeness.wishes`.
     """
     n, limits, render = len(image), config.camera, config.render
     views = no_views(n)
@@ -123,7 +119,7 @@ def try_cameras(
     roll = np.radians(between(*limits.roll_deg, roll))
 
     def framed(poses: Float[np.ndarray, "k 4 4"], rows: Int[np.ndarray, " k"]) -> Framed:
-        found = frame_target(
+        aimed = frame_target(
             poses,
             targets.take(rows).corners(),
             lens.rows(rows),
@@ -132,19 +128,20 @@ def try_cameras(
             spread=limits.framing,
             truncated=limits.truncated_fraction,
         )
-        aimed, points = found.world_from_camera, given.look_at[rows]
+        points = given.look_at[rows]
         at = np.flatnonzero(~np.isnan(points[:, 0]))
-        level = looking_at(poses[at, :3, 3], points[at])
-        aimed[at] = turned(level, lens.rows(rows[at]), lens.rows(rows[at]).center, roll[rows[at]])
-        return found
+        level, own_lens = looking_at(poses[at, :3, 3], points[at]), lens.rows(rows[at])
+        aimed.world_from_camera[at] = turned(level, own_lens, own_lens.center, roll[rows[at]])
+        return aimed
 
     wishes = None
     if likeness is not None:
         wishes = likeness.wishes(draws, targets, image=image, attempt=attempt, quarter=quarter)
-        unasked = ~free | ~np.isnan(given.look_at[:, 0])
-        views.asked[:], views.followed[:] = (np.where(unasked, -1, of) for of in (wishes.asked, wishes.box))
+        aimed_by_user = ~free | ~np.isnan(given.look_at[:, 0])
+        views.asked[:] = np.where(aimed_by_user, -1, wishes.asked)
+        views.followed[:] = np.where(aimed_by_user, -1, wishes.box)
     measure = limits.size_measure
-    # Those whose box has exactly a wanted size: what it measures there, and how much.
+    # Cameras that follow a photograph, and cameras whose target's box gets an exact size.
     alike = views.followed >= 0
     exact = alike if measure == "paper" else free
     sized, distance = np.full((n, 4, 4), np.nan), np.full(n, np.nan)
@@ -196,25 +193,25 @@ def try_cameras(
     aimed_at = targets.take(rows).in_own_rows()
     level = np.flatnonzero(~exact[rows])
     poses[level] = framed(poses[level], rows[level]).world_from_camera
-    poses = rounded("world_from_camera", poses)  # as they are written: labels follow from them
+    poses = rounded("world_from_camera", poses)  # labels follow from rounded poses
     views.world_from_camera[rows] = poses
     views.air_contrast[rows] = air_contrasts(aimed_at, poses, visibility_m[rows])
     boxes = boxes_of(aimed_at, poses, lens.rows(rows))
     views.bbox[rows], views.bbox_amodal[rows] = boxes.xywh, boxes.amodal
     views.truncated_fraction[rows] = boxes.truncated_fraction
-    # A target that is out of the frame has no box: nan is not large enough.
+    # A target outside the frame has the box nan, which is too small.
     small = outside(boxes.xywh[:, 2:].min(axis=1), limits.min_box_px, below=Rejection.SMALL)
     cut = outside(
         boxes.truncated_fraction, *limits.truncated_fraction, below=Rejection.TRUNCATION, above=Rejection.TRUNCATION
     )
     views.rejection[rows] = np.where(cut, cut, small)
-    # The box leaves out what is nearer than the near plane.
+    # Sizes can miss if part of the target is nearer than the near plane.
     if measure != "paper":
         filled, wanted = fraction_of(boxes.amodal, measure, render), fraction[rows]
         views.rejection[rows[free[rows] & ~alike[rows] & ~(np.abs(filled - wanted) <= SIZED * wanted)]] = Rejection.SIZE
     if wishes is not None:
-        found, wanted = np.where(wishes.wide[rows], *boxes.amodal[:, 2:].T), wishes.pixels[rows]
-        views.rejection[rows[alike[rows] & ~(np.abs(found - wanted) <= SIZED * wanted)]] = Rejection.SIZE
+        size, wanted = np.where(wishes.wide[rows], *boxes.amodal[:, 2:].T), wishes.pixels[rows]
+        views.rejection[rows[alike[rows] & ~(np.abs(size - wanted) <= SIZED * wanted)]] = Rejection.SIZE
 
     on = views.rejection[rows] == Rejection.NONE
     rows = rows[on]
@@ -244,13 +241,13 @@ def try_cameras(
 
 
 def looking_at(position: Float[np.ndarray, "n 3"], point: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4 4"]:
-    """Level cameras whose optical axes meet points."""
+    """Return level cameras at these positions that look at these points."""
     _, azimuth, elevation = shell_place(position - point)
     return rigid(shell_axes(azimuth, elevation)[1], position)
 
 
 def drawn_lenses(config: Config, uniform: Float[np.ndarray, " n"]) -> Lenses:
-    """The lenses of n cameras: the calibrated one, or fields of view in proportion to numbers in [0, 1)."""
+    """Return n lenses: the calibrated one, or fields of view in proportion to numbers in [0, 1)."""
     if config.calibrated is not None:
         return lenses(config.calibrated).spread(len(uniform))
     fov_x = np.radians(rounded("fov_x_deg", between(*config.camera.fov_x_deg, uniform)))
@@ -266,9 +263,9 @@ def views_of_others(
     visibility_m: Float[np.ndarray, " n"],
     config: Config,
 ) -> tuple[Views, Bool[np.ndarray, " n"]]:
-    """What cameras see of other vehicles than their targets, and whether those with a class are on any pixel.
+    """Return views of vehicles that aren't targets, and whether those with a class cover the center of any pixel.
 
-    Row i of the subjects, and of what stands beside them, is camera i; `visibility_m` is nan in clear air.
+    Row i of `subjects` and of `others` is camera i; `visibility_m` is nan in clear air.
     """
     lens = cameras.lens
     boxes = boxes_of(subjects, cameras.world_from_camera, lens)
@@ -299,7 +296,7 @@ def views_of_others(
 def air_contrasts(
     instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"], visibility_m: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """What the air leaves of each vehicle's contrast, from the camera to the center of its box."""
+    """Share of each vehicle's contrast after haze, between the camera and the center of its box."""
     away = instances.centers - world_from_camera[:, :3, 3]
     return air_contrast(visibility_m, np.sqrt((away * away).sum(axis=1)))
 
@@ -313,12 +310,12 @@ def visible_shares(
     intrinsics: Lenses,
     rays: int,
 ) -> Float[np.ndarray, " n"]:
-    """Visible share of the outline of the subject of each camera; 0 where it is out of the frame."""
+    """Visible share of the outline of each camera's subject; 0 for a subject outside the frame."""
     if not len(subjects):
         return np.zeros(0)
     world = site.world.with_vehicles(others.posed())
     seen = visibility_of(subjects.posed(), world_from_camera, intrinsics=intrinsics, world=world, rays=rays)
-    # No ray met a vehicle thinner than the rays are apart: nothing of it is known to be visible.
+    # nan is a vehicle that no ray met, since it is thinner than the distance of the rays.
     return np.nan_to_num(seen.fraction)
 
 
@@ -331,7 +328,7 @@ def pixels_shown(
     lens: Lenses,
     bbox: Float[np.ndarray, "n 4"],
 ) -> Bool[np.ndarray, " n"]:
-    """Whether the subject of each camera is at the center of any pixel of its image: whether its mask has any."""
+    """Whether the subject of each camera covers the center of any pixel, so that its mask isn't empty."""
     shown = np.zeros(len(bbox), dtype=bool)
     rows = np.flatnonzero(~np.isnan(bbox[:, 0]))
     world = site.world.with_vehicles(others.beside(rows)[0].posed())
@@ -348,14 +345,14 @@ def outside(
     below: Rejection,
     above: Rejection = Rejection.NONE,
 ) -> UInt8[np.ndarray, " n"]:
-    """Return the rejection of each value that is below or above these inclusive limits; nan is below."""
+    """Return the rejection of each value below or above these inclusive limits; nan is below."""
     return np.where(values >= low, np.where(values <= high, Rejection.NONE, above), below).astype(np.uint8)
 
 
 def camera_rejections(
     site: Site, position: Float[np.ndarray, "n 3"], instances: Sequence[Instances], limits: CameraSection
 ) -> UInt8[np.ndarray, " n"]:
-    """Whether a camera may be at these places: above ground, clear of it, of obstacles and of its row's vehicles."""
+    """Reject cameras that are below ground, or too near to ground, obstacles, or vehicles of their rows."""
     return site.camera_room.rejections(
         position,
         ground_clearance=limits.ground_clearance,

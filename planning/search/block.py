@@ -1,4 +1,4 @@
-"""Positions on one scenery that are planned together: what they hold, their instances, and what is found for them."""
+"""A block of positions on one scenery that are planned together, their instances, and the poses found for them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hulldown.planning.search.columns import take
 from hulldown.planning.search.draws import Purpose, RandomStreams
 from hulldown.planning.search.extras import MOST, Extras, Role
 from hulldown.planning.search.given import Given, nothing_given
-from hulldown.planning.search.instances import drawn_angles
+from hulldown.planning.search.instances import Instances, drawn_angles
 from hulldown.planning.search.likeness import Likeness
 from hulldown.planning.search.stage import Fleet, Site
 
@@ -28,25 +28,21 @@ class Block:
     Parameters
     ----------
     site, fleet
-        Where, and what there is.
+        The scenery, and all vehicles and distractors of the plan.
     extras
-        What may stand beside targets, and what at backgrounds.
+        Companions and distractors that may occur, by whether the position is of backgrounds.
     model
-        (n,) what the cameras are framed on: an index in the fleet.
+        (n,) index in the fleet of the vehicle that the cameras are framed on.
     background, empty
-        (n,) whether the images show no target, and whether what the cameras are framed on is left out of them.
+        (n,) whether the images show no target, and whether the vehicle that they are framed on is left out.
     movable
-        (n,) whether a position that finds no place here may be planned elsewhere.
-    position
-        (n,) their numbers, ascending.
-    shots
-        (n,) images of each.
-    first_image
-        (n,) index of each one's first image.
+        (n,) whether another scenery may be tried if this one has no place.
+    position, shots, first_image
+        (n,) ascending number of each position, its number of images, and the index of the first of them.
     likeness
-        The photographs that cameras follow, if any.
+        The photographs that cameras follow.
     given
-        What users give of all images of the plan, if any.
+        The poses that users give of all images of the plan.
     """
 
     site: Site
@@ -64,12 +60,12 @@ class Block:
 
     @property
     def owner(self) -> Int[np.ndarray, " m"]:
-        """For each image the row of its position."""
+        """The row of each image's position."""
         return np.repeat(np.arange(len(self.position)), self.shots)
 
     @property
     def shot(self) -> Int[np.ndarray, " m"]:
-        """For each image its number at its position."""
+        """Number of each image at its position."""
         return np.arange(int(self.shots.sum())) - np.repeat(np.cumsum(self.shots) - self.shots, self.shots)
 
     @property
@@ -79,17 +75,17 @@ class Block:
 
     @property
     def scene(self) -> Int[np.ndarray, " m"]:
-        """Index of the image that each one has its light, weather, and lens of: of a sequence's first."""
+        """Index of the image whose light, weather, and lens each image shares: the first of its sequence, or itself."""
         sequence = self.given_of(self.image).sequence
         return np.where(sequence >= 0, sequence, self.image)
 
     def given_of(self, image: Int[np.ndarray, " k"]) -> Given:
-        """What is given of the images with these indices."""
+        """Return the given poses of the images with these indices."""
         return nothing_given(len(image)) if self.given is None else take(self.given, image)
 
 
 def before(block: Block, position: int) -> Block:
-    """The block of those positions that come before one."""
+    """Return the block without this position and those after it."""
     n = int(np.searchsorted(block.position, position))
     columns = ("model", "background", "empty", "movable", "position", "shots", "first_image")
     return replace(block, **{name: getattr(block, name)[:n] for name in columns})
@@ -97,26 +93,29 @@ def before(block: Block, position: int) -> Block:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class InstanceTable:
-    """The k instances of a block's positions, ordered by position, role and number.
+    """The k instances of a block's positions, ordered by position, role, and number.
 
     Parameters
     ----------
+    fleet
+        All vehicles and distractors of the plan.
     row
         (k,) the position's row in the block.
     role, number
-        (k,) what each is, and the how manieth of its role.
+        (k,) role of each instance, and its number among those of this role.
     model, angles
-        (k,) index in the fleet, (k, p) radians of its parts.
+        (k,) index in the fleet, and (k, p) radians of its parts.
     distance
         (k, 2) least and largest distance of an extra from its target, meters.
     settled
-        (k,) where each stands.
+        (k,) resting poses.
     tries
-        (k,) places tried so far; of those found the last one is theirs.
+        (k,) places tried so far; an instance with a place has the last one.
     found
         (k,) whether it has a place.
     """
 
+    fleet: Fleet
     row: Int[np.ndarray, " k"]
     role: Int[np.ndarray, " k"]
     number: Int[np.ndarray, " k"]
@@ -127,9 +126,14 @@ class InstanceTable:
     tries: Int[np.ndarray, " k"]
     found: Bool[np.ndarray, " k"]
 
+    def posed(self, index: Int[np.ndarray, " q"]) -> Instances:
+        """Return some of the instances in their poses, in the rows of their positions."""
+        poses = self.settled.world_from_vehicle
+        return Instances(self.fleet, self.row[index], self.model[index], poses[index], self.angles[index])
+
 
 def instances_of(block: Block, config: Config, draws: RandomStreams) -> InstanceTable:
-    """What stands at a block's positions, as it is drawn, without places."""
+    """Draw targets, companions, and distractors of a block's positions; none has a place yet."""
     n, fleet = len(block.position), block.fleet
     turns = draws.uniform(Purpose.ARTICULATION, block.position, 0, count=fleet.parts)
     zero, photographed, likeness = np.zeros(n, dtype=np.int64), np.full(n, -1), block.likeness
@@ -151,23 +155,22 @@ def instances_of(block: Block, config: Config, draws: RandomStreams) -> Instance
     row, role, number, model = row[order], role[order], number[order], model[order]
     angles = drawn_angles(fleet, model, turns[order]) if config.placement.articulate else np.zeros(turns.shape)
     k = len(row)
-    return InstanceTable(
-        row, role, number, model, angles, distance[order], unsettled(k), np.zeros(k, dtype=np.int64), np.zeros(k, bool)
-    )
+    tries, found = np.zeros(k, dtype=np.int64), np.zeros(k, dtype=bool)
+    return InstanceTable(fleet, row, role, number, model, angles, distance[order], unsettled(k), tries, found)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Seen:
-    """What cameras see of extras, p pairs of an image and an extra in it, by image and then by instance.
+    """Views of p pairs of an image and an extra in it, ordered by image and then by instance.
 
     Parameters
     ----------
     image, instance
         (p,) rows of the block's images and of its table.
     views
-        Of the p pairs.
+        Views of the p pairs.
     pixels
-        (p,) whether those that have a class are at the center of any pixel.
+        (p,) whether an extra that has a class covers the center of any pixel.
     """
 
     image: Int[np.ndarray, " p"]
@@ -183,17 +186,17 @@ class Planned:
     Parameters
     ----------
     found
-        (n,) whether a place was found; what follows is of those alone.
+        (n,) whether the position has a place; the other fields hold values for these positions only.
     instances
-        Targets and extras of the n positions; what found no room is not found.
+        Targets and extras.
     views
-        Of the m images' targets.
+        Views of the m images' targets.
     seen
-        What the images show of extras.
+        Views of extras.
     rejected
-        (m, kinds) how often each rejection was met; a position's own are with its first image.
+        (m, kinds) counts of rejections; those of places are with the first image of the position.
     problems
-        Row of a position without a place -> what was tried.
+        Row of a position without a place -> the error that names its rejections.
     """
 
     found: Bool[np.ndarray, " n"]
@@ -205,15 +208,7 @@ class Planned:
 
 
 class HopelessPosition(ConfigError):
-    """A position for which the config's tries are used up.
-
-    Parameters
-    ----------
-    position
-        Its number.
-    problem, path, remedy
-        As of any `ConfigError`.
-    """
+    """The error of a position, by its number, that has no tries left."""
 
     def __init__(self, position: int, problem: str, *, path: Path | None, remedy: str) -> None:
         super().__init__(problem, path=path, remedy=remedy)

@@ -1,9 +1,8 @@
-"""How many images of which vehicle, at which position: exact, balanced, and in closed form.
+"""Numbers of images per vehicle and position: exact, balanced, and in closed form.
 
 A class's images go to its models in round robin, a model's images to its positions in order. Positions of different
 classes alternate, and those of backgrounds are spread evenly between them, so that any beginning of the plan is as
-balanced as the whole. Nothing here grows with the number of images: what the k-th position holds is computed, not
-looked up.
+balanced as the whole. Positions are computed from their numbers: memory doesn't grow with the number of images.
 
 References
 ----------
@@ -27,18 +26,16 @@ from hulldown.planning.config.schema import BudgetSection
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Positions:
-    """What each of some positions holds.
+    """The vehicles and images of n positions.
 
     Parameters
     ----------
     vehicle
-        (n,) index into `Budget.vehicles`; -1 where it holds backgrounds.
+        (n,) index into `Budget.vehicles`; -1 for backgrounds.
     ordinal
-        (n,) how many positions this vehicle, or backgrounds, had before.
-    shots
-        (n,) images taken here, at least 1.
-    first_image
-        (n,) index of the first of them.
+        (n,) number of earlier positions of this vehicle, or of backgrounds.
+    shots, first_image
+        (n,) number of images, at least 1, and the index of the first of them.
     """
 
     vehicle: Int[np.ndarray, " n"]
@@ -54,22 +51,22 @@ class Positions:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Budget:
-    """Counts for every vehicle, and the order in which positions are visited.
+    """Counts of images of every vehicle, and the order of positions.
 
     Parameters
     ----------
     vehicles
-        Names; those of one class stand together, in the order of the config.
+        Names, grouped by class, in the order of the config.
     class_names
         Names of the classes, in order of first appearance.
     class_starts
-        (c + 1,) where each class's vehicles begin in `vehicles`, and their number.
+        (c + 1,) index in `vehicles` of each class's first, and their number.
     images
-        (v,) images of each vehicle; within a class they never rise and differ by at most 1.
+        (v,) images of each vehicle; within a class they don't increase, and differ by at most 1.
     shots
-        Images at a position; a vehicle's last position may have fewer.
+        Images of a position; a vehicle's last position may have fewer.
     backgrounds
-        Images beside those of the vehicles, which show no target.
+        Additional images without a target.
     """
 
     vehicles: tuple[str, ...]
@@ -87,12 +84,8 @@ class Budget:
     @property
     def positions_per_class(self) -> Int[np.ndarray, " c"]:
         """Positions of each class."""
-        return _sums(self.positions_per_vehicle, self.class_starts)
-
-    @property
-    def images_per_class(self) -> Int[np.ndarray, " c"]:
-        """Images of each class."""
-        return _sums(self.images, self.class_starts)
+        running = np.concatenate([[0], np.cumsum(self.positions_per_vehicle)])
+        return np.diff(running[self.class_starts])
 
     @property
     def n_images(self) -> int:
@@ -115,7 +108,7 @@ class Budget:
         return -(-self.backgrounds // self.shots)
 
     def positions(self, index: ArrayLike) -> Positions:
-        """What the positions with these (n,) indices hold."""
+        """Return the vehicles and images of the positions with these (n,) indices."""
         k = checked(index, "index", ("n",), dtype=np.int64)
         if k.size and (k.min() < 0 or k.max() >= self.n_positions):
             raise ValueError(
@@ -124,7 +117,7 @@ class Budget:
         n, ordinal = max(self.n_positions, 1), k * self.n_background_positions // max(self.n_positions, 1)
         background = (k + 1) * self.n_background_positions // n > ordinal
         held = self.target_positions(np.minimum(k - ordinal, self.n_target_positions - 1))
-        # After the last position of a vehicle there may be one more of backgrounds.
+        # The last position of backgrounds may follow that of all vehicles.
         before = np.where(k - ordinal < self.n_target_positions, held.first_image, self.images.sum())
         return Positions(
             vehicle=np.where(background, -1, held.vehicle),
@@ -134,17 +127,17 @@ class Budget:
         )
 
     def turned(self, vehicle: Int[np.ndarray, " n"], turn: int) -> Int[np.ndarray, " n"]:
-        """So many vehicles further within each vehicle's class, its first after its last; -1 stays."""
+        """Replace each vehicle by the one `turn` places further in its class, cyclically; -1 stays."""
         last = np.searchsorted(self.class_starts, vehicle, side="right")
         start, stop = self.class_starts[last - 1], self.class_starts[np.minimum(last, len(self.class_starts) - 1)]
         return np.where(vehicle < 0, -1, start + (vehicle - start + turn) % np.maximum(stop - start, 1))
 
     def target_positions(self, index: Int[np.ndarray, " n"]) -> Positions:
-        """What the k-th positions of vehicles hold; neither positions nor images of backgrounds are counted."""
+        """Return the k-th positions of vehicles, counted without positions and images of backgrounds."""
         k = index
         per_class = self.positions_per_class
-        # Step t visits the t-th position of every class that still has one. Between two neighboring totals the same
-        # classes take part, so that a step there visits a constant number of positions.
+        # Step t visits the t-th position of every class that has one. Between two successive totals the same classes
+        # take part, so each step visits the same number of positions.
         totals = np.unique(per_class)
         active = (per_class[None, :] >= totals[:, None]).sum(axis=1)
         starts_t = np.concatenate([[0], totals])[:-1]
@@ -163,7 +156,7 @@ class Budget:
         return Positions(vehicle, ordinal, shots, self._images_before(t[:, None] + earlier))
 
     def position_of(self, image: int) -> int:
-        """Index of the position that takes image `image`."""
+        """Index of the position with image `image`."""
         if not 0 <= image < self.n_images:
             raise ValueError(f"image: expected 0 to {self.n_images - 1}, got {image}")
         return bisect_right(range(self.n_positions), image, key=lambda k: int(self.positions([k]).first_image[0])) - 1
@@ -180,19 +173,12 @@ class Budget:
 
 
 def make_budget(section: BudgetSection, categories: Mapping[str, str]) -> Budget:
-    """The budget a config asks for.
-
-    Parameters
-    ----------
-    section
-        The config's `budget`.
-    categories
-        Class of each vehicle, in the order of the config.
+    """Return the budget of a config, given the class of each vehicle in the order of the config.
 
     Raises
     ------
     ConfigError
-        If the table of classes does not name each class exactly once, or nothing would be made.
+        If the table of classes doesn't name each class exactly once, or there are no images.
     """
     classes = tuple(dict.fromkeys(categories.values()))
     members = {c: [v for v, category in categories.items() if category == c] for c in classes}
@@ -226,8 +212,3 @@ def make_budget(section: BudgetSection, categories: Mapping[str, str]) -> Budget
         shots=section.images_per_position,
         backgrounds=round(sum(images) * section.background_share / (1.0 - section.background_share)),
     )
-
-
-def _sums(values: Int[np.ndarray, " v"], starts: Int[np.ndarray, " c_plus_1"]) -> Int[np.ndarray, " c"]:
-    running = np.concatenate([[0], np.cumsum(values)])
-    return np.diff(running[starts])

@@ -1,7 +1,4 @@
-"""Frozen dataclasses of arrays as tables: every field has one row for each of the same n things.
-
-A field of `take` and `put` may also be such a table.
-"""
+"""Frozen dataclasses of arrays as tables: every field is an array of n rows, or a table of n rows."""
 
 from __future__ import annotations
 
@@ -23,13 +20,13 @@ Table = TypeVar("Table", bound=Columns)
 
 
 def take(table: Table, rows: Int[np.ndarray, " k"]) -> Table:
-    """Some of the rows."""
+    """Return some rows of a table."""
     columns = (getattr(table, field.name) for field in fields(table))
     return type(table)(*(column[rows] if isinstance(column, np.ndarray) else take(column, rows) for column in columns))
 
 
 def put(table: Table, rows: Int[np.ndarray, " k"], values: Table) -> None:
-    """Overwrite some of the rows with those of another table."""
+    """Overwrite some rows with those of another table."""
     for field in fields(table):
         column, new = getattr(table, field.name), getattr(values, field.name)
         if isinstance(column, np.ndarray):
@@ -39,7 +36,7 @@ def put(table: Table, rows: Int[np.ndarray, " k"], values: Table) -> None:
 
 
 def join(table: Table, more: Table) -> Table:
-    """The rows of one, and after them those of the other."""
+    """Concatenate two tables whose fields are arrays."""
     return type(table)(
         *(np.concatenate([getattr(table, field.name), getattr(more, field.name)]) for field in fields(table))
     )

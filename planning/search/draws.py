@@ -1,7 +1,6 @@
-"""Random numbers that are computed, not consumed: number j of try a of item i is a function of (seed, i, a, j).
+"""Counter-based random numbers: number j of try a of item i is a function of (seed, i, a, j).
 
-A generator that is advanced would tie every draw to how many came before it, hence to how the work was cut into
-batches. Here every item has its own stream, reached at once, for any stack of items in one call.
+Numbers don't depend on those drawn before, so the result doesn't depend on batches.
 
 References
 ----------
@@ -23,7 +22,7 @@ _TO_UNIT = 2.0**-53
 
 
 class Purpose(IntEnum):
-    """What numbers are drawn for; streams of different purposes have nothing in common."""
+    """The purpose of random numbers; streams of different purposes are independent."""
 
     SCENERY = 1
     PLACE = 2
@@ -53,9 +52,9 @@ class RandomStreams:
     Parameters
     ----------
     seed
-        Any integer from 0 on; 0 is a seed like any other.
+        Any integer from 0 on.
     spawned
-        Numbers of these streams among those of the same seed, which have nothing in common.
+        Key of these streams; streams of the same seed with different keys are independent.
     """
 
     __slots__ = ("_key",)
@@ -66,27 +65,23 @@ class RandomStreams:
     def uniform(
         self, purpose: ArrayLike, item: ArrayLike, attempt: ArrayLike, *, count: int
     ) -> Float[np.ndarray, "n {count}"]:
-        """Numbers uniform in [0, 1), multiples of 2**-53.
+        """Return `count` numbers for each item, uniform in [0, 1), multiples of 2**-53.
 
         Parameters
         ----------
-        purpose
-            What they are for: a `Purpose`, or (n,) of them.
-        item, attempt
-            (n,) counters from 0 on, or single numbers.
-        count
-            Numbers for each item.
+        purpose, item, attempt
+            (n,) counters from 0 on, or single numbers; purposes are those of `Purpose`.
         """
         return _unit(self.bits(purpose, item, attempt, count=count))
 
     def bits(
         self, purpose: ArrayLike, item: ArrayLike, attempt: ArrayLike, *, count: int
     ) -> UInt64[np.ndarray, "n {count}"]:
-        """The same as 64 random bits each."""
+        """Return `count` numbers of 64 random bits for each item."""
         return _numbers(self.states(purpose, item, attempt), count)
 
     def states(self, purpose: ArrayLike, item: ArrayLike, attempt: ArrayLike) -> UInt64[np.ndarray, " n"]:
-        """Where the streams of these items and attempts begin."""
+        """Return the first states of the streams of these items and attempts."""
         purposes, items, attempts = np.broadcast_arrays(
             np.asarray(purpose, dtype=np.uint64),
             np.atleast_1d(np.asarray(item, dtype=np.uint64)),
@@ -98,16 +93,9 @@ class RandomStreams:
 
 
 class RowStreams:
-    """Uniform numbers for functions that draw a row for each item: row i comes from item i's own stream.
+    """A generator for functions that draw n rows at a time: row i comes from the stream of item i.
 
-    Parameters
-    ----------
-    draws
-        The plan's numbers.
-    purpose
-        What they are for.
-    item, attempt
-        (n,) counters from 0 on, or single numbers.
+    Parameters are those of `RandomStreams.uniform`.
     """
 
     def __init__(self, draws: RandomStreams, purpose: Purpose, item: ArrayLike, attempt: ArrayLike) -> None:
@@ -130,16 +118,16 @@ class RowStreams:
 
 
 def between(low: ArrayLike, high: ArrayLike, uniform: ArrayLike) -> Float[np.ndarray, "..."]:
-    """Numbers between `low` and `high`, in proportion to `uniform` in [0, 1); never outside by rounding."""
+    """Return numbers in [low, high] in proportion to `uniform` in [0, 1), clipped against rounding."""
     lowest, highest = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
     return np.clip(lowest + np.asarray(uniform) * (highest - lowest), lowest, highest)
 
 
 def choose(weights: ArrayLike, uniform: ArrayLike) -> Int[np.ndarray, "..."]:
-    """Indices into `weights` (k,), each as likely as its weight, in proportion to `uniform` in [0, 1)."""
+    """Return indices into `weights` (k,), with probabilities in proportion to them, from `uniform` in [0, 1)."""
     running = np.cumsum(np.asarray(weights, dtype=np.float64))
     index = np.searchsorted(running, np.asarray(uniform) * running[-1], side="right")
-    # Rounding may reach the end; the last index with any weight is what was meant.
+    # Rounding may reach the end; clip to the last index with a weight.
     return np.minimum(index, np.flatnonzero(weights)[-1])
 
 

@@ -1,4 +1,4 @@
-"""What stands in images besides targets: how many, of which models, how far; and what backgrounds are framed on."""
+"""Companions and distractors: number, models, and distances; and the vehicles that backgrounds are framed on."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from hulldown.planning.search.budget import Budget, Positions
 from hulldown.planning.search.draws import Purpose, RandomStreams, between, choose
 from hulldown.planning.search.stage import PlanStage
 
-MOST = 64  # of one kind in an image; a guest's number and a try's are told apart by it
-_NUMBERS = 1 + MOST  # drawn for each guest: its model, its articulation
+MOST = 64  # extras of one role in an image; streams of random numbers are numbered by it
+_NUMBERS = 1 + MOST  # random numbers of each extra: its model, its articulation
 
 
 class Role(IntEnum):
-    """What an instance is in its images, in the order in which they are placed."""
+    """The role of an instance; roles are placed in this order."""
 
     TARGET = 0
     COMPANION = 1
@@ -29,18 +29,16 @@ class Role(IntEnum):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Extras:
-    """Companions or distractors: one kind of what an image shows besides its target.
+    """The companions or distractors that may occur at a position.
 
     Parameters
     ----------
-    role
-        Which.
     models, weights
-        Indices in the fleet of what they are drawn from, and how often each.
+        (m,) candidates as indices in the fleet, and their weights.
     count
         Least and largest number in an image.
     distance
-        Least and largest distance from the vehicle that the camera is framed on, meters.
+        Least and largest distance from the target, meters.
     """
 
     role: Role
@@ -52,9 +50,9 @@ class Extras:
     def drawn(
         self, draws: RandomStreams, position: Int[np.ndarray, " n"], wanted: Int[np.ndarray, " n"]
     ) -> tuple[Int[np.ndarray, "n g"], Float[np.ndarray, "n g 64"]]:
-        """For each position the model of each, -1 where there is none, and numbers to turn it by.
+        """Draw up to g extras for each position: their models, -1 for none, and uniform numbers for their angles.
 
-        As many as `wanted` within the limits; -1: any number.
+        Their number is `wanted`, clipped to the limits; it is drawn where `wanted` is -1.
         """
         low, high = self.count
         choice = Purpose.COMPANY if self.role == Role.COMPANION else Purpose.DISTRACTORS
@@ -73,31 +71,21 @@ class Extras:
 def offsets(
     role: Int[np.ndarray, " n"], distance: Float[np.ndarray, "n 2"], uniform: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, "n 2"]:
-    """From targets to extras, meters in x and y, in proportion to numbers in [0, 1).
+    """Return offsets from targets to extras, meters in x and y, in proportion to numbers in [0, 1).
 
-    Companions come close: all distances are alike. For distractors all places are alike, so that one beside a
-    target is as likely as one on any other piece of ground of that size.
+    Companions are uniform in distance, distractors in area.
     """
     low, high = distance.T
-    alike = between(low, high, uniform[:, 0])
-    spread = np.clip(np.sqrt(between(low**2, high**2, uniform[:, 0])), low, high)
-    away = np.where(role == Role.COMPANION, alike, spread)
+    by_distance = between(low, high, uniform[:, 0])
+    by_area = np.clip(np.sqrt(between(low**2, high**2, uniform[:, 0])), low, high)
+    away = np.where(role == Role.COMPANION, by_distance, by_area)
     return away[:, None] * np.stack(sin_cos(2.0 * math.pi * uniform[:, 1])[::-1], axis=1)
 
 
 def extras_at(site: str, stage: PlanStage, config: Config, *, background: bool) -> tuple[Extras, Extras]:
-    """Companions and distractors of the positions on a site; those of backgrounds have no class.
+    """Return the companions and distractors of positions on the scenery named `site`.
 
-    Parameters
-    ----------
-    site
-        Its name.
-    stage
-        All models.
-    config
-        What is wanted.
-    background
-        Whether the positions are those of backgrounds.
+    Backgrounds have neither companions nor distractors with a class.
     """
     limits = config.placement
     low, high = (0, 0) if background else (n - 1 for n in limits.vehicles_per_image)
@@ -111,7 +99,7 @@ def extras_at(site: str, stage: PlanStage, config: Config, *, background: bool) 
 def distractors_at(
     site: str, stage: PlanStage, config: Config, *, unlabeled: bool
 ) -> tuple[Int[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-    """All distractors, and how often each is drawn on a site; `unlabeled`: never one that has a class."""
+    """Return all distractors and their weights on a scenery, 0 for those with a class if `unlabeled`."""
     weights = []
     for entry in config.assets.distractors:
         weights.append(entry.weight if entry.is_for(site) and not (unlabeled and entry.category) else 0.0)
@@ -126,37 +114,28 @@ def framed_on(
     *,
     position: Int[np.ndarray, " n"],
     held: Positions,
-    sites: list[str],
-) -> list[str]:
-    """The vehicle that the camera of each position is framed on.
+    site: Int[np.ndarray, " n"],
+) -> Int[np.ndarray, " n"]:
+    """Return the vehicle that the cameras of each position are framed on, as an index in the fleet.
 
-    That is the budget's, and at a position of backgrounds one drawn as the budget gives them, which is left out of the
-    picture; at the share `budget.background_distractors` of these, to the position, it is a distractor without a class.
-    Where no such distractor occurs the picture stays empty.
+    At a position of backgrounds, it's a vehicle drawn from the budget, which is left out of the picture. The share
+    `budget.background_distractors` of these positions shows a distractor without a class instead, if the scenery has
+    one.
 
     Parameters
     ----------
-    budget, stage, config, draws
-        Of the plan.
-    position
-        (n,) the positions' numbers.
-    held
-        What the budget says of them.
-    sites
-        n names of sceneries.
+    position, held, site
+        (n,) number of each position, what the budget assigns to it, and the index of its scenery.
     """
-    names = [budget.vehicles[v] for v in held.vehicle.tolist()]
-    rows = np.flatnonzero(held.background)
-    if not len(rows):
-        return names
+    index = np.array([stage.fleet.index[name] for name in budget.vehicles])
+    model, rows = index[held.vehicle], np.flatnonzero(held.background)
     uniform = draws.uniform(Purpose.BACKGROUND, position[rows], 0, count=2)
-    like = np.minimum((uniform[:, 0] * budget.n_target_positions).astype(np.int64), budget.n_target_positions - 1)
-    shown = budget.target_positions(like).vehicle
-    share, before = config.budget.background_distractors, held.ordinal[rows]
-    replaced = np.floor((before + 1) * share) > np.floor(before * share)
-    for i, vehicle, distractor, u in zip(rows.tolist(), shown.tolist(), replaced.tolist(), uniform[:, 1], strict=True):
-        models, weights = distractors_at(sites[i], stage, config, unlabeled=True)
-        names[i] = budget.vehicles[vehicle]
-        if distractor and weights.any():
-            names[i] = stage.fleet.models[models[int(choose(weights, np.array([u]))[0])]].shape.name
-    return names
+    shown = np.minimum((uniform[:, 0] * budget.n_target_positions).astype(np.int64), budget.n_target_positions - 1)
+    model[rows] = index[budget.target_positions(shown).vehicle]
+    share, ordinal = config.budget.background_distractors, held.ordinal[rows]
+    replaced = np.floor((ordinal + 1) * share) > np.floor(ordinal * share)
+    for i, u in zip(rows[replaced].tolist(), uniform[replaced, 1].tolist(), strict=True):
+        models, weights = distractors_at(stage.sites[site[i]].name, stage, config, unlabeled=True)
+        if weights.any():
+            model[i] = models[choose(weights, u)]
+    return model

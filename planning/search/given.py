@@ -1,4 +1,4 @@
-"""What users give of poses, as arrays; and the budget of a plan with a line for each image."""
+"""Poses that users give, as arrays, and the budget of a plan with a line for each image."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from hulldown.planning.search.stage import Site
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Given:
-    """What is given of n images, in the world of their sceneries; nan is planned.
+    """Given poses of n images, in the worlds of their sceneries; nan for values to plan.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class Given:
     camera, look_at
         (n, 3) meters.
     sequence, name
-        (n,) index of the first image of each one's sequence, and its name; -1 and None where there is none.
+        (n,) index of the first image of each image's sequence, and the sequence's name; -1 and None without one.
     """
 
     xyz: Float[np.ndarray, "n 3"]
@@ -39,23 +39,23 @@ class Given:
 
     @property
     def fixed(self) -> Bool[np.ndarray, " n"]:
-        """Whether an image's vehicle has one possible place."""
+        """Whether place and heading of an image's vehicle are given."""
         return ~np.isnan(self.xyz[:, 0] + self.yaw)
 
 
 def nothing_given(n: int) -> Given:
-    """Return n images of which all is planned."""
+    """Return n images without given poses."""
     points = np.full((3, n, 3), np.nan)
     return Given(points[0], points[0, :, 0].copy(), points[1], points[2], np.full(n, -1), np.full(n, None))
 
 
 def given_of(poses: GivenPoses, sites: Sequence[Site]) -> Given:
-    """The arrays of a file's lines.
+    """Return the arrays of a file's lines.
 
     Raises
     ------
     ConfigError
-        If a line names a scenery that isn't there, or gives coordinates without saying on which of several.
+        If a line names an unknown scenery, or gives coordinates but no scenery where there are several.
     """
     given, origins = nothing_given(len(poses.lines)), {site.name: site.origin for site in sites}
     positions, path = position_starts(poses), Path(poses.path)
@@ -79,7 +79,7 @@ def given_of(poses: GivenPoses, sites: Sequence[Site]) -> Given:
 
 
 def position_starts(poses: GivenPoses) -> Int[np.ndarray, " p"]:
-    """Index of the first line of each position: a sequence is one, and so is every other line."""
+    """Index of the first line of each position, which is a sequence or a single line."""
     lines = poses.lines
     return np.array(
         [i for i, line in enumerate(lines) if not i or line.sequence is None or line.sequence != lines[i - 1].sequence]
@@ -88,13 +88,7 @@ def position_starts(poses: GivenPoses) -> Int[np.ndarray, " p"]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PoseBudget(Budget):
-    """A position for each sequence and for each other line; where no vehicle is named, vehicles take turns.
-
-    Parameters
-    ----------
-    held
-        What the positions hold.
-    """
+    """The budget of a file of poses, with all positions in `held`."""
 
     held: Positions = field(kw_only=True)
 
@@ -109,19 +103,20 @@ class PoseBudget(Budget):
         return len(self.held.shots)
 
     def positions(self, index: ArrayLike) -> Positions:
-        """What the positions with these (n,) indices hold."""
+        """Return the vehicles and images of the positions with these (n,) indices."""
         return take(self.held, np.asarray(index, dtype=np.int64))
 
 
 def pose_budget(poses: GivenPoses, budget: Budget) -> PoseBudget:
-    """The budget of a file's lines, with the vehicles of a config's budget.
+    """Return the budget of a file's lines: a position for each sequence and for each other line.
 
-    Its `images` count what has no scenery: only these vehicles must find places on one.
+    Lines without a vehicle take the vehicles of `budget` in turn. `images` counts images without a given scenery: their
+    vehicles need a place on some scenery.
 
     Raises
     ------
     ConfigError
-        If a line names a vehicle that isn't there.
+        If a line names an unknown vehicle.
     """
     starts = position_starts(poses)
     shots = np.diff(np.append(starts, len(poses.lines)))

@@ -1,4 +1,4 @@
-"""The table of instances: posed vehicles of any models, each in a row of whatever is planned together."""
+"""The table of instances: posed vehicles of any models, each in a row such as an image."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ class Instances:
     Parameters
     ----------
     fleet
-        What there is.
+        All vehicles and distractors of the plan.
     row
-        (k,) ascending: the position, image or view that each belongs to.
+        (k,) ascending: the position, image, or view of each instance.
     model
-        (k,) index of each in the fleet.
+        (k,) index in the fleet.
     world_from_vehicle
         (k, 4, 4) rigid poses.
     angles
-        (k, p) radians that its parts are turned by; 0 for parts that a model lacks.
+        (k, p) rotations of its parts, radians; 0 for parts that a model lacks.
     """
 
     fleet: Fleet
@@ -47,7 +47,7 @@ class Instances:
         world_from_vehicle: Float[np.ndarray, "k 4 4"],
         articulation: Sequence[Mapping[str, float]],
     ) -> Instances:
-        """Vehicles by their names, in rows 0, 1, ..."""
+        """Make a table of vehicles with these names, in rows 0, 1, ..."""
         model = np.array([fleet.index[name] for name in names])
         angles = np.zeros((len(model), fleet.parts))
         for i, (which, turned) in enumerate(zip(model.tolist(), articulation, strict=True)):
@@ -59,43 +59,43 @@ class Instances:
         return len(self.row)
 
     def take(self, index: Int[np.ndarray, " n"]) -> Instances:
-        """Some of them, or some several times, in their rows."""
+        """Return some of the instances, possibly repeated, in their rows."""
         return Instances(
             self.fleet, self.row[index], self.model[index], self.world_from_vehicle[index], self.angles[index]
         )
 
     def in_own_rows(self) -> Instances:
-        """The same in rows 0, 1, ..."""
+        """Return the instances in rows 0, 1, ..."""
         return replace(self, row=np.arange(len(self)))
 
     def beside(self, owner: Int[np.ndarray, " n"]) -> tuple[Instances, Int[np.ndarray, " q"]]:
-        """Those of row `owner[i]`, in row i, for each i; and which of the table each is."""
+        """Return the instances of row `owner[i]` in row i, for each i, and their indices in this table."""
         row, index = joined(owner, self.row)
         return replace(self.take(index), row=row), index
 
     def by_model(self) -> Iterator[tuple[Model, Int[np.ndarray, " n"]]]:
-        """Each model that occurs, and which are of it."""
+        """Yield each model of the table, and the indices of its instances."""
         for i in np.unique(self.model).tolist():
             yield self.fleet.models[i], np.flatnonzero(self.model == i)
 
     def articulation(self) -> list[dict[str, float]]:
-        """Part name to radians, of each."""
-        found: list[dict[str, float]] = [{}] * len(self)
+        """Return the angles of each instance by part name, radians."""
+        by_part: list[dict[str, float]] = [{}] * len(self)
         for model, index in self.by_model():
             names = model.shape.part_names
             for i, angles in zip(index.tolist(), self.angles[index, 1 : len(names)].tolist(), strict=True):
-                found[i] = dict(zip(names[1:], angles, strict=True))
-        return found
+                by_part[i] = dict(zip(names[1:], angles, strict=True))
+        return by_part
 
     def posed(self) -> list[PosedVehicle]:
-        """The same as what rays meet: a `PosedVehicle` a model."""
+        """Return the instances as targets for rays, a `PosedVehicle` for each model."""
         return [
             PosedVehicle(model.target, self.world_from_vehicle[i], self.model_angles(model, i), self.row[i])
             for model, i in self.by_model()
         ]
 
     def model_angles(self, model: Model, index: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n q"]:
-        """Angles of some that are of one model, without those of parts that it lacks."""
+        """Return the angles of instances of one model, for the parts that it has."""
         return self.angles[index, : len(model.shape.part_names)]
 
     @property
@@ -104,7 +104,7 @@ class Instances:
         return apply(self.world_from_vehicle, self.fleet.center[self.model][:, None])[:, 0]
 
     def world_from_parts(self) -> Float[np.ndarray, "k b 4 4"]:
-        """Where each box of the fleet's, which is that of a part at rest, goes."""
+        """Return the poses of the fleet's boxes of parts, which are given at rest."""
         boxes = np.empty((len(self), self.fleet.half.shape[1], 4, 4))
         for model, i in self.by_model():
             turned = model.shape.vehicle_from_parts(self.model_angles(model, i))
@@ -112,12 +112,12 @@ class Instances:
         return compose(self.world_from_vehicle[:, None], boxes)
 
     def corners(self) -> Float[np.ndarray, "k c 3"]:
-        """Corners of the boxes of all parts, turned and placed: no vertex of a vehicle is outside their hull."""
+        """Return the corners of the posed boxes of all parts; their hull contains every vertex."""
         corners = apply(self.world_from_parts(), self.fleet.corners[self.model])
         return corners.reshape(len(self), 8 * corners.shape[1], 3)
 
     def bounds(self) -> Float[np.ndarray, "k 2 3"]:
-        """Lowest and highest corner of each, in its own frame with its parts turned."""
+        """Return lowest and highest corner of each instance, in the vehicle's frame with its parts turned."""
         bounds = np.empty((len(self), 2, 3))
         for model, i in self.by_model():
             points = hull_of(model, np.broadcast_to(np.eye(4), (len(i), 4, 4)), self.model_angles(model, i))
@@ -128,7 +128,7 @@ class Instances:
 def hull_of(
     model: Model, world_from_vehicle: Float[np.ndarray, "n 4 4"], angles: Float[np.ndarray, "n q"]
 ) -> Float[np.ndarray, "n h 3"]:
-    """Vertices of the convex hulls of all parts, turned and placed: any projected box is theirs."""
+    """Return the posed vertices of the convex hulls of all parts, which determine the projected box."""
     poses = compose(world_from_vehicle[:, None], model.shape.vehicle_from_parts(angles))
     return np.concatenate([apply(poses[:, part.index], part.hull) for part in model.target.parts], axis=1)
 
@@ -136,7 +136,7 @@ def hull_of(
 def drawn_angles(
     fleet: Fleet, model: Int[np.ndarray, " k"], uniform: Float[np.ndarray, "k p"]
 ) -> Float[np.ndarray, "k p"]:
-    """Angles within every part's limits, in proportion to numbers in [0, 1); column i is part i's, as in rows."""
+    """Return angles within the limits of every part i, in proportion to numbers in [0, 1), rounded as in a plan."""
     angles = np.zeros((len(model), fleet.parts))
     for i in np.unique(model).tolist():
         rows, shape = np.flatnonzero(model == i), fleet.models[i].shape

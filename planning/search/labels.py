@@ -1,4 +1,4 @@
-"""What an image says of each vehicle in it: a full label, one to be ignored since it shows too little, or nothing."""
+"""Labels of vehicles: full, ignored because too little is visible, or none."""
 
 from __future__ import annotations
 
@@ -9,20 +9,13 @@ from hulldown.planning.config.schema import Config
 from hulldown.planning.row import Label, rounded
 from hulldown.planning.search.aiming import Views
 
-LONGEST_CUT = 0.8  # of a label's box that the frame cuts off, unless targets may lose more
+LONGEST_CUT = 0.8  # default share of a labeled box that the frame may cut off, unless targets may lose more
 
 
 def labels_of(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -> list[Label]:
-    """Return the labels of vehicles that have a class but are no targets.
+    """Return the labels of n companions and distractors, by `config.annotate`, or the limits of targets by default.
 
-    Parameters
-    ----------
-    views
-        What n cameras see of one vehicle each.
-    pixels
-        (n,) whether it is at the center of any pixel.
-    config
-        Whose `annotate` holds; what it leaves out is as for targets.
+    `pixels` tells whether a vehicle has a class and covers the center of any pixel; without, it has no label.
     """
     given, camera = config.annotate, config.camera
     least_px, least_visible = given.min_box_px, given.min_visible_fraction
@@ -36,5 +29,5 @@ def labels_of(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -> l
     full &= rounded("truncated_fraction", views.truncated_fraction) <= most_cut
     full &= rounded("air_contrast", views.air_contrast) >= config.weather.min_contrast
     below: Label = "ignored" if config.annotate.below == "ignored" else "none"
-    shown = zip(pixels.tolist(), full.tolist(), strict=True)
-    return [("full" if enough else below) if some else "none" for some, enough in shown]
+    pairs = zip(pixels.tolist(), full.tolist(), strict=True)
+    return [("full" if enough else below) if shown else "none" for shown, enough in pairs]

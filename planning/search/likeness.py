@@ -1,7 +1,7 @@
-"""Which photograph each image follows, and cameras that see a target as the photograph shows its own.
+"""The photograph that each image follows, and cameras that reproduce its box.
 
-An image keeps its photograph for half of a place's tries, so that boxes that are hard to reproduce stay as frequent as
-they are. Then every try takes another photograph, and the last quarter follows the configured ranges.
+Half of an image's tries follow its sampled photograph, so that boxes that are hard to reproduce stay frequent. The
+third quarter samples another photograph for each try, and the last one follows the configured ranges.
 """
 
 from __future__ import annotations
@@ -28,33 +28,29 @@ from hulldown.planning.search.sizing import sized_cameras
 from hulldown.planning.search.stage import Fleet
 
 FEW = 20  # boxes of a class, below which those of all classes are used
-DIRECTIONS = 24  # looked at for each camera
-LEAST_TOLERANCE = 0.03  # of aspect ratios, relative: no vehicle has exactly the sampled one
-HALF_CUT = 0.5  # of a box over a corner at most this share of the height is cut off: the photograph doesn't tell
-SLACK = 2.0  # of estimated distances
-PATIENCE = 10  # places without a view that count as much as a quarter of a place's tries
+DIRECTIONS = 24  # candidates for each camera
+LEAST_TOLERANCE = 0.03  # relative, of aspect ratios: no vehicle has exactly the sampled one
+HALF_CUT = 0.5  # largest share of the height assumed to be cut off from a box over a corner of the photograph
+SLACK = 2.0  # largest factor by which estimated distances are wrong
+PATIENCE = 10  # places without a camera that count as a quarter of an image's tries
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Wishes:
-    """What n tries of cameras are to reproduce.
+    """Boxes that n tries of cameras should reproduce.
 
     Parameters
     ----------
     asked, box
         (n,) box of the photographs that was sampled for the image, and the one that this try follows; -1: none.
-    corners
-        (n, 4) left, top, right, and bottom side of the box in the frame, pixels.
-    cut
-        (n, 4) whether the frame cuts it off there.
-    pixels
-        (n,) height that the target's box is to have, or width where that is `wide`.
-    wide
-        (n,) whether the frame cuts off the height.
+    corners, cut
+        (n, 4) left, top, right, and bottom side of the box in pixels, and whether the frame cuts it off there.
+    pixels, wide
+        (n,) height of the target's box, or its width if `wide`, where the frame cuts off the height.
     aspect
-        (n,) width over height of the box, as far as the frame doesn't cut it off.
+        (n,) width over height of the uncut box.
     choice
-        (n,) uniform numbers in [0, 1), by which directions are chosen.
+        (n,) uniform numbers in [0, 1) that choose directions.
     """
 
     asked: Int[np.ndarray, " n"]
@@ -68,19 +64,12 @@ class Wishes:
 
 
 class Likeness:
-    """The photographs of a config, ready to be sampled.
-
-    Parameters
-    ----------
-    photographs
-        Their boxes.
-    config
-        Whose limits decide which of them are used.
+    """Boxes of photographs to sample from, within the limits of a config.
 
     Raises
     ------
     ConfigError
-        If the limits leave no box.
+        If no box is within the limits.
     """
 
     def __init__(self, photographs: Photographs, config: Config) -> None:
@@ -93,7 +82,7 @@ class Likeness:
                 path=config.path,
                 remedy="widen these limits, or name other photographs",
             )
-        # Of a photograph with many boxes as many become targets as the others can't show as companions.
+        # A photograph's boxes share a weight of 1, or more if it has more boxes than an image can have vehicles.
         shown = np.minimum(photographs.count, config.placement.vehicles_per_image[1])[photographs.image]
         self._weights = np.where(self.usable, 1.0 / np.maximum(shown, 1), 0.0)
         classes = np.array(photographs.category, dtype=object)
@@ -105,37 +94,37 @@ class Likeness:
                 self._own[category] = np.cumsum(np.where(classes == category, self._weights, 0.0))
 
     def notes(self, categories: Iterable[str]) -> list[str]:
-        """Boxes and classes that are not followed as one would expect, a line each."""
+        """Return a line for each kind of unused boxes, and for each class with too few boxes."""
         path, n = self.photographs.path, len(self.usable)
         notes = [f"{path}: {count:,} of {n:,} boxes aren't followed: they {why}" for why, count in self.unused.items()]
         for category in sorted(categories):
-            own = self._boxes[category]
-            if own < FEW:
-                found = f"only {own:,} boxes" if own else "no box"
+            count = self._boxes[category]
+            if count < FEW:
+                boxes = f"only {count:,} boxes" if count else "no box"
                 notes.append(
-                    f"{path}: {found} of class {category!r} to follow: its targets follow those of all classes"
+                    f"{path}: {boxes} of class {category!r} to follow: its targets follow those of all classes"
                 )
         return notes
 
     def sampled(
         self, draws: RandomStreams, fleet: Fleet, *, model: Int[np.ndarray, " n"], image: Int[np.ndarray, " n"]
     ) -> Int[np.ndarray, " n"]:
-        """The box that each image is to follow, by its target's model; -1: it follows the configured ranges."""
+        """Sample a box for each image, by its target's model; -1: the image follows the configured ranges."""
         uniform = draws.uniform(Purpose.LIKE, image, 0, count=2)
         return np.where(uniform[:, 0] < self.config.camera.like_share, self._picked(fleet, model, uniform[:, 1]), -1)
 
     def _picked(
         self, fleet: Fleet, model: Int[np.ndarray, " n"], uniform: Float[np.ndarray, " n"]
     ) -> Int[np.ndarray, " n"]:
-        """Boxes of each model's class, or of all if there are few, in proportion to numbers in [0, 1)."""
+        """Sample boxes of each model's class, or of all classes if it has few, from numbers in [0, 1)."""
         box = np.zeros(len(model), dtype=np.int64)
-        for one in np.unique(model).tolist():
-            running, rows = self._own.get(fleet.models[one].category or "", self._all), np.flatnonzero(model == one)
+        for index in np.unique(model).tolist():
+            running, rows = self._own.get(fleet.models[index].category or "", self._all), np.flatnonzero(model == index)
             box[rows] = np.searchsorted(running, uniform[rows] * running[-1], side="right")
         return np.minimum(box, np.flatnonzero(self.usable)[-1])
 
     def companions(self, box: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-        """How many other boxes the photograph of each box has; -1 without a box."""
+        """Number of other boxes in the photograph of each box; -1 without a box."""
         known = self.photographs
         return np.where(box >= 0, known.count[known.image[box]] - 1, -1)
 
@@ -149,21 +138,21 @@ class Likeness:
         lens: Lenses,
         rng: RowStreams,
     ) -> Float[np.ndarray, "n 2"]:
-        """Where level ground shows companions as large and where the photographs of their targets have other boxes.
+        """Return places on level ground where companions fill the other boxes of the photographs.
 
         Parameters
         ----------
         targets, others
-            n pairs of a target and a companion, whose pose doesn't matter.
+            n pairs of a target and a companion without a pose.
         wishes, lens, rng
             Of the first try of each target's camera; see `matching_cameras`.
         number
-            (n,) the how manieth companion each is.
+            (n,) number of each companion among those of its target.
 
         Returns
         -------
-        (n, 2) meters from targets to companions in x and y, within `placement.companion_distance`; nan where the
-        photograph has no box for it.
+        (n, 2) meters from targets to companions in x and y, within `placement.companion_distance`; nan for a companion
+        without a box.
         """
         known, (least, most) = self.photographs, self.config.placement.companion_distance
         has = np.flatnonzero(number < self.companions(wishes.box))
@@ -190,18 +179,14 @@ class Likeness:
         attempt: Int[np.ndarray, " n"],
         quarter: Int[np.ndarray, " n"],
     ) -> Wishes:
-        """What n tries follow.
+        """Return the boxes that n tries follow.
 
         Parameters
         ----------
-        draws
-            The plan's numbers.
-        targets
-            Of the tries.
-        image, attempt
+        targets, image, attempt
             Of each try.
         quarter
-            (n,) 0 to 3, how much of the image's tries is used up.
+            (n,) 0 to 3: the quarter of the image's tries that this one is in.
         """
         camera, render, known = self.config.camera, self.config.render, self.photographs
         again = draws.uniform(Purpose.LIKE, image, 1 + attempt, count=6)
@@ -211,10 +196,12 @@ class Likeness:
         size, cut = np.array([render.width, render.height], dtype=np.float64), known.cut[box]
         deviation = camera.like_spread * (2.0 * again[:, 1:4] - 1.0)
         height, aspect = known.height[box] * size[1] * (1.0 + deviation[:, 0]), known.aspect[box]
-        extent = np.stack([aspect * height, height], axis=1)  # pictures of another format keep the shape of the box
+        extent = np.stack(
+            [aspect * height, height], axis=1
+        )  # the box keeps its shape if the image's differs from the photograph's
         low = (known.center[box] + known.xywh[box, 2:] * deviation[:, 1:]) * size - extent / 2.0
         cut_low, cut_high = cut[:, :2], cut[:, 2:]
-        # A side that the frame cuts off stays at the frame; the opposite one moves as the size does.
+        # A side at the frame stays there; the opposite one moves with the size.
         low = np.where(cut_low, 0.0, np.where(cut_high, size - extent, low))
         across, down = (cut_low | cut_high).T
         wide = down & ~across
@@ -232,7 +219,7 @@ class Likeness:
 
 
 def usable_boxes(photographs: Photographs, config: Config) -> tuple[Bool[np.ndarray, " n"], Counter[str]]:
-    """Whether the config's limits allow each box, and how many they don't, by reason."""
+    """Return whether each box is within the config's limits, and the numbers of others by reason."""
     camera = config.camera
     pixels = photographs.height * config.render.height
     cut, (least, most) = photographs.cut.any(axis=1), camera.truncated_fraction
@@ -250,7 +237,7 @@ def usable_boxes(photographs: Photographs, config: Config) -> tuple[Bool[np.ndar
 
 
 def directions_of(draws: RandomStreams, image: Int[np.ndarray, " n"], attempt: Int[np.ndarray, " n"]) -> RowStreams:
-    """What the directions of these tries are drawn from."""
+    """Return the generator for the candidate directions of these tries."""
     tries = attempt[:, None] * DIRECTIONS + np.arange(DIRECTIONS)
     return RowStreams(draws, Purpose.DIRECTION, np.repeat(image, DIRECTIONS), tries.ravel())
 
@@ -258,26 +245,20 @@ def directions_of(draws: RandomStreams, image: Int[np.ndarray, " n"], attempt: I
 def matching_cameras(
     targets: Instances, wishes: Wishes, config: Config, *, lens: Lenses, roll: Float[np.ndarray, " n"], rng: RowStreams
 ) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, " n"]]:
-    """Cameras that show each target as large and where its photograph does, and their distances; nan where none can.
+    """Return n cameras that reproduce size and place of the photographs' boxes, and their distances; nan without one.
 
     Parameters
     ----------
-    targets
-        n of them.
-    wishes
-        n of them, each with a box.
-    config
-        Whose elevations are drawn.
-    lens, roll
-        Of the n cameras.
+    targets, wishes, lens, roll
+        n each; every wish has a box.
     rng
-        What the directions of the cameras are drawn from; see `directions_of`.
+        See `directions_of`.
     """
     n = len(targets)
     azimuth, elevation, distance = _directions(targets, wishes, config, lens=lens, rng=rng)
     poses = np.full((n, 4, 4), np.nan)
     least, most = config.camera.distance_m
-    # What is far beyond the limits isn't solved: an estimate is enough to refuse it.
+    # Estimated distances far beyond the limits are rejected without solving.
     possible = np.flatnonzero((distance > least / SLACK) & (distance < most * SLACK))
     for model, of_model in targets.take(possible).by_model():
         of_model = possible[of_model]
@@ -312,7 +293,7 @@ def matching_cameras(
 def _directions(
     targets: Instances, wishes: Wishes, config: Config, *, lens: Lenses, rng: RowStreams
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Azimuth, elevation, and estimated distance of each camera: of several, by how well the aspect ratio fits."""
+    """Choose azimuth and elevation by how well the aspect ratio fits, and estimate the distance."""
     n, limits = len(targets), config.camera
     low, high = (math.radians(angle) for angle in limits.elevation_deg)
     azimuth = draw_azimuth(n * DIRECTIONS, rng=rng).reshape(n, DIRECTIONS)
@@ -322,12 +303,12 @@ def _directions(
     local = targets.corners() - targets.centers[:, None]
     x, y, depth = (sum(local[:, None, :, k] * axes[..., None, k, axis] for k in range(3)) for axis in range(3))
     measured = np.where(wishes.wide[:, None], np.ptp(x, axis=2), np.ptp(y, axis=2))
-    # Perspective counts where a target is near: once at the distance at which it has about the wanted size.
+    # Perspective changes the aspect ratio of near targets: apply it at about the wanted size.
     distance = measured * lens.focal[:, 1:] / wishes.pixels[:, None]
     scale = 1.0 / np.maximum(distance[..., None] + depth, 0.1 * distance[..., None])
     misfit = log(np.ptp(x * scale, axis=2) / np.ptp(y * scale, axis=2)) - log(wishes.aspect)[:, None]
     across, down = (wishes.cut[:, :2] | wishes.cut[:, 2:]).T[..., None]
-    # What the frame cuts off is unknown: a target may be longer where its width is cut, and taller where its height is.
+    # A target may be longer than its box where the frame cuts off the width, and taller where it cuts off the height.
     misfit = np.where(across, np.minimum(misfit, 0.0), misfit)
     misfit = np.where(down & ~across, np.maximum(misfit, 0.0), misfit)
     exponent = -0.5 * (misfit / max(limits.like_spread / 2.0, LEAST_TOLERANCE)) ** 2

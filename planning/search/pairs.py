@@ -1,8 +1,8 @@
-"""Which vehicles are planned on which sceneries: what the config allows, less what trial positions rule out.
+"""Pairs of vehicles and sceneries: those that the config allows, without those whose trial positions fail.
 
 References
 ----------
-Paper, section 2.1.8, for sceneries that are drawn at random. That a pair may be impossible is not in the paper.
+Paper, section 2.1.8, for random sceneries; impossible pairs aren't in the paper.
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ from hulldown.planning.search.draws import RandomStreams
 from hulldown.planning.search.positions import plan_block
 from hulldown.planning.search.stage import Fleet, Model, PlanStage, Site
 
-# A pair whose first trial position finds no place is tried twice more, and both have to: where few positions find a
-# place, each one without costs all tries. Their numbers are beyond those of any plan.
+# A pair whose first trial fails needs both further trials to succeed: where few positions have a place, each of the
+# others costs all tries. The numbers of trial positions are beyond those of any plan.
 MORE_TRIALS = 2
 _FIRST_TRIAL = 2**40
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Pairs:
-    """What each vehicle is planned on.
+    """Weights of sceneries.
 
     Parameters
     ----------
     weights
-        (v, s) how often each scenery is drawn for each vehicle of the budget; 0 for a pair that is not planned.
+        (v, s) weight of each scenery for each vehicle of the budget; 0 for a pair that isn't planned.
     sites
-        (s,) how often each is drawn for backgrounds.
+        (s,) weight of each scenery for backgrounds.
     left_out
-        The pairs that the config allows and the trials rule out.
+        Allowed pairs whose trials failed.
     """
 
     weights: Float[np.ndarray, "v s"]
@@ -51,17 +51,10 @@ class Pairs:
 def make_pairs(config: Config, budget: Budget, stage: PlanStage, draws: RandomStreams, *, strict: bool) -> Pairs:
     """Try every pair that the config allows.
 
-    Parameters
-    ----------
-    config, budget, stage, draws
-        The plan's.
-    strict
-        Whether a pair without a place is a mistake, and not left out.
-
     Raises
     ------
     ConfigError
-        If a vehicle that has images has no scenery left.
+        If a vehicle with images has no scenery left, or, if `strict`, lacks one of its sceneries.
     """
     weights, left_out = np.zeros((len(budget.vehicles), len(stage.sites))), []
     wanted = budget.images > 0
@@ -82,7 +75,7 @@ def make_pairs(config: Config, budget: Budget, stage: PlanStage, draws: RandomSt
         left_out.append(LeftOut(vehicle=budget.vehicles[v], scenery=stage.sites[s].name, why=problem.problem))
     for v in planned.tolist():
         if wanted[v] and not weights[v].any():
-            raise next(problem for (one, _), problem in sorted(problems.items()) if one == v)
+            raise next(problem for (vehicle, _), problem in sorted(problems.items()) if vehicle == v)
     listed = {entry.name: entry.weight for entry in config.assets.sceneries}
     for site in stage.sites:
         for model in stage.distractors.values():
@@ -92,12 +85,12 @@ def make_pairs(config: Config, budget: Budget, stage: PlanStage, draws: RandomSt
 
 
 def _allowed_weights(config: Config, vehicle: str, sites: tuple[Site, ...]) -> Float[np.ndarray, " s"]:
-    """The weights of the sceneries, 0 where the vehicle is not for them.
+    """Return the weights of sceneries for a vehicle, 0 for those that it may not use.
 
     Raises
     ------
     ConfigError
-        If a pattern of the vehicle matches no scenery, or only such with weight 0.
+        If a pattern of the vehicle matches no scenery, or all its sceneries have weight 0.
     """
     names = [site.name for site in sites]
     listed = {entry.name: entry.weight for entry in config.assets.sceneries}
@@ -122,21 +115,21 @@ def _allowed_weights(config: Config, vehicle: str, sites: tuple[Site, ...]) -> F
 def _problems(
     site: Site, fleet: Fleet, models: Int[np.ndarray, " v"], config: Config, draws: RandomStreams
 ) -> list[ConfigError | None]:
-    """For each of these vehicles why most of its trial positions on a site find no place, or None."""
-    found: list[ConfigError | None] = [_too_large(site, fleet.models[i], config) for i in models.tolist()]
-    fitting = np.array([i for i, problem in enumerate(found) if problem is None], dtype=np.int64)
+    """Return for each of these vehicles why most of its trial positions fail, or None."""
+    problems: list[ConfigError | None] = [_too_large(site, fleet.models[i], config) for i in models.tolist()]
+    fitting = np.array([i for i, problem in enumerate(problems) if problem is None], dtype=np.int64)
     failed = fitting[list(_try(site, fleet, models[fitting], config, draws, number=_FIRST_TRIAL))]
     for trial in range(1, 1 + MORE_TRIALS):
-        tried = np.array([i for i in failed.tolist() if found[i] is None], dtype=np.int64)
+        tried = np.array([i for i in failed.tolist() if problems[i] is None], dtype=np.int64)
         for i, problem in _try(site, fleet, models[tried], config, draws, number=_FIRST_TRIAL + trial).items():
-            found[tried[i]] = problem
-    return found
+            problems[tried[i]] = problem
+    return problems
 
 
 def _try(
     site: Site, fleet: Fleet, models: Int[np.ndarray, " n"], config: Config, draws: RandomStreams, *, number: int
 ) -> dict[int, HopelessPosition]:
-    """Which of these vehicles find no place at a trial position, and what was tried."""
+    """Plan a trial position for each of these vehicles, and return the errors of those without a place."""
     n = len(models)
     if not n:
         return {}
@@ -158,7 +151,7 @@ def _try(
 
 
 def _too_large(site: Site, model: Model, config: Config) -> ConfigError | None:
-    """What is wrong with a vehicle that is longer than the area it is placed in."""
+    """Return the error of a vehicle that is longer than the area it is placed in."""
     room = config.placement.margin * (site.bounds[1] - site.bounds[0])
     length = max(model.shape.size_xyz[:2])
     if length > min(room):

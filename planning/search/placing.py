@@ -1,4 +1,4 @@
-"""Candidates for places on a site, settled and kept clear: a batch of any vehicles (paper, section 2.1.5)."""
+"""Settle candidates on a scenery, clear of water, obstacles, and roofs (paper, section 2.1.5)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from hulldown.planning.search.columns import put
 from hulldown.planning.search.instances import Instances
 from hulldown.planning.search.stage import Site, settle_rules
 
-ABOVE = 0.05  # meters above a vehicle's box from where its sky is looked for
+ABOVE = 0.05  # meters above a vehicle's box at which rays to the sky start
 
 
 def settle_clear(
@@ -30,20 +30,14 @@ def settle_clear(
     yaw: Float[np.ndarray, " n"],
     z: Float[np.ndarray, " n"] | None = None,
 ) -> Settled:
-    """Vehicles settled at these places with these headings and clear of obstacles, or the rejections.
+    """Settle n vehicles, or reject those that don't meet the config's limits; poses of `instances` aren't used.
 
     Parameters
     ----------
-    site
-        Where.
-    instances
-        n vehicles, whose poses do not matter.
-    config
-        Whose limits hold.
     xy, yaw
         (n, 2) meters and (n,) radians.
     z
-        (n,) heights of vehicles that stand upright instead of settling; nan: they settle.
+        (n,) heights of vehicles that are placed upright instead of settling; nan: they settle.
     """
     limits, fleet, rules = config.placement, instances.fleet, settle_rules(config.placement)
     settled = settle_each(site.terrain, fleet.footings, instances.model, xy=xy, yaw=yaw, rules=rules)
@@ -56,7 +50,7 @@ def settle_clear(
         upright.rejection[~site.terrain.top_hits(xy[rows]).hit] = Rejection.OFF_GROUND
         put(settled, rows, upright)
     rejection = settled.rejection.copy()
-    poses = rounded("world_from_vehicle", settled.world_from_vehicle)  # as they are written: labels follow from them
+    poses = rounded("world_from_vehicle", settled.world_from_vehicle)  # labels follow from rounded poses
     placed = replace(instances, world_from_vehicle=poses)
     rows = np.flatnonzero(rejection == Rejection.NONE)
     rejection[rows[depth_in_water(site, placed.take(rows)) > limits.fording_depth]] = Rejection.WATER
@@ -69,7 +63,7 @@ def settle_clear(
 
 
 def depth_in_water(site: Site, instances: Instances) -> Float[np.ndarray, " n"]:
-    """How far in meters the underside of each vehicle lies below water, at most; 0 on dry ground."""
+    """Greatest depth of each vehicle's underside below water, meters; 0 on dry ground."""
     if site.water is None:
         return np.zeros(len(instances))
     samples = instances.fleet.contacts.of(instances.model)
@@ -77,7 +71,7 @@ def depth_in_water(site: Site, instances: Instances) -> Float[np.ndarray, " n"]:
 
 
 def sees_sky(site: Site, instances: Instances) -> Bool[np.ndarray, " n"]:
-    """Whether any light of the sky comes down to the top of each vehicle."""
+    """Whether light of the sky reaches the top of each vehicle."""
     fleet, model = instances.fleet, instances.model
     top = fleet.center[model].copy()
     top[:, 2] += fleet.size[model, 2] / 2 + ABOVE
@@ -85,46 +79,38 @@ def sees_sky(site: Site, instances: Instances) -> Bool[np.ndarray, " n"]:
 
 
 def clear_of_obstacles(site: Site, instances: Instances, clearance: float) -> Bool[np.ndarray, " n"]:
-    """Whether no part of each vehicle comes near an obstacle."""
+    """Whether all parts of each vehicle keep the clearance to obstacles."""
     half, world_from_box = _boxes(instances, clearance)
     clear = np.ones(len(instances), dtype=bool)
     for box in range(half.shape[1]):
-        # Hulls first: most of what touches anything is already known then.
+        # The hull is the first box, and rejects most vehicles.
         rows = np.flatnonzero(clear & (box < instances.fleet.boxes[instances.model]))
         clear[rows] = ~site.vehicle_room.touched(half[rows, box], world_from_box[rows, box])
     return clear
 
 
 def clear_of_vehicles(instances: Instances, others: Instances, clearance: float) -> Bool[np.ndarray, " p"]:
-    """Whether no part of each vehicle comes near a part of the other one of its pair.
-
-    The clearance is kept to the sides of and above both, not below them.
-    """
+    """Whether all parts of p pairs of vehicles keep the clearance, which extends sideways and upward from both."""
     clear = np.ones(len(instances), dtype=bool)
-    # What is farther apart than their spheres are wide needs no boxes.
-    reach = _reach(instances) + _reach(others) + 2.0 * clearance
+    # Pairs whose bounding spheres don't meet need no boxes.
+    reach = instances.fleet.reach[instances.model] + others.fleet.reach[others.model] + 2.0 * clearance
     away = instances.world_from_vehicle[:, :3, 3] - others.world_from_vehicle[:, :3, 3]
     near = np.flatnonzero((away * away).sum(axis=1) <= reach * reach)
     nearby, others_nearby = instances.take(near), others.take(near)
-    for one, other in ((nearby, others_nearby), (others_nearby, nearby)):
-        half, world_from_box = _boxes(one, clearance)
-        half_other, world_from_other = _boxes(other, 0.0)
+    for first, second in ((nearby, others_nearby), (others_nearby, nearby)):
+        half, world_from_box = _boxes(first, clearance)
+        half_other, world_from_other = _boxes(second, 0.0)
         for a in range(half.shape[1]):
             for b in range(half.shape[1]):
-                here = (a < one.fleet.boxes[one.model]) & (b < other.fleet.boxes[other.model])
+                here = (a < first.fleet.boxes[first.model]) & (b < second.fleet.boxes[second.model])
                 rows = np.flatnonzero(clear[near] & here)
                 box_from_other = compose(invert_rigid(world_from_box[rows, a]), world_from_other[rows, b])
                 clear[near[rows]] = ~boxes_touch(half[rows, a], half_other[rows, b], box_from_other)
     return clear
 
 
-def _reach(instances: Instances) -> Float[np.ndarray, " n"]:
-    """How far the boxes of each reach from its origin, however its parts are turned."""
-    return instances.fleet.reach[instances.model]
-
-
 def _boxes(instances: Instances, clearance: float) -> tuple[Float[np.ndarray, "n b 3"], Float[np.ndarray, "n b 4 4"]]:
-    """Half the sizes and the poses of the boxes of all parts, larger by the clearance to the sides and upwards."""
+    """Half sizes and poses of the boxes of all parts, extended by the clearance sideways and upward."""
     fleet, model = instances.fleet, instances.model
     center = fleet.box_center[model] + [0.0, 0.0, clearance / 2]
     world_from_box = compose(instances.world_from_parts(), rigid(np.eye(3), center))

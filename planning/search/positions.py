@@ -1,9 +1,8 @@
-"""Positions on one scenery, planned together: every step is one batch over all of their instances or images.
+"""Poses and cameras of a block: every step is one batch over the instances or images of all its positions.
 
-What comes out for a position depends on the config, the assets and the position's own number alone. A position's tries
-are numbered, each draws its own numbers, and the first that passes everything is taken, whatever else is in the batch.
-How many tries a position has is counted for it alone, and what is said when they are used up is about the first such
-position: batches change when something is tried, never whether.
+The result for a position depends only on config, assets, and the position's number. Each of its tries has its own
+random numbers, and the first that meets all limits is taken. Tries are counted for each position, and an error is about
+the first position without tries left. So batches decide when something is tried, but never the result.
 """
 
 from __future__ import annotations
@@ -24,34 +23,32 @@ from hulldown.planning.search.block import Block, HopelessPosition, Planned, See
 from hulldown.planning.search.columns import join, put, take
 from hulldown.planning.search.draws import Purpose, RandomStreams, RowStreams
 from hulldown.planning.search.extras import MOST, Role, offsets
-from hulldown.planning.search.instances import Instances
 from hulldown.planning.search.likeness import PATIENCE, directions_of
 from hulldown.planning.search.placing import clear_of_vehicles, settle_clear
 from hulldown.planning.search.tally import AIMING, KINDS, PLACING, sentence, tally
 
-# Candidates settled together, and cameras aimed together: what keeps a worker's memory flat.
+# Candidates settled together, and cameras aimed together: they bound a worker's memory.
 CANDIDATES = 8192
 CAMERAS = 2048
-COMPANION_FOLLOWS = 20  # tries over which a companion leaves its place in a photograph
+COMPANION_FOLLOWS = 20  # tries over which a companion's place moves from that in the photograph to any
 COMPANION_TRIES = 50  # places for one companion or distractor before the target is moved elsewhere
-# Places that no camera can see, at one position, before it is given up on.
+# Places of a position without a camera before it's given up.
 BLIND_PLACES = 40
-# Places where extras find no room, at one position, before those without room are left out.
+# Places of a position without room for all extras before some of them are left out.
 CROWDED_PLACES = 40
-# The first positions of each vehicle go alone at the beginning of a plan: a hopeless config is known in seconds.
+# A plan begins with the first positions of each vehicle, so that an impossible config fails within seconds.
 SCOUTS = 4
 BEGINNING = 256
-FIRST_LOOK = 2  # tries of an extra that are settled at first; as many again as there were, whenever none is left
+FIRST_LOOK = 2  # tries of an extra in its first batch; each later batch doubles their number
 
 
 def plan_block(block: Block, config: Config, draws: RandomStreams, *, visibility_m: Float[np.ndarray, " m"]) -> Planned:
-    """Poses and cameras for every position of a block; `visibility_m` is that of its images, nan where it is clear.
+    """Return poses and cameras for every position of a block; `visibility_m` is nan for images in clear air.
 
     Raises
     ------
     HopelessPosition
-        If a position that is not movable finds no place, or no place with a view, within the config's tries: the
-        first such position, with the counted reasons.
+        For the first position that isn't movable and has no place, or no camera, within the config's tries.
     """
     return _Search(block, config, draws, visibility_m).run()
 
@@ -66,7 +63,7 @@ class _Search:
         self.problems: dict[int, HopelessPosition] = {}
         self.given_up = np.zeros(n, dtype=bool)
         self.table = instances_of(block, config, draws)
-        self.target = np.flatnonzero(self.table.role == Role.TARGET)  # where each position's instances begin
+        self.target = np.flatnonzero(self.table.role == Role.TARGET)  # the first instance of each position
         self.end = np.append(self.target[1:], len(self.table.row))
         self.views = no_views(len(self.image))
         self.place_rejections = np.zeros((n, KINDS), dtype=np.int64)
@@ -87,18 +84,15 @@ class _Search:
         scouts = early & (ranks < SCOUTS)
         self._settle(np.flatnonzero(scouts))
         self._settle(np.flatnonzero(~scouts))
-        first = min(self._unmovable(), key=lambda error: error.position, default=None)
-        if first:
-            raise first
+        fixed = [error for row, error in self.problems.items() if not block.movable[row]]
+        if fixed:
+            raise min(fixed, key=lambda error: error.position)
         rejected = self.camera_rejections
         rejected[np.cumsum(block.shots) - block.shots] += self.place_rejections
         return Planned(~self.given_up, self.table, self.views, self._see_extras(), rejected, self.problems)
 
-    def _unmovable(self) -> list[HopelessPosition]:
-        return [error for row, error in self.problems.items() if not self.block.movable[row]]
-
     def _settle(self, pending: Int[np.ndarray, " p"]) -> None:
-        """Places, extras and cameras for these positions."""
+        """Find places, extras, and cameras for these positions."""
         while len(pending := self._hopeful(pending)):
             self._place_targets(pending)
             pending = self._hopeful(pending)
@@ -111,19 +105,8 @@ class _Search:
             self._give_up_if_blind(blind)
             pending = np.union1d(pending[~roomy], blind)
 
-    def _instances(self, index: Int[np.ndarray, " q"]) -> Instances:
-        """Some of the table's instances where they stand, in the rows of their positions."""
-        table = self.table
-        return Instances(
-            self.block.fleet,
-            table.row[index],
-            table.model[index],
-            table.settled.world_from_vehicle[index],
-            table.angles[index],
-        )
-
     def _place_targets(self, pending: Int[np.ndarray, " p"]) -> None:
-        """The first acceptable try, from where each position stopped; looks further ahead the longer it takes."""
+        """Take the next acceptable try of each position; the number of tries in a batch doubles."""
         limit, ahead, table = self.config.placement.max_tries, 1, self.table
         given = self.block.given_of(self.block.first_image)
         self._give_up_if_placeless(pending)
@@ -139,7 +122,7 @@ class _Search:
             xy = np.where(np.isnan(here.xyz[:, :2]), xy, here.xyz[:, :2])
             yaw = np.where(np.isnan(here.yaw), yaw, here.yaw)
             found = settle_clear(
-                self.block.site, self._instances(self.target[row]), self.config, xy=xy, yaw=yaw, z=here.xyz[:, 2]
+                self.block.site, self.table.posed(self.target[row]), self.config, xy=xy, yaw=yaw, z=here.xyz[:, 2]
             )
             rejection = found.rejection.reshape(-1, ahead)
             allowed = np.arange(ahead) < left[:, None]
@@ -150,7 +133,7 @@ class _Search:
             self.place_rejections[now] += tally(rejection[at, column].astype(np.int64), at, len(now))
             put(table.settled, self.target[now[taken]], take(found, np.flatnonzero(taken) * ahead + first[taken]))
             table.tries[self.target[now]] += used + taken
-            # A given place that is refused once is refused always.
+            # Further tries at a given place would fail, too.
             table.tries[self.target[now[~taken & given.fixed[now]]]] = limit
             self._give_up_if_placeless(now[~taken])
             pending = np.concatenate([now[~taken], pending[len(now) :]])
@@ -160,25 +143,23 @@ class _Search:
     def _place_extras(
         self, rows: Int[np.ndarray, " p"], *, leave_out: Bool[np.ndarray, " p"]
     ) -> Bool[np.ndarray, " p"]:
-        """Settle the extras of some positions, each clear of those before it; whether all of a position's found room.
+        """Settle the extras of some positions in their order, and return whether all those of a position have room.
 
-        Tries are settled for all extras at once; whether one keeps clear of the others is asked when its turn comes.
-
-        Parameters
-        ----------
-        rows
-            The positions.
-        leave_out
-            Whether extras without room are left out of a position, which then is one where all found room.
+        Tries are settled for all extras at once. The distance to other vehicles is checked in the order of the extras.
+        If `leave_out`, extras without room are left out, and the position counts as one with room.
         """
         table, wanted = self.table, rows
-        turn = self.target + 1  # whose turn it is, at each position
+        turn = self.target + 1  # the next extra of each position
         failed, patient = np.zeros(len(turn), dtype=bool), np.zeros(len(turn), dtype=bool)
         patient[rows] = leave_out
         extras = np.flatnonzero(np.isin(table.row, rows) & (table.role != Role.TARGET))
-        table.found[extras] = False  # what was left out at another place gets its chance here
+        table.found[extras] = False  # extras that were left out at another place are tried again
         looked, photographed = np.zeros(len(table.row), dtype=np.int64), self._photographed(extras)
-        which, attempt, found = extras[:0], extras[:0], unsettled(0)  # tries that stand, but for the other vehicles
+        which, attempt, found = (
+            extras[:0],
+            extras[:0],
+            unsettled(0),
+        )  # settled tries, not yet checked against other vehicles
         while len(rows := rows[(turn[rows] < self.end[rows]) & ~failed[rows]]):
             extras = extras[(extras >= turn[table.row[extras]]) & ~failed[table.row[extras]]]
             waiting = np.isin(which, extras)
@@ -207,23 +188,23 @@ class _Search:
                 asked = asked[done | (hopeless & patient[asked])]
                 turn[asked] += 1
                 asked = asked[turn[asked] < self.end[asked]]
-                # Those of which no try is left to ask for are settled further.
+                # Extras without a settled try wait for the next batch.
                 asked = asked[np.isin(turn[asked], which) | (looked[turn[asked]] >= COMPANION_TRIES)]
         return ~failed[wanted]
 
     def _photographed(self, extras: Int[np.ndarray, " q"]) -> Float[np.ndarray, "k 2"]:
-        """Where the photographs of first images show companions, in meters from their targets; nan: nowhere."""
+        """Return where the photographs of first images show companions, as meters from targets; nan for the others."""
         table, likeness, places = self.table, self.block.likeness, np.full((len(self.table.row), 2), np.nan)
         extras = extras[table.role[extras] == Role.COMPANION]
         if likeness is None or not len(extras):
             return places
         row = table.row[extras]
         image, attempt = self.block.first_image[row], self.tries[row] * self.config.camera.max_tries
-        targets = self._instances(self.target[row]).in_own_rows()
+        targets = self.table.posed(self.target[row]).in_own_rows()
         first = RowStreams(self.draws, Purpose.CAMERA, image, attempt).random((len(row), 3))
         places[extras] = likeness.places_beside(
             targets,
-            self._instances(extras),
+            self.table.posed(extras),
             likeness.wishes(self.draws, targets, image=image, attempt=attempt, quarter=np.zeros_like(row)),
             number=table.number[extras],
             lens=drawn_lenses(self.config, first[:, 0]),
@@ -234,9 +215,9 @@ class _Search:
     def _settle_extras(
         self, which: Int[np.ndarray, " q"], number: Int[np.ndarray, " q"], photographed: Float[np.ndarray, "k 2"]
     ) -> Settled:
-        """These tries of extras about where their targets stand now, other vehicles left aside.
+        """Settle tries of extras around their targets' present places, without regard to other vehicles.
 
-        First where they are in a photograph, then ever more anywhere.
+        Offsets move from those in the photograph to random ones as tries go on.
         """
         table, found = self.table, unsettled(len(which))
         for start in range(0, len(which), CANDIDATES):
@@ -246,24 +227,24 @@ class _Search:
             uniform = self.draws.uniform(
                 np.where(role == Role.COMPANION, Purpose.COMPANION, Purpose.DISTRACTOR),
                 self.block.position[row] * MOST + table.number[extras],
-                # Numbered through all places of the target, so that a new place gets new ones.
+                # The number counts all places of the target, so that every place has new random numbers.
                 self.tries[row] * COMPANION_TRIES + number[some],
                 count=3,
             )
             xy = offsets(role, table.distance[extras], uniform[:, :2])
             anywhere = np.minimum(number[some] / COMPANION_FOLLOWS, 1.0)[:, None]
-            there = photographed[extras]
-            xy = np.where(np.isnan(there), xy, there + anywhere * (xy - there))
+            shown = photographed[extras]
+            xy = np.where(np.isnan(shown), xy, shown + anywhere * (xy - shown))
             xy += table.settled.world_from_vehicle[self.target[row], :2, 3]
             yaw = 2.0 * math.pi * uniform[:, 2] - math.pi
-            settled = settle_clear(self.block.site, self._instances(extras), self.config, xy=xy, yaw=yaw)
+            settled = settle_clear(self.block.site, self.table.posed(extras), self.config, xy=xy, yaw=yaw)
             put(found, np.arange(len(which))[some], settled)
         return found
 
     def _clear_of_others(self, which: Int[np.ndarray, " q"], settled: Settled) -> Bool[np.ndarray, " q"]:
-        """Whether these tries of extras are clear of the target and of the extras that were settled before."""
-        tried = replace(self._instances(which), world_from_vehicle=settled.world_from_vehicle)
-        standing = self._instances(np.flatnonzero(self.table.found))
+        """Whether these tries of extras are clear of the target and of the extras with places."""
+        tried = replace(self.table.posed(which), world_from_vehicle=settled.world_from_vehicle)
+        standing = self.table.posed(np.flatnonzero(self.table.found))
         of_tried, of_standing = joined(tried.row, standing.row)
         clear = np.ones(len(which), dtype=bool)
         apart = clear_of_vehicles(
@@ -273,9 +254,9 @@ class _Search:
         return clear
 
     def _aim(self, positions: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
-        """Cameras for all images of these positions; answers with the positions where one found none."""
+        """Find cameras for all images of these positions, and return the positions with an image that has none."""
         max_tries = self.config.camera.max_tries
-        extras = self._instances(np.flatnonzero(self.table.found & (self.table.role != Role.TARGET)))
+        extras = self.table.posed(np.flatnonzero(self.table.found & (self.table.role != Role.TARGET)))
         blind = self.place_rejections[:, Rejection.NO_VIEW] // PATIENCE
         pending, done, ahead = np.flatnonzero(np.isin(self.owner, positions)), 0, 1
         while len(pending) and done < max_tries:
@@ -288,12 +269,12 @@ class _Search:
                 rows, owner = now[some], self.owner[now[some]]
                 views = try_cameras(
                     self.block.site,
-                    self._instances(self.target[owner]).in_own_rows(),
+                    self.table.posed(self.target[owner]).in_own_rows(),
                     self.config,
                     draws=self.draws,
                     image=self.image[rows],
                     given=self.block.given_of(self.image[rows]),
-                    # Numbered through all places of the position, so that a new place gets new cameras.
+                    # The number counts all places of the position, so that every place has new cameras.
                     attempt=self.tries[owner] * max_tries + attempt[some],
                     others=extras.beside(owner)[0],
                     visibility_m=self.visibility_m[rows],
@@ -312,21 +293,21 @@ class _Search:
         return np.unique(self.owner[pending])
 
     def _see_extras(self) -> Seen:
-        """What the cameras see of the extras, once all of both have their places."""
+        """Return the cameras' views of the extras."""
         table, shown = self.table, np.flatnonzero(~self.given_up[self.owner])
         there = table.found & ((table.role != Role.TARGET) | ~self.block.empty[table.row])
         extras = np.flatnonzero(table.found & (table.role != Role.TARGET))
         pair, of = joined(self.owner[shown], table.row[extras])
         image, instance = shown[pair], extras[of]
         seen = Seen(image, instance, no_views(len(image)), np.zeros(len(image), dtype=bool))
-        present, standing = np.flatnonzero(there), self._instances(np.flatnonzero(there))
+        present, standing = np.flatnonzero(there), self.table.posed(np.flatnonzero(there))
         for start in range(0, len(image), CAMERAS):
             some = np.arange(start, min(start + CAMERAS, len(image)))
             others, which = standing.beside(self.owner[image[some]])
             beside = np.flatnonzero(present[which] != instance[some][others.row])
             views, pixels = views_of_others(
                 self.block.site,
-                self._instances(instance[some]).in_own_rows(),
+                self.table.posed(instance[some]).in_own_rows(),
                 others.take(beside),
                 cameras=take(self.views, image[some]),
                 visibility_m=self.visibility_m[image[some]],
@@ -337,7 +318,7 @@ class _Search:
         return seen
 
     def _hopeful(self, rows: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
-        """Those of these positions that are not given up."""
+        """Return the positions among these that aren't given up."""
         return rows[~self.given_up[rows]]
 
     def _give_up_if_placeless(self, rows: Int[np.ndarray, " p"]) -> None:
@@ -357,7 +338,7 @@ class _Search:
         )
 
     def _give_up(self, rows: Int[np.ndarray, " p"], what: str, kinds: tuple[Rejection, ...], remedy: str) -> None:
-        """Give these positions up, and say what was tried; those after the first that must be planned here go, too."""
+        """Give up these positions, and all positions after the first of them that isn't movable."""
         rows, block = self._hopeful(rows), self.block
         self.given_up[rows] = True
         self.table.found[np.isin(self.table.row, rows)] = False

@@ -1,4 +1,4 @@
-"""Cameras at the distance at which a target's projected box has exactly the wanted size."""
+"""Cameras at the distance at which a target's projected box has an exact size."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from hulldown.planning.config.schema import RenderSection
 from hulldown.planning.search.columns import put
 from hulldown.planning.search.instances import Instances
 
-# Framing turns the camera, which changes the size a little; the distance that restores it changes the framing less.
+# Framing turns the camera, which changes the size a little; correcting the distance changes the framing less.
 ROUNDS = 4
 
 
 def image_size(measure: Measure, render: RenderSection) -> float:
-    """Height, width or diagonal of the image in pixels, or its area in square pixels."""
+    """Height, width, or diagonal of the image in pixels, or its area in square pixels."""
     sizes = {
         "height": render.height,
         "width": render.width,
@@ -33,13 +33,13 @@ def image_size(measure: Measure, render: RenderSection) -> float:
 
 
 def fraction_of(amodal: Float[np.ndarray, "n 4"], measure: Measure, render: RenderSection) -> Float[np.ndarray, " n"]:
-    """What share of the image's height, width, diagonal or area these boxes fill; nan without a box."""
+    """Share of the image's height, width, diagonal, or area that these boxes fill; nan without a box."""
     size = ProjectedSize(amodal[:, 2], amodal[:, 3]).measure(measure)
     return (size**2 if measure == "area" else size) / image_size(measure, render)
 
 
 def boxes_of(instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"], lens: Lenses) -> Boxes:
-    """The boxes of n vehicles, each as its own camera sees it."""
+    """Return the boxes of n vehicles, each in its own camera."""
     n = len(instances)
     boxes = Boxes(np.full((n, 4), np.nan), np.full((n, 4), np.nan), np.full(n, np.nan))
     for model, i in instances.by_model():
@@ -60,29 +60,25 @@ def sized_cameras(
     roll: Float[np.ndarray, " n"],
     framed: Callable[[Float[np.ndarray, "n 4 4"]], Framed],
 ) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, " n"]]:
-    """Cameras in the wanted directions, turned to frame the target, at the distance that gives its box its size.
+    """Return cameras in these directions from n targets of one model, framed, at distances with the wanted box sizes.
 
     Parameters
     ----------
-    targets
-        n vehicles of one model.
     hull
-        (n, h, 3) points whose projected box is theirs.
-    lens
-        n of them.
+        (n, h, 3) points with the same projected boxes as the targets.
     pixels, measure
-        (n,) wanted sizes, and of what; see `camera.size.solve_distance`.
+        (n,) wanted sizes, and what they measure; see `camera.size.solve_distance`.
     azimuth, elevation
-        (n,) radians, of the camera as seen from the target's center.
+        (n,) directions of the camera from the target's center, radians.
     roll
-        (n,) radians, of the camera about its axis; see `camera.framing.turned`.
+        (n,) radians; see `camera.framing.turned`.
     framed
-        The cameras turned as the target is to be framed: each time by the same rule.
+        Turns cameras toward their targets, always by the same rule.
 
     Returns
     -------
     world_from_camera, distance
-        nan where no distance with the whole vehicle in front of the camera gives that size.
+        nan if no distance with the whole vehicle in front of the camera gives that size.
     """
     centers = targets.centers
     level = camera_pose(centers, 1.0, azimuth, elevation)
@@ -93,16 +89,16 @@ def sized_cameras(
 
     distance = solved(looking)
     for _ in range(ROUNDS):
-        # Rows without an answer are carried along at any distance, so that every row keeps its own numbers.
+        # Rows without a distance are kept, so that every row keeps its own random numbers.
         poses = camera_pose(centers, np.where(np.isnan(distance), 1e3, distance), azimuth, elevation)
         poses = framed(poses).world_from_camera
         distance = np.where(np.isnan(distance), np.nan, solved(poses))
     if lens.distorted:
-        # The vehicle's edges are curves, which may reach beyond its vertices.
+        # The image of an edge is a curve, which may extend beyond its end points.
         def size(at: Float[np.ndarray, " k"], rows: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-            there = poses[rows]
-            there[:, :3, 3] = centers[rows] + at[:, None] * outward[rows]
-            amodal = boxes_of(targets.take(rows), there, lens.rows(rows)).amodal
+            moved = poses[rows]
+            moved[:, :3, 3] = centers[rows] + at[:, None] * outward[rows]
+            amodal = boxes_of(targets.take(rows), moved, lens.rows(rows)).amodal
             return ProjectedSize(amodal[:, 2], amodal[:, 3]).measure(measure)
 
         distance = refine_distance(size, distance, np.sqrt(pixels) if measure == "area" else pixels)

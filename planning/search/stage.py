@@ -1,4 +1,4 @@
-"""What the planner asks its questions to: terrain, obstacles and boxes of every asset, built once per process."""
+"""Query objects of a plan's sceneries and vehicles, built once per process."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from hulldown.annotate.boxes import VehicleBoxes
 from hulldown.assets.library import Assets
@@ -25,31 +25,29 @@ from hulldown.placement.rules import SettleRules
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.config.schema import Config, PlacementSection
 
-_BARE_EXTENT = 50.0  # meters to each side of the origin, where a scenery has neither ground nor obstacles
+_BARE_EXTENT = 50.0  # meters to each side of the origin, for a scenery without ground and obstacles
+_BOUNDS = (np.min, np.max)
+_CORNERS = np.array(list(product((False, True), repeat=3)))  # (8, 3) whether a corner of a box is high in x, y, and z
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Site:
-    """A scenery, ready for questions.
+    """A scenery with its query objects.
 
     Parameters
     ----------
-    name
-        The scenery's.
     terrain
-        Its ground, or the fallback plane: where tops are.
+        Top hits on its ground, or on the fallback plane.
     world
-        Ground and obstacles for rays of any direction; vertical walls, which are no top, are ground here.
+        Ground, with vertical walls, and obstacles for rays in any direction.
     water
-        Its water surfaces, or None if it has none.
-    vehicle_room
-        Answers whether vehicles are clear of the obstacles.
-    camera_room
-        Answers whether cameras are clear of ground, water and obstacles.
+        Top hits on its water; None without any.
+    vehicle_room, camera_room
+        Clearance of vehicles from obstacles, and of cameras from ground, water, and obstacles.
     bounds
-        (2, 2) lowest and highest (x, y) that vehicles are placed in, before the margin.
+        (2, 2) lowest and highest (x, y) for vehicles, before the margin.
     origin, crs
-        The scenery's: where on a map it is.
+        The scenery's coordinates on a map.
     """
 
     name: str
@@ -65,88 +63,69 @@ class Site:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Model:
-    """A vehicle, ready for questions.
+    """A vehicle with its query objects.
 
     Parameters
     ----------
-    shape
-        The vehicle.
-    category
-        Its class; None of a distractor without one.
-    boxes
-        Answers for its boxes.
-    target
-        Answers for rays at it.
-    center
-        (3,) center of its bounding box, vehicle frame.
+    shape, category
+        The vehicle and its class; None for a distractor without one.
+    boxes, target
+        Its bounding boxes in cameras, and its surface for rays.
     footing
-        What meets the ground, by `placement.contact`: its underside, or a plate as large as its box.
-    corners
-        (b, 8, 3) corners of the bounding boxes of its parts at rest, vehicle frame.
-    half
-        (b, 3) half the sizes of those boxes.
-    part
-        (b,) the parts they belong to.
+        The points where it meets the ground: of its underside, or of a plate as large as its box.
     """
 
     shape: VehicleShape
     category: str | None
     boxes: VehicleBoxes
     target: VehicleTarget
-    center: Float[np.ndarray, "3"]
     footing: Footing
-    corners: Float[np.ndarray, "b 8 3"]
-    half: Float[np.ndarray, "b 3"]
-    part: Int[np.ndarray, " b"]
 
 
 class Fleet:
-    """All vehicles and distractors of a plan. Arrays have a line for each, and repeat its first box where it has fewer.
+    """All vehicles and distractors of a plan, with tables of their numbers.
 
-    Parameters
-    ----------
-    models
-        They.
+    A part with faces has a box, in the vehicle's frame at rest; where a model has fewer boxes than another, the tables
+    repeat its first.
 
     Attributes
     ----------
-    models
-        They.
     index
-        Name -> index among them.
+        Name -> index in `models`.
     size, center
-        (m, 3) of their bounding boxes at rest.
+        (m, 3) of the bounding boxes at rest.
     parts
-        Most parts that one of them has.
+        Largest number of parts of a model.
     boxes
-        (m,) number of parts that have faces, and so a box.
+        (m,) number of boxes.
     footings, contacts
-        What meets the ground: of each, and the points of contact of all as one table.
+        The footing of each, and their contact points as one table.
     reach
-        (m,) meters from the origin that no part reaches beyond, however it is turned.
+        (m,) radius about the origin that no part exceeds in any articulation, meters.
     half, box_center, box_part, corners
-        (m, b, 3), (m, b, 3), (m, b) and (m, b, 8, 3): those boxes; see `Model`.
+        (m, b, 3) half sizes and centers, (m, b) parts, and (m, b, 8, 3) corners of the boxes.
     """
 
     def __init__(self, models: Sequence[Model]) -> None:
         self.models = tuple(models)
         self.index = {model.shape.name: i for i, model in enumerate(self.models)}
         self.size = np.array([model.shape.size_xyz for model in self.models])
-        self.center = np.array([model.center for model in self.models])
+        self.center = np.array([model.shape.mesh.bounds.mean(axis=0) for model in self.models])
         self.footings = tuple(model.footing for model in self.models)
         self.contacts = stacked([footing.contact for footing in self.footings])
         self.parts = max(len(model.shape.part_names) for model in self.models)
-        self.boxes = np.array([len(model.half) for model in self.models])
-        filled = [np.where(np.arange(self.boxes.max()) < n, np.arange(self.boxes.max()), 0) for n in self.boxes]
-        self.half = np.stack([model.half[i] for model, i in zip(self.models, filled, strict=True)])
-        self.corners = np.stack([model.corners[i] for model, i in zip(self.models, filled, strict=True)])
-        self.box_part = np.stack([model.part[i] for model, i in zip(self.models, filled, strict=True)])
+        parts = [model.target.parts for model in self.models]
+        self.boxes = np.array([len(of_model) for of_model in parts])
+        padded = [[*of_model, *[of_model[0]] * (self.boxes.max() - len(of_model))] for of_model in parts]
+        self.box_part = np.array([[part.index for part in of_model] for of_model in padded])
+        low, high = (np.array([[bound(p.hull, axis=0) for p in of_model] for of_model in padded]) for bound in _BOUNDS)
+        self.half, self.box_center = (high - low) / 2, (low + high) / 2
+        self.corners = np.where(_CORNERS, high[..., None, :], low[..., None, :])
         self.reach = np.array([_reach(model.shape) for model in self.models])
-        self.box_center = (self.corners.min(axis=2) + self.corners.max(axis=2)) / 2
 
 
 def _reach(shape: VehicleShape) -> float:
-    """A part that turns stays within a sphere about its pivot, which turns with the part it rides on."""
+    """Radius of a sphere about the origin that contains all parts in any articulation."""
     reach = 0.0
     for part in range(len(shape.part_names)):
         part_vertices = shape.mesh.vertices[shape.vertex_part == part]
@@ -154,7 +133,7 @@ def _reach(shape: VehicleShape) -> float:
             low, high = part_vertices.min(axis=0), part_vertices.max(axis=0)
             points = np.array(list(product(*np.stack([low, high]).T)))
             away, at = 0.0, points
-            # Up the chain of pivots to the hull, which does not turn.
+            # A turning part stays in a sphere about its pivot; follow the pivots up to the hull, which doesn't turn.
             while part > 0:
                 pivot = shape.part_pivot[part]
                 farthest = np.linalg.norm(at - pivot, axis=1).max() + away
@@ -165,7 +144,7 @@ def _reach(shape: VehicleShape) -> float:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PlanStage:
-    """All sites, vehicles and distractors of a plan, in the order of the config."""
+    """All sites, vehicles, and distractors of a plan, in the order of the config."""
 
     sites: tuple[Site, ...]
     models: dict[str, Model]
@@ -179,7 +158,7 @@ class PlanStage:
 
 
 def make_stage(config: Config, assets: Assets) -> PlanStage:
-    """Build every hierarchy that planning needs."""
+    """Build the query objects of all assets."""
     models = {name: _model(shape, assets.categories[name], config) for name, shape in assets.vehicles.items()}
     distractors = {
         entry.name: _model(assets.distractors[entry.name], entry.category, config)
@@ -223,7 +202,7 @@ def _site(scenery: Scenery, fallback_z: float) -> Site:
 
 
 def settle_rules(limits: PlacementSection) -> SettleRules:
-    """The config's limits of resting poses."""
+    """Return the config's limits of resting poses."""
     return SettleRules(
         limits.rule,
         n=limits.footprint,
@@ -236,7 +215,6 @@ def settle_rules(limits: PlacementSection) -> SettleRules:
 
 def _model(shape: VehicleShape, category: str | None, config: Config) -> Model:
     target, limits = VehicleTarget(shape), config.placement
-    bounds = np.array([[part.hull.min(axis=0), part.hull.max(axis=0)] for part in target.parts])
     plate = np.stack([-shape.size_xyz[:2], shape.size_xyz[:2]]) / 2
     under = underside(shape.mesh, known=shape.underside) if limits.contact == "footprint" else plate
     return Model(
@@ -244,9 +222,5 @@ def _model(shape: VehicleShape, category: str | None, config: Config) -> Model:
         category=category,
         boxes=VehicleBoxes(shape),
         target=target,
-        center=shape.mesh.bounds.mean(axis=0),
         footing=Footing.of(under, settle_rules(limits)),
-        corners=np.array([list(product(*corners.T)) for corners in bounds]),
-        half=np.ptp(bounds, axis=1) / 2,
-        part=np.array([part.index for part in target.parts]),
     )

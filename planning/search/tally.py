@@ -24,8 +24,8 @@ def tally(codes: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"], rows: int) -
 def sentence(counts: Mapping[Rejection, int]) -> str:
     """Put rejections of one kind into words, most frequent first: "of 10,000 tries 71 % were too steep, ..."."""
     total = sum(counts.values())
-    met = sorted((r for r in counts if r and counts[r]), key=lambda r: (-counts[r], r))
-    return f"of {total:,} tries " + ", ".join(f"{_percent(counts[r], total)} {r.phrase}" for r in met)
+    present = sorted((r for r in counts if r and counts[r]), key=lambda r: (-counts[r], r))
+    return f"of {total:,} tries " + ", ".join(f"{_percent(counts[r], total)} {r.phrase}" for r in present)
 
 
 def _percent(part: int, total: int) -> str:
