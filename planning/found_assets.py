@@ -1,4 +1,4 @@
-"""A config for somebody's folder of assets: what its files are, read as `hulldown inspect` reads them."""
+"""A config for a folder of assets, whose files are read as `hulldown inspect` reads them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from hulldown.reading.report import FileReport
 from hulldown.reading.skies.hdri import read_hdris
 from hulldown.reading.skies.sky_report import REMEDY
 
-# What the names of folders say of the files in them; the contents of the others decide.
+# Folder names that tell the kind of the files in them; in other folders, the contents decide.
 KINDS = {
     "vehicles": "vehicle",
     "sceneries": "scenery",
@@ -37,16 +37,10 @@ NEEDED = {"vehicle": "vehicle", "scenery": "scenery", "hdri": "HDRI"}
 
 @dataclass(frozen=True, slots=True)
 class FoundFile:
-    """A file of the folder and what it is.
+    """A file of the folder, its kind, and lines of notes on it.
 
-    Parameters
-    ----------
-    path
-        Relative to the folder.
-    kind
-        "vehicle", "scenery", "distractor", "hdri", or "" for what cannot be used.
-    notes
-        What was found in it, or why it cannot be used; a line each.
+    `path` is relative to the folder. `kind` is "vehicle", "scenery", "distractor", "hdri", or "" for an unusable file,
+    whose notes begin with the reason.
     """
 
     path: Path
@@ -55,7 +49,7 @@ class FoundFile:
 
 
 def asset_files(folder: Path) -> list[Path]:
-    """Files that may be vehicles, sceneries or HDRIs by their suffix, relative to `folder`; not in hidden folders.
+    """Return the paths of files with suffixes of assets, relative to `folder`, without hidden files and folders.
 
     Raises
     ------
@@ -81,25 +75,25 @@ def read_found(
     progress: Callable[[int, int], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> list[FoundFile]:
-    """What each of the files is: by the name of a folder that it is in, else by what is in it.
+    """Tell the kind of each file: by the name of a folder that it's in, else by its contents.
 
     Parameters
     ----------
     folder, files
-        As of `asset_files`.
+        See `asset_files`.
     progress
-        Called with the number of files that were read and of all.
+        Called with the number of files read so far and of all files.
     limits
-        When reading it is given up.
+        Time and memory for reading a file.
 
     Raises
     ------
     AssetError
-        If none of them can be used.
+        If none of the files can be used.
     """
     at_once = min(4, os.cpu_count() or 1)
     shared = replace(limits, share=at_once)
-    taken: dict[Path, Path] = {}  # of files of one name in several formats the first
+    taken: dict[Path, Path] = {}  # the preferred format of files with the same name
     for path in sorted(files, key=_preference):
         taken.setdefault(path.with_suffix(""), path)
 
@@ -155,7 +149,7 @@ def _ground(report: FileReport) -> list[str]:
 
 
 def missing_kinds(found: Sequence[FoundFile]) -> list[str]:
-    """What a config needs and was not found, in words."""
+    """Return the needed kinds of assets that were not found."""
     return [word for kind, word in NEEDED.items() if all(file.kind != kind for file in found)]
 
 
@@ -165,16 +159,9 @@ def found_config(
     config_folder: Path,
     values: Mapping[str, Any] = MappingProxyType({}),
 ) -> str:
-    """The text of a config in `config_folder` that lists what was found in `folder`, with comments.
+    """Return the text of a config in `config_folder` that lists the usable files of `folder`, with their notes.
 
-    Parameters
-    ----------
-    folder, found
-        As of `read_found`.
-    config_folder
-        What the paths in it are relative to.
-    values
-        As of `planning.config.template.config_text`.
+    `values` are those of `planning.config.template.config_text`.
     """
     base = os.path.relpath(folder.resolve(), config_folder.resolve())
     listed = {file.path: Path(base, file.path).as_posix() for file in found}
@@ -187,15 +174,15 @@ def found_config(
             unused.append(replace(file, kind="", notes=(f"is called as {first.as_posix()} is; rename it to use it",)))
 
     def entries(kind: str) -> list[dict[str, str]]:
-        made = []
+        tables = []
         for path in (file.path for file in found if file.kind == kind):
             entry = {"path": listed[path]}
             if stems[path.stem] > 1:
                 entry["name"] = "_".join((*path.parent.parts, path.stem))
             if kind == "vehicle":
                 entry["category"] = _category(folder, path)
-            made.append(entry)
-        return made
+            tables.append(entry)
+        return tables
 
     patterns = {path: escape(listed[path]) for path in skies.values()}
     notes = {patterns.get(file.path, listed[file.path]): file.notes for file in found if file.kind}
@@ -212,6 +199,6 @@ def found_config(
 
 
 def _category(folder: Path, path: Path) -> str:
-    """The outermost folder that says what a vehicle is."""
+    """Return the outermost folder that may name a vehicle's class."""
     names = (*path.parent.parts, folder.resolve().name)
     return next((name for name in names if name and name.lower() not in NO_CATEGORY), "vehicle")

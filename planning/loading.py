@@ -1,4 +1,4 @@
-"""Assets of a config, read from bundles in its cache folder; what is missing or changed is exported first."""
+"""Assets of a config, read from bundles in its cache folder; missing and changed ones are exported first."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from hulldown.reading.skies.sky_report import REMEDY
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART
 from hulldown.reading.wording import warnings_of
 
-USUAL_LENGTHS = {  # meters, from toys' big brothers to the longest with gun or trailer
+USUAL_LENGTHS = {  # meters, up to the longest with gun or trailer
     ("car", "suv", "sedan", "jeep", "hatchback", "pickup", "van", "taxi"): (2.0, 9.0),
     ("truck", "lorry", "bus", "launcher", "howitzer", "artillery"): (3.0, 30.0),
     ("tank", "mbt", "apc", "ifv"): (3.0, 16.0),
@@ -46,16 +46,16 @@ ANY_VEHICLE, ANY_LENGTH = ("vehicle",), (0.2, 100.0)
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Library:
-    """A config's assets and what reading each of their files left behind, by the assets' names.
+    """A config's assets, and the results of reading their files, by the assets' names.
 
     Parameters
     ----------
     assets
-        For the planner.
+        Arrays for the planner.
     models, sceneries
         Report, bundle, and tidy twin of the file of each vehicle or distractor, and of each scenery.
     hdris
-        What is rendered of each HDRI.
+        The rendered copy of each HDRI, and its light.
     """
 
     assets: Assets
@@ -64,13 +64,7 @@ class Library:
     hdris: Mapping[str, Hdri]
 
     def doubts(self, *, backdrop: bool) -> dict[str, list[str]]:
-        """What a person should look at, by the file's path.
-
-        Parameters
-        ----------
-        backdrop
-            Whether pictures show all of an HDRI, so that what's on it should be open land.
-        """
+        """Return doubts by the file's path; `backdrop` tells whether pictures show all of an HDRI, with its land."""
         files = self.assets.hdri_files
         doubts = [(e.report.path, e.report.doubts) for e in (*self.models.values(), *self.sceneries.values())]
         for name, hdri in self.hdris.items():
@@ -80,14 +74,14 @@ class Library:
 
 
 def hdri_paths(config: Config) -> dict[str, Path]:
-    """Name and path of every HDRI that `assets.hdris` matches, in the order of the patterns, then by name.
+    """Return name and path of every HDRI that `assets.hdris` matches, in the order of the patterns, then by name.
 
     Raises
     ------
     ConfigError
-        If a pattern matches no file, or two files would have the same name.
+        If a pattern matches no file, or two files have the same name.
     """
-    found: dict[str, Path] = {}
+    paths: dict[str, Path] = {}
     for pattern in config.assets.hdris:
         folder = Path(Path(pattern).anchor) if Path(pattern).is_absolute() else config.folder
         relative = str(Path(pattern).relative_to(folder)) if Path(pattern).is_absolute() else pattern
@@ -108,13 +102,13 @@ def hdri_paths(config: Config) -> dict[str, Path]:
                 remedy="put .exr or .hdr files there or change the pattern",
             )
         for match in matches:
-            if found.setdefault(match.stem, match) != match:
+            if paths.setdefault(match.stem, match) != match:
                 raise ConfigError(
-                    f"assets.hdris: {found[match.stem]} and {match} have the same name",
+                    f"assets.hdris: {paths[match.stem]} and {match} have the same name",
                     path=config.path,
                     remedy="rename one of them",
                 )
-    return found
+    return paths
 
 
 def load_assets(
@@ -126,27 +120,12 @@ def load_assets(
     warn: Callable[[str], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Assets:
-    """Everything that a planner needs of the files that `config` names.
+    """Return the assets of a config; other parameters and errors as of `load_library`.
 
     Parameters
     ----------
-    config
-        Paths in it are relative to `config.folder`.
-    strict
-        Refuse files whose textures or libraries are missing.
-    cache
-        Where what is read is kept; what the config says if None.
-    progress
-        Called with a file's path before it is exported.
     warn
-        Called with what a person should look at, once for each file; see `reading.wording.warnings_of`.
-    limits
-        When reading a file is given up.
-
-    Raises
-    ------
-    AssetError
-        Naming the file, what is wrong and what to do.
+        Called with the doubts about each file; see `reading.wording.warnings_of`.
     """
     library = load_library(config, strict=strict, cache=cache, progress=progress, limits=limits)
     if warn:
@@ -164,14 +143,25 @@ def load_library(
     jobs: int | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Library:
-    """The assets of `config` with reports and tidy twins; parameters and errors as of `load_assets`.
+    """Return the assets of a config with reports and tidy twins.
 
     Parameters
     ----------
-    config, strict, cache, progress, limits
-        See `load_assets`.
+    strict
+        Refuse files with missing textures or libraries.
+    cache
+        Folder for data read from files; the config's if None.
+    progress
+        Called with a file's path before it is exported.
     jobs
-        How many files are read at a time; as many as there are cores, up to four, if None.
+        Number of files read at a time; None for one per core, up to four.
+    limits
+        Time and memory for reading a file.
+
+    Raises
+    ------
+    AssetError
+        Naming the file, what is wrong, and what to do.
     """
     cache = config.folder / config.assets.cache if cache is None else cache
     hdris = hdri_paths(config)
@@ -231,20 +221,7 @@ def inspect_config(
     progress: Callable[[str], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> list[Inspected]:
-    """What all assets of a config are used as, with its options and out of its cache, in its order.
-
-    Parameters
-    ----------
-    config, strict, progress, limits
-        See `load_assets`.
-    pictures
-        Whether to draw them too.
-
-    Raises
-    ------
-    AssetError
-        If a file cannot be read.
-    """
+    """Return the reports of a config's assets in its order, with pictures if wanted; see `load_library`."""
     library = load_library(config, strict=strict, progress=progress, limits=limits)
     shapes = {**library.assets.vehicles, **library.assets.distractors}
     listed: list[tuple[FileReport, VehicleShape | Scenery]] = []
@@ -254,14 +231,14 @@ def inspect_config(
 
 
 def _with_limits(report: FileReport, shape: VehicleShape) -> FileReport:
-    """With how far its parts turn by the config, which its file does not know."""
+    """Return the report with the config's limits of parts."""
     limits = dict(zip(shape.part_names, shape.part_limits.tolist(), strict=True))
     parts = (replace(part, limits=(limits[part.name][0], limits[part.name][1])) for part in report.parts)
     return replace(report, parts=tuple(parts))
 
 
 def _painted(exported: Exported, entry: ModelEntry) -> Exported:
-    """With what the config paints of it, and what of that does nothing."""
+    """Return the export with notes and doubts about the config's paint in its report."""
     report = exported.report
     doubts = paint_doubts(entry.paint, report.materials)
     notes = paint_notes(entry.paint, report.materials)
@@ -269,12 +246,12 @@ def _painted(exported: Exported, entry: ModelEntry) -> Exported:
 
 
 def planned_cache(plan: Plan) -> Path:
-    """Where assets that a plan names are kept: beside it, whatever its header says, since a plan may be anybody's.
+    """Return the cache folder beside a plan; the one in its header isn't used, since plans come from anybody.
 
     Raises
     ------
     ConfigError
-        If that is a link, which may have come with the plan.
+        If it's a link, which may have come with the plan.
     """
     cache = plan.path.parent / CACHE_NAME
     if cache.is_symlink():
@@ -288,60 +265,37 @@ def load_planned_library(
     cache: Path | None = None,
     progress: Callable[[str], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
-) -> tuple[Config, Library]:
-    """The config that a plan was made from, knowing its folder, and the library of its assets.
-
-    Parameters
-    ----------
-    plan
-        The plan; its header names the config and the files.
-    cache
-        Where what is read is kept; `planned_cache` if None.
-    progress
-        Called with a file's path before it is exported.
-    limits
-        When reading a file is given up.
+) -> Library:
+    """Return the assets that a plan was made from; `cache` is `planned_cache` if None, else see `load_library`.
 
     Raises
     ------
     ConfigError
-        If a file is not what it was when the plan was made.
+        If a file has changed since planning.
     AssetError
-        If a file cannot be read.
+        If a file can't be read.
     """
-    config = plan.config
-    library = load_library(config, cache=cache or planned_cache(plan), progress=progress, limits=limits)
+    library = load_library(plan.config, cache=cache or planned_cache(plan), progress=progress, limits=limits)
     refuse_changed(plan, library.assets)
-    return config, library
-
-
-def load_planned_assets(
-    plan: Plan,
-    *,
-    cache: Path | None = None,
-    progress: Callable[[str], None] | None = None,
-    limits: ReadLimits = DEFAULT_LIMITS,
-) -> Assets:
-    """The assets that a plan was made from; parameters and errors as of `load_planned_library`."""
-    return load_planned_library(plan, cache=cache, progress=progress, limits=limits)[1].assets
+    return library
 
 
 def refuse_changed(plan: Plan, assets: Assets) -> None:
-    """Raise if one of the files that the plan was made from has changed.
+    """Refuse assets whose files have changed since planning.
 
     Raises
     ------
     ConfigError
-        Naming the first that has.
+        Naming the first of them.
     """
     header = plan.header
-    now: tuple[tuple[str, Mapping[str, Source], Mapping[str, AssetFile]], ...] = (
+    kinds: tuple[tuple[str, Mapping[str, Source], Mapping[str, AssetFile]], ...] = (
         ("vehicles", header.vehicles, assets.vehicle_files),
         ("distractors", header.distractors, assets.distractor_files),
         ("sceneries", header.sceneries, assets.scenery_files),
         ("hdris", header.hdris, assets.hdri_files),
     )
-    for kind, planned, files in now:
+    for kind, planned, files in kinds:
         for name, was in planned.items():
             if name not in files or not _same(files[name], was):
                 raise ConfigError(
@@ -352,13 +306,13 @@ def refuse_changed(plan: Plan, assets: Assets) -> None:
 
 
 def _same(file: AssetFile, was: Source) -> bool:
-    """Whether a file, and the copy that is rendered of it, is what a plan's header says, if it says anything."""
+    """Whether a file and its rendered copy have the digests of a plan's header, if there are any."""
     mended = was.mended_sha256 if isinstance(was, HdriSource) else ""
     return not was.sha256 or (was.sha256, mended) == (file.sha256, file.mended_sha256)
 
 
 def _as_listed(shape: VehicleShape, entry: ModelEntry, config: Config) -> VehicleShape:
-    """The vehicle with the name and the limits that the config gives it; its file knows neither."""
+    """Return the vehicle with the name, limits of parts, and keypoints that the config gives it."""
     limits = shape.part_limits.copy()
     for part, bounds in ((TURRET_PART, entry.turret_limits_deg), (GUN_PART, entry.gun_limits_deg)):
         if bounds is None:
@@ -378,12 +332,12 @@ def _as_listed(shape: VehicleShape, entry: ModelEntry, config: Config) -> Vehicl
 
 
 def _refuse_sizes(vehicles: Sequence[tuple[ModelEntry, FileReport]]) -> None:
-    """Refuse vehicles of another order of size than their class, unless the config states their scale.
+    """Refuse vehicles of unusual length for their class, unless the config gives their scale.
 
     Raises
     ------
     AssetError
-        Naming the first one's length, what's usual, the key, and the others.
+        Naming the first one's length, the usual lengths, the key, and the other vehicles.
     """
     odd = []
     for entry, report in vehicles:
@@ -405,14 +359,14 @@ def _refuse_sizes(vehicles: Sequence[tuple[ModelEntry, FileReport]]) -> None:
 
 
 def read_options(entry: ModelEntry | SceneryEntry, config: Config) -> Options:
-    """Return how a config says that a file is to be read: the keys of its entry that are options, and shared ones."""
+    """Return the options for reading a file: those of its entry in the config, and shared ones."""
     known = {field.name for field in fields(Options)}
     options = {key: value for key, value in entry if key in known}
     if isinstance(entry, SceneryEntry):
         options |= {"include": config.ground.include, "exclude": config.ground.exclude}
         folder = (config.folder / entry.path).parent
         for key in ("texture", "buildings"):
-            if options[key]:  # as seen from the scenery's folder, so that moving the project changes nothing
+            if options[key]:  # relative to the scenery's folder, so that moving the project changes nothing
                 options[key] = Path(os.path.relpath(config.folder / options[key], folder)).as_posix()
     return Options(**options, texture_size=config.assets.texture_size)
 

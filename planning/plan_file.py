@@ -155,11 +155,11 @@ class Plan:
     @cached_property
     def _artist(self) -> Artist:
         from hulldown.geometry.terminal import reading_status
-        from hulldown.planning.loading import load_planned_assets
+        from hulldown.planning.loading import load_planned_library
         from hulldown.planning.preview import Artist
 
         with reading_status() as progress:
-            return Artist(self, load_planned_assets(self, progress=progress))
+            return Artist(self, load_planned_library(self, progress=progress).assets)
 
     def __repr__(self) -> str:
         return f"Plan({str(self.path)!r}, {len(self):,} images)"

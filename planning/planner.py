@@ -1,6 +1,6 @@
-"""A whole dataset as rows: every position planned, in blocks, by one process or several, in order.
+"""Plan any run of positions, in blocks by scenery.
 
-Row i depends on the config, the assets and i alone. Blocks, workers and restarts only decide who computes it when.
+Row i depends only on config, assets, and i. Blocks, workers, and restarts don't change it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from hulldown.planning.search.pairs import Pairs, make_pairs
 from hulldown.planning.search.positions import plan_block
 from hulldown.planning.search.stage import make_stage
 
-BLOCK = 2048  # positions planned together: enough of each vehicle and site that batches are worth their overhead
+BLOCK = 2048  # positions planned together: large batches for each vehicle and scenery
 
 
 class Planner:
@@ -44,23 +44,19 @@ class Planner:
 
     Parameters
     ----------
-    config
-        What is wanted.
-    assets
-        What there is.
     strict
-        Whether a vehicle without a place on one of its sceneries is a mistake; if not, another scenery is taken.
+        Whether a vehicle without a place on one of its sceneries is an error; if not, another scenery is used.
     pairs
-        Which vehicle is planned on which scenery, if another planner of the same config has found it out.
+        The pairs of vehicles and sceneries that another planner of the same config has found.
     more_of
-        What a detector missed, see `planning.more_of`; None: as the config has it alone.
+        The bins in which a detector missed more, see `planning.more_of`.
     poses
-        What is given of each image, see `planning.poses`; the config's numbers of images don't count then.
+        Given poses, see `planning.poses`; they replace the config's numbers of images.
 
     Raises
     ------
     ConfigError
-        If the config asks for classes, sceneries or HDRIs that are not there, or a vehicle has no scenery left.
+        If the config names unknown classes, sceneries, or HDRIs, or a vehicle has no scenery left.
     """
 
     def __init__(
@@ -91,21 +87,21 @@ class Planner:
         self.given = None if poses is None else given_of(poses, self.stage.sites)
 
     def rows(self, start: int, stop: int) -> list[Row]:
-        """All rows of the positions from `start` to before `stop`, in order.
+        """Return all rows of the positions from `start` to before `stop`, in order.
 
         Raises
         ------
         ConfigError
-            If the config cannot be met: about the first of these positions for which it cannot.
+            For the first of these positions that can't meet the config's limits.
         """
         position = np.arange(start, stop)
         return self._rows(position) if self.more_of is None else self._chosen(position, self.more_of)
 
     def _chosen(self, position: Int[np.ndarray, " n"], more_of: MoreOf) -> list[Row]:
-        """Rows of these positions, of which most are the likeliest to be missed of several candidates."""
+        """Return rows of these positions, most of them sampled from candidates by their weights."""
         held = self.budget.positions(position)
         alone = kept(held.ordinal) | held.background
-        planned = [one._rows(position if k == 0 else position[~alone]) for k, one in enumerate(self._candidates)]
+        planned = [other._rows(position if k == 0 else position[~alone]) for k, other in enumerate(self._candidates)]
         table = np.ones((CANDIDATES, len(position)))
         table[1:, alone] = 0.0
         for k, rows in enumerate(planned):
@@ -120,17 +116,17 @@ class Planner:
 
     @cached_property
     def _candidates(self) -> list[Planner]:
-        """Planners of the same config with random numbers that neither it nor other weights draw."""
+        """Planners of the same config with independent random numbers."""
         assert self.more_of is not None
         digest = hashlib.sha256(msgspec.json.encode(self.more_of, order="sorted"))
-        found = []
+        planners = []
         for k in range(CANDIDATES):
-            one = copy.copy(self)
-            one.more_of = None
-            one._draws = RandomStreams(self.config.seed, spawned=(int(digest.hexdigest()[:8], 16), k))
-            one._turn = k if "vehicle" in self.more_of.weights else 0
-            found.append(one)
-        return found
+            planner = copy.copy(self)
+            planner.more_of = None
+            planner._draws = RandomStreams(self.config.seed, spawned=(int(digest.hexdigest()[:8], 16), k))
+            planner._turn = k if "vehicle" in self.more_of.weights else 0
+            planners.append(planner)
+        return planners
 
     def _rows(self, position: Int[np.ndarray, " n"]) -> list[Row]:
         held = self.budget.positions(position)
@@ -144,7 +140,7 @@ class Planner:
         hopeless: HopelessPosition | None = None
         pending, attempt = np.arange(len(position)), 0
         while len(pending):
-            # A position that finds no place on its scenery takes another one, until none is left.
+            # A position without a place on its scenery tries the others.
             homeless = [pending[:0]]
             for block, planned_rows in self._blocks(position, held, weights, pending, attempt):
                 if hopeless:
@@ -162,7 +158,7 @@ class Planner:
                 try:
                     planned = plan_block(block, self.config, self._draws, visibility_m=lights.air.visibility_m)
                 except HopelessPosition as error:
-                    # Another block may hold an earlier one: what is said does not depend on how the work is cut.
+                    # Another block may hold an earlier one: the error must not depend on blocks.
                     hopeless = error
                     continue
                 rows += rows_of(block, planned, lights, config=self.config, draws=self._draws, assets=self.assets)
@@ -185,7 +181,7 @@ class Planner:
         pending: Int[np.ndarray, " p"],
         attempt: int,
     ) -> Iterator[tuple[Block, Int[np.ndarray, " q"]]]:
-        """The pending positions by scenery, with their indices; what is drawn for them loses its weight."""
+        """Yield the pending positions by scenery, with their indices, and set the weights of these sceneries to 0."""
         site = self._sites(position[pending], weights[pending], attempt)
         weights[pending, site] = 0.0
         movable = weights[pending].any(axis=1) & (not self.strict)
@@ -214,47 +210,27 @@ class Planner:
             )
 
     def _extras(self, site: int, *, background: bool) -> tuple[Extras, ...]:
-        """What may stand beside targets on a scenery: companions of the vehicles that are planned there."""
+        """Return companions, which are vehicles planned on the scenery, and distractors."""
         companions, distractors = extras_at(self.stage.sites[site].name, self.stage, self.config, background=background)
         return replace(companions, weights=self._companion_weights(site)), distractors
 
     def _sites(
         self, position: Int[np.ndarray, " n"], weights: Float[np.ndarray, "n s"], attempt: int
     ) -> Int[np.ndarray, " n"]:
-        """The scenery of each position, drawn by its own weights."""
+        """Draw a scenery for each position by its own weights."""
         uniform = self._draws.uniform(Purpose.SCENERY, position, attempt, count=1)[:, 0]
         site = np.zeros(len(position), dtype=np.int64)
-        for one in np.unique(weights, axis=0):
-            alike = (weights == one).all(axis=1)
-            site[alike] = choose(one, uniform[alike])
+        for row in np.unique(weights, axis=0):
+            rows = (weights == row).all(axis=1)
+            site[rows] = choose(row, uniform[rows])
         return site
 
     def _companion_weights(self, site: int) -> Float[np.ndarray, " m"]:
-        """1 for each vehicle that is planned on a scenery, in the order of the config."""
+        """Return 1 for each vehicle that is planned on a scenery, in the order of the config, else 0."""
         planned = {self.budget.vehicles[v] for v in np.flatnonzero(self.pairs.weights[:, site]).tolist()}
         return np.array([float(name in planned) for name in self.stage.models])
 
     def lines(self, start: int, stop: int) -> tuple[bytes, int]:
-        """The same as lines of a plan file, and their number."""
+        """Return the rows of `rows` as lines of a plan file, and their number."""
         rows = self.rows(start, stop)
         return encode_rows(rows), len(rows)
-
-
-def plan(config: Config, assets: Assets) -> Iterator[Row]:
-    """Rows of the whole plan, in order, with the numbers that `plan.jsonl` holds.
-
-    Parameters
-    ----------
-    config
-        What is wanted.
-    assets
-        What there is.
-
-    Raises
-    ------
-    ConfigError
-        If the config cannot be met: with the counted reasons.
-    """
-    planner = Planner(config, assets)
-    for start in range(0, planner.budget.n_positions, BLOCK):
-        yield from planner.rows(start, min(start + BLOCK, planner.budget.n_positions))

@@ -1,4 +1,4 @@
-"""A plan from config and assets to the file on disk: by several processes, continued after a kill, the same bytes."""
+"""Plan with several processes and write the file, or continue it after a kill, with the same bytes."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from hulldown.planning.search.pairs import Pairs
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
 Progress = Callable[[int, int], None]
-_AHEAD = 3  # blocks a worker may be ahead of the file: bounds memory when one block is slow
+_AHEAD = 3  # blocks per worker that wait for a slow one; bounds memory
 _SMALLEST_BLOCK = 64
 
 
@@ -60,41 +60,41 @@ def plan(
 ) -> Plan:
     """Read a config's assets, plan every pose, and write the plan and the picture of its summary.
 
-    Calling it again after it was stopped continues. What a person should look at is warned of.
+    A second call continues a plan that was stopped. Doubts about assets are warnings.
 
     Parameters
     ----------
     config
-        What is wanted.
+        The config.
     path
-        The plan file, such as ``plan.jsonl``; replaced when, and only when, the new plan is complete.
+        The plan file, such as ``plan.jsonl``; replaced only when the new plan is complete.
     workers
-        Processes that plan; None for one a core. The plan doesn't depend on their number.
+        Processes; None for one per core. The plan doesn't depend on their number.
     strict
         Refuse missing textures and libraries, and vehicles without a place on a scenery.
     more_of
         ``report.json`` of an evaluation: bins in which the detector missed more get more images.
     poses
-        CSV file with a line for each image, whose empty cells are planned, see docs/poses.md; the config's numbers of
-        images don't count then.
+        CSV file with a line for each image and empty cells to plan, see docs/poses.md; replaces the config's numbers of
+        images.
     cache
-        Where what is read of assets is kept; what the config says if None.
+        Folder for data read from assets; the config's if None.
     limits
-        When reading an asset is given up.
+        Time and memory for reading an asset.
     progress
         Called with the images planned so far and their total; None for a bar on a terminal or in a notebook.
 
     Raises
     ------
     HulldownError
-        If an asset can't be read, the config can't be met, or the plan can't be written.
+        If an asset can't be read, no pose meets the config's limits, or the plan can't be written.
 
     Examples
     --------
     >>> config = Config.read("project/hulldown.toml")  # doctest: +SKIP
     >>> made = plan(config, "project/plan.jsonl")  # doctest: +SKIP
     """
-    # Not at the top: the processes that plan import this module.
+    # Local imports, since the worker processes import this module.
     from hulldown.annotate.sheets import make_room_for_picture
     from hulldown.geometry.terminal import reading_status, shown
     from hulldown.planning.appearance.land import land_above_horizon
@@ -149,38 +149,19 @@ def write_plan(
     poses: GivenPoses | None = None,
     progress: Progress | None = None,
 ) -> Plan:
-    """Plan everything and write it; an attempt that was killed is continued.
-
-    Parameters
-    ----------
-    config
-        What is wanted.
-    assets
-        What there is.
-    path
-        The plan file; replaced when, and only when, the new plan is complete.
-    workers
-        Processes that plan. The bytes do not depend on their number.
-    strict
-        Whether a vehicle that finds no place on one of its sceneries is a mistake; if not, it is planned on the others.
-    more_of
-        What a detector missed, see `planning.more_of`.
-    poses
-        What is given of each image, see `planning.poses`.
-    progress
-        Called with the images planned so far and their total.
+    """Plan with assets in memory and write the plan, or continue it; parameters as of `plan` and `Planner`.
 
     Raises
     ------
     ConfigError
-        If the config cannot be met, or the file cannot be written.
+        If no pose meets the config's limits, or the file can't be written.
     """
     if workers < 1:
         raise ValueError(f"workers: expected at least 1, got {workers}")
     try:
         planner = Planner(config, assets, strict=strict, more_of=more_of, poses=poses)
     except ConfigError as error:
-        # What looks at a section does not know its file.
+        # Functions that get a section don't know the config's file.
         raise ConfigError(error.problem, path=error.path or config.path, remedy=error.remedy) from None
     budget = planner.budget
     header = make_header(
@@ -217,7 +198,7 @@ def make_header(
     more_of: MoreOf | None = None,
     poses: GivenPoses | None = None,
 ) -> Header:
-    """The plan's first line."""
+    """Return the plan's first line."""
     none = AssetFile("")
 
     def recorded(files: Mapping[str, AssetFile], name: str) -> dict[str, str]:
@@ -263,7 +244,7 @@ def _version(package: str) -> str:
 
 
 def _resume(writer: PlanWriter, planner: Planner) -> int:
-    """The first position that is not wholly in the file; rows of a broken one are dropped."""
+    """Return the first position that isn't completely in the file, and drop its rows."""
     budget = planner.budget
     if writer.rows >= budget.n_images:
         writer.keep(budget.n_images)
@@ -274,12 +255,12 @@ def _resume(writer: PlanWriter, planner: Planner) -> int:
 
 
 def _planned(planner: Planner, blocks: list[tuple[int, int]], workers: int) -> Iterator[tuple[bytes, int]]:
-    """The blocks' lines, in order."""
+    """Yield the lines of the blocks in order."""
     if workers == 1:
         for block in blocks:
             yield planner.lines(*block)
         return
-    # Not forked from this process: what its threads lock, such as the progress bar's and Embree's, would stay locked.
+    # Not forked from this process: locks held by its threads, such as Embree's, would stay locked.
     context = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
     context.set_forkserver_preload([__name__])
     made_from = (planner.config, planner.assets, planner.strict, planner.pairs, planner.more_of, planner.poses)
@@ -303,14 +284,14 @@ def _begin(
     config: Config, assets: Assets, strict: bool, pairs: Pairs, more_of: MoreOf | None, poses: GivenPoses | None
 ) -> None:
     global _planner
-    # Ctrl-C is the parent's to handle; the workers end with it.
+    # The parent handles Ctrl-C, and the workers end with it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     _planner = Planner(config, assets, strict=strict, pairs=pairs, more_of=more_of, poses=poses)
 
 
 def _end_with_parent() -> None:
-    """A worker whose parent was killed would wait for work for ever, and keep its memory."""
+    """End this worker if its parent was killed."""
     parent = multiprocessing.parent_process()
     assert parent is not None
     wait([parent.sentinel])

@@ -20,7 +20,7 @@ from hulldown.dataset.store.runs import plan_key
 from hulldown.geometry.errors import ConfigError, HulldownError
 from hulldown.planning.check import check_rows
 from hulldown.planning.config.schema import Config
-from hulldown.planning.loading import load_planned_assets, refuse_changed
+from hulldown.planning.loading import load_planned_library, refuse_changed
 from hulldown.planning.plan_file import Plan, read_plan
 from hulldown.planning.planner import Planner
 from hulldown.planning.preview import Artist
@@ -158,7 +158,7 @@ def all_uses(plan: Plan, path: Path) -> list[str]:
     planners: list[Planner | None] = []
     return [
         refusal(rows.extend, plan),
-        refusal(load_planned_assets, plan),
+        refusal(load_planned_library, plan),
         refusal(refuse_changed, plan, ASSETS),
         refusal(lambda: planners.append(planner_of(json.dumps(plan.header.config)))),
         *(line for planner in planners if planner for line in posed_uses(plan, planner, rows)),

@@ -155,7 +155,7 @@ def render_assets(
     AssetError
         If a file cannot be read.
     """
-    config, library = load_planned_library(plan, cache=cache, progress=progress, limits=limits)
+    library, config = load_planned_library(plan, cache=cache, progress=progress, limits=limits), plan.config
     shapes = {**library.assets.vehicles, **library.assets.distractors}
     read = library.models
     paths = {entry.name: entry.path for entry in (*config.assets.vehicles, *config.assets.distractors)}

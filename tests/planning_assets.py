@@ -10,6 +10,7 @@ from hulldown.assets.library import Assets
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.config.schema import Config
+from hulldown.planning.planner import BLOCK, Planner
 from hulldown.tests.shapes import box, scenery_of, vehicle_of
 
 CLASSES = {"t72": "tank", "leo": "tank", "ural": "truck"}
@@ -98,3 +99,10 @@ def small_config(**sections):
     for name, section in sections.items():
         data[name] = {**data.get(name, {}), **section} if isinstance(section, dict) else section
     return Config.of(data)
+
+
+def plan(config, assets):
+    """Yield the rows of a whole plan in order."""
+    planner = Planner(config, assets)
+    for start in range(0, planner.budget.n_positions, BLOCK):
+        yield from planner.rows(start, min(start + BLOCK, planner.budget.n_positions))

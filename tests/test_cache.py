@@ -16,7 +16,7 @@ from hulldown.assets.bundle import save_scenery, save_vehicle
 from hulldown.geometry.errors import AssetError, ConfigError
 from hulldown.geometry.meshes import Mesh
 from hulldown.planning.config.schema import Config
-from hulldown.planning.loading import load_assets, load_planned_assets
+from hulldown.planning.loading import load_assets, load_planned_library
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.write import make_header
 from hulldown.reading.cache import cached, sha256
@@ -304,9 +304,9 @@ def test_the_header_of_a_plan_names_no_place_to_write(exporter: Exporter, tmp_pa
     folder.mkdir()
     plan = planned(folder, cache=cache.replace("$OUT", str(tmp_path / "out")))
     before = set(tmp_path.rglob("*"))
-    load_planned_assets(plan)
+    load_planned_library(plan)
     assert {path.relative_to(folder).parts[0] for path in set(tmp_path.rglob("*")) - before} <= {".hulldown-cache"}
-    load_planned_assets(plan, cache=tmp_path / "mine")
+    load_planned_library(plan, cache=tmp_path / "mine")
     assert (tmp_path / "mine").is_dir()
 
 
@@ -315,16 +315,16 @@ def test_a_cache_that_is_a_link_is_not_written_through(exporter: Exporter, tmp_p
     (tmp_path / ".hulldown-cache").rename(tmp_path / "was")
     (tmp_path / ".hulldown-cache").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(ConfigError, match=r"\.hulldown-cache: is a link; name the folder that it leads to by --cache"):
-        load_planned_assets(plan)
+        load_planned_library(plan)
     assert not (tmp_path / "elsewhere").exists()
 
 
 def test_a_plan_is_refused_when_a_file_has_changed_since(exporter: Exporter, tmp_path: Path) -> None:
     plan = planned(tmp_path)
-    assert list(load_planned_assets(plan).vehicles) == ["b", "T"]
+    assert list(load_planned_library(plan).assets.vehicles) == ["b", "T"]
     (tmp_path / "sky.exr").write_bytes(b"#?dusk")
     with pytest.raises(ConfigError, match=r"hdris: 'sky' \(sky\.exr\) is not what it was"):
-        load_planned_assets(plan)
+        load_planned_library(plan)
 
 
 @pytest.mark.parametrize("content", [b"", b"sky", b"<html>", b"\x89PNG"])

@@ -17,9 +17,8 @@ from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.visibility import visible_fraction
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.transforms import rigid, rotation_about
-from hulldown.planning.planner import plan
 from hulldown.tests.oracles.curves import LENSES
-from hulldown.tests.planning_assets import small_assets, small_config, vehicle
+from hulldown.tests.planning_assets import plan, small_assets, small_config, vehicle
 
 PINHOLE = (1420.0, 1418.5, 964.2, 545.7)
 every_lens = pytest.mark.parametrize("name", LENSES)

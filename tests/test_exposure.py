@@ -9,8 +9,7 @@ from hulldown.camera.response import ALBEDO, CARD, displayed, white_balance
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.exposure import card
-from hulldown.planning.planner import plan
-from hulldown.tests.planning_assets import small_assets, small_config
+from hulldown.tests.planning_assets import plan, small_assets, small_config
 
 NIGHT = SkyLight((0.01, 0.012, 0.02), 12.5)
 NOON = SkyLight((6.0, 6.2, 6.6), 1.0)

@@ -11,11 +11,10 @@ from hulldown.assets.photographs import read_photographs
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.check import check_plan
 from hulldown.planning.plan_file import read_plan
-from hulldown.planning.planner import plan
 from hulldown.planning.search.likeness import Likeness
 from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
-from hulldown.tests.planning_assets import bare, small_assets, small_config
+from hulldown.tests.planning_assets import bare, plan, small_assets, small_config
 
 WIDTH, HEIGHT = 1600, 1200  # of photographs; renders are 1920 x 1080
 NEAR_PX = 1.0  # of places: turning the camera changes a box a little

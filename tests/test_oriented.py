@@ -18,11 +18,10 @@ from hulldown.dataset.verification.planned import image_record
 from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.transforms import apply
-from hulldown.planning.planner import plan
 from hulldown.render.annotations import Segmenter, annotation_records
 from hulldown.tests.detections import dataset as dataset_of
 from hulldown.tests.detections import loaded
-from hulldown.tests.planning_assets import small_assets, small_config
+from hulldown.tests.planning_assets import plan, small_assets, small_config
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold
 
 

@@ -9,12 +9,12 @@ import pytest
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.check import check_plan
 from hulldown.planning.plan_file import read_plan
-from hulldown.planning.planner import Planner, plan
+from hulldown.planning.planner import Planner
 from hulldown.planning.row import encode_rows
 from hulldown.planning.search.pairs import make_pairs
 from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
-from hulldown.tests.planning_assets import bare, hills, small_assets, small_config, vehicle
+from hulldown.tests.planning_assets import bare, hills, plan, small_assets, small_config, vehicle
 
 BASE = small_assets()
 CLIFFS = hills("cliffs", height=400.0, trees=0)  # steeper than 30 degrees nearly everywhere

@@ -12,8 +12,7 @@ import pytest
 from hulldown.assets.library import Assets
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.geometry.transforms import apply
-from hulldown.planning.planner import plan
-from hulldown.tests.planning_assets import bare, small_config, vehicle
+from hulldown.tests.planning_assets import bare, plan, small_config, vehicle
 
 N = 600
 TANK = vehicle("t72")

@@ -7,8 +7,7 @@ import pytest
 
 from hulldown.assets.library import Assets
 from hulldown.geometry.transforms import apply
-from hulldown.planning.planner import plan
-from hulldown.tests.planning_assets import hills, small_config, vehicle
+from hulldown.tests.planning_assets import hills, plan, small_config, vehicle
 
 TANK = vehicle("t72")
 ROCK = 1  # of the obstacle meshes; lower than the gun

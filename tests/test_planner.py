@@ -7,10 +7,9 @@ from hulldown.assets.library import AssetFile, Assets
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.check import check_plan
 from hulldown.planning.plan_file import PlanWriter, read_plan
-from hulldown.planning.planner import plan
 from hulldown.planning.row import VehicleSource, decode_row, encode, encode_rows
 from hulldown.planning.write import make_header, write_plan
-from hulldown.tests.planning_assets import bare, small_assets, small_config
+from hulldown.tests.planning_assets import bare, plan, small_assets, small_config
 
 
 @pytest.fixture(scope="module")

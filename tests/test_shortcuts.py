@@ -5,10 +5,9 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from hulldown.planning.planner import plan
 from hulldown.planning.shortcuts import shortcuts
 from hulldown.planning.summary import summarize
-from hulldown.tests.planning_assets import small_assets, small_config
+from hulldown.tests.planning_assets import plan, small_assets, small_config
 
 
 def counted(values, classes):

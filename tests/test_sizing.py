@@ -10,9 +10,8 @@ from hulldown.assets.library import Assets
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.geometry.transforms import apply
-from hulldown.planning.planner import plan
 from hulldown.planning.row import encode_rows
-from hulldown.tests.planning_assets import small_assets, small_config
+from hulldown.tests.planning_assets import plan, small_assets, small_config
 
 # Of the wanted size: what the plan promises.
 RELATIVE = 1e-9

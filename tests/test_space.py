@@ -10,8 +10,7 @@ from hulldown.dataset.exports.layouts.kitti import label_line
 from hulldown.dataset.space import check_space, space_of
 from hulldown.dataset.verification.planned import label_records
 from hulldown.geometry.transforms import apply
-from hulldown.planning.planner import plan
-from hulldown.tests.planning_assets import small_assets, small_config
+from hulldown.tests.planning_assets import plan, small_assets, small_config
 
 
 @pytest.fixture(scope="module")

@@ -17,9 +17,8 @@ from hulldown.geometry.transforms import rigid, rotation_about, rotation_z
 from hulldown.placement.clearance import Obstacles
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.terrain import Terrain
-from hulldown.planning.planner import plan
 from hulldown.planning.search.stage import make_stage
-from hulldown.tests.planning_assets import bare, hills, small_config, vehicle, with_water
+from hulldown.tests.planning_assets import bare, hills, plan, small_config, vehicle, with_water
 from hulldown.tests.shapes import box, sheet
 
 TANK = vehicle("t72")

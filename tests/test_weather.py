@@ -12,9 +12,8 @@ from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.air import NAMES, draw_air
 from hulldown.planning.appearance.light import draw_lights, hdri_weights
 from hulldown.planning.config.weather_section import WeatherSection
-from hulldown.planning.planner import plan
 from hulldown.planning.search.draws import RandomStreams
-from hulldown.tests.planning_assets import small_assets, small_config
+from hulldown.tests.planning_assets import plan, small_assets, small_config
 
 IMAGES = np.arange(4000)
 ASSETS = small_assets()

@@ -138,10 +138,11 @@ def add_planned(sub: argparse.ArgumentParser) -> None:
 
 def planned_assets(plan: Any, arguments: argparse.Namespace) -> Any:
     """A plan's assets, read by the arguments of `add_planned`."""
-    from hulldown.planning.loading import load_planned_assets
+    from hulldown.planning.loading import load_planned_library
 
     with reading_status() as progress:
-        return load_planned_assets(plan, cache=arguments.cache, progress=progress, limits=read_limits(arguments))
+        limits = read_limits(arguments)
+        return load_planned_library(plan, cache=arguments.cache, progress=progress, limits=limits).assets
 
 
 def add_allow_links(sub: argparse.ArgumentParser) -> None:

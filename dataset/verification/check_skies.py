@@ -130,11 +130,11 @@ def sky_check(plan: Plan, coco: Mapping[str, Any], *, cache: Path | None = None)
     if run is None:
         return None
     cache = cache or planned_cache(plan)
-    config, library = load_planned_library(plan, cache=cache)
+    library = load_planned_library(plan, cache=cache)
     used = {image.get("hdri") for image in coco["images"] if run.has_image(image["id"])}
     skies = {name: sky_map(hdri) for name, hdri in library.hdris.items() if name in used}
     sceneries = library.assets.sceneries
-    worlds = {name: World.of(sceneries[name], fallback_z=config.ground.fallback_z) for name in sceneries}
+    worlds = {name: World.of(sceneries[name], fallback_z=plan.config.ground.fallback_z) for name in sceneries}
     return SkyCheck(worlds, skies, run)
 
 
