@@ -139,12 +139,12 @@ def parser() -> argparse.ArgumentParser:
         hulldown.verbs.study,
     ):
         stage.add(verb)
-    verb("doctor", _doctor, "say what this machine can do", "Reads nothing, writes nothing.")
+    verb("doctor", _doctor, "check this machine", "Reads nothing, writes nothing.")
 
     sub = verb(
         "demo",
         _demo,
-        "everything, small",
+        "run all verbs on a small example",
         "Writes a project, a plan, a dataset of 12 images, a contact sheet.",
         resumes=True,
     )

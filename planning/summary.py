@@ -34,7 +34,7 @@ COUNTED = (
 QUANTITIES: Mapping[str, tuple[str, Float[np.ndarray, " b"]]] = {
     "slope_deg": ("slope of the vehicle (degrees)", np.linspace(0.0, 90.0, 91)),
     "distance_m": ("distance of the camera (m)", np.logspace(0.0, 4.0, 65)),
-    "elevation_deg": ("camera above the vehicle's foot (degrees)", np.linspace(-90.0, 90.0, 91)),
+    "elevation_deg": ("elevation of the camera (degrees)", np.linspace(-90.0, 90.0, 91)),
     "visible_fraction": ("visible fraction", np.linspace(0.0, 1.0, 21)),
     "truncated_fraction": ("truncated fraction", np.linspace(0.0, 1.0, 21)),
     "exposure_ev": ("exposure (EV)", np.linspace(-32.0, 32.0, 129)),
@@ -150,7 +150,7 @@ class Summary:
         """A line for each thing that was asked for and is not in the plan."""
         notes = [f"left out: {pair.why}" for pair in self.left_out] + list(self.shortcuts)
         if self.no_room:
-            notes.append(f"left out: {self.no_room:,} companions that found no room at their position")
+            notes.append(f"left out: {self.no_room:,} companions without room at their position")
         like = self.counts["like"]
         if like["another"] or like["none"]:
             notes.append(
@@ -178,7 +178,7 @@ class Summary:
                 table.add_row(title, _listed(counts.most_common()), f"{counts.total():,}")
         labels, weather = self.counts["labels"], self.counts["weather"]
         if ignored := labels["ignored"]:
-            table.add_row("labels", f"{labels['full']:,} full, {ignored:,} to be ignored: they show too little")
+            table.add_row("labels", f"{labels['full']:,} full, {ignored:,} ignored, which show too little")
         if like := self.counts["like"]["followed"] + self.counts["like"]["another"]:
             table.add_row("like photographs", "", f"{like:,}")
         if weather.keys() - {"clear"}:
@@ -186,7 +186,7 @@ class Summary:
         return table
 
     def _histogram_table(self) -> Table:
-        table = _table("how they differ", "", "lowest", "mean", "highest")
+        table = _table("quantities", "", "lowest", "mean", "highest")
         table.add_column("histogram", no_wrap=True)
         for histogram in self.histograms.values():
             if len(histogram.values):
@@ -194,7 +194,7 @@ class Summary:
         return table
 
     def _rejection_table(self) -> Table:
-        table = _table("what was tried and not taken", "tries that", "times", "share")
+        table = _table("rejected tries", "tries that", "times", "share")
         for kinds, taken, what in ((PLACING, self.positions, "places"), (AIMING, self.images, "cameras")):
             rejected = {kind.phrase: n for kind in kinds if (n := self.counts["rejected"][kind.key])}
             total = taken + sum(rejected.values())
@@ -246,7 +246,7 @@ class Summary:
             "rejected tries": {key.replace("_", " "): n for key, n in counts["rejected"].most_common(8)},
         }
         beside = counts["companions"] + counts["distractors"]
-        return charts | ({"vehicles beside targets": dict(beside.most_common(12))} if beside else {})
+        return charts | ({"companions and distractors": dict(beside.most_common(12))} if beside else {})
 
 
 def summarize(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), overcast: bool = False) -> Summary:

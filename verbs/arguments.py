@@ -114,26 +114,26 @@ def add_read_limits(sub: argparse.ArgumentParser) -> None:
     """Add the arguments of `read_limits`."""
     sub.add_argument(
         "--read-timeout", type=positive, metavar="SECONDS",
-        help="give an asset up that has got nowhere for so long (default: 900)",
+        help="stop reading an asset after this time without progress (default: 900)",
     )  # fmt: skip
     sub.add_argument(
         "--read-memory", type=positive, metavar="GIB",
-        help="give an asset up that takes more memory (default: its share of nine tenths of the machine's)",
+        help="stop reading an asset above this memory (default: its share of nine tenths of the machine's)",
     )  # fmt: skip
     sub.add_argument(
-        "--require-confinement", action="store_true", help="refuse to read files where Blender can't be confined"
+        "--require-confinement", action="store_true", help="refuse to read files if Blender can't be confined"
     )
 
 
 def add_cache(sub: argparse.ArgumentParser, where: str) -> None:
     """Add the argument for the cache."""
-    sub.add_argument("--cache", type=Path, metavar="DIR", help=f"folder of what is read of assets (default: {where})")
+    sub.add_argument("--cache", type=Path, metavar="DIR", help=f"cache of assets (default:  {where})")
 
 
 def add_planned(sub: argparse.ArgumentParser) -> None:
     """Add the arguments for reading a plan's assets."""
     add_read_limits(sub)
-    add_cache(sub, ".hulldown-cache beside the plan")
+    add_cache(sub, ".hulldown-cache next to the plan")
 
 
 def planned_assets(plan: Any, arguments: argparse.Namespace) -> Any:
@@ -149,5 +149,5 @@ def add_allow_links(sub: argparse.ArgumentParser) -> None:
     """Add the argument for folders that links in a dataset may lead to."""
     sub.add_argument(
         "--allow-links", type=Path, metavar="DIR", action="append", default=[],
-        help="folder that pictures which are links may lead to, besides their dataset; may be repeated",
+        help="folder outside of a dataset that its links may lead to; may be repeated",
     )  # fmt: skip

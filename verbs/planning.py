@@ -202,35 +202,33 @@ def add(verb: AddVerb) -> None:
         "Writes hulldown.toml, commented, and demo vehicles, sceneries, HDRIs; or a config of your own files.",
         resumes=True,
     )
-    sub.add_argument("folder", type=Path, metavar="DIR", help="folder to write; what is there already is kept")
-    sub.add_argument("--seed", type=int, default=0, help="of the demo assets (default: 0)")
+    sub.add_argument("folder", type=Path, metavar="DIR", help="folder to write; existing files are kept")
+    sub.add_argument("--seed", type=int, default=0, help="seed of the demo assets (default: 0)")
     one_of = sub.add_mutually_exclusive_group()
-    one_of.add_argument(
-        "--bare", action="store_true", help="the config alone, to put your own files in; no demo assets"
-    )
-    one_of.add_argument("--small", action="store_true", help="a config for 12 small images in place of a whole dataset")
+    one_of.add_argument("--bare", action="store_true", help="only the config, for your own files; no demo assets")
+    one_of.add_argument("--small", action="store_true", help="a config for 12 small images instead of a whole dataset")
     one_of.add_argument(
         "--from", dest="source", type=Path, metavar="FOLDER",
-        help="the config alone, with the vehicles, sceneries and HDRIs that are found in this folder",
+        help="only the config, with the vehicles, sceneries, and HDRIs in this folder",
     )  # fmt: skip
     sub.add_argument(
         "--aerial", action="store_true", help="cameras of a drone: 45 degrees down to straight down, at 30 to 300 m"
     )
     sub.add_argument(
         "--camera", type=Path, metavar="FILE",
-        help="a camera's calibration by OpenCV or ROS (.yaml, .yml, .json), which the config is to have",
+        help="a camera's calibration by OpenCV or ROS (.yaml, .yml, .json) for the config",
     )  # fmt: skip
     add_read_limits(sub)
 
     sub = verb(
-        "inspect", _inspect, "show what will be used of asset files",
+        "inspect", _inspect, "show how asset files are read",
         "Reads .blend, .glb, .gltf, .fbx, .obj, .tif, .exr or .hdr files, or configs and what they list, with their "
         "options; writes a table of each, and with -o a picture of vehicles and sceneries from four sides.",
     )  # fmt: skip
     sub.add_argument("files", type=Path, nargs="+", metavar="FILE", help="an asset, or a config (.toml)")
     sub.add_argument(
         "--as", dest="kind", choices=("vehicle", "scenery"),
-        help="default: judged by what is in the file; a config says it itself",
+        help="default: by the file's contents; a config's entries have their own kind",
     )  # fmt: skip
     sub.add_argument(
         "-o", "--output", type=picture_name, metavar="PNG", help="shaded picture, parts in colors; 12 a page"
@@ -240,11 +238,11 @@ def add(verb: AddVerb) -> None:
 
     sub = verb(
         "plan", _plan, "plan every pose of a dataset",
-        "Reads a config and its assets; writes PLAN, one line an image, and a picture of its statistics beside it.",
+        "Reads a config and its assets; writes PLAN, one line an image, and a picture of its statistics next to it.",
         resumes=True,
     )  # fmt: skip
     sub.add_argument("config", type=Path, metavar="CONFIG", help="the config; with --check a plan")
-    sub.add_argument("-o", "--output", type=Path, metavar="PLAN", help="the plan to write, such as plan.jsonl")
+    sub.add_argument("-o", "--output", type=Path, metavar="PLAN", help="file of the plan, such as plan.jsonl")
     sub.add_argument("--check", action="store_true", help="the same as `hulldown check`")
     sub.add_argument("--workers", type=at_least_one, default=os.cpu_count() or 1, help="processes (default: all cores)")
     sub.add_argument(
@@ -254,13 +252,13 @@ def add(verb: AddVerb) -> None:
     )
     sub.add_argument(
         "--more-of", type=Path, metavar="REPORT.json",
-        help="of `hulldown evaluate`: plan more images of the sizes, sides, light, ... in which labels were missed",
+        help="a report of `hulldown evaluate`: plan more images with the sizes, sides, light, ... of missed labels",
     )  # fmt: skip
     sub.add_argument(
         "--poses", type=Path, metavar="POSES.csv",
-        help="a line for each image: scenery, vehicle, place, camera; what is left empty is planned",
+        help="a line for each image: scenery, vehicle, place, camera; empty cells are planned",
     )  # fmt: skip
-    add_cache(sub, "the config's; with --check .hulldown-cache beside the plan")
+    add_cache(sub, "the config's; with --check .hulldown-cache next to the plan")
     add_read_limits(sub)
 
     sub = verb(
@@ -273,9 +271,9 @@ def add(verb: AddVerb) -> None:
     sub = verb("preview", _preview, "shade a plan without Blender", "Reads a plan; writes a contact sheet with boxes.")
     sub.add_argument("plan", type=Path, metavar="PLAN")
     sub.add_argument(
-        "-o", "--output", type=picture_name, metavar="PNG", help="default: PLAN.preview.png, beside the plan"
+        "-o", "--output", type=picture_name, metavar="PNG", help="default: PLAN.preview.png, next to the plan"
     )
-    sub.add_argument("--count", type=at_least_one, default=24, help="images, evenly from the plan (default: 24)")
+    sub.add_argument("--count", type=at_least_one, default=24, help="number of images, an even selection (default: 24)")
     add_planned(sub)
 
     sub = verb(
@@ -293,5 +291,5 @@ def add(verb: AddVerb) -> None:
         "category": "COCO panoptic: classes and instances",
     }.items():
         sub.add_argument(f"--{name}", action="store_true", help=f"{what} (default: all passes)")
-    sub.add_argument("--count", type=at_least_one, help="images, evenly from the plan (default: all)")
+    sub.add_argument("--count", type=at_least_one, help="number of images, an even selection (default: all)")
     add_planned(sub)

@@ -203,8 +203,8 @@ def add(verb: AddVerb) -> None:
         resumes=True,
     )  # fmt: skip
     sub.add_argument("plan", type=Path, metavar="PLAN")
-    sub.add_argument("-o", "--output", type=Path, metavar="DATASET", required=True, help="added to if it is there")
-    sub.add_argument("--workers", type=at_least_one, help="processes (default: one a GPU, or one)")
+    sub.add_argument("-o", "--output", type=Path, metavar="DATASET", required=True, help="the dataset, which may exist")
+    sub.add_argument("--workers", type=at_least_one, help="processes (default: one per GPU, or one)")
     sub.add_argument(
         "--device",
         default="auto",
@@ -217,30 +217,30 @@ def add(verb: AddVerb) -> None:
         help="of these the K-th of N equal shares, for N machines; then `hulldown join`",
     )  # fmt: skip
     add_scheduler(sub, "render on the workers of a Dask cluster: tcp://HOST:8786, or the file of its scheduler (.json)")
-    sub.add_argument("--blender", metavar="PATH", help="an installed Blender to use in place of the bpy module")
+    sub.add_argument("--blender", metavar="PATH", help="an installed Blender instead of the bpy module")
     sub.add_argument(
         "--image-timeout", type=positive, metavar="SECONDS",
-        help="give a picture up after so long (default: 20 times as long as the longest of the first five took)",
+        help="time limit of a picture (default: 20 times the longest of the first five)",
     )  # fmt: skip
     add_planned(sub)
 
     sub = verb(
         "join", _join, "put parts of a dataset together",
-        "Reads datasets, such as the shares of a plan that several machines have rendered; appends to DATASET what it "
-        "does not have, pictures as hard links where the disk allows. Join again when there are more images.",
+        "Reads datasets, such as the shares of a plan from several machines; appends missing images to DATASET, "
+        "pictures as hard links if the disk allows. Join again when there are more images.",
         resumes=True,
     )  # fmt: skip
-    sub.add_argument("parts", type=Path, nargs="+", metavar="PART", help="a dataset; it stays as it is")
-    sub.add_argument("-o", "--output", type=Path, metavar="DATASET", required=True, help="made if it is not there")
+    sub.add_argument("parts", type=Path, nargs="+", metavar="PART", help="a dataset, which isn't changed")
+    sub.add_argument("-o", "--output", type=Path, metavar="DATASET", required=True, help="the target, made if missing")
     add_allow_links(sub)
 
     sub = verb(
         "verify", _verify, "check a dataset",
-        "Reads a dataset; prints what is wrong with records, images and boxes. Exit code 1 if something is.",
+        "Reads a dataset; prints problems of records, images, and boxes. Exit code 1 if there are any.",
     )  # fmt: skip
     sub.add_argument("dataset", type=Path, metavar="DATASET")
     sub.add_argument("--plan", type=Path, metavar="PLAN", help="a plan it was rendered from, to compare row by row")
-    sub.add_argument("--fast", action="store_true", help="open no picture, compare no hash")
+    sub.add_argument("--fast", action="store_true", help="don't open pictures or compare hashes")
     sub.add_argument("--masks", type=at_least_one, metavar="N", help="render N masks and compare (needs --plan)")
     add_planned(sub)
 
@@ -252,11 +252,11 @@ def add(verb: AddVerb) -> None:
     sub.add_argument("-o", "--output", type=page_name, metavar="FILE.html", required=True)
     sub.add_argument(
         "--images", type=at_least_one, default=1000, metavar="N",
-        help="thumbnails at most, spread evenly over all images (default: 1000)",
+        help="most thumbnails, an even selection (default: 1000)",
     )  # fmt: skip
     sub.add_argument(
         "--beside", dest="photographs", type=Path, metavar="PHOTOGRAPHS",
-        help="a COCO folder or file of photographs: how far each feature is from theirs, and which keys change it",
+        help="a COCO folder or file of photographs, to compare each feature with, and name the keys that change it",
     )  # fmt: skip
     sub.add_argument(
         "--features", metavar="MODEL",
@@ -281,20 +281,18 @@ def add(verb: AddVerb) -> None:
     )  # fmt: skip
     sub.add_argument(
         "--polygons", type=at_least_zero, nargs="?", const=0.3, metavar="PIXELS",
-        help="masks as polygons that keep within so many pixels of the outline (default: 0.3)",
+        help="masks as polygons within this many pixels of the outline (default: 0.3)",
     )  # fmt: skip
     sub.add_argument(
         "--split", type=three_shares, default=(0.7, 0.2, 0.1), metavar="A,B,C",
         help="shares of train, valid and test (default: 0.7,0.2,0.1)",
     )  # fmt: skip
     sub.add_argument("--min-box-px", type=at_least_zero, default=0.0, metavar="PX", help="least side of a label's box")
-    sub.add_argument("--min-visible-fraction", type=fraction, default=0.0, metavar="SHARE", help="of a label, at least")
-    sub.add_argument(
-        "--max-truncated-fraction", type=fraction, default=1.0, metavar="SHARE", help="of a label, at most"
-    )
+    sub.add_argument("--min-visible-fraction", type=fraction, default=0.0, metavar="SHARE", help="least of a label")
+    sub.add_argument("--max-truncated-fraction", type=fraction, default=1.0, metavar="SHARE", help="largest of a label")
     sub.add_argument(
         "--below", choices=("ignored", "left_out"), default="ignored",
-        help="what becomes of labels that show less: iscrowd = 1, or no label, as always in yolo (default: ignored)",
+        help="labels beyond these limits get iscrowd = 1, or are left out, as always in yolo (default: ignored)",
     )  # fmt: skip
     sub.add_argument("--clip", action="store_true", help="clip boxes that leave their image by more than a pixel too")
     add_allow_links(sub)

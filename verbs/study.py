@@ -135,7 +135,7 @@ def _report(arguments: argparse.Namespace) -> int:
 
 def add(verb: AddVerb) -> None:
     """Add this verb to the command."""
-    does = "measure what synthetic images are worth where photographs are few"
+    does = "measure the worth of synthetic images when photographs are few"
     study = verb("study", _report, does, "Trains one detector after the other, as the paper does, and compares them.")
     steps = study.add_subparsers(required=True, metavar="STEP")
 
@@ -143,24 +143,24 @@ def add(verb: AddVerb) -> None:
     sub.set_defaults(run=_init, resumes=False)
     for key, text in {
         "real": "photographs to train on", "synthetic": "rendered images to train on",
-        "test": "photographs to judge by",
+        "test": "photographs to test on",
     }.items():  # fmt: skip
         sub.add_argument(f"--{key}", type=Path, metavar="DIR", required=True, help=text)
-    sub.add_argument("--valid", type=Path, metavar="DIR", help="photographs to choose thresholds of confidence on")
+    sub.add_argument("--valid", type=Path, metavar="DIR", help="photographs to choose confidence thresholds on")
     sub.add_argument("-o", "--output", type=Path, metavar="CONFIG", required=True, help="such as study.toml")
 
     sub = steps.add_parser(
-        "run", help="train and judge what is not finished",
-        description="Reads a config and its datasets; writes a folder of runs. The same command goes on with what was "
-        "stopped; finished runs are skipped; one that fails is set aside with its reason.",
+        "run", help="train and evaluate the unfinished runs",
+        description="Reads a config and its datasets; writes a folder of runs. The same command continues after a "
+        "stop and skips finished runs; failed runs are listed with reasons.",
     )  # fmt: skip
     sub.set_defaults(run=_run, resumes=True)
     sub.add_argument("config", type=Path, metavar="CONFIG", help="see docs/study.md")
     sub.add_argument("-o", "--output", type=Path, metavar="STUDY", required=True, help="the study's folder")
-    sub.add_argument("--dry-run", action="store_true", help="show runs, draws and hours, and write nothing")
+    sub.add_argument("--dry-run", action="store_true", help="show runs, draws, and hours; write nothing")
     sub.add_argument("--device", default="auto", choices=("auto", "cpu", "gpu"), help="default: auto, GPUs if any")
     sub.add_argument(
-        "--workers", type=int, help="processes of a run that augment pictures (default: the cores but one)"
+        "--workers", type=int, help="processes of a run that augment pictures (default: one per core but one)"
     )
     add_scheduler(
         sub, "train on the workers of a Dask cluster, which see all these folders: tcp://HOST:8786, or its .json file"

@@ -137,7 +137,7 @@ def _figure(value: float | None) -> str:
 def add(verb: AddVerb) -> None:
     """Add these verbs to the command."""
     sub = verb(
-        "subset", _subset, "make nested smaller datasets of one",
+        "subset", _subset, "make nested subsets of a dataset",
         "Reads a dataset; writes OUT/100, OUT/50 and so on, each within the larger ones, pictures as hard links.",
     )  # fmt: skip
     sub.add_argument("dataset", type=Path, metavar="DATASET")
@@ -146,46 +146,46 @@ def add(verb: AddVerb) -> None:
         "--fractions", type=fractions, default=(1.0, 0.5, 0.25, 0.1, 0.05), metavar="A,B,...",
         help="shares of the images (default: 1,0.5,0.25,0.1,0.05)",
     )  # fmt: skip
-    sub.add_argument("--seed", type=int, default=0, help="another seed, other subsets (default: 0)")
+    sub.add_argument("--seed", type=int, default=0, help="seed of the selection (default: 0)")
     sub.add_argument("--stratified", action="store_true", help="keep the proportion of classes in each")
 
     sub = verb(
-        "augment", _augment, "show what augmentation makes of a dataset's pictures",
+        "augment", _augment, "show augmented pictures of a dataset",
         "Reads a dataset; writes a sheet: in each row a picture as it is and eight times augmented, with its boxes.",
     )  # fmt: skip
     sub.add_argument("dataset", type=Path, metavar="DATASET")
     sub.add_argument("-o", "--output", type=picture_name, metavar="PNG", required=True)
-    sub.add_argument("--seed", type=int, default=0, help="another seed, other augmentations (default: 0)")
-    sub.add_argument("--rows", type=at_least_one, default=6, help="pictures, evenly from the dataset (default: 6)")
-    sub.add_argument("--config", type=Path, metavar="TOML", help="of a training; its [augmentation] is used")
+    sub.add_argument("--seed", type=int, default=0, help="seed of the augmentations (default: 0)")
+    sub.add_argument("--rows", type=at_least_one, default=6, help="number of pictures, an even selection (default: 6)")
+    sub.add_argument("--config", type=Path, metavar="TOML", help="config of a training with [augmentation]")
 
     sub = verb(
         "train", _train, "train a detector under a fixed budget",
-        "Reads datasets; writes RUN with weights, metrics, config and draws. What is left out here stands in the "
-        "config, or is what suits the model. The same command goes on with a run that was stopped.",
+        "Reads datasets; writes RUN with weights, metrics, config, and draws. Other settings are the config's, "
+        "or the model's defaults. The same command continues a stopped run.",
         resumes=True,
     )  # fmt: skip
     sub.add_argument(
         "--data", type=named_folder, action="append", required=True, metavar="NAME=DIR",
-        help="a dataset to draw pictures from, such as real=photographs; once for each",
+        help="a dataset to train on, such as real=photographs; may be repeated",
     )  # fmt: skip
     sub.add_argument("-o", "--output", type=Path, metavar="RUN", required=True, help="the run's folder")
-    sub.add_argument("--valid", type=Path, metavar="DIR", help="a dataset to measure the result on; it decides nothing")
-    sub.add_argument("--config", type=Path, metavar="TOML", help="keys: see docs/training.md")
+    sub.add_argument("--valid", type=Path, metavar="DIR", help="a dataset to measure the result on")
+    sub.add_argument("--config", type=Path, metavar="TOML", help="config; docs/training.md has its keys")
     sub.add_argument("--model", help="small, for a CPU; or nano, rf-small, medium, large of RF-DETR (default: medium)")
     sub.add_argument("--budget", type=at_least_one, help="pictures drawn, with replacement (default: 25000)")
-    sub.add_argument("--seed", type=int, help="of draws, augmentation and weights (default: 0)")
-    sub.add_argument("--resolution", type=at_least_one, help="pixels that the model sees (default: the model's)")
+    sub.add_argument("--seed", type=int, help="seed of draws, augmentation, and weights (default: 0)")
+    sub.add_argument("--resolution", type=at_least_one, help="input size in pixels (default: the model's)")
     sub.add_argument(
         "--weights",
         metavar="FILE",
-        help="to start from, of RF-DETR or small, or none (default: RF-DETR's pretrained ones)",
+        help="starting weights of RF-DETR or small, or none (default: RF-DETR's pretrained ones)",
     )
     sub.add_argument(
         "--more-budget",
         type=at_least_one,
         metavar="N",
-        help="extend the finished run RUN by N pictures, from its weights",
+        help="extend the finished run RUN by N draws, from its weights",
     )
     sub.add_argument(
         "--keep", choices=("end", "best"), help="weights of the end (default), or of the best --valid AP50"
@@ -193,11 +193,11 @@ def add(verb: AddVerb) -> None:
     sub.add_argument("--freeze", choices=("none", "encoder"), help="part of RF-DETR that isn't trained (default: none)")
     sub.add_argument("--logger", choices=("tensorboard", "wandb", "mlflow", "csv"), help="also log there")
     sub.add_argument("--device", default="auto", choices=("auto", "cpu", "gpu"), help="default: auto, GPUs if any")
-    sub.add_argument("--workers", type=int, help="processes that augment pictures (default: the cores but one)")
+    sub.add_argument("--workers", type=int, help="processes that augment pictures (default: one per core but one)")
 
     sub = verb(
         "predict", _predict, "detect in pictures, a video, or a dataset",
-        "Reads a run or weights, and pictures; writes COCO results. The same command goes on with what was stopped.",
+        "Reads a run or weights, and pictures; writes COCO results. The same command continues after a stop.",
         resumes=True,
     )  # fmt: skip
     sub.add_argument("detector", type=Path, metavar="RUN", help="folder of a finished training, or a file of weights")
@@ -206,14 +206,12 @@ def add(verb: AddVerb) -> None:
         help="a dataset, a video, or pictures, folders, and patterns such as 'photographs/*.jpg'",
     )  # fmt: skip
     sub.add_argument("-o", "--output", type=Path, metavar="PREDICTIONS", required=True, help="a .json file")
-    sub.add_argument(
-        "--device", default="auto", help="a name that PyTorch knows (default: auto, a GPU if there is one)"
-    )
+    sub.add_argument("--device", default="auto", help="a device of PyTorch (default: auto, a GPU if there is one)")
     sub.add_argument("--batch", type=at_least_one, default=8, help="images at once (default: 8)")
     sub.add_argument("--draw", type=Path, metavar="DIR", help="also write the pictures with their detections")
     sub.add_argument(
         "--threshold", type=overlap, default=0.5, metavar="T",
-        help="score from which detections are drawn and counted (default: 0.5); the results have all",
+        help="least score of drawn and counted detections (default: 0.5); the results have all",
     )  # fmt: skip
 
     sub = verb(
@@ -224,20 +222,20 @@ def add(verb: AddVerb) -> None:
     sub.add_argument("-o", "--output", type=Path, metavar="MODEL", required=True, help="an .onnx file")
 
     sub = verb(
-        "evaluate", _evaluate, "judge detections: what, where, why, how sure",
+        "evaluate", _evaluate, "evaluate detections, with intervals and causes of errors",
         "Reads a dataset and COCO results of any detector; writes report.html, report.json, metrics.csv and sheets of "
         "misses and false alarms. Several files of results are compared with the first.",
     )  # fmt: skip
-    sub.add_argument("dataset", type=Path, metavar="DATASET", help="a folder, or a COCO file beside its pictures")
+    sub.add_argument("dataset", type=Path, metavar="DATASET", help="a folder, or a COCO file next to its pictures")
     sub.add_argument("predictions", type=Path, nargs="+", metavar="PREDICTIONS", help="a file of COCO results")
     sub.add_argument("-o", "--output", type=Path, metavar="DIR", required=True, help="folder of the report")
     choice = sub.add_mutually_exclusive_group()
     choice.add_argument(
         "--threshold", type=threshold_or_best, default=0.5, metavar="T",
-        help="confidence from which detections count (default: 0.5); best: of the best F1 on DATASET, which flatters",
+        help="confidence threshold (default: 0.5); best: that of the best F1 on DATASET, which gives too good figures",
     )  # fmt: skip
     choice.add_argument(
         "--validation", type=Path, nargs="+", metavar="FILE",
-        help="another dataset and the detections in it, of each detector: the threshold is that of the best F1 there",
+        help="another dataset and each detector's detections in it, to choose the threshold with the best F1",
     )  # fmt: skip
-    sub.add_argument("--iou", type=overlap, default=0.5, metavar="T", help="overlap of a find (default: 0.5)")
+    sub.add_argument("--iou", type=overlap, default=0.5, metavar="T", help="least IoU of a match (default: 0.5)")

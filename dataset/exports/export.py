@@ -73,7 +73,7 @@ def export(
     allow_links
         Folders outside the dataset that symbolic links may lead to.
     progress
-        Told (done, all) after each image; None for a bar on a terminal or in a notebook.
+        Called with (done, all) after each image; None: a bar in a terminal or notebook.
 
     Returns
     -------

@@ -117,7 +117,7 @@ def _counts(dataset: Dataset) -> Section:
         rows.append([name, f"{shown:,}", f"{of_class.sum():,}", *(f"{n:,}" for n in sizes), models])
     header = ["class", "images", "labels", *COCO_SIZES, "vehicles"]
     found = Table(header, rows, choose=[{"class": row[0]} for row in rows])
-    return Section("What it holds", [Words(", ".join(facts) + "."), found])
+    return Section("Contents", [Words(", ".join(facts) + "."), found])
 
 
 def _charts(dataset: Dataset) -> list[Section]:
@@ -133,16 +133,16 @@ def _charts(dataset: Dataset) -> list[Section]:
     sizes = np.stack([images["width"], images["height"]], axis=1)[labels["image"]]
     if len(sizes):
         centers = np.stack([labels["x"] + labels["width"] / 2, labels["y"] + labels["height"] / 2], axis=1)
-        drawn.append(Chart(places_in_pictures(centers / sizes), "where labels lie in pictures"))
+        drawn.append(Chart(places_in_pictures(centers / sizes), "label positions"))
     light = [
         Chart(shares(title, images[key]), title)
         for key, title in (("scenery", "scenery"), ("hdri", "HDRI"), ("weather", "weather"))
         if (images[key] != "").any()
     ]
     if np.isfinite(images["strength"]).any():
-        light.append(Chart(histogram("strength of the light", images["strength"]), "strength of the light"))
-    found = [Section("How labels differ", [Charts(drawn)])] if drawn else []
-    return found + ([Section("Places, light and weather", [Charts(light)])] if light else [])
+        light.append(Chart(histogram("strength of light", images["strength"]), "strength of light"))
+    found = [Section("Labels", [Charts(drawn)])] if drawn else []
+    return found + ([Section("Sceneries, light, and weather", [Charts(light)])] if light else [])
 
 
 def _maps(dataset: Dataset) -> list[Section]:
@@ -161,7 +161,7 @@ def _maps(dataset: Dataset) -> list[Section]:
         )
         for name in names
     ]
-    return [Section("From above", [Words("Dots are vehicles, the ends of lines are cameras; meters."), Charts(drawn)])]
+    return [Section("Maps", [Words("Dots are vehicles, ends of lines are cameras. Meters."), Charts(drawn)])]
 
 
 def _looks(dataset: Dataset, tiles: Sequence[Tile]) -> Section:
@@ -169,7 +169,7 @@ def _looks(dataset: Dataset, tiles: Sequence[Tile]) -> Section:
     legend = (
         []
         if shown == len(dataset.images)
-        else [Words(f"{shown:,} images, spread evenly over {len(dataset.images):,}.")]
+        else [Words(f"{shown:,} images, an even selection of {len(dataset.images):,}.")]
     )
     rest = [
         Facet(key, title, sorted(set(dataset.of_images[key].tolist()) - {""}))
@@ -184,7 +184,7 @@ def _looks(dataset: Dataset, tiles: Sequence[Tile]) -> Section:
         Facet("side", "side seen", SIDES),
     ]
     orders = {one.name: one.title for one in ORDERS}
-    return Section("What it looks like", [*legend, Gallery(tiles, facets, orders)])
+    return Section("Images", [*legend, Gallery(tiles, facets, orders)])
 
 
 def _tile(dataset: Dataset, i: int) -> Tile:

@@ -53,7 +53,7 @@ def verify(
     cache
         The cache of the plan's assets; None: next to the plan.
     progress
-        Told (done, all) after each image; None for a bar on a terminal or in a notebook.
+        Called with (done, all) after each image; None: a bar in a terminal or notebook.
 
     Raises
     ------

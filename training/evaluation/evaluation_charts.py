@@ -42,7 +42,7 @@ def over_thresholds(one: Evaluation) -> bytes:
         label, values = "F1" if key == "f1" else key, getattr(one.curves, key)
         axes.plot(one.curves.threshold, values, marker_of(values), color=color, label=label)
     axes.axvline(one.threshold.value, color=INK, linewidth=0.8, linestyle=":")
-    axes.set(xlabel="threshold of confidence", ylim=(0, 1.02), title="over the threshold (dotted: as evaluated)")
+    axes.set(xlabel="confidence threshold", ylim=(0, 1.02), title="figures over the threshold (dotted: as evaluated)")
     axes.legend(fontsize=7, loc="lower center")
     return svg(figure)
 
@@ -52,7 +52,7 @@ def losses(loss: Mapping[str, float]) -> bytes:
     figure, axes = axes_of(5.4, 2.4)
     names = list(loss)[::-1]
     axes.barh(names, [100.0 * loss[name] for name in names], color=RED, height=0.6)
-    axes.set(xlabel="points of AP50 that fixing it alone would bring", title="why AP50 is lost")
+    axes.set(xlabel="gain of AP50 from fixing it alone, points", title="loss of AP50 by cause")
     return svg(figure)
 
 

@@ -32,25 +32,25 @@ FIGURES = {
 }
 COMPARED = ("precision", "recall", "f1", "mean_iou", "mean_confidence", "ap", "ap50", "ap75")
 MEANINGS = {
-    "class": "in the right place, of the wrong class",
-    "localization": "of the right class, overlapping too little",
-    "both": "of the wrong class, and overlapping too little",
-    "duplicate": "of a label that a more confident one has found",
-    "background": "where there is nothing",
-    "missed": "labels that no detection was for",
+    "class": "right place, wrong class",
+    "localization": "right class, too little overlap",
+    "both": "wrong class, too little overlap",
+    "duplicate": "a more confident detection has the label",
+    "background": "no label nearby",
+    "missed": "labels without any detection",
 }
 SOURCES = {
     "given": "as given",
-    "validation": "of the best F1 on the validation set",
-    "test": "of the best F1 on this very set",
+    "validation": "best F1 on the validation set",
+    "test": "best F1 on this test set itself",
 }
 FLATTERS = (
-    "The threshold was chosen on the set that it is judged by, so precision, recall and F1 flatter: "
+    "The threshold was chosen on the test set itself, so precision, recall, and F1 are too good: "
     "choose it on a validation set."
 )
 CONFUSION = (
-    "Rows are what is there, columns what was detected. The row of the background holds false alarms, its column "
-    "misses. What matching within classes leaves is matched across classes."
+    "Rows are true classes, columns detected ones. The background's row has false positives, its column "
+    "misses. Detections without a match in their class are matched across classes."
 )
 
 
@@ -65,7 +65,7 @@ def evaluation_page(one: Evaluation, report: Mapping[str, Any], looks: Cases) ->
         Its cases.
     """
     sections = [
-        Section("What it looks like", _looks(one, looks)),
+        Section("Examples", _looks(one, looks)),
         Section("How well", [_figures(report), Words(_sure(one))]),
         Section(
             "At other thresholds",
@@ -73,12 +73,12 @@ def evaluation_page(one: Evaluation, report: Mapping[str, Any], looks: Cases) ->
                 Charts(
                     [
                         Chart(precision_recall([one]), "precision over recall"),
-                        Chart(over_thresholds(one), "precision, recall and F1 over the threshold of confidence"),
+                        Chart(over_thresholds(one), "precision, recall, and F1 over the confidence threshold"),
                     ]
                 )
             ],
         ),
-        Section("What was taken for what", [Words(CONFUSION), _confusion(report)]),
+        Section("Confusion matrix", [Words(CONFUSION), _confusion(report)]),
         Section("Why", _why(one, report)),
         Section("Where", _where(one, report)),
     ]
@@ -108,17 +108,17 @@ def comparison_page(
         Section("At other thresholds", [Chart(precision_recall(evaluations), "precision over recall of each")]),
         Section("How well", [Table(["", *reports], rows), Words(_sure(first))]),
         Section(
-            "How they differ",
+            "Differences",
             [
                 Words(
-                    "Both were resampled with the same drawings of positions, so that what is hard for both cancels "
-                    "out. An interval that holds 0 shows no difference."
+                    "Both have the same resamples of positions, so the difficulty of pictures cancels. An "
+                    "interval that contains 0 shows no difference."
                 ),
                 Chart(svg(chart), "differences with their intervals"),
                 Table([f"minus {compared[0].first}", "difference", "95 % interval"], cells),
             ],
         ),
-        Section("Each by itself", [Link(name, f"{folder}/report.html") for name, folder in folders.items()]),
+        Section("Single reports", [Link(name, f"{folder}/report.html") for name, folder in folders.items()]),
     ]
     above = [paragraph for one in evaluations for paragraph in operating_point(one)]
     return page(f"{len(evaluations)} detectors on {first.labels.path}", sections, above=above)
@@ -129,9 +129,9 @@ def operating_point(one: Evaluation) -> list[Block]:
     source = one.threshold.source
     labels = int((~one.labels.crowd).sum())
     text = (
-        f"{one.predictions.name}: {len(one.labels.images)} images, {labels} labels. A detection counts from a "
-        f"confidence of {one.threshold.value:.4g} on ({SOURCES[source]}); it is true if it overlaps a label of its "
-        f"class with an IoU of at least {one.matching.iou_threshold:g}."
+        f"{one.predictions.name}: {len(one.labels.images)} images, {labels} labels. Detections count from a "
+        f"confidence of {one.threshold.value:.4g} ({SOURCES[source]}). They are true at an IoU of at least "
+        f"{one.matching.iou_threshold:g} with a label of their class."
     )
     return [Words(text), *([Words(FLATTERS, warning=True)] if source == "test" else [])]
 
@@ -143,10 +143,10 @@ def _figures(report: Mapping[str, Any]) -> Table:
 
 
 def _sure(one: Evaluation) -> str:
-    apart = "one an image" if one.positions == len(one.labels.images) else "shots of one place are drawn together"
+    apart = "one per image" if one.positions == len(one.labels.images) else "shots of one place stay together"
     return (
-        f"In brackets: 95 % intervals from resampling the {one.positions} positions ({apart}). They hold what another "
-        "test set of this size and kind would give, not what another training would."
+        f"In brackets: 95 % intervals from resampling the {one.positions} positions ({apart}). They cover other "
+        "test sets of this size and kind, not other trainings."
     )
 
 
@@ -166,7 +166,7 @@ def _why(one: Evaluation, report: Mapping[str, Any]) -> list[Block]:
     return [
         Words(
             "Causes after TIDE (Bolya et al., ECCV 2020), at an IoU of 0.5. Counts are above the threshold; points of "
-            "AP50 are what fixing that cause alone would bring, over all confidences."
+            "AP50 are the gain of fixing that cause alone, over all confidences."
         ),
         Table(["cause", "count", "AP50 points"], rows),
         *drawn,
@@ -179,10 +179,10 @@ def _where(one: Evaluation, report: Mapping[str, Any]) -> list[Block]:
     parts: list[Block] = [
         Items([f"Worst: {line}." for line in told])
         if told
-        else Words("No bin with ten labels or more lies below the whole."),
+        else Words("No bin with ten or more labels has a recall below the overall one."),
         Words(
-            "Whiskers are 95 % intervals; a bin seen in fewer than five positions has none. The dashed line is the "
-            "recall of all. A click on a bin's name in a table shows its thumbnails."
+            "Whiskers are 95 % intervals, for bins with at least five positions. The dashed line is the overall "
+            "recall. Click a bin's name in a table to see its thumbnails."
         ),
         Charts(
             [
@@ -213,13 +213,13 @@ def _where(one: Evaluation, report: Mapping[str, Any]) -> list[Block]:
 def _looks(one: Evaluation, looks: Cases) -> list[Block]:
     parts: list[Block] = [
         Words(
-            f"At most {MOST} of each outcome: the largest and most visible misses, the most confident false alarms, "
-            "the worst-placed finds. Green: labels. Orange: detections that count."
+            f"At most {MOST} of each outcome: the largest and most visible misses, the most confident false positives, "
+            "the matches of lowest IoU. Green: labels. Orange: detections above the threshold."
         )
     ]
     if looks.unread:
-        parts.append(Words(f"Pictures are missing that could not be read: {looks.unread}", warning=True))
-    return [*parts, Gallery(looks.tiles(), facets(one)) if looks.cases else Words("There is nothing to show.")]
+        parts.append(Words(f"Some pictures couldn't be read: {looks.unread}", warning=True))
+    return [*parts, Gallery(looks.tiles(), facets(one)) if looks.cases else Words("There are no examples.")]
 
 
 def _title(key: str, *reports: Mapping[str, Any]) -> str:

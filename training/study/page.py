@@ -23,7 +23,7 @@ Record = Mapping[str, Any]
 
 
 Pictures: TypeAlias = Mapping[str, tuple[bytes, bytes]]  # PNG and SVG of charts by name
-TITLE = "What synthetic images are worth"
+TITLE = "Worth of synthetic images"
 
 
 def charts_of(report: Record) -> dict[str, tuple[bytes, bytes]]:
@@ -42,7 +42,7 @@ def charts_of(report: Record) -> dict[str, tuple[bytes, bytes]]:
                 (f"{row['field']}: {row['bin']} (n {row['labels']})", row["difference"], *row["interval"])
                 for row in rows
             ]
-            xlabel = "difference of recall (gray: the interval holds 0)"
+            xlabel = "difference of recall (gray: the interval contains 0)"
             found[_bins_name(name)] = differences(f"recall: {name}", bars, xlabel=xlabel)
     return {name: (png(figure), svg(figure)) for name, figure in found.items()}
 
@@ -53,10 +53,10 @@ def sections(report: Record, pictures: Pictures) -> list[Section]:
     def chart(name: str, says: str) -> list[Block]:
         return [Chart(pictures[name][1], says, name)] if name in pictures else []
 
-    over = chart(OVER_NAME, "F1, recall, precision and AP50 of each arm over the number of photographs, with bands")
+    over = chart(OVER_NAME, "F1, recall, precision, and AP50 of each arm over the number of photographs, with bands")
     return [
-        Section("In short", [*over, Items(report["summary"]), *_setting(report), Words(report["sureness"])]),
-        Section("What the synthetic images are worth", _worth(report)),
+        Section("Summary", [*over, Items(report["summary"]), *_setting(report), Words(report["sureness"])]),
+        Section("Worth in photographs", _worth(report)),
         Section(
             "At each share of the photographs",
             [
@@ -66,7 +66,7 @@ def sections(report: Record, pictures: Pictures) -> list[Section]:
         ),
         Section("Pairs of arms", _pairs(report)),
         Section("Where", _where(report, chart)),
-        Section("Beside the paper", _paper(report)),
+        Section("Comparison with the paper", _paper(report)),
         Section("All runs", _runs(report)),
     ]
 
@@ -103,30 +103,28 @@ def _setting(report: Record) -> list[Block]:
     train, sets = study["train"], study["datasets"]
     images = ", ".join(f"{one['images']} in {name}" for name, one in sets.items())
     threshold = study["threshold"]
-    how = (
-        "that of its best F1 on the validation photographs" if threshold == "validation" else f"{threshold:g}, as given"
-    )
+    how = "its best F1 on the validation photographs" if threshold == "validation" else f"{threshold:g}, as configured"
     twice = " (matched: twice as many)" if "matched" in study["arms"] else ""
     told: list[Block] = [
         Words(
             f"{study['runs']} trainings of {train['model']} on {train['budget']:,} draws each{twice}, seeds "
             f"{', '.join(map(str, study['seeds']))}. Images: {images}. Classes: {', '.join(study['classes'])}. A "
-            f"detection counts from a confidence of {how}; it is true at an IoU of {study['iou']:g} with a label of "
+            f"detection counts from the confidence of {how}, and is true at an IoU of {study['iou']:g} with a label of "
             "its class."
         )
     ]
     if report["missing"]:
-        told.append(Words("Runs that are missing here:"))
+        told.append(Words("Missing runs:"))
         told.append(Items([f"{name}: {reason}" for name, reason in report["missing"].items()]))
     return told
 
 
 def _worth(report: Record) -> list[Block]:
     if not report["worth"]:
-        return [Words("Two shares of the photographs at least are needed, and an arm with synthetic images.")]
+        return [Words("This needs two shares of the photographs, and an arm with synthetic images.")]
     note = (
-        "So many more photographs the real arm needs to be as good. Between two shares its curve is taken for a "
-        "straight line over the logarithm of their number; nothing is said beyond the photographs that there are."
+        "How many more photographs the real arm needs to be as good. Between two shares its curve is "
+        "interpolated over the logarithm of their number, and never extrapolated."
     )
     return [Words(note), Items([one["words"] for one in report["worth"]])]
 
@@ -146,20 +144,20 @@ def _at_each(report: Record, chart: Callable[[str, str], list[Block]]) -> list[B
 
 def _pairs(report: Record) -> list[Block]:
     sentences = [[one["words"] for key, one in pair["measures"].items() if key in OVER] for pair in report["pairs"]]
-    note = "Both are judged by the same drawings of the test pictures. An interval that holds 0 shows nothing."
+    note = "Both have the same resamples of the test pictures. An interval that contains 0 shows no difference."
     return [Words(note), *map(Items, sentences)]
 
 
 def _where(report: Record, chart: Callable[[str, str], list[Block]]) -> list[Block]:
     told: list[Block] = [
         Words(
-            "Recall in the bins of `hulldown evaluate`, mixed minus real, with intervals from the drawings of test "
-            "pictures; of many bins a few look shown by chance. Only bins of ten labels or more whose interval holds "
-            "no 0 are named."
+            "Recall in the bins of `hulldown evaluate`, mixed minus real, with intervals from resampled test "
+            "pictures. Of many bins, a few differ by chance. Listed are bins of at least ten labels whose interval "
+            "excludes 0."
         )
     ]
     for name, one in report["bins"].items():
-        told += [Words(f"{name}:"), Items(one["words"] or ["no bin with a difference that is shown"])]
+        told += [Words(f"{name}:"), Items(one["words"] or ["no bin with a shown difference"])]
         told += chart(_bins_name(name), f"differences of recall in bins, {name}")
         rows = [
             [f"{row['field']}: {row['bin']}", str(row["labels"]), *(number(value) for value in row["recall"]),
@@ -183,9 +181,9 @@ def _paper(report: Record) -> list[Block]:
     return [
         Words(
             f"The paper's figures are of RF-DETR medium, {PHOTOGRAPHS} photographs, as many synthetic images, 25,000 "
-            f"draws, and 320 test photographs with {LABELS:,} labels, of one training each and without intervals; as "
-            "far as its text gives them. Other data, another model and another budget give other figures: what can be "
-            "compared is whether and where the difference between the arms changes its sign."
+            f"draws, and 320 test photographs with {LABELS:,} labels, from one training each, without intervals, as "
+            "far as its text has them. Data, model, and budget differ: compare only whether and where the "
+            "difference between the arms changes its sign."
         ),
         Table(header, rows),
     ]

@@ -37,19 +37,19 @@ def difference_words(first: Cell, second: Cell, measure: str, found: Difference)
     """
     title = TITLES[measure]
     if np.isnan(found.value):
-        return f"{second.name} minus {first.name}: {title} is not defined, where nothing was detected."
+        return f"{second.name} minus {first.name}: {title} is undefined without detections."
     if np.isnan(found.ends).any():
         return (
-            f"{second.name} minus {first.name}: {title} {found.value:+.3f}, with too few test positions to tell how "
-            "sure that is."
+            f"{second.name} minus {first.name}: {title} {found.value:+.3f}, with too few test positions for an "
+            "interval."
         )
     ends = f"{found.value:+.3f} ({found.ends[0]:+.3f} to {found.ends[1]:+.3f})"
     if found.shown:
         how = "higher" if found.ends[0] > 0 else "lower"
         return f"{second.name} has a {how} {title} than {first.name}: {ends}."
     return (
-        f"Between {second.name} and {first.name} no difference of {title} is shown: {ends}. It may be "
-        f"{abs(found.ends[0]):.3f} worse or {abs(found.ends[1]):.3f} better."
+        f"Between {second.name} and {first.name} no difference of {title} is shown: {ends}. {second.name} may "
+        f"be {abs(found.ends[0]):.3f} worse or {abs(found.ends[1]):.3f} better."
     )
 
 
@@ -57,11 +57,11 @@ def worth_words(found: Equivalent) -> str:
     """A sentence about the worth of synthetic images in photographs."""
     name, title = found.cell.name, TITLES[found.measure]
     if np.isinf(found.images) and found.most <= 0:
-        return f"By {title} {name} is better than all photographs alone: what that is worth is open above."
+        return f"By {title}, {name} is better than all photographs alone, so its worth has no upper bound."
     if np.isinf(found.images):
-        much = f"more than the {found.most:.0f} further photographs that there are"
+        much = f"more than the {found.most:.0f} further photographs"
     elif found.images < 0:
-        much = f"minus {-found.images:.0f} photographs: fewer of them alone are as good"
+        much = f"minus {-found.images:.0f} photographs: fewer photographs alone are as good"
     else:
         much = f"{found.images:.0f} photographs"
     low, high = found.ends
@@ -87,16 +87,16 @@ def bin_words(found: Sequence[BinDifference]) -> list[str]:
 def sureness(seeds: int, images: int, compared: int) -> str:
     """A note on the meaning of the intervals."""
     trainings = (
-        "There is one seed only, so that they say nothing of what another training would give."
+        "With one seed, they don't cover other trainings."
         if seeds == 1
-        else f"How far the {seeds} seeds differ is in them too."
+        else f"They include the spread of the {seeds} seeds."
     )
-    told = f"Intervals are of 95 %, from resampling the positions that the {images} test pictures show. {trainings}"
+    told = f"Intervals have 95 % confidence, from resampling the positions in the {images} test pictures. {trainings}"
     if not compared:
         return told
     return (
-        f"{told} Of {compared} differences with such intervals, about {max(1, round(0.05 * compared))} would look "
-        "shown by chance alone if none was there."
+        f"{told} Of {compared} differences with such intervals, about {max(1, round(0.05 * compared))} would exclude "
+        "0 by chance alone."
     )
 
 
@@ -105,7 +105,7 @@ def summary(measured: Sequence[tuple[Cell, Cell, Difference]], real: Cell | None
     lines = [difference_words(first, second, "f1", found) for first, second, found in measured]
     if real is not None and mean(real, "ap50") < 0.5:
         lines.append(
-            f"{real.name} reaches an AP50 of {mean(real, 'ap50'):.2f} only: a study whose best photographs teach so "
-            "little shows nothing of what synthetic images add. Give it a larger budget, or clearer pictures."
+            f"{real.name} reaches an AP50 of {mean(real, 'ap50'):.2f} only. A study whose best photographs teach so "
+            "little can't show the worth of synthetic images. Use a larger budget, or clearer pictures."
         )
     return lines
