@@ -169,7 +169,7 @@ def add(verb: AddVerb) -> None:
 
     sub = steps.add_parser(
         "report", help="compare the arms",
-        description="Reads a study, finished or not; writes report.html, report.md, report.json and charts into it.",
+        description="Reads a study, finished or not; writes report.html, report.json, and charts into it.",
     )  # fmt: skip
     sub.set_defaults(run=_report, resumes=False)
     sub.add_argument("study", type=Path, metavar="STUDY", help="folder of `hulldown study run`")

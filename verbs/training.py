@@ -223,8 +223,8 @@ def add(verb: AddVerb) -> None:
 
     sub = verb(
         "evaluate", _evaluate, "evaluate detections, with intervals and causes of errors",
-        "Reads a dataset and COCO results of any detector; writes report.html, report.json, metrics.csv and sheets of "
-        "misses and false alarms. Several files of results are compared with the first.",
+        "Reads a dataset and COCO results of any detector; writes report.html and report.json. Several files of "
+        "results are compared with the first.",
     )  # fmt: skip
     sub.add_argument("dataset", type=Path, metavar="DATASET", help="a folder, or a COCO file next to its pictures")
     sub.add_argument("predictions", type=Path, nargs="+", metavar="PREDICTIONS", help="a file of COCO results")

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image, ImageDraw
 
-from hulldown.annotate.drawing import BACKGROUND, contact_sheet
+from hulldown.annotate.drawing import BACKGROUND
 from hulldown.dataset.oriented import visible_corners
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.reports.page import Facet, Tile
@@ -19,7 +19,6 @@ from hulldown.training.evaluation.tide import CAUSES
 
 OUTCOMES = ("missed", "false alarm", "found")
 MOST = 60  # of each outcome
-SHEET = 24  # of these on a sheet
 TILE = (320, 240)
 AROUND = 2.4  # widths of a box that its picture shows
 LEAST = 96  # least pixels of a crop, for context
@@ -73,14 +72,6 @@ class Cases:
             Tile(_jpeg(picture), case.caption, case.values)
             for case, picture in zip(self.cases, self.pictures, strict=True)
         ]
-
-    def sheet(self, outcome: str) -> Image.Image | None:
-        """A sheet of the first cases of one outcome; None if there are none."""
-        chosen = [k for k, case in enumerate(self.cases) if case.outcome == outcome][:SHEET]
-        if not chosen:
-            return None
-        captions = [", ".join(self.cases[k].caption[:2]) for k in chosen]
-        return contact_sheet([self.pictures[k] for k in chosen], columns=6, tile_width=TILE[0], captions=captions)
 
 
 def facets(one: Evaluation) -> list[Facet]:

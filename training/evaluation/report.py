@@ -1,9 +1,7 @@
-"""Evaluate files of detections, and write report.json, metrics.csv, report.html, and sheets."""
+"""Evaluate files of detections, and write report.json and report.html."""
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import os
 from collections import Counter
@@ -19,7 +17,7 @@ from jaxtyping import Float
 
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import DatasetError, HulldownError
-from hulldown.geometry.files import replace_file, replacing
+from hulldown.geometry.files import make_room, replace_file
 from hulldown.geometry.terminal import shown
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.bins import BinFigures, worst
@@ -27,15 +25,13 @@ from hulldown.training.evaluation.cases import cases
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare
 from hulldown.training.evaluation.evaluation_page import comparison_page, evaluation_page
 from hulldown.training.evaluation.labels import Labels, read_labels
-from hulldown.training.evaluation.metrics import FIGURES, figures
+from hulldown.training.evaluation.metrics import figures
 from hulldown.training.evaluation.predictions import Predictions, read_predictions
 from hulldown.training.evaluation.tide import CAUSES
 
 DIGITS = 6
 COUNTS = ("tp", "fp", "fn")
-COLUMNS = ("predictions", "scope", *COUNTS, *FIGURES, *AVERAGES, "threshold", "threshold_source", "iou")
 CURVE_POINTS = 200
-SHEETS = {"missed": "misses.png", "false alarm": "false_alarms.png"}
 
 
 def evaluate_files(
@@ -57,8 +53,8 @@ def evaluate_files(
     predictions
         A file of COCO results, or several, of which the others are compared with the first.
     output
-        Folder of the report, made if missing: ``report.html``, ``report.json``, ``metrics.csv``, sheets of
-        pictures; for several files of detections, a folder for each too.
+        Folder of ``report.html`` and ``report.json``, made if missing; for several files of detections, a folder
+        for each too.
     threshold
         The confidence threshold; ``"best"``: that of the highest F1 on the dataset itself.
     iou
@@ -130,18 +126,19 @@ def _evaluate(
     for detections, at in zip(found, thresholds, strict=True):
         evaluations.append(Evaluation(labels, detections, threshold=at, iou=iou))
         step()
-    _make_folder(output)
+    make_room(output / "report.html")
     reports = {one.predictions.name: report(one) for one in evaluations}
     folders = {name: name if len(evaluations) > 1 else "" for name in reports}
     for one, name in zip(evaluations, reports, strict=True):
-        _write(one, reports[name], output / folders[name])
+        page = evaluation_page(one, reports[name], cases(one))
+        _write(output / folders[name], reports[name], page)
         step()
     if len(evaluations) == 1:
         return next(iter(reports.values()))
     compared = [compare(evaluations[0], other) for other in evaluations[1:]]
     written = {"runs": reports, "comparisons": [plain(asdict(one)) for one in compared]}
     page = comparison_page(evaluations, reports, compared, folders)
-    _write_report(output, metrics_csv(reports), written, page)
+    _write(output, written, page)
     return written
 
 
@@ -172,33 +169,10 @@ def _names(paths: Sequence[Path]) -> list[str]:
     return [f"{path.stem}-{k}" for k, path in enumerate(paths, start=1)]
 
 
-def _write(one: Evaluation, written: Mapping[str, Any], folder: Path) -> None:
-    _make_folder(folder)
-    looks = cases(one)
-    for outcome, name in SHEETS.items():
-        sheet = looks.sheet(outcome)
-        if sheet is None:
-            (folder / name).unlink(missing_ok=True)  # of an earlier report
-        else:
-            with replacing(folder / name) as file:
-                sheet.save(file, "PNG")
-    page = evaluation_page(one, written, looks)
-    _write_report(folder, metrics_csv({one.predictions.name: written}), written, page)
-
-
-def _write_report(folder: Path, metrics: str, written: Mapping[str, Any], page: str) -> None:
-    replace_file(folder / "metrics.csv", metrics.encode())
+def _write(folder: Path, written: Mapping[str, Any], page: str) -> None:
+    make_room(folder / "report.html")
     replace_file(folder / "report.json", orjson.dumps(written, option=orjson.OPT_INDENT_2) + b"\n")
     replace_file(folder / "report.html", page.encode())
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DatasetError(
-            f"cannot be written ({error.strerror})", path=folder, remedy="choose a folder that you may write to"
-        ) from None
 
 
 def report(one: Evaluation) -> dict[str, Any]:
@@ -248,17 +222,6 @@ def causes(one: Evaluation) -> dict[str, int]:
     missed = one.seen.missed.copy()
     missed[one.errors.meant[confident & (one.errors.meant >= 0)]] = False
     return {**counts, "missed": int(missed.sum())}
-
-
-def metrics_csv(reports: Mapping[str, Mapping[str, Any]]) -> str:
-    """CSV with a line for all classes (``overall``) and one for each (``per_class.NAME``), per file of detections."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, extrasaction="ignore", lineterminator="\n")
-    writer.writeheader()
-    for name, one in reports.items():
-        rows = {"overall": one["overall"], **{f"per_class.{label}": row for label, row in one["per_class"].items()}}
-        writer.writerows({**row, "predictions": name, "scope": scope} for scope, row in rows.items())
-    return text.getvalue()
 
 
 def class_keys(names: Sequence[str]) -> list[str]:

@@ -1,4 +1,4 @@
-"""The report of a study: report.json for programs, report.md, report.html, and charts for people."""
+"""The report of a study: report.json for programs; report.html and charts as PNG for people."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_th
 from hulldown.training.evaluation.labels import Labels, read_labels
 from hulldown.training.evaluation.predictions import read_predictions
 from hulldown.training.evaluation.report import plain
+from hulldown.training.study.charts import png
 from hulldown.training.study.manifest import RUNS_NAME, Manifest, PlannedRun, read_manifest
-from hulldown.training.study.page import charts_of, html, markdown, sections
+from hulldown.training.study.page import charts_of, study_page
 from hulldown.training.study.results import (
     COMPARED,
     COUNTS,
@@ -46,14 +47,11 @@ def write_report(study: Path | str, *, progress: Callable[[int, int], None] | No
     """Compare the finished runs of a study, and write report and charts into its folder."""
     study = Path(study)
     report = compared_runs(study, progress=progress)
-    drawn = charts_of(report)
-    for name, (as_png, as_svg) in drawn.items():
-        replace_file(study / f"{name}.png", as_png)
-        replace_file(study / f"{name}.svg", as_svg)
-    shown = sections(report, drawn)
+    charts = charts_of(report)
+    for name, figure in charts.items():
+        replace_file(study / f"{name}.png", png(figure))
     replace_file(study / "report.json", json.dumps(report, indent=2, ensure_ascii=False).encode() + b"\n")
-    replace_file(study / "report.md", markdown(shown).encode())
-    replace_file(study / "report.html", html(shown).encode())
+    replace_file(study / "report.html", study_page(report, charts).encode())
     return report
 
 
