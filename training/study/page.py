@@ -70,7 +70,9 @@ def _setting(report: Record) -> list[Block]:
     images = ", ".join(f"{one['images']} in {name}" for name, one in sets.items())
     threshold = study["threshold"]
     how = (
-        "its best F1's on the validation photographs" if threshold == "validation" else f"{threshold:g}, as configured"
+        "that of the best F1 on the validation photographs"
+        if threshold == "validation"
+        else f"{threshold:g}, as configured"
     )
     twice = " (matched: twice as many)" if "matched" in study["arms"] else ""
     blocks: list[Block] = [
