@@ -1,4 +1,4 @@
-"""A camera's calibration as OpenCV and ROS write it, as keys of a config."""
+"""Read a camera's calibration in OpenCV's or ROS's format as keys of a config."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.config.schema import CameraMatrix, Distortion
 
-# Names in files of OpenCV's samples and of ROS, in lower case and without underscores.
+# Names in files of OpenCV's samples and of ROS, in lower case without underscores.
 _MATRIX = ("cameramatrix", "k", "intrinsicmatrix", "mtx")
 _DISTORTION = ("distortioncoefficients", "distcoeffs", "d", "dist")
 _SIZE = (("imagewidth", "width"), ("imageheight", "height"))
@@ -25,28 +25,28 @@ _REMEDY = "give a calibration of OpenCV or ROS in YAML or JSON"
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML, whose unknown tags, such as OpenCV's for a matrix, are tables."""
+    """A loader that reads unknown tags, such as OpenCV's for a matrix, as tables."""
 
 
 _Loader.add_multi_constructor("", lambda loader, _, node: loader.construct_mapping(node, deep=True))
 
 
 def read_camera(path: Path) -> dict[str, Any]:
-    """Return "section.key" -> value of the config of a calibrated camera.
+    """Return "section.key" -> value of a config with a calibrated camera.
 
-    OpenCV counts pixels from the center of the first one and a config from its corner, so that cx and cy become half a
-    pixel larger.
+    OpenCV's pixel coordinates start at the center of the first pixel, a config's at its corner, so cx and cy grow by
+    half a pixel.
 
     Raises
     ------
     ConfigError
-        If the file can't be read, lacks something, or holds a lens of another model.
+        If the file can't be read, is incomplete, or has another lens model.
     """
-    found = _table(path)
+    table = _table(path)
     for inner in ("camera_info", "cam0"):
-        if isinstance(found.get(inner), Mapping):
-            found = found[inner]
-    named = {str(key).lower().replace("_", ""): value for key, value in found.items()}
+        if isinstance(table.get(inner), Mapping):
+            table = table[inner]
+    named = {str(key).lower().replace("_", ""): value for key, value in table.items()}
 
     def numbers(names: tuple[str, ...], what: str) -> Float[np.ndarray, " n"]:
         value = next((named[name] for name in names if named.get(name) is not None), None)
@@ -91,12 +91,12 @@ def _table(path: Path) -> Mapping[str, Any]:
         if os.path.getsize(path) > _LARGEST:
             raise ConfigError(f"is larger than {_LARGEST >> 20} MiB", path=path, remedy=_REMEDY)
         text = path.read_text(encoding="utf-8")
-        # OpenCV's first line has a colon that YAML doesn't have.
-        found = yaml.load(text.partition("\n")[2] if text.startswith("%YAML:") else text, Loader=_Loader)
+        # OpenCV's first line isn't valid YAML.
+        table = yaml.load(text.partition("\n")[2] if text.startswith("%YAML:") else text, Loader=_Loader)
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", path=path) from None
     except (yaml.YAMLError, ValueError, RecursionError):
         raise ConfigError("is neither YAML nor JSON", path=path, remedy=_REMEDY) from None
-    if not isinstance(found, Mapping):
+    if not isinstance(table, Mapping):
         raise ConfigError("isn't a calibration", path=path, remedy=_REMEDY)
-    return found
+    return table

@@ -1,4 +1,4 @@
-"""What is wrong with a line of a plan, in words: a plan is text that people edit."""
+"""Error messages for damaged lines of a plan."""
 
 from __future__ import annotations
 
@@ -15,17 +15,7 @@ _PLACE = re.compile(
 
 
 def misfit(line: bytes, kind: type[Struct], error: Exception) -> str:
-    """Why a line of JSON is no record of its kind, as the end of a sentence that begins with the line.
-
-    Parameters
-    ----------
-    line
-        What could not be decoded.
-    kind
-        `Row` or `Header`.
-    error
-        What the decoder said.
-    """
+    """Explain why a line isn't a record of its kind, `Row` or `Header`, as the end of a sentence about the line."""
     try:
         record = msgspec.json.decode(line)
     except (msgspec.DecodeError, ValueError, RecursionError) as mistake:
@@ -34,18 +24,18 @@ def misfit(line: bytes, kind: type[Struct], error: Exception) -> str:
         return f"is {type(record).__name__}, not an image"
     if lacking := _lacking(record, kind):
         return f"lacks {', '.join(lacking[:3])}"
-    found = _PLACE.search(str(error))
-    assert found is not None, error
-    path, key, known, value = found["path"], found["key"], fields(kind), record
-    if found["at"] is not None:
-        beside = record[found["list"]][int(found["at"])]
-        if isinstance(beside, dict):
-            if lacking := _lacking(beside, PlannedVehicle):
+    place = _PLACE.search(str(error))
+    assert place is not None, error
+    path, key, declared, value = place["path"], place["key"], fields(kind), record
+    if place["at"] is not None:
+        extra = record[place["list"]][int(place["at"])]
+        if isinstance(extra, dict):
+            if lacking := _lacking(extra, PlannedVehicle):
                 return f"lacks {path.rstrip('.').partition('.')[0]}.{lacking[0]}"
-            known, value = fields(PlannedVehicle), beside
+            declared, value = fields(PlannedVehicle), extra
         else:
-            path = key = found["list"]
-    return f"has {path.rstrip('.')} {value[key]!r:.60}, expected {known[key].expected}"
+            path = key = place["list"]
+    return f"has {path.rstrip('.')} {value[key]!r:.60}, expected {declared[key].expected}"
 
 
 def _lacking(record: dict[str, object], kind: type[Struct]) -> list[str]:

@@ -1,7 +1,7 @@
-"""Which images a detector needs more of: from what it missed, by bin, to weights of planned images.
+"""Weights of planned images, from the bins of labels that a detector missed.
 
-A plan that learns from misses draws several candidates for most positions, each of which meets the config's limits,
-and takes one in proportion to the weights of its labels.
+With weights, a plan samples several candidates within the config's limits for most positions, and takes one of them in
+proportion to the weights of its labels.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from hulldown.geometry.files import open_regular
 from hulldown.planning.row import MoreOf, Row
 
 KEPT = 0.3  # share of each vehicle's positions that keep the configured distribution
-CANDIDATES = 8  # for each other position; no bin's share grows by more than this
-MOST = 4.0  # highest weight of a bin, and the inverse of the lowest
-NORMAL = 1.96  # deviations of a normal distribution within a 95 % interval
+CANDIDATES = 8  # for each other position; the largest factor on a bin's share
+MOST = 4.0  # largest weight of a bin; the smallest is its inverse
+NORMAL = 1.96  # half the width of a normal distribution's 95 % interval, in standard deviations
 NAMED = ("vehicle", "weather", "scenery", "hdri")
-# Pixels aren't known to a plan, nor is `class` its choice: the budget's.
+# Fields that depend on pixels are unknown to a plan, and `class` is set by the budget.
 PLANNED = (SIZE.name, *(scale.name for scale in SCALES if scale.name != "contrast"), "azimuth_seen", *NAMED)
 
 
@@ -47,16 +47,16 @@ class _Report(Struct):
 
 
 def read_more_of(path: Path) -> MoreOf:
-    """The weights of bins by field, from the report of an evaluation.
+    """Read the weights of bins by field from the report of an evaluation.
 
-    A bin's weight is the share of its labels that were missed, relative to that of all labels. The difference counts
-    as far as it is larger than its standard error (James and Stein's positive part), so that a bin of few labels
-    weighs 1. Weights are rounded, and bins that weigh 1 are left out.
+    A bin's weight is its miss rate relative to that of all labels. The difference is shrunk toward 0 by its standard
+    error (James and Stein's positive part), so that a bin of few labels has the weight 1. Weights are rounded, and bins
+    with the weight 1 are left out.
 
     Raises
     ------
     ConfigError
-        If it's no report of one detector, or no bin that a plan decides differs from the others by more than chance.
+        If it isn't the report of one detector, or no bin that a plan can change differs significantly.
     """
     try:
         with open_regular(path) as file:
@@ -70,9 +70,9 @@ def read_more_of(path: Path) -> MoreOf:
     if not missed > 0.0:
         raise ConfigError("no label was missed", path=path, remedy="evaluate on harder photographs")
     weights = {
-        field: found
+        field: of_bin
         for field in PLANNED
-        if (found := {one.bin: w for one in report.bins.get(field, ()) if (w := _weight(one, missed)) != 1.0})
+        if (of_bin := {b.bin: w for b in report.bins.get(field, ()) if (w := _weight(b, missed)) != 1.0})
     }
     if not weights:
         remedy = "evaluate on more photographs; of theirs only box sizes are known, of renders all"
@@ -80,20 +80,20 @@ def read_more_of(path: Path) -> MoreOf:
     return MoreOf(weights=weights, picture_px=report.picture_px)
 
 
-def _weight(one: _Bin, missed: float) -> float:
-    low, high = one.recall_interval
-    if one.recall is None or low is None or high is None:
+def _weight(of_bin: _Bin, missed: float) -> float:
+    low, high = of_bin.recall_interval
+    if of_bin.recall is None or low is None or high is None:
         return 1.0
-    excess, error = (1.0 - one.recall) - missed, (high - low) / (2.0 * NORMAL)
+    excess, error = (1.0 - of_bin.recall) - missed, (high - low) / (2.0 * NORMAL)
     certain = max(0.0, 1.0 - (error / excess) ** 2) if excess else 0.0
     return round(min(max(1.0 + certain * excess / missed, 1.0 / MOST), MOST), 3)
 
 
 def position_weights(rows: Sequence[Row], more_of: MoreOf) -> dict[int, float]:
-    """The weight of each position of some rows: the mean over its images' labels; 1 without labels.
+    """Return the weight of each position: the mean over its images' labels, or 1 without labels.
 
-    A label's is the highest of its bins times the lowest: bins of different fields are often the same labels, such as
-    small and far, so that a product of all would count them twice.
+    A label's weight is the largest of its bins' weights times the smallest. Bins of different fields often hold the
+    same labels, such as small and far ones, which a product of all weights would count twice.
     """
     labels = [(i, vehicle) for i, row in enumerate(rows) for vehicle in row.labeled]
     of_row = np.array([i for i, _ in labels], dtype=np.int64)
@@ -117,13 +117,13 @@ def position_weights(rows: Sequence[Row], more_of: MoreOf) -> dict[int, float]:
         "scenery": [rows[i].scenery for i in of_row],
         "hdri": [rows[i].hdri for i in of_row],
     }
-    found = [np.ones(len(labels))]
+    columns = [np.ones(len(labels))]
     for field, of_bin in more_of.weights.items():
         if field in names:
-            found.append(np.array([of_bin.get(name or "", 1.0) for name in names[field]]))
+            columns.append(np.array([of_bin.get(name or "", 1.0) for name in names[field]]))
         else:
-            found.append(_of_bins(field, numbers, of_bin))
-    table = np.array(found)
+            columns.append(_of_bins(field, numbers, of_bin))
+    table = np.array(columns)
     label = table.max(axis=0) * table.min(axis=0)
     totals: dict[int, list[float]] = {row.position: [] for row in rows}
     for i, weight in zip(of_row.tolist(), label.tolist(), strict=True):
@@ -147,5 +147,5 @@ def _looked_up(
 
 
 def kept(ordinal: Int[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """Whether these positions of a vehicle keep the configured distribution: spread evenly, at least `KEPT` of them."""
+    """Whether these positions keep the configured distribution: at least the share `KEPT`, evenly spread."""
     return np.ceil(KEPT * (ordinal + 1) - 1e-9) > np.ceil(KEPT * ordinal - 1e-9)

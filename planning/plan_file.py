@@ -1,7 +1,7 @@
-"""The plan on disk: JSON lines, a header first, then one line per image; read as a stream or by index.
+"""The plan on disk as JSON lines: a header, then one line per image, read as a stream or by index.
 
-A plan is written to a partial file beside its name and renamed when it is complete. A partial file whose header is the
-one that would be written now is continued; every other one is replaced.
+A plan is written to a partial file, which is renamed when it is complete. A partial file with the same header is
+continued; any other is replaced.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _BEGINNING = b'{"hulldown_plan":'
 
 
 class Plan:
-    """A plan file, opened for reading: `len(plan)`, `plan[i]`, `plan[:10]`, `for row in plan`; a path for functions.
+    """A plan file opened for reading: `len(plan)`, `plan[i]`, `plan[:10]`, `for row in plan`; also a path.
 
     Parameters
     ----------
@@ -64,15 +64,16 @@ class Plan:
         Raises
         ------
         ConfigError
-            With the line's number, at the first line that is no row of this plan, or if lines are missing.
+            With the line's number, at the first line that isn't a row of this plan, or if lines are missing.
         """
         i, names = -1, _Names()
         with self.path.open("rb") as file:
             file.readline()
             for i, line in enumerate(file):
                 row = self._row(line, i)
-                if (other := names.holder(row)) is not None:
-                    raise _damaged(self.path, i + 2, f"has file_name {row.file_name!r:.80}, which line {other + 2} has")
+                if (holder := names.holder(row)) is not None:
+                    problem = f"has file_name {row.file_name!r:.80}, which line {holder + 2} has"
+                    raise _damaged(self.path, i + 2, problem)
                 yield row
         if i + 1 < len(self):
             raise self._too_short(i + 1)
@@ -84,7 +85,7 @@ class Plan:
     def __getitem__(self, index: slice) -> list[Row]: ...
 
     def __getitem__(self, index: int | slice) -> Row | list[Row]:
-        """A row, from the end if `index` is negative, or those of a slice."""
+        """Return a row, or the rows of a slice; negative indices count from the end."""
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):
@@ -103,7 +104,7 @@ class Plan:
 
     @property
     def config(self) -> Config:
-        """The config that it was made from, with the folder that its paths are relative to."""
+        """The config of the plan, with its folder."""
         from hulldown.planning.config.schema import Config
 
         root = Path(os.path.normpath(self.path.absolute().parent / self.header.root))
@@ -117,7 +118,7 @@ class Plan:
         return summarize(self, left_out=self.header.left_out, overcast=bool(self.config.light.overcast))
 
     def to_pandas(self) -> pandas.DataFrame:
-        """A table with a row an image, whose columns are named by the keys of docs/plan-file.md.
+        """Return a table with a row per image and the keys of docs/plan-file.md as columns.
 
         Raises
         ------
@@ -133,19 +134,19 @@ class Plan:
         return pandas.json_normalize([orjson.loads(encode(row)) for row in self])
 
     def preview(self, indices: Sequence[int] | None = None, *, columns: int = 3, width: int = 480) -> Image.Image:
-        """Shade images without Blender, with their boxes on them, next to each other.
+        """Shade images without Blender and draw their boxes, on one sheet.
 
         Parameters
         ----------
         indices
-            Which images; None for up to six, evenly from the plan.
+            Images to show; None for up to six, evenly spread over the plan.
         columns, width
             Images side by side, and the width of each in pixels.
 
         Raises
         ------
         HulldownError
-            If an asset can't be read any more, or a row is damaged.
+            If an asset can't be read, or a row is damaged.
         """
         from hulldown.planning.preview import sheet
 
@@ -165,7 +166,7 @@ class Plan:
         return f"Plan({str(self.path)!r}, {len(self):,} images)"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: what the header holds, and previews of a few images if the assets are there."""
+        """Return the header's facts, and previews of a few images if the assets can be read."""
         from hulldown.annotate.sheets import notebook_page
 
         header = self.header
@@ -217,11 +218,11 @@ class Plan:
         if unknown := row.rejected.keys() - BY_KEY.keys():
             raise _damaged(self.path, number, f"has rejected {min(unknown)!r:.60}, which is no reason")
         for vehicle in row.planned:
-            # A row may not call a vehicle what the header does not call it; unknown vehicles are others' to refuse.
-            known = self.header.vehicles.get(vehicle.vehicle) or self.header.distractors.get(vehicle.vehicle)
-            if known is not None and vehicle.category != known.category:
+            # Vehicles that the header doesn't list are refused where their assets are needed.
+            source = self.header.vehicles.get(vehicle.vehicle) or self.header.distractors.get(vehicle.vehicle)
+            if source is not None and vehicle.category != source.category:
                 what = f"has the class {vehicle.category!r:.60} for {vehicle.vehicle!r:.60}"
-                raise _damaged(self.path, number, f"{what}, expected {known.category!r:.60}")
+                raise _damaged(self.path, number, f"{what}, expected {source.category!r:.60}")
         return row
 
 
@@ -230,19 +231,19 @@ def _damaged(path: Path, number: int, what: str) -> ConfigError:
 
 
 def picture_of(plan: Path, what: str) -> Path:
-    """The name of a picture beside a plan: `plan.jsonl.summary.png`."""
+    """Return the path of a picture of a plan, such as `plan.jsonl.summary.png`."""
     return plan.with_name(f"{plan.name}.{what}.png")
 
 
 class _Names:
-    """The names of pictures so far; of those that a planner gave, which are one's own by their number, none is kept."""
+    """File names of the images so far. Planned names follow from the index, so only other names take memory."""
 
     def __init__(self) -> None:
-        self._others: dict[str, int] = {}  # rows of the other names
-        self._rows: set[int] = set()  # the same rows
+        self._others: dict[str, int] = {}  # rows of names that aren't planned
+        self._rows: set[int] = set()  # the rows in `_others`
 
     def holder(self, row: Row) -> int | None:
-        """The row before that has this row's name, in capitals or not; None if there is none."""
+        """Return the earlier row with the same name, ignoring case, or None."""
         name, index, suffix = row.file_name, row.index, row.file_name[-len(".png") :]
         if name == picture_name(index, suffix):
             return self._others.get(name)
@@ -252,16 +253,17 @@ class _Names:
         planned = int(digits) - 1 if digits.isascii() and digits.isdecimal() else index
         if 0 <= planned < index and planned not in self._rows and name == picture_name(planned, suffix):
             return planned
-        return other if (other := self._others.setdefault(name, index)) != index else None
+        holder = self._others.setdefault(name, index)
+        return None if holder == index else holder
 
 
 def read_plan(path: str | os.PathLike[str]) -> Plan:
-    """Open a plan; rows are read when asked for.
+    """Open a plan; rows are read on access.
 
     Raises
     ------
     ConfigError
-        If the file is missing, is no plan, or was written by a later version.
+        If the file is missing, isn't a plan, or has another format.
 
     Examples
     --------
@@ -289,13 +291,13 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
         plan = Plan(path, decode_header(line))
     except (msgspec.DecodeError, ValueError) as error:
         raise _damaged(path, 1, misfit(line, Header, error)) from None
-    if len(plan) > size:  # who makes a list of a plan takes memory for as many rows as it says
+    if len(plan) > size:  # `list(plan)` allocates memory for this number of rows
         raise _damaged(path, 1, f"has {len(plan)} images, more than the {size} bytes of the file can hold")
     return plan
 
 
 class PlanWriter:
-    """Writes a plan beside its final name, from where an earlier attempt stopped, and renames it when it is complete.
+    """Writes a plan to a partial file, or continues it, and renames it when it's complete.
 
     Parameters
     ----------
@@ -307,13 +309,13 @@ class PlanWriter:
     Attributes
     ----------
     rows
-        Complete rows in the file; when it is opened, those of an earlier attempt.
+        Number of complete rows in the file, which at first are those of an earlier attempt.
 
     Raises
     ------
     ConfigError
-        If another process is writing the same plan, the path is that of a folder or of a file that is no plan, or
-        the folder cannot be written.
+        If another process is writing the same plan, the path is a folder or another file, or the folder can't be
+        written.
     """
 
     def __init__(self, path: str | Path, header: Header) -> None:
@@ -349,7 +351,7 @@ class PlanWriter:
         return file
 
     def keep(self, rows: int) -> None:
-        """Drop what was found after the first `rows` rows, and write from there; to be called before `write`."""
+        """Drop the rows after the first `rows`; call it before `write`."""
         end = int(self._starts[rows + 1])
         self._file.truncate(end)
         self._file.seek(end)
@@ -362,7 +364,7 @@ class PlanWriter:
         self.rows += rows
 
     def finish(self) -> None:
-        """Make what was written the plan."""
+        """Rename the partial file to the plan."""
         with self._named():
             self._file.flush()
             os.fsync(self._file.fileno())
@@ -371,7 +373,7 @@ class PlanWriter:
 
     @contextmanager
     def _named(self) -> Iterator[None]:
-        """A full disk does not say which file it has no room for."""
+        """Name the file in errors such as that of a full disk."""
         try:
             yield
         except OSError as error:
@@ -390,13 +392,13 @@ class PlanWriter:
         self._unlock()
 
     def _unlock(self) -> None:
-        # Deleted before it is released: from then on a file of that name is another process's.
+        # Deleted before the release, since afterwards the file may be another process's lock.
         Path(self._lock.lock_file).unlink(missing_ok=True)
         self._lock.release()
 
 
 def _refuse_other_file(path: Path) -> None:
-    """A slip such as `-o` with the config's name must not cost the user that file."""
+    """Refuse to replace a file that isn't a plan, such as a config after `-o`."""
     if path.is_dir():
         raise ConfigError("is a folder", path=path, remedy="name a file for the plan, such as plan.jsonl")
     if path.is_file():
@@ -407,7 +409,7 @@ def _refuse_other_file(path: Path) -> None:
 
 
 def line_starts(file: BinaryIO) -> Int[np.ndarray, " lines_plus_1"]:
-    """Where each complete line of a file begins, and where the last complete line ends."""
+    """Return the offset of each complete line of a file, and the end of the last one."""
     file.seek(0)
     parts, at = [np.zeros(1, dtype=np.int64)], 0
     while chunk := file.read(_CHUNK):

@@ -1,4 +1,4 @@
-"""Poses that users give: a CSV file with a line for each image, whose empty cells are planned."""
+"""Poses that users give in a CSV file, with a line for each image and empty cells for values to plan."""
 
 from __future__ import annotations
 
@@ -13,37 +13,35 @@ from msgspec import Struct
 
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.files import open_regular
-from hulldown.planning.pose import FARTHEST
 
+FARTHEST = 1e9  # meters: beyond, float64 is coarser than a tenth of a micrometer
 NAMES = ("scenery", "vehicle", "sequence")
 NUMBERS = (
     *("x", "y", "z", "yaw_deg"),
     *("camera_x", "camera_y", "camera_z"),
     *("look_at_x", "look_at_y", "look_at_z"),
 )
-SHARED = ("scenery", "vehicle", "x", "y", "z", "yaw_deg")  # what all lines of a sequence have in common
+SHARED = ("scenery", "vehicle", "x", "y", "z", "yaw_deg")  # columns that are equal in all lines of a sequence
 CAMERA, LOOK_AT = NUMBERS[4:7], NUMBERS[7:]
 
 Vector = tuple[float, float, float]
 
 
 class PoseLine(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What one line gives of an image; None is planned.
+    """The given values of one image; None is planned.
 
     Parameters
     ----------
     line
         Its number in the file.
-    scenery, vehicle
-        Names.
     x, y, z
-        Meters in the coordinates of the scenery's file: of the vehicle's origin, the center of its underside.
+        The vehicle's origin, the center of its underside, in the coordinates of the scenery's file, meters.
     yaw_deg
-        Heading in degrees, counter-clockwise from +x.
+        Heading in degrees, counterclockwise from +x.
     camera, look_at
-        Where the camera is and what point its optical axis meets, in the same coordinates.
+        The camera's place, and a point on its optical axis, in the same coordinates.
     sequence
-        Neighboring lines with the same name are one sequence: the vehicle stands, the camera moves.
+        Name of a sequence: successive lines with the same vehicle in the same place, and moving cameras.
     """
 
     line: int
@@ -59,19 +57,19 @@ class PoseLine(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class GivenPoses(Struct, frozen=True, kw_only=True):
-    """The lines of a file, by its name."""
+    """The name of a file of poses, and its lines."""
 
     path: str
     lines: list[PoseLine]
 
 
 def read_poses(path: Path) -> GivenPoses:
-    """The poses in a CSV file, with commas or semicolons between its columns.
+    """Read the poses in a CSV file with commas or semicolons between its columns.
 
     Raises
     ------
     ConfigError
-        If it can't be read, or at the first line that gives no pose, with the line's number and its column.
+        If it can't be read, or for its first invalid line, with the line's number and its column.
     """
     try:
         with open_regular(path) as file:
@@ -125,7 +123,7 @@ def _line(cells: list[str], columns: list[str], number: int, path: Path) -> Pose
 
 
 def _needed(given: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """Each column that is given, with one that it needs."""
+    """Yield each given column with another one that it needs."""
     groups = {**dict.fromkeys(("x", "y"), ("x", "y")), "z": ("x", "y"), "sequence": CAMERA}
     groups |= {**dict.fromkeys(CAMERA, (*CAMERA, "x", "y")), **dict.fromkeys(LOOK_AT, LOOK_AT)}
     for name in given:
@@ -152,7 +150,7 @@ def _vector(values: Mapping[str, float], names: tuple[str, ...]) -> Vector | Non
 
 
 def _check_sequences(lines: list[PoseLine], path: Path) -> None:
-    """A sequence's lines follow each other, and give the same vehicle in the same place."""
+    """Check that the lines of a sequence are successive, and give the same vehicle in the same place."""
     ended: set[str | None] = set()
     for before, line in pairwise(lines):
         if line.sequence != before.sequence:
@@ -168,5 +166,5 @@ def _check_sequences(lines: list[PoseLine], path: Path) -> None:
 
 
 def refused(path: Path, number: int, what: str, remedy: str) -> ConfigError:
-    """A mistake in a line of the file."""
+    """Return the error of an invalid line of the file."""
     return ConfigError(f"line {number}: {what}", path=path, remedy=remedy)

@@ -19,26 +19,17 @@ from hulldown.planning.search.stage import Fleet, PlanStage, Site
 
 
 def relabeled(row: Row, config: Config, stage: PlanStage) -> Row | None:
-    """The row with all that follows from its poses: boxes, shares, labels, slopes, gaps, penetrations, bounds.
+    """Return an edited row with new values that follow from its poses: boxes, shares, labels, gaps, and the like.
 
-    Parameters
-    ----------
-    row
-        A row of a plan, which somebody may have edited.
-    config, stage
-        The plan's config, and its assets.
-
-    Returns
-    -------
-    The row, or None if it names a scenery, vehicle, or part that isn't there.
+    None is returned for a row with an unknown scenery, vehicle, or part.
     """
     site = next((site for site in stage.sites if site.name == row.scenery), None)
     models = [stage.everything.get(vehicle.vehicle) for vehicle in row.planned]
-    known = [
+    complete = [
         model is not None and vehicle.articulation.keys() <= set(model.shape.part_names[1:])
         for model, vehicle in zip(models, row.planned, strict=True)
     ]
-    if site is None or not all(known):
+    if site is None or not all(complete):
         return None
     target, *extras = (
         replace(vehicle, **labels)
@@ -50,7 +41,7 @@ def relabeled(row: Row, config: Config, stage: PlanStage) -> Row | None:
 
 
 def _labels(row: Row, site: Site, fleet: Fleet, config: Config) -> list[dict[str, object]]:
-    """The fields of each vehicle that follow from poses."""
+    """Return the fields of each vehicle that follow from poses."""
     planned = row.planned
     k = len(planned)
     vehicles = Instances.of(
@@ -59,12 +50,12 @@ def _labels(row: Row, site: Site, fleet: Fleet, config: Config) -> list[dict[str
         np.array([vehicle.world_from_vehicle for vehicle in planned]),
         [vehicle.articulation for vehicle in planned],
     )
-    # All of each vehicle's row but the vehicle itself, and the target of a picture without one.
-    one, other = np.nonzero(~np.eye(k, dtype=bool) & ~(row.empty & (np.arange(k) == 0)))
+    # Pairs of each vehicle and another one, which isn't the target if that is left out of the picture.
+    subject, other = np.nonzero(~np.eye(k, dtype=bool) & ~(row.empty & (np.arange(k) == 0)))
     cameras = dataclasses.replace(no_views(k), lens=lenses(row.intrinsics).spread(k))
     cameras.world_from_camera[:] = row.world_from_camera
     visibility = np.full(k, row.weather.visibility_m if row.weather else np.nan)
-    others = dataclasses.replace(vehicles.take(other), row=one)
+    others = dataclasses.replace(vehicles.take(other), row=subject)
     views, pixels = views_of_others(site, vehicles, others, cameras=cameras, visibility_m=visibility, config=config)
     labels = labels_of(views, pixels, config)
     poses = vehicles.world_from_vehicle
@@ -74,4 +65,4 @@ def _labels(row: Row, site: Site, fleet: Fleet, config: Config) -> list[dict[str
     numbers |= {"gap": gap, "penetration": penetration}
     columns = {key: rounded(key, values).tolist() for key, values in numbers.items()}
     columns |= {"label": labels, "bounds": bounds_in_rows(vehicles), "geo": geo_in_rows(poses, site)}
-    return [seen | own for seen, own in zip(seen_in_rows(views), records(columns), strict=True)]
+    return [seen | rest for seen, rest in zip(seen_in_rows(views), records(columns), strict=True)]

@@ -1,7 +1,7 @@
-"""The schema of a plan file: what a row and the header hold, in what range, rounded to what, and what may be null.
+"""The schema of a plan file: fields, ranges, rounding, and nullability of rows and the header.
 
-Writing, reading and checking of plans, the tables of docs/plan-file.md, the records of datasets and what is compared
-with them all follow from the types below. A new field is one line here, and one where it is used.
+Plans are written, read, and checked by these types. The tables of docs/plan-file.md and the records of datasets follow
+from them, too.
 """
 
 from __future__ import annotations
@@ -22,38 +22,37 @@ from hulldown.camera.sensor import Sensor
 from hulldown.camera.weather_kinds import Weather
 from hulldown.geometry.files import PICTURE_NAME
 from hulldown.planning.appearance.paint import Coat
-from hulldown.planning.pose import decoded_pose
-from hulldown.planning.poses import GivenPoses
+from hulldown.planning.poses import FARTHEST, GivenPoses
 
 FORMAT = 3
 
 
 def _to(decimals: int) -> Callable[[np.ndarray], np.ndarray]:
-    """Rounding to so many decimals; adding zero makes -0.0 the 0.0 that is meant."""
+    """Return a function that rounds to this number of decimals; adding zero turns -0.0 into 0.0."""
     return lambda values: np.round(values, decimals) + 0.0
 
 
 def _poses(values: np.ndarray) -> np.ndarray:
-    """Rotations to 1e-12 and positions to 1e-9 m."""
+    """Round rotations to 1e-12 and positions to 1e-9 m."""
     rounded = _to(12)(values)
     rounded[..., :3, 3] = _to(9)(values[..., :3, 3])
     return rounded
 
 
 def _boxes(values: np.ndarray) -> np.ndarray:
-    """Both corners to 1e-6 pixels, so that a box which ends at the frame's side still does."""
+    """Round both corners to 1e-6 pixels, so that a box that ends at the frame's side still does."""
     low = _to(6)(values[..., :2])
     high = _to(6)(values[..., :2] + values[..., 2:])
     return np.concatenate([low, _to(6)(high - low)], axis=-1)
 
 
 def _is(expected: str, to: str = "", rounding: Callable[[np.ndarray], np.ndarray] | None = None, **limits: Any) -> Meta:
-    """What all fields of one kind share: the words for it, its range, and what its numbers are rounded to."""
+    """Describe a kind of field: its values in words, its range, and its rounding in words and as a function."""
     return Meta(extra={"expected": expected, "to": to, "rounding": rounding}, **limits)
 
 
 def _means(text: str, *, recorded: bool = True) -> Meta:
-    """What one field says, and whether datasets record it."""
+    """Describe one field, and whether datasets record it."""
     return Meta(description=text, extra={"recorded": recorded})
 
 
@@ -62,7 +61,7 @@ Pixels = Annotated[float, Meta(ge=0, le=1e12)]
 
 
 class Box(NamedTuple):
-    """A box in pixels, as COCO has it: its upper left corner, width and height."""
+    """A box in COCO's format: upper left corner, width, and height in pixels."""
 
     x: Pixel
     y: Pixel
@@ -74,14 +73,14 @@ Meter = Annotated[float, Meta(ge=-1e6, le=1e6)]
 
 
 class Bounds(NamedTuple):
-    """Two opposite corners of a box along the axes of a vehicle, in meters: the lowest of each, the highest of each."""
+    """Lowest and highest corner of a box along the axes of a vehicle, meters."""
 
     low: tuple[Meter, Meter, Meter]
     high: tuple[Meter, Meter, Meter]
 
 
 class OnMap(Struct, frozen=True, kw_only=True, gc=False):
-    """Where on a map a vehicle is: meters, to a micrometer, and degrees of WGS 84, to 1e-9."""
+    """A vehicle's place on a map: meters to 1e-6, and degrees of WGS 84 to 1e-9."""
 
     crs: str
     easting: float
@@ -92,16 +91,12 @@ class OnMap(Struct, frozen=True, kw_only=True, gc=False):
 
 Name = Annotated[str, _is("a name", max_length=4096)]
 NameOrNone = Annotated[Annotated[str, Meta(max_length=4096)] | None, _is("a name or null")]
-YesOrNo = Annotated[bool, _is("true or false")]
 Label = Literal["full", "ignored", "none"]
-OneLabel = Annotated[Label, _is('"full", "ignored" or "none"')]
-PictureName = Annotated[str, _is("a path like images/1.png", pattern=PICTURE_NAME)]
 Count = Annotated[int, _is("a whole number >= 0", ge=0, le=2**53)]
 Number = Annotated[int, _is("a whole number >= 1", ge=1, le=2**53 + 1)]
 NumberOrNone = Annotated[Annotated[int, Meta(ge=1, le=2**53)] | None, _is("a whole number >= 1")]
 Size = Annotated[int, _is("a whole number from 1 to 65536", ge=1, le=65536)]
 Seed = Annotated[int, _is("a whole number", ge=-(2**63), le=2**63 - 1)]
-PlanSeed = Annotated[int, _is("a whole number >= 0", ge=0, le=2**63 - 1)]
 Share = Annotated[float, _is("a number from 0 to 1", "1e-9", _to(9), ge=0, le=1)]
 AtLeastZero = Annotated[float, _is("a number >= 0", "1e-9", _to(9), ge=0, le=1e9)]
 Slope = Annotated[float, _is("a number from 0 to 90", "1e-9 degrees", _to(9), ge=0, le=90)]
@@ -121,68 +116,74 @@ Angles = Annotated[dict[str, Angle], _is("angles by name", "1e-12 radians", _to(
 Air = Annotated[Weather | None, _is('null or {"visibility_m": meters above 0, "kind": ...}', "1e-9", _to(9))]
 Optics = Annotated[Sensor | None, _is('{"blur_px": pixels, ...}', "1e-9", _to(9))]
 Room = Annotated[Bounds, _is("[[x, y, z], [x, y, z]]", "1e-9 m", _to(9))]
-Coats = Annotated[list[Coat], _is("a list of coats of paint", "1e-9")]
-OnMapOrNone = Annotated[OnMap | None, _is('{"crs": a name, "easting": meters, ...}')]
 Reasons = Annotated[dict[str, Annotated[int, Meta(ge=0)]], _is("counts by reason")]
 
 
 class Followed(Struct, frozen=True):
-    """The photographs of an image, by file name: the sampled one, and the one that the camera follows.
+    """The sampled photograph of an image, and the one that the camera follows, by file name.
 
-    They differ where the config's limits refuse the sampled one. None: the camera follows the configured ranges.
+    They differ if the sampled one doesn't meet the config's limits. None: the camera follows the configured ranges.
     """
 
     sampled: str
     photograph: str | None
 
 
-FollowedOrNone = Annotated[Followed | None, _is("two names")]
-
-
 class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=True):
-    """A vehicle in an image: which one, where it stands, and what the camera sees of it; see docs/plan-file.md."""
+    """A vehicle in an image: its model, pose, and labels; see docs/plan-file.md."""
 
     vehicle: Annotated[Name, _means("the vehicle's name")]
     category: Annotated[NameOrNone, _means("its class, or null", recorded=False)]
-    world_from_vehicle: Annotated[Pose, _means("where it stands, in meters")]
+    world_from_vehicle: Annotated[Pose, _means("its pose, in meters")]
     articulation: Annotated[Angles, _means("angles of its parts, in radians")]
     bbox: Annotated[FrameOrNone, _means("the surface in the frame")]
     bbox_amodal: Annotated[FrameOrNone, _means("all of the surface in front of the camera")]
-    visible_fraction: Annotated[Share, _means("share of the outline in the frame that nothing hides")]
+    visible_fraction: Annotated[Share, _means("unhidden share of its outline in the frame")]
     truncated_fraction: Annotated[Share, _means("share of `bbox_amodal` that the frame cuts off")]
     slope_deg: Annotated[Slope, _means("inclination of the vehicle", recorded=False)]
-    gap: Annotated[AtLeastZero, _means("air under it, in meters", recorded=False)]
-    penetration: Annotated[AtLeastZero, _means("ground above its underside, in meters", recorded=False)]
-    tries: Annotated[Count, _means("places tried for it, with the taken one", recorded=False)]
+    gap: Annotated[AtLeastZero, _means("largest distance to the ground below it, in meters", recorded=False)]
+    penetration: Annotated[
+        AtLeastZero, _means("largest height of the ground above its underside, in meters", recorded=False)
+    ]
+    tries: Annotated[Count, _means("places tried for it, including its own", recorded=False)]
     label: Annotated[
-        OneLabel,
-        _means("its label; ignored if it shows too little", recorded=False),
+        Label, _is('"full", "ignored" or "none"'), _means("its label; ignored if it shows too little", recorded=False)
     ]
     bounds: Annotated[Room, _means("lowest and highest corner in its own frame, parts turned", recorded=False)]
-    paint: Annotated[Coats, _means("`materials`, `color`, `hue_deg`, `saturation`, `value`")]
+    paint: Annotated[
+        list[Coat],
+        _is("a list of coats of paint", "1e-9"),
+        _means("`materials`, `color`, `hue_deg`, `saturation`, `value`"),
+    ]
     air_contrast: Annotated[Share, _means("share of its contrast left after haze")]
     geo: Annotated[
-        OnMapOrNone,
+        OnMap | None,
+        _is('{"crs": a name, "easting": meters, ...}'),
         _means("place on the map, on a [GeoTIFF](terrain.md)"),
     ] = None
     track_id: Annotated[NumberOrNone, _means("the same in all images of a `sequence`, and in no others")] = None
 
 
 class _Image(Struct, frozen=True, eq=False, kw_only=True, gc=False):
-    """An image of a plan without the vehicle that its camera is framed on."""
+    """The fields of a row besides those of its target."""
 
     index: Annotated[Count, _means("0, 1, 2, ...", recorded=False)]
     image_id: Annotated[Number, _means("`index + 1`", recorded=False)]
-    file_name: Annotated[PictureName, _means("the picture's path; unique, ignoring case", recorded=False)]
+    file_name: Annotated[
+        str,
+        _is("a path like images/1.png", pattern=PICTURE_NAME),
+        _means("the picture's path; unique, ignoring case", recorded=False),
+    ]
     scenery: Annotated[Name, _means("the scenery's name")]
-    position: Annotated[Count, _means("one vehicle in one place; its shots differ in camera and light")]
+    position: Annotated[Count, _means("number of the position: one pose of a vehicle, with several shots")]
     shot: Annotated[Count, _means("0, 1, 2, ... in each position")]
-    world_from_camera: Annotated[Pose, _means("where the camera is, in meters")]
+    world_from_camera: Annotated[Pose, _means("the camera's pose, in meters")]
     fov_x_deg: Annotated[FieldOfView, _means("horizontal field of view")]
     K: Annotated[MatrixOrNone, _means("camera matrix in pixels, from the corner; only with `camera.intrinsics`")] = None
     dist: Annotated[LensOrNone, _means("OpenCV's distortion coefficients; only with `K`")] = None
     like: Annotated[
-        FollowedOrNone,
+        Followed | None,
+        _is("two names"),
         _means(
             "file names: `sampled`, and `photograph`, which the camera follows (another one, or null, where limits "
             "refuse it); only if one was sampled",
@@ -190,32 +191,26 @@ class _Image(Struct, frozen=True, eq=False, kw_only=True, gc=False):
         ),
     ] = None
     sequence: Annotated[
-        NameOrNone,
-        _means("name of the sequence whose frame `shot` this is; only with `plan --poses`"),
+        NameOrNone, _means("name of the sequence whose frame `shot` this is; only with `plan --poses`")
     ] = None
     width: Annotated[Size, _means("of the picture, in pixels")]
     height: Annotated[Size, _means("of the picture, in pixels")]
     hdri: Annotated[Name, _means("the HDRI's name")]
     hdri_yaw_deg: Annotated[Turn, _means("its turn, counterclockwise seen from above")]
     strength: Annotated[AtLeastZero, _means("factor on its brightness")]
-    horizon_deg: Annotated[Horizon, _means("elevation whose color continues below; null: all is seen")]
+    horizon_deg: Annotated[Horizon, _means("elevation whose color continues below it; null: the whole HDRI is visible")]
     exposure_ev: Annotated[EV, _means("exposure of the picture")]
     white_balance_k: Annotated[Kelvin, _means("white balance minus 6500 K; more is warmer")]
     weather: Annotated[Air, _means("null: clear and dry")]
     sample_seed: Annotated[Seed, _means("seed of Cycles' and the sensor's noise")]
-    background: Annotated[
-        YesOrNo,
-        _means("whether the image shows no target (see below)"),
-    ]
+    background: Annotated[bool, _is("true or false"), _means("whether the image shows no target (see below)")]
     companions: Annotated[
         list[PlannedVehicle],
         _is("a list of vehicles"),
         _means("other objects of `[[assets.vehicles]]`", recorded=False),
     ]
     distractors: Annotated[
-        list[PlannedVehicle],
-        _is("a list of vehicles"),
-        _means("objects of `[[assets.distractors]]`", recorded=False),
+        list[PlannedVehicle], _is("a list of vehicles"), _means("objects of `[[assets.distractors]]`", recorded=False)
     ]
     rejected: Annotated[
         Reasons, _means("refused tries; those of places only in a position's first shot", recorded=False)
@@ -230,38 +225,37 @@ class Row(_Image, frozen=True, eq=False, kw_only=True, gc=False):
     Parameters
     ----------
     target
-        The vehicle that the camera is framed on. In a background it is left out of the picture, or it is a distractor.
-        A line of a plan has its fields beside those of the image.
+        The vehicle that the camera is framed on. In a background it's left out of the picture, or is a distractor.
+        A line of a plan has its fields next to those of the image.
     """
 
     target: PlannedVehicle
 
     @property
     def planned(self) -> list[PlannedVehicle]:
-        """What the camera is framed on, in the picture or not, then companions, then distractors."""
+        """The target, in the picture or not, then companions, then distractors."""
         return [self.target, *self.companions, *self.distractors]
 
     @property
     def empty(self) -> bool:
-        """Whether the vehicle that the camera is framed on is left out of the picture."""
+        """Whether the target is left out of the picture."""
         return self.background and self.target.category is not None
 
     @property
     def vehicles(self) -> list[PlannedVehicle]:
-        """What stands in the picture: the target, or a distractor in its place, then companions, then distractors."""
+        """The vehicles in the picture: the target or a distractor in its place, companions, and distractors."""
         return self.planned[1:] if self.empty else self.planned
 
     @property
     def labeled(self) -> list[PlannedVehicle]:
-        """What the image has an annotation of, the ignored ones included."""
+        """The vehicles with an annotation, including ignored ones."""
         return [vehicle for vehicle in self.vehicles if vehicle.label != "none"]
 
     @property
     def intrinsics(self) -> Intrinsics:
         """Image size, and field of view or calibration."""
-        if self.K is None:
-            return Intrinsics.of_record({"width": self.width, "height": self.height, "fov_x_deg": self.fov_x_deg})
-        return Intrinsics.of_record({"width": self.width, "height": self.height, "K": self.K, "dist": self.dist})
+        lens = {"fov_x_deg": self.fov_x_deg} if self.K is None else {"K": self.K, "dist": self.dist}
+        return Intrinsics.of_record({"width": self.width, "height": self.height, **lens})
 
     @property
     def camera(self) -> Camera:
@@ -270,17 +264,14 @@ class Row(_Image, frozen=True, eq=False, kw_only=True, gc=False):
 
 
 class Source(Struct, frozen=True, kw_only=True):
-    """The file of an asset: its path as the config gives it, and its SHA-256; both empty if it was made in memory."""
+    """The file of an asset: its path in the config, and its SHA-256; both empty for an asset made in memory."""
 
     path: str = ""
     sha256: str = ""
 
 
-SourceOrNone = Source | None
-
-
 class HdriSource(Source, frozen=True, kw_only=True):
-    """The file of an HDRI, and the SHA-256 of the copy that is rendered if it had to be mended, else empty."""
+    """The file of an HDRI, and the SHA-256 of the mended copy that is rendered, or empty."""
 
     mended_sha256: str = ""
 
@@ -298,13 +289,13 @@ class DistractorSource(Source, frozen=True, kw_only=True):
 
 
 class ScenerySource(Source, frozen=True, kw_only=True):
-    """The file of a scenery, and where in its coordinates the origin of the plan's world is."""
+    """The file of a scenery, and the origin of the plan's world in its coordinates."""
 
     origin: tuple[float, float, float]
 
 
 class LeftOut(Struct, frozen=True, kw_only=True):
-    """A vehicle that is not planned on a scenery, and why."""
+    """A vehicle that isn't planned on a scenery, and the reason."""
 
     vehicle: str
     scenery: str
@@ -312,14 +303,14 @@ class LeftOut(Struct, frozen=True, kw_only=True):
 
 
 class MoreOf(Struct, frozen=True, kw_only=True):
-    """What a detector missed, by `planning.more_of`.
+    """Weights of labels that a detector missed, see `planning.more_of`.
 
     Parameters
     ----------
     weights
-        Of the bins of fields, both as an evaluation's report names them.
+        Weights by field and bin, with the names of an evaluation's report.
     picture_px
-        Root of the area of the evaluated pictures, to which bins of box sizes refer.
+        Root of the area of the evaluated images, to which bins of box sizes refer.
     """
 
     weights: dict[str, dict[str, float]]
@@ -331,7 +322,7 @@ class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     hulldown_plan: Annotated[int, _is("3"), _means("format version")]
     images: Annotated[Count, _means("number of lines that follow")]
-    seed: Annotated[PlanSeed, _means("the config's")]
+    seed: Annotated[int, _is("a whole number >= 0", ge=0, le=2**63 - 1), _means("the config's")]
     root: Annotated[Name, _means("folder of the config, relative to the plan; paths below are relative to it")]
     config: Annotated[dict[str, Any], _is("a table"), _means("the config with all defaults")]
     vehicles: Annotated[dict[str, VehicleSource], _is("files by name"), _means("`path`, `sha256`, `category`")]
@@ -346,16 +337,12 @@ class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
     ]
     versions: Annotated[dict[str, str], _is("versions by name"), _means("of Python and the libraries")]
     left_out: Annotated[list[LeftOut], _is("a list of pairs"), _means("without a place: `vehicle`, `scenery`, `why`")]
-    photographs: Annotated[SourceOrNone, _is("a file"), _means("`path` and `sha256`; only with `camera.like`")] = None
+    photographs: Annotated[Source | None, _is("a file"), _means("`path` and `sha256`; only with `camera.like`")] = None
     more_of: Annotated[
-        MoreOf | None,
-        _is("`weights` by field and bin, and `picture_px`"),
-        _means("only with `plan --more-of`"),
+        MoreOf | None, _is("`weights` by field and bin, and `picture_px`"), _means("only with `plan --more-of`")
     ] = None
     poses: Annotated[
-        GivenPoses | None,
-        _is("`path` and `lines`"),
-        _means("the file's name and lines; only with `plan --poses`"),
+        GivenPoses | None, _is("`path` and `lines`"), _means("the file's name and lines; only with `plan --poses`")
     ] = None
 
     @property
@@ -368,22 +355,20 @@ class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """What is declared of one field.
+    """The declaration of one field.
 
     Parameters
     ----------
     expected
-        What its values are, in words.
-    to
-        What its numbers are rounded to, in words; empty if they are not.
-    rounding
-        The same as a function of arrays.
+        Its values in words.
+    to, rounding
+        Its rounding in words, empty if there is none, and as a function of arrays.
     meaning
-        What it says.
+        Its description.
     recorded
         Whether datasets record it.
     optional
-        Whether it isn't written where it is None.
+        Whether it's left out of a line if it's None.
     """
 
     expected: str
@@ -396,48 +381,66 @@ class Field:
 
 @cache
 def fields(kind: type[Struct]) -> Mapping[str, Field]:
-    """The fields of a declared type, in the order in which they are written; of a row, those of its target, too."""
+    """Return the fields of a declared type in the order of a line; a row's include those of its target."""
     if kind is Row:
         targets = fields(PlannedVehicle)
         return {**targets, "bbox": replace(targets["bbox"], expected=_FRAME), **fields(_Image)}
     hints = get_type_hints(kind, include_extras=True)
-    found = {}
+    declared = {}
     optional = {field.name for field in msgspec.structs.fields(kind) if field.default is None}
     for name in kind.__struct_fields__:
         metas: tuple[Meta, ...] = hints[name].__metadata__
         extra = {key: value for meta in metas for key, value in (meta.extra or {}).items()}
-        found[name] = Field(meaning=metas[-1].description or "", optional=name in optional, **extra)
-    return found
+        declared[name] = Field(meaning=metas[-1].description or "", optional=name in optional, **extra)
+    return declared
 
 
 def rounded(key: str, values: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-    """Values of a field of rows as they are meant, and written: the same whatever the processor.
-
-    Parameters
-    ----------
-    key
-        The field.
-    values
-        One or more of it: (..., 4, 4) of a pose, (..., 4) of a box.
-    """
+    """Round values of a field of rows as they're written: (..., 4, 4) poses, (..., 4) boxes, or numbers."""
     rounding = fields(Row)[key].rounding
     assert rounding is not None, key
     return rounding(values)
 
 
 def picture_name(index: int, suffix: str = ".png") -> str:
-    """What a planner calls the picture of an image."""
+    """Return the planned path of an image."""
     return f"images/{index + 1:08d}{suffix}"
 
 
-_decode_image = msgspec.json.Decoder(_Image, dec_hook=decoded_pose).decode
-_decode_target = msgspec.json.Decoder(PlannedVehicle, dec_hook=decoded_pose).decode
+_RIGID = 1e-6  # tolerance of rotations in a plan that was edited by hand
+_Matrix = tuple[tuple[float, float, float, float], ...]
+
+
+def _decoded_pose(kind: type, value: Any) -> np.ndarray:
+    """Return a pose from JSON as an array, which msgspec has no type for."""
+    assert kind is np.ndarray, kind
+    try:
+        (a, b, c, x), (d, e, f, y), (g, h, i, z), last = msgspec.convert(value, _Matrix)
+    except (msgspec.ValidationError, ValueError, SystemError):  # SystemError: an integer beyond the largest float
+        raise ValueError("no 4x4 matrix") from None
+    if not (
+        abs(a * a + b * b + c * c - 1.0) <= _RIGID
+        and abs(d * d + e * e + f * f - 1.0) <= _RIGID
+        and abs(g * g + h * h + i * i - 1.0) <= _RIGID
+        and abs(a * d + b * e + c * f) <= _RIGID
+        and abs(a * g + b * h + c * i) <= _RIGID
+        and abs(d * g + e * h + f * i) <= _RIGID
+        and a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0.0
+        and last == (0.0, 0.0, 0.0, 1.0)
+        and max(abs(x), abs(y), abs(z)) <= FARTHEST
+    ):
+        raise ValueError("not rigid")
+    return np.array([[a, b, c, x], [d, e, f, y], [g, h, i, z], last])
+
+
+_decode_image = msgspec.json.Decoder(_Image, dec_hook=_decoded_pose).decode
+_decode_target = msgspec.json.Decoder(PlannedVehicle, dec_hook=_decoded_pose).decode
 decode_header = msgspec.json.Decoder(Header).decode
 _encoder = msgspec.json.Encoder(enc_hook=np.ndarray.tolist)
 
 
 def decode_row(line: bytes) -> Row:
-    """The row in a line of a plan."""
+    """Return the row in a line of a plan."""
     target, image = _decode_target(line), _decode_image(line)
     if target.bbox is None:
         raise msgspec.ValidationError("Expected `array`, got `null` - at `$.bbox`")
@@ -445,12 +448,12 @@ def decode_row(line: bytes) -> Row:
 
 
 def encode(record: Struct) -> bytes:
-    """One line: a header, a row, or a vehicle; floats with the fewest digits that read back exactly."""
+    """Return a header, row, or vehicle as a line; floats have the fewest digits that read back exactly."""
     return _encoder.encode(_flat(record) if isinstance(record, Row) else record) + b"\n"
 
 
 def _flat(row: Row) -> dict[str, Any]:
-    """The fields of a line."""
+    """Return the fields of a line."""
     image = msgspec.structs.asdict(row)
     flat = {**msgspec.structs.asdict(image.pop("target")), **image}
     declared = fields(Row)
@@ -458,5 +461,5 @@ def _flat(row: Row) -> dict[str, Any]:
 
 
 def encode_rows(rows: list[Row]) -> bytes:
-    """A line for each row."""
+    """Return a line for each row."""
     return _encoder.encode_lines([_flat(row) for row in rows])

@@ -1,4 +1,4 @@
-"""From arrays to the rows of a plan; poses and angles come rounded already, since all else follows from them."""
+"""Convert the arrays of a block to rows of a plan; poses and angles are already rounded."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ _SEEN = ("visible_fraction", "truncated_fraction", "air_contrast")
 def rows_of(
     block: Block, planned: Planned, lights: Lights, *, config: Config, draws: RandomStreams, assets: Assets
 ) -> list[Row]:
-    """One row for each image of a block's positions that found a place, in the block's order."""
+    """Return a row for each image of the block's positions that have a place, in the block's order."""
     views, table, image, scene = planned.views, planned.instances, block.image, block.scene
     vehicles = _vehicles(block, table, config=config, draws=draws, assets=assets)
     target = np.flatnonzero(table.role == Role.TARGET)
     begins, length = np.append(target, len(table.row)), np.diff(np.append(target, len(table.row)))
     left_out = (length - np.add.reduceat(table.found, begins[:-1])).tolist() if len(target) else []
-    beside = _extras(planned, vehicles, config)
+    extras = _extras(planned, vehicles, config)
     strength = rounded("strength", lights.strength)
     hdris = [assets.hdris[i] for i in lights.hdri.tolist()]
     ev, white_balance, horizon = exposures(scene, hdris, strength, light=config.light, assets=assets, draws=draws)
@@ -78,8 +78,8 @@ def rows_of(
             height=config.render.height,
             **_calibration(config),
             background=background[i],
-            companions=beside[j, Role.COMPANION],
-            distractors=beside[j, Role.DISTRACTOR],
+            companions=extras[j, Role.COMPANION],
+            distractors=extras[j, Role.DISTRACTOR],
             left_out=left_out[i],
             **values,
         )
@@ -89,7 +89,7 @@ def rows_of(
 
 
 def _calibration(config: Config) -> dict[str, Any]:
-    """What the rows of a calibrated camera hold of it."""
+    """Return the fields of rows for a calibrated camera."""
     camera = config.calibrated
     if camera is None:
         return {}
@@ -98,38 +98,37 @@ def _calibration(config: Config) -> dict[str, Any]:
 
 
 def _followed(block: Block, views: Views) -> list[Followed | None]:
-    """The photographs of each image."""
+    """Return the photographs of each image."""
     if block.likeness is None:
         return [None] * len(views.asked)
-    known = block.likeness.photographs
-    asked, followed = (
-        [known.file_names[i] for i in known.image[box].tolist()] for box in (views.asked, views.followed)
-    )
+    photographs = block.likeness.photographs
+
+    def name(box: int) -> str:
+        return photographs.file_names[photographs.image[box]]
+
     return [
-        Followed(name, other if box >= 0 else None) if sampled >= 0 else None
-        for name, other, sampled, box in zip(
-            asked, followed, views.asked.tolist(), views.followed.tolist(), strict=True
-        )
+        Followed(name(sampled), name(box) if box >= 0 else None) if sampled >= 0 else None
+        for sampled, box in zip(views.asked.tolist(), views.followed.tolist(), strict=True)
     ]
 
 
 def _extras(
     planned: Planned, vehicles: list[dict[str, Any]], config: Config
 ) -> defaultdict[tuple[int, int], list[PlannedVehicle]]:
-    """The companions and the distractors of each image, by its row in the block, as its camera sees them."""
+    """Return the extras in each image, by the image's row in the block and the role."""
     seen, views = planned.seen, planned.seen.views
     labels = labels_of(views, seen.pixels, config)
-    roles, records = planned.instances.role[seen.instance].tolist(), defaultdict(list)
+    roles, extras = planned.instances.role[seen.instance].tolist(), defaultdict(list)
     columns = zip(seen.image.tolist(), seen.instance.tolist(), roles, labels, seen_in_rows(views), strict=True)
     for image, instance, role, label, shown in columns:
-        records[image, role].append(PlannedVehicle(**vehicles[instance], **shown, label=label))
-    return records
+        extras[image, role].append(PlannedVehicle(**vehicles[instance], **shown, label=label))
+    return extras
 
 
 def _vehicles(
     block: Block, table: InstanceTable, *, config: Config, draws: RandomStreams, assets: Assets
 ) -> list[dict[str, Any]]:
-    """What rows say of each instance, whatever their cameras see of it."""
+    """Return the fields of each instance that don't depend on the camera."""
     settled, instances = table.settled, table.posed(np.arange(len(table.row)))
     turned = instances.articulation() if config.placement.articulate else [{}] * len(table.row)
     models = [block.fleet.models[model] for model in table.model.tolist()]
@@ -152,7 +151,7 @@ def _vehicles(
 
 
 def _tracks(block: Block, table: InstanceTable) -> list[int | None]:
-    """The number of each instance in its sequence's images; None where there is no sequence."""
+    """Return a number for each instance of a sequence, and None for the others."""
     number = 1 + (block.position[table.row] * len(Role) + table.role) * MOST + table.number
     named = (block.given_of(block.first_image).sequence >= 0)[table.row]
     return [track if inside else None for track, inside in zip(number.tolist(), named.tolist(), strict=True)]
@@ -161,25 +160,25 @@ def _tracks(block: Block, table: InstanceTable) -> list[int | None]:
 def _coats(
     block: Block, table: InstanceTable, *, config: Config, draws: RandomStreams, assets: Assets
 ) -> list[list[Coat]]:
-    """The coats of each instance: by its place among those of its role that are there."""
+    """Draw the coats of each instance, by its number among the instances of its role with a place."""
     places = np.zeros(len(table.row), dtype=np.int64)
     for role, first in ((Role.COMPANION, COMPANIONS), (Role.DISTRACTOR, DISTRACTORS)):
-        there = np.flatnonzero(table.found & (table.role == role))
-        rank = np.arange(len(there)) - np.searchsorted(table.row[there], table.row[there])
-        places[there] = first + rank
+        placed = np.flatnonzero(table.found & (table.role == role))
+        rank = np.arange(len(placed)) - np.searchsorted(table.row[placed], table.row[placed])
+        places[placed] = first + rank
     coats: list[list[Coat]] = [[]] * len(table.row)
     for model in np.unique(table.model).tolist():
         of_model = np.flatnonzero(table.model == model)
         name = block.fleet.models[model].shape.name
         paint = () if name in assets.without_material else config.paint_of(name)
-        drawn = draw_coats(paint, draws, position=block.position[table.row[of_model]], place=places[of_model])
-        for i, coat in zip(of_model.tolist(), drawn, strict=True):
+        sampled = draw_coats(paint, draws, position=block.position[table.row[of_model]], place=places[of_model])
+        for i, coat in zip(of_model.tolist(), sampled, strict=True):
             coats[i] = coat
     return coats
 
 
 def seen_in_rows(views: Views) -> list[dict[str, Any]]:
-    """What rows say of what a camera sees of a vehicle."""
+    """Return the fields of vehicles that follow from their views."""
     shares = {key: rounded(key, getattr(views, key)).tolist() for key in _SEEN}
     return records({"bbox": _boxes(views.bbox), "bbox_amodal": _boxes(views.bbox_amodal), **shares})
 
@@ -190,25 +189,25 @@ def records(columns: Mapping[str, Iterable[Any]]) -> list[dict[str, Any]]:
 
 
 def bounds_in_rows(instances: Instances) -> list[Bounds]:
-    """Return the bounds of each vehicle in its own frame, as rows have them."""
+    """Return the bounds of each vehicle in its own frame, rounded."""
     return [Bounds(tuple(low), tuple(high)) for low, high in rounded("bounds", instances.bounds()).tolist()]
 
 
 def geo_in_rows(world_from_vehicle: Float[np.ndarray, "n 4 4"], site: Site) -> list[OnMap | None]:
-    """Return where vehicles are on the map, if the scenery is on one; None for those without a place."""
+    """Return places on the map, or None for vehicles without a pose and sceneries without a map."""
     if not site.crs:
         return [None] * len(world_from_vehicle)
     meters = np.round(world_from_vehicle[:, :2, 3] + site.origin[:2], 6)
     degrees = np.round(longitude_latitude(site.crs, meters), 9)
-    found = np.isfinite(degrees).all(axis=1).tolist()
+    placed = np.isfinite(degrees).all(axis=1).tolist()
     keys = OnMap.__struct_fields__[1:]
     rows = np.concatenate([meters, degrees], axis=1).tolist()
     return [
-        OnMap(crs=site.crs, **dict(zip(keys, row, strict=True))) if there else None
-        for row, there in zip(rows, found, strict=True)
+        OnMap(crs=site.crs, **dict(zip(keys, row, strict=True))) if has_place else None
+        for row, has_place in zip(rows, placed, strict=True)
     ]
 
 
 def _boxes(boxes: Float[np.ndarray, "n 4"]) -> list[Box | None]:
-    """Boxes as rows have them, None where there is none."""
+    """Return rounded boxes, None for nan."""
     return [None if xywh[0] != xywh[0] else Box(*xywh) for xywh in rounded("bbox", boxes).tolist()]
