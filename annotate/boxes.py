@@ -237,8 +237,8 @@ class VehicleBoxes:
             for out, frame, known in ((xywh, True, hull.framed | hull.out), (amodal, False, hull.in_front)):
                 for i in np.flatnonzero(~known & ~hull.behind).tolist():
                     frustum = Frustum.of(each.rows(np.array(start + i)), frame=frame)
-                    found = _xywh(self._surface.extremes(camera_from_parts[i], frustum))
-                    out[start + i] = np.nan if found is None else found
+                    box = _xywh(self._surface.extremes(camera_from_parts[i], frustum))
+                    out[start + i] = np.nan if box is None else box
         return Boxes(xywh, amodal, truncated_fraction(xywh, amodal))
 
     def _curved_boxes(
@@ -275,8 +275,8 @@ class VehicleBoxes:
                 y /= z
             nearest[rows], farthest[rows] = z.min(axis=1), z.max(axis=1)
             # Scaling to pixels is monotone, rounding included: the extremes may be taken first.
-            for column, found in enumerate((x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1))):
-                extremes[rows, column] = found
+            for column, extreme in enumerate((x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1))):
+                extremes[rows, column] = extreme
         extremes = lens.pixels(extremes.reshape(n, 2, 2)).reshape(n, 4)
         u0, v0, u1, v1 = extremes.T
         in_front = nearest >= NEAR

@@ -74,8 +74,8 @@ class CurvedView:
         pixels = self.pixels(middle)
         first, last = self.cut(pixels - reach, pixels + reach)
         nearest = np.maximum(np.maximum(low, -high), 0.0)
-        beside = (nearest * nearest).sum(axis=1) > self.radius**2
-        return ~(beside | (first > last).any(axis=1) | (_beyond(best, first.T, last.T) <= 0.0))
+        outside = (nearest * nearest).sum(axis=1) > self.radius**2
+        return ~(outside | (first > last).any(axis=1) | (_beyond(best, first.T, last.T) <= 0.0))
 
     def cut(self, low: Float[np.ndarray, "n 2"], high: Float[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray]:
         """Clip boxes in pixels to the image, if its sides count."""

@@ -37,8 +37,8 @@ def keypoints_in_image(vehicle: PosedVehicle, camera: Camera, world: World) -> F
     size = (camera.intrinsics.width, camera.intrinsics.height)
     with np.errstate(invalid="ignore"):
         framed = np.flatnonzero((depth >= NEAR) & (pixels >= 0.0).all(axis=1) & (pixels < size).all(axis=1))
-    found = np.zeros((len(points), 3))
-    found[framed] = np.column_stack([pixels[framed], np.full(len(framed), SEEN)])
+    keypoints = np.zeros((len(points), 3))
+    keypoints[framed] = np.column_stack([pixels[framed], np.full(len(framed), SEEN)])
     along = points[framed] - camera.position
     distance = np.linalg.norm(along, axis=1)
     first = NEAR * distance / depth[framed]  # to the near plane
@@ -46,5 +46,5 @@ def keypoints_in_image(vehicle: PosedVehicle, camera: Camera, world: World) -> F
     asked = np.flatnonzero(reach > 0.0)
     unit = along[asked] / distance[asked, None]
     hidden = world.occluded(camera.position + first[asked, None] * unit, unit, max_distance=reach[asked])
-    found[framed[asked[hidden]], 2] = HIDDEN
-    return found
+    keypoints[framed[asked[hidden]], 2] = HIDDEN
+    return keypoints

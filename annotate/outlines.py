@@ -46,13 +46,13 @@ def polygons(segmentation: Any, width: int, height: int, *, within: float = 0.0)
     """
     if not within >= 0.0:
         raise ValueError(f"within: expected pixels, at least 0, got {within!r}")
-    found = []
+    corners = []
     for rings in _pieces(decode(segmentation, width, height)):
         outer, *holes = (simplified(ring, within) for ring in rings)
         if len(outer) >= 3:
             whole = bridged([outer, *(hole for hole in holes if len(hole) >= 3)])
-            found.append([float(number) for number in np.round(whole, 3).ravel()])
-    return found
+            corners.append([float(number) for number in np.round(whole, 3).ravel()])
+    return corners
 
 
 def bridged(rings: Sequence[Ring]) -> Ring:

@@ -129,7 +129,7 @@ def words(name: str) -> tuple[str, ...]:
 
 @lru_cache(maxsize=65536)
 def _words(text: str) -> tuple[str, ...]:
-    found: list[str] = []
+    parts: list[str] = []
     word = ""
     for i, char in enumerate(text):
         before, after = text[i - 1 : i], text[i + 1 : i + 2]
@@ -141,11 +141,11 @@ def _words(text: str) -> tuple[str, ...]:
             )
         )
         if new and word:
-            found.append(word.lower())
+            parts.append(word.lower())
             word = ""
         if char.isalnum():
             word += char
-    return (*found, word.lower()) if word else tuple(found)
+    return (*parts, word.lower()) if word else tuple(parts)
 
 
 def says(name: str, patterns: Iterable[str]) -> str | None:
@@ -178,9 +178,9 @@ class _Asked(NamedTuple):
 @lru_cache(maxsize=256)
 def _asked(patterns: tuple[str, ...]) -> _Asked:
     globs = [(i, pattern.lower()) for i, pattern in enumerate(patterns) if any(c in pattern for c in "*?[")]
-    others = {i: "".join(words(pattern)) for i, pattern in enumerate(patterns)}
+    joined_words = {i: "".join(words(pattern)) for i, pattern in enumerate(patterns)}
     first_index: dict[str, int] = {}
-    for i, word in others.items():
+    for i, word in joined_words.items():
         if word and i not in dict(globs):
             first_index.setdefault(word, i)
             first_index.setdefault(word + "s", i)
@@ -189,15 +189,15 @@ def _asked(patterns: tuple[str, ...]) -> _Asked:
 
 def _first_said(name: tuple[str, ...], asked: dict[str, int], longest: int) -> int:
     """The lowest number of all words in the name, written as one or several; a large one if there are none."""
-    found = sys.maxsize
+    lowest = sys.maxsize
     for first in range(len(name)):
         joined = ""
         for k in range(first, len(name)):
             joined += name[k]
             if len(joined) > longest:
                 break
-            found = min(found, asked.get(joined, found))
-    return found
+            lowest = min(lowest, asked.get(joined, lowest))
+    return lowest
 
 
 def hints(name: str, stems: Iterable[str]) -> str | None:
@@ -207,9 +207,9 @@ def hints(name: str, stems: Iterable[str]) -> str | None:
     never taken for another by a slip, which keeps the first letter: the Spanish "pieza" is no Polish "wieza". Scripts
     that are written without spaces match anywhere.
     """
-    found = [_folded(word) for word in words(name)]
+    folded = [_folded(word) for word in words(name)]
     for stem in map(_folded, stems):
-        for word in found:
+        for word in folded:
             at_end = word.startswith(stem) or word.endswith(stem)
             foreign = not stem.isascii() and stem in word
             slip = len(stem) >= 5 and word[:1] == stem[0] and abs(len(word) - len(stem)) <= 1 and _one_apart(word, stem)

@@ -111,15 +111,15 @@ def read_photographs(path: Path) -> Photographs:
         If there is no such file, or it isn't COCO.
     """
     if path.is_dir():
-        found = next((path / name for name in NAMES if (path / name).exists()), None)
-        if found is None:
+        coco_path = next((path / name for name in NAMES if (path / name).exists()), None)
+        if coco_path is None:
             raise DatasetError(f"no {' and no '.join(NAMES)} here", path=path, remedy="name the COCO file itself")
-        path = found
+        path = coco_path
     try:
         with open_regular(path) as file:
             content = file.read()
         coco = msgspec.json.decode(content, type=_Coco)
-        boxes = msgspec.convert([one for one in coco.annotations if _is_box(one)], list[_Box])
+        boxes = msgspec.convert([record for record in coco.annotations if _is_box(record)], list[_Box])
     except OSError as error:
         remedy = "name a COCO file, or a folder with annotations.json"
         raise DatasetError(f"cannot be read ({error.strerror})", path=path, remedy=remedy) from None

@@ -69,15 +69,15 @@ def unpacked(data: Mapping[str, np.ndarray]) -> list[Cutouts | None]:
         )
     )  # fmt: skip
     counts = data["cut_counts"].clip(0)
-    found: list[Cutouts | None] = []
+    cutouts: list[Cutouts | None] = []
     for given, *arrays in zip(
         data["cut_counts"], *(_cut(data[name], counts) for name in ("cut_faces", "cut_uv", "cut_maps")), strict=True
     ):
         face, uv, face_map = arrays
         used_maps, face_map = np.unique(face_map, return_inverse=True)
         kept = tuple(maps[i] for i in used_maps)
-        found.append(None if given < 0 else Cutouts(face, uv, face_map.reshape(-1), kept))
-    return found
+        cutouts.append(None if given < 0 else Cutouts(face, uv, face_map.reshape(-1), kept))
+    return cutouts
 
 
 def _joined(arrays: Sequence[np.ndarray], dtype: type) -> np.ndarray:

@@ -119,22 +119,22 @@ def refine_distance(
     wanted
         (m,) lengths, such as `ProjectedSize.measure` gives.
     """
-    found = distance.copy()
-    rows = np.flatnonzero(np.isfinite(found))
-    before = found[rows]
+    solution = distance.copy()
+    rows = np.flatnonzero(np.isfinite(solution))
+    before = solution[rows]
     off_before = wanted[rows] / size(before, rows) - 1.0
     at = before / (1.0 + off_before)
     for _ in range(SECANTS):
         if not len(rows):
             break
         off = wanted[rows] / size(at, rows) - 1.0
-        found[rows] = at
+        solution[rows] = at
         with np.errstate(divide="ignore", invalid="ignore"):
             step = np.clip(off * (at - before) / (off - off_before), -0.5 * at, 0.5 * at)
         moving = np.abs(step) > RELATIVE * at
-        found[rows[np.isnan(off)]] = np.nan
+        solution[rows[np.isnan(off)]] = np.nan
         rows, before, off_before, at = rows[moving], at[moving], off[moving], (at - step)[moving]
-    return found
+    return solution
 
 
 def _solve(

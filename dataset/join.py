@@ -180,23 +180,24 @@ def _refuse_other_images(moves: Sequence[_Move], target: CocoDataset) -> None:
     for move in moves:
         picture, there = move.picture, target.folder / move.name
         if move.image_id is not None:
-            name, other = by_id.setdefault(move.image_id, (move.name, picture))
+            name, first_picture = by_id.setdefault(move.image_id, (move.name, picture))
             if name != move.name:
                 raise DatasetError(
-                    f"has the id {move.image_id}, as has {other}",
+                    f"has the id {move.image_id}, as has {first_picture}",
                     path=picture,
                     remedy="give the one that is not of the plan another id",
                 )
         stray = move.image_id is None and there.exists()
-        its_id, other = by_name.setdefault(move.name, (move.image_id, there if stray else picture))
+        its_id, first_picture = by_name.setdefault(move.name, (move.image_id, there if stray else picture))
         planned = its_id is not None and its_id == move.image_id
-        if not planned and other.exists() and not _same(other, picture):
+        if not planned and first_picture.exists() and not _same(first_picture, picture):
             which = "one of them" if move.image_id is None and its_id not in ids else "the one of no plan"
-            raise DatasetError(f"is another picture than {other}", path=picture, remedy=f"give {which} another name")
+            remedy = f"give {which} another name"
+            raise DatasetError(f"is another picture than {first_picture}", path=picture, remedy=remedy)
 
 
-def _same(one: Path, other: Path) -> bool:
-    return one.samefile(other) or filecmp.cmp(one, other, shallow=False)
+def _same(first: Path, second: Path) -> bool:
+    return first.samefile(second) or filecmp.cmp(first, second, shallow=False)
 
 
 def _check(moves: Sequence[_Move], target: CocoDataset) -> None:

@@ -32,12 +32,12 @@ def visible_corners(label: Mapping[str, Any], image: Mapping[str, Any]) -> Float
         return rectangle_corners(given)
     if label.get("segmentation"):
         try:
-            found = mask_rectangle(label["segmentation"], image["width"], image["height"])
+            rectangle = mask_rectangle(label["segmentation"], image["width"], image["height"])
         except ValueError as error:
             problem, path = f"annotation {label['id']}: {error}", Path(str(image["file_name"]))
             raise DatasetError(problem, path=path, remedy="check the dataset with `hulldown verify`") from None
-        if found is not None:
-            return rectangle_corners(found)
+        if rectangle is not None:
+            return rectangle_corners(rectangle)
     x, y, w, h = label["bbox"]
     return rectangle_corners([x + w / 2, y + h / 2, w, h, 0.0])
 

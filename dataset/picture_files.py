@@ -145,8 +145,8 @@ def _gray(values: np.ndarray) -> UInt8[np.ndarray, "h w 3"]:
 
 
 def _orientation(picture: Image.Image) -> int:
-    found = picture.getexif().get(Base.Orientation, UPRIGHT)
-    return found if isinstance(found, int) and 1 <= found <= 8 else UPRIGHT
+    orientation = picture.getexif().get(Base.Orientation, UPRIGHT)
+    return orientation if isinstance(orientation, int) and 1 <= orientation <= 8 else UPRIGHT
 
 
 def _opened(content: bytes) -> ImageFile.ImageFile:

@@ -249,9 +249,9 @@ def check_runs(coco: Mapping[str, Any]) -> Iterator[Finding]:
     runs = runs_of(coco)
     for kind in ("image", "annotation"):
         ranges = sorted((getattr(run, f"{kind}_offset"), getattr(run, f"{kind}s"), run.key) for run in runs)
-        for (start, length, one), (following, _, other) in pairwise(ranges):
+        for (start, length, first), (following, _, second) in pairwise(ranges):
             if following < start + length:
-                problem = f"{kind} ids from {following + 1} on are set aside for two plans, {one:.12} and {other:.12}"
+                problem = f"{kind} ids from {following + 1} on are reserved for two plans, {first:.12} and {second:.12}"
                 yield Finding("error", "info: hulldown_runs", problem)
 
 
@@ -262,9 +262,9 @@ def _name(image: Mapping[str, Any]) -> str:
 
 
 def _repeated(kind: str, ids: Sequence[object]) -> Iterator[Finding]:
-    for found, times in Counter(ids).items():
+    for value, times in Counter(ids).items():
         if times > 1:
-            yield Finding("error", f"{kind} {found}", f"its id is there {times} times")
+            yield Finding("error", f"{kind} {value}", f"its id is there {times} times")
 
 
 def _size_problems(image: Mapping[str, Any]) -> Iterator[str]:
@@ -313,20 +313,20 @@ def _keypoint_problems(
     annotation: Mapping[str, Any], category: Mapping[str, Any], image: Mapping[str, Any]
 ) -> Iterator[str]:
     """Find keypoints with a wrong number, outside of their image, or with a wrong count."""
-    found, names = annotation.get("keypoints"), category.get("keypoints")
-    if found is None or any(_size_problems(image)):
+    keypoints, names = annotation.get("keypoints"), category.get("keypoints")
+    if keypoints is None or any(_size_problems(image)):
         return
-    if not isinstance(found, list) or not all(isinstance(n, int | float) and math.isfinite(n) for n in found):
+    if not isinstance(keypoints, list) or not all(isinstance(n, int | float) and math.isfinite(n) for n in keypoints):
         yield "keypoints are no list of numbers"
-    elif not isinstance(names, list) or len(found) != 3 * len(names):
-        yield f"keypoints has {len(found)} numbers, its category has {len(names or ())} keypoints"
+    elif not isinstance(names, list) or len(keypoints) != 3 * len(names):
+        yield f"keypoints has {len(keypoints)} numbers, its category has {len(names or ())} keypoints"
     else:
-        for name, x, y, v in zip(names, found[::3], found[1::3], found[2::3], strict=True):
+        for name, x, y, v in zip(names, keypoints[::3], keypoints[1::3], keypoints[2::3], strict=True):
             if v not in (0, 1, 2):
                 yield f"keypoint {name!r} has the visibility {v!r}, expected 0, 1, or 2"
             elif v and not (0 <= x <= image["width"] and 0 <= y <= image["height"]):
                 yield f"keypoint {name!r} is outside of its image"
-        if (counted := annotation.get("num_keypoints")) != sum(v > 0 for v in found[2::3]):
+        if (counted := annotation.get("num_keypoints")) != sum(v > 0 for v in keypoints[2::3]):
             yield f"num_keypoints is {counted!r}"
 
 

@@ -235,7 +235,7 @@ class Dataset:
             **dict(zip(("x", "y", "width", "height"), boxes.T, strict=True)),
             SIZE.name: np.sqrt(np.abs(boxes[:, 2] * boxes[:, 3])),
             "crowd": np.array([label.crowd for _, label in rows], dtype=bool),
-            **{one.name: numbers[one.name] for one in SCALES},
+            **{scale.name: numbers[scale.name] for scale in SCALES},
             "azimuth": numbers["azimuth"],
             "side": sides,
             "vehicle": np.array([name_of(label.record.get("vehicle")) or "" for _, label in rows], dtype=str),

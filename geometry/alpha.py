@@ -273,8 +273,8 @@ class Cutouts:
                 (Cut.OPAQUE, opacity >= 1.0 - NEGLIGIBLE, beyond >= 1.0 - NEGLIGIBLE),
                 (Cut.CLEAR, opacity <= NEGLIGIBLE, beyond <= NEGLIGIBLE),
             ):
-                found, total = Footprints(alpha, marked, outside=outside).count(low[map_faces], high[map_faces])
-                cuts[map_faces[found == total]] = cut
+                marked_texels, total = Footprints(alpha, marked, outside=outside).count(low[map_faces], high[map_faces])
+                cuts[map_faces[marked_texels == total]] = cut
         return cuts
 
 

@@ -100,11 +100,11 @@ class BoxTree:
             return (enter <= leave * (1 + SLACK)) & (enter < np.inf)
 
         packet, box = self._descend(len(first), touch)
-        found = [
+        blocks = [
             _entries(self._bounds, origins, directions, max_distance, *_each(first, count, packet[some], box[some]))
             for some in (slice(i, i + VISITS) for i in range(0, max(len(packet), 1), VISITS))
         ]
-        return Crossings(*(np.concatenate(part) for part in zip(*found, strict=True)))
+        return Crossings(*(np.concatenate(part) for part in zip(*blocks, strict=True)))
 
     def _packets(
         self, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
@@ -135,7 +135,7 @@ class BoxTree:
         self, n: int, touch: Callable[[np.ndarray, np.ndarray], Bool[np.ndarray, "v f"]]
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
         """Walks all queries down; returns the pairs of query and box that touch."""
-        found = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))]
+        pairs = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))]
         waiting = [(0, np.arange(n), np.zeros(n, dtype=np.int64))] if self._levels else []
         while waiting:
             level, query, node = waiting.pop()
@@ -147,8 +147,8 @@ class BoxTree:
             if level + 1 < len(self._levels):
                 waiting.append((level + 1, query[row], child))
             else:
-                found.append((query[row], self._order[child]))
-        query, box = (np.concatenate(part) for part in zip(*found, strict=True))
+                pairs.append((query[row], self._order[child]))
+        query, box = (np.concatenate(part) for part in zip(*pairs, strict=True))
         return query, box
 
 

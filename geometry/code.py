@@ -27,19 +27,19 @@ def code_sha256() -> str:
 
 def versions(*packages: str) -> dict[str, str]:
     """Versions of hulldown, with a hash of its code, and of packages; `MISSING` for one that isn't installed."""
-    found = {"hulldown": f"{importlib.metadata.version('hulldown')} ({code_sha256()[:8]})"}
+    by_package = {"hulldown": f"{importlib.metadata.version('hulldown')} ({code_sha256()[:8]})"}
     for package in packages:
         try:
-            found[package] = importlib.metadata.version(package).split("+")[0]
+            by_package[package] = importlib.metadata.version(package).split("+")[0]
         except importlib.metadata.PackageNotFoundError:
-            found[package] = MISSING
-    return found
+            by_package[package] = MISSING
+    return by_package
 
 
 def difference(client: Mapping[str, str]) -> str:
     """Describe the first version in which this process differs from a client; empty if there is none."""
-    own = versions(*client.keys() - {"hulldown"})
+    own_versions = versions(*client.keys() - {"hulldown"})
     for name, version in client.items():
-        if own[name] != version:
-            return f"has {name} {own[name]}, and the client {version}"
+        if own_versions[name] != version:
+            return f"has {name} {own_versions[name]}, and the client {version}"
     return ""

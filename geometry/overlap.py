@@ -50,8 +50,8 @@ def boxes_touch(
         reach = half_a[:, j, None] * spread[:, k] + half_a[:, k, None] * spread[:, j]
         for edge in range(3):
             u, v = (edge + 1) % 3, (edge + 2) % 3
-            other = half_b[:, u] * spread[:, i, v] + half_b[:, v] * spread[:, i, u]
-            apart |= distance[:, edge] > reach[:, edge] + other
+            reach_b = half_b[:, u] * spread[:, i, v] + half_b[:, v] * spread[:, i, u]
+            apart |= distance[:, edge] > reach[:, edge] + reach_b
     return ~apart
 
 

@@ -59,13 +59,13 @@ class Obstacles:
         point
             (n, 3) world. No ray leaves a closed house, a boulder, or a hall.
         """
-        found = np.zeros(len(point), dtype=bool)
+        is_open = np.zeros(len(point), dtype=bool)
         free = np.zeros(len(point), dtype=int)
         for begin, end in pairwise((0, 1, 13, len(SKYWARD))):
-            left = np.flatnonzero(~found)
+            left = np.flatnonzero(~is_open)
             origins = np.repeat(point[left], end - begin, axis=0)
             directions = np.tile(SKYWARD[begin:end], (len(left), 1))
             blocked = self._scene.occluded(origins, directions, max_distance=ROOM)
             free[left] += (~blocked).reshape(len(left), end - begin).sum(axis=1)
-            found |= free >= (1 if begin == 0 else OPEN)
-        return found
+            is_open |= free >= (1 if begin == 0 else OPEN)
+        return is_open

@@ -40,13 +40,13 @@ class Footing:
 
 def stacked(samples: Sequence[Samples]) -> Samples:
     """Stack the samples of several vehicles, padded with each one's first sample."""
-    most = max(len(one.xy) for one in samples)
-    padded = [np.minimum(np.arange(most), len(one.xy)) % max(len(one.xy), 1) for one in samples]
+    most = max(len(sample.xy) for sample in samples)
+    padded = [np.minimum(np.arange(most), len(sample.xy)) % max(len(sample.xy), 1) for sample in samples]
     xy, height, foot = (
-        np.stack([getattr(one, field)[i] for one, i in zip(samples, padded, strict=True)])
+        np.stack([getattr(sample, field)[i] for sample, i in zip(samples, padded, strict=True)])
         for field in ("xy", "height", "foot")
     )
-    return Samples(xy, height, foot, np.stack([one.center for one in samples]))
+    return Samples(xy, height, foot, np.stack([sample.center for sample in samples]))
 
 
 def gap_and_penetration(

@@ -122,7 +122,7 @@ def _lowest_faces(mesh: Mesh, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray,
 
 def _along_edges(mesh: Mesh, step: Float[np.ndarray, "2"]) -> Float[np.ndarray, "n 3"]:
     """Points along all edges that are longer than a step, at most a step apart."""
-    found = [np.zeros((0, 3))]
+    points = [np.zeros((0, 3))]
     for i, j in ((0, 1), (1, 2), (2, 0)):
         start, end = mesh.faces[:, i], mesh.faces[:, j]
         steps = (np.abs(mesh.vertices[end, :2] - mesh.vertices[start, :2]) / step).max(axis=1)
@@ -131,8 +131,8 @@ def _along_edges(mesh: Mesh, step: Float[np.ndarray, "2"]) -> Float[np.ndarray, 
         edge = np.repeat(np.arange(len(far)), pieces)
         share = (np.arange(len(edge)) - (np.cumsum(pieces) - pieces)[edge]) / pieces[edge]
         first, last = mesh.vertices[start[far[edge]]], mesh.vertices[end[far[edge]]]
-        found.append(first + share[:, None] * (last - first))
-    return np.concatenate(found)
+        points.append(first + share[:, None] * (last - first))
+    return np.concatenate(points)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

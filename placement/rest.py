@@ -56,15 +56,14 @@ def averaged(
     count = np.maximum(valid.sum(axis=1), 1)
     height = np.where(valid, heights, 0.0).sum(axis=1) / count
     mean = np.where(valid[..., None], normals, 0.0).sum(axis=1)
-    found = mean[:, 2] > 0
+    has_plane = mean[:, 2] > 0
     with np.errstate(divide="ignore", invalid="ignore"):
         gradient = -mean[:, :2] / mean[:, 2:]
     # The mean height belongs to the mean position of the valid samples, which need not be the origin.
     center_x = (valid * samples[:, 0]).sum(axis=1) / count
     center_y = (valid * samples[:, 1]).sum(axis=1) / count
-    return Rest(
-        height - gradient[:, 0] * center_x - gradient[:, 1] * center_y, gradient, found, np.full(len(found), np.nan)
-    )
+    at_origin = height - gradient[:, 0] * center_x - gradient[:, 1] * center_y
+    return Rest(at_origin, gradient, has_plane, np.full(len(has_plane), np.nan))
 
 
 def least_squares(
@@ -81,10 +80,12 @@ def least_squares(
     sxz, syz = (wx * dz).sum(axis=1), (wy * dz).sum(axis=1)
     determinant = sxx * syy - sxy**2
     # Hits on one line carry no plane; the threshold is far below any footprint that has an area.
-    found = determinant > 1e-9 * (np.ptp(x) * np.ptp(x)) * (np.ptp(y) * np.ptp(y))
+    has_plane = determinant > 1e-9 * (np.ptp(x) * np.ptp(x)) * (np.ptp(y) * np.ptp(y))
     with np.errstate(divide="ignore", invalid="ignore"):
         gx, gy = (sxz * syy - syz * sxy) / determinant, (syz * sxx - sxz * sxy) / determinant
-    return Rest(mean_z - gx * mean_x - gy * mean_y, np.stack([gx, gy], axis=1), found, np.full(len(found), np.nan))
+    return Rest(
+        mean_z - gx * mean_x - gy * mean_y, np.stack([gx, gy], axis=1), has_plane, np.full(len(has_plane), np.nan)
+    )
 
 
 def support(samples: Samples, heights: Float[np.ndarray, "k m"], valid: Bool[np.ndarray, "k m"]) -> Rest:

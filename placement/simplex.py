@@ -72,9 +72,9 @@ def highest_triangles(
     # First a triangle of real samples only: the same program with the missing ones one unit below the rest.
     some = np.flatnonzero(_any_of(missing, basis))
     basis[some] = _climb(samples_xy, -1.0 * missing[some], basis[some], center, np.full(len(some), 1e-12))
-    found = ~_any_of(missing, basis)
-    basis[found] = _climb(samples_xy, heights[found], basis[found], center, tolerance[found])
-    basis[~found] = -1
+    inside = ~_any_of(missing, basis)
+    basis[inside] = _climb(samples_xy, heights[inside], basis[inside], center, tolerance[inside])
+    basis[~inside] = -1
     return basis
 
 

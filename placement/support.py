@@ -80,9 +80,9 @@ def support_plane(
     margin[rows] = (weight / hypot(side[..., 0], side[..., 1])).min(axis=1)
     idle = weight < TIED * weight.sum(axis=1, keepdims=True)
     ties = idle.sum(axis=1)
-    edge, one = np.flatnonzero(ties == 1), np.flatnonzero(ties == 2)
+    edge, above_contact = np.flatnonzero(ties == 1), np.flatnonzero(ties == 2)
     plane[edge] = _over_an_edge(samples_xy, heights[edge], basis[edge], np.argmax(idle[edge], axis=1), plane[edge])
-    plane[one] = _over_one_contact(samples_xy, heights[one], nudge, plane[one])
+    plane[above_contact] = _over_one_contact(samples_xy, heights[above_contact], nudge, plane[above_contact])
     coefficients[rows] = plane
     return Support(coefficients[:, 2] + top, coefficients[:, :2], contacts, margin, contacts[:, 0] >= 0)
 
@@ -130,8 +130,8 @@ def _over_one_contact(
     """
     total, ways = plane.copy(), np.ones((len(plane), 1))
     for way in OTHER_WAYS:
-        other = highest_triangles(samples_xy, heights, way * nudge)
-        some = np.flatnonzero(other[:, 0] >= 0)
-        total[some] += planes(samples_xy[other[some]], np.take_along_axis(heights[some], other[some], axis=1))
+        nudged = highest_triangles(samples_xy, heights, way * nudge)
+        some = np.flatnonzero(nudged[:, 0] >= 0)
+        total[some] += planes(samples_xy[nudged[some]], np.take_along_axis(heights[some], nudged[some], axis=1))
         ways[some] += 1
     return total / ways

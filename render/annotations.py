@@ -75,8 +75,8 @@ class Segmenter:
 
     def _seen_keypoints(self, row: Row, vehicle: PlannedVehicle) -> dict[str, Any]:
         world = self._scenery(row.scenery).with_vehicles([self._posed(each) for each in row.vehicles])
-        found = keypoints_in_image(self._posed(vehicle), row.camera, world)
-        seen = dict(zip(self._vehicles[vehicle.vehicle].keypoint_names, found.tolist(), strict=True))
+        keypoints = keypoints_in_image(self._posed(vehicle), row.camera, world)
+        seen = dict(zip(self._vehicles[vehicle.vehicle].keypoint_names, keypoints.tolist(), strict=True))
         listed = [seen.get(name, (0.0, 0.0, 0.0)) for name in self._keypoints]
         flat = [number for x, y, v in listed for number in (round(x, 6), round(y, 6), int(v))]
         return {"keypoints": flat, "num_keypoints": sum(v > 0 for _, _, v in listed)}
@@ -90,8 +90,8 @@ class Segmenter:
         camera, scenery = row.camera, self._scenery(row.scenery)
         for target in vehicles:
             (vehicle,) = (posed_vehicle for whose, posed_vehicle in posed if whose is target)
-            others = [other for whose, other in posed if whose is not target]
-            yield vehicle_mask(vehicle, camera, xywh=np.array(target.bbox), world=scenery.with_vehicles(others))
+            occluders = [occluder for whose, occluder in posed if whose is not target]
+            yield vehicle_mask(vehicle, camera, xywh=np.array(target.bbox), world=scenery.with_vehicles(occluders))
 
     def left_out(self, row: Row) -> Bool[np.ndarray, "h w"]:
         """Mask of the vehicle that an empty background is framed on."""
@@ -112,5 +112,5 @@ class Segmenter:
 
 def _rectangle(segmentation: Mapping[str, Any], row: Row) -> list[float] | None:
     """`mask_rectangle` for records, rounded to 1e-6 pixels and 1e-9 radians."""
-    found = mask_rectangle(segmentation, row.width, row.height)
-    return None if found is None else [*np.round(found[:4], 6).tolist(), round(float(found[4]), 9)]
+    rectangle = mask_rectangle(segmentation, row.width, row.height)
+    return None if rectangle is None else [*np.round(rectangle[:4], 6).tolist(), round(float(rectangle[4]), 9)]

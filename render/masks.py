@@ -141,9 +141,9 @@ def verify_masks(
         if (row := plan[i]).empty
         and (finding := _intruder(Path(dataset), names[run.image_offset + i + 1], row, assets))
     ]
-    for found in masks:
-        image_id = run.image_offset + found.index + 1
-        row, first_id = plan[found.index], int(first[found.index])
+    for row_masks in masks:
+        image_id = run.image_offset + row_masks.index + 1
+        row, first_id = plan[row_masks.index], int(first[row_masks.index])
         at = {id(target): i for i, target in enumerate(row.vehicles)}
         for label_id, target in enumerate(row.labeled, start=first_id):
             label, i = labels.get(label_id), at[id(target)]
@@ -151,7 +151,7 @@ def verify_masks(
                 findings.append(not_annotated(names[image_id], target.category, target.vehicle))
                 continue
             try:
-                measured = _measured(names[image_id], target.vehicle, label, found.alone[i], found.visible[i])
+                measured = _measured(names[image_id], target.vehicle, label, row_masks.alone[i], row_masks.visible[i])
             except ValueError as error:
                 where = f"{names[image_id]}, {target.vehicle}"
                 problem = f"annotation {label_id} cannot be held against a mask: {error}"
@@ -268,7 +268,7 @@ def cycles_masks(
     HulldownError
         If Blender fails.
     """
-    found: dict[int, RowMasks] = {}
+    masks_of: dict[int, RowMasks] = {}
     with tempfile.TemporaryDirectory(prefix="hulldown-") as name:
         folder = Path(name)
 
@@ -284,7 +284,7 @@ def cycles_masks(
                 maps = np.load(io.BytesIO(outcome.content))
                 numbers = np.arange(1, len(maps))[:, None, None]
                 # Alone, a vehicle still has its own number.
-                found[index] = RowMasks(index, alone=maps[1:] == numbers, visible=maps[:1] == numbers)
+                masks_of[index] = RowMasks(index, alone=maps[1:] == numbers, visible=maps[:1] == numbers)
                 if progress:
-                    progress(len(found), len(rows))
-    return [found[index] for index in rows]
+                    progress(len(masks_of), len(rows))
+    return [masks_of[index] for index in rows]

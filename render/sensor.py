@@ -146,16 +146,16 @@ class Lens:
         light = self.sensor.falloff(self.x, self.y[band, None], math.hypot(len(self.x), len(self.y)) / 2.0)
         if not self.rows:
             return radiance[band] * light[..., None]
-        drawn = np.empty((band.stop - band.start, *radiance.shape[1:]), dtype=np.float32)
+        band_light = np.empty((band.stop - band.start, *radiance.shape[1:]), dtype=np.float32)
         for channel, (rows, columns) in enumerate(zip(self.rows, self.columns, strict=True)):
             block = rows[band.start // BAND]
             upright = block.weights @ np.ascontiguousarray(radiance[block.inputs, :, channel])
             for block in columns:
                 np.multiply(
                     upright[:, block.inputs] @ block.weights.T, light[:, block.outputs],
-                    out=drawn[:, block.outputs, channel],
+                    out=band_light[:, block.outputs, channel],
                 )  # fmt: skip
-        return drawn
+        return band_light
 
 
 @dataclass(frozen=True, eq=False, slots=True)

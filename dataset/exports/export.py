@@ -127,7 +127,7 @@ def export(
     head = {key: value for key, value in document.items() if key not in ("images", "annotations")}
     with shown("linking images", progress) as advance, all_or_nothing(Path(out)) as unfinished:
         LAYOUTS[layout](Shares(folder, head, images, labels, split_of, allowed, tick), unfinished)
-    return {split: sum(found == split for found in split_of.values()) for split in SPLITS}
+    return {split: sum(part == split for part in split_of.values()) for split in SPLITS}
 
 
 def _check_masks(

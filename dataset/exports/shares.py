@@ -137,7 +137,7 @@ def check_sound(folder: Path, images: Sequence[Mapping[str, Any]], allowed: Sequ
         return None if picture.size == stated else f"{name} {size_problem(picture, stated)}"
 
     with ThreadPoolExecutor(DECODERS) as pool:
-        wrong = [found for found in pool.map(problem, images) if found is not None]
+        wrong = [message for message in pool.map(problem, images) if message is not None]
     refuse_all(wrong, "picture", folder, remedy="replace them or delete their records")
 
 

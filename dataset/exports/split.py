@@ -79,10 +79,10 @@ def share_out(
     groups = positions(images, annotations)
     names = sorted(groups, key=lambda name: shuffled(name, seed))
     labels = [_labels(annotations.get(image["id"], ()) for image in groups[name]) for name in names]
-    kinds = sorted({label for found in labels for label in found})
+    kinds = sorted({label for of_image in labels for label in of_image})
     column = {kind: i for i, kind in enumerate(kinds)}
-    rows = np.repeat(np.arange(len(names)), [len(found) for found in labels])
-    columns = [column[label] for found in labels for label in found]
+    rows = np.repeat(np.arange(len(names)), [len(of_image) for of_image in labels])
+    columns = [column[label] for of_image in labels for label in of_image]
     has = sparse.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(names), len(kinds)))
     chosen = _stratified(has, np.array(fractions))
     return {image["id"]: SPLITS[k] for name, k in zip(names, chosen, strict=True) for image in groups[name]}

@@ -130,12 +130,12 @@ class Compared:
                 f"Boxes that the frame cuts off: {verdict} ({have:.0%}, photographs {wanted:.0%}). Change "
                 f"{self.feature.keys}."
             ]
-        found = []
+        verdicts = []
         for sign, verdict in ((1.0, "too much"), (-1.0, "too little")):
             low, stop = _largest_run(sign * (own - photographs))
             have, wanted = own[low:stop].sum(), photographs[low:stop].sum()
-            found.append(f"{verdict} {self._between(low, stop)} ({have:.0%}, photographs {wanted:.0%})")
-        return [f"{self.feature.title.capitalize()}: {', '.join(found)}. Change {self.feature.keys}."]
+            verdicts.append(f"{verdict} {self._between(low, stop)} ({have:.0%}, photographs {wanted:.0%})")
+        return [f"{self.feature.title.capitalize()}: {', '.join(verdicts)}. Change {self.feature.keys}."]
 
     def _between(self, low: int, stop: int) -> str:
         edges = self.edges
@@ -191,7 +191,7 @@ class Comparison:
         """Everything as plain numbers."""
         return {
             "photographs": str(self.source),
-            "features": {one.feature.name: one.to_json() for one in self.features},
+            "features": {compared.feature.name: compared.to_json() for compared in self.features},
             "coverage": None if self.coverage is None else asdict(self.coverage),
             "sentences": self.sentences,
             "notes": list(self.notes),
@@ -200,15 +200,19 @@ class Comparison:
     def section(self) -> Section:
         """The comparison as a section of a page."""
         rows = [
-            [one.feature.title, f"{one.distance:.2f}", "–" if np.isnan(one.floor) else f"{one.floor:.2f}",
-             "yes" if one.differs else "no"]
-            for one in self.features
-        ]  # fmt: skip
+            [
+                compared.feature.title,
+                f"{compared.distance:.2f}",
+                "–" if np.isnan(compared.floor) else f"{compared.floor:.2f}",
+                "yes" if compared.differs else "no",
+            ]
+            for compared in self.features
+        ]
         charts = []
-        for one in self.features:
-            words = f"{one.feature.title}: this dataset and the photographs"
-            drawn = two_histograms(one.feature.title, one.edges, one.shares, log=one.feature.log)
-            charts.append(Chart(drawn, words))
+        for compared in self.features:
+            words = f"{compared.feature.title}: this dataset and the photographs"
+            svg = two_histograms(compared.feature.title, compared.edges, compared.shares, log=compared.feature.log)
+            charts.append(Chart(svg, words))
         summary = (
             "Distance is Kolmogorov-Smirnov's, 0 to 1. The floor is what 95 % of random splits of the photographs into "
             "halves keep to."
@@ -274,7 +278,7 @@ def compare(
         notes.append(f"None of the photographs' pictures is in {folder}, so that only boxes are compared.")
     if len(photographs.file_names) < 4:
         notes.append("Fewer than four photographs: what chance explains isn't known.")
-    found = [
+    features = [
         Compared(
             feature,
             own[feature.name][0],
@@ -285,7 +289,7 @@ def compare(
         for feature in (*BOXES, *LOOKS)
         if feature.name in own and len(own[feature.name][0]) and len(wanted[feature.name][0])
     ]
-    return Comparison(photographs.path, tuple(found), tuple(notes), coverage)
+    return Comparison(photographs.path, tuple(features), tuple(notes), coverage)
 
 
 def boxes_in(dataset: Dataset) -> Photographs:
@@ -354,11 +358,11 @@ def _boxes_of(photographs: Photographs) -> Values:
 
 def _looks_of(pictures: Sequence[UInt8[np.ndarray, "h w 3"]]) -> Values:
     table = np.array([looks(picture) for picture in pictures])
-    found = {}
+    features = {}
     for feature, values in zip(LOOKS, table.T, strict=True):
         known = np.flatnonzero(np.isfinite(values))
-        found[feature.name] = (values[known], known)
-    return found
+        features[feature.name] = (values[known], known)
+    return features
 
 
 def _floor(values: Float[np.ndarray, " n"], image: Int[np.ndarray, " n"]) -> float:
@@ -367,11 +371,11 @@ def _floor(values: Float[np.ndarray, " n"], image: Int[np.ndarray, " n"]) -> flo
     if len(pictures) < 4:
         return float("nan")
     rng = np.random.default_rng(0)
-    found = []
+    distances = []
     for _ in range(SPLITS):
         first = np.isin(image, rng.permutation(pictures)[: len(pictures) // 2])
-        found.append(distance(values[first], values[~first]))
-    return float(np.quantile(found, 0.95))
+        distances.append(distance(values[first], values[~first]))
+    return float(np.quantile(distances, 0.95))
 
 
 def _largest_run(values: Float[np.ndarray, " b"]) -> tuple[int, int]:

@@ -177,13 +177,13 @@ class Gallery:
 
     def choices(self) -> list[tuple[Facet, list[tuple[str, int]]]]:
         """Return the facets with several values, and the number of tiles of each value."""
-        found = []
+        facets = []
         for facet in self.facets:
             counts = Counter(value for tile in self.tiles for value in several(tile.values.get(facet.key)))
             known = [(value, counts[value]) for value in facet.values if counts[value]]
             if len(known) > 1 or (known and sum(n for _, n in known) < len(self.tiles)):
-                found.append((facet, known))
-        return found
+                facets.append((facet, known))
+        return facets
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,8 +223,8 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters |= {"several": several, "uri": data_uri}
-    beside = files(__name__.rpartition(".")[0])
+    folder = files(__name__.rpartition(".")[0])
     for name in ("page.css", "page.js"):  # ours, so it's safe
-        environment.globals[name.replace(".", "_")] = Markup(beside.joinpath(name).read_text(encoding="utf-8"))
+        environment.globals[name.replace(".", "_")] = Markup(folder.joinpath(name).read_text(encoding="utf-8"))
     environment.globals["generator"] = GENERATOR
     return environment

@@ -116,24 +116,24 @@ def _counts(dataset: Dataset) -> Section:
         models = ", ".join(f"{vehicle} {n:,}" for vehicle, n in sorted(vehicles.items()))
         rows.append([name, f"{shown:,}", f"{of_class.sum():,}", *(f"{n:,}" for n in sizes), models])
     header = ["class", "images", "labels", *COCO_SIZES, "vehicles"]
-    found = Table(header, rows, choose=[{"class": row[0]} for row in rows])
-    return Section("Contents", [Words(", ".join(facts) + "."), found])
+    table = Table(header, rows, choose=[{"class": row[0]} for row in rows])
+    return Section("Contents", [Words(", ".join(facts) + "."), table])
 
 
 def _charts(dataset: Dataset) -> list[Section]:
     labels, images = dataset.labels, dataset.of_images
-    drawn = []
-    for one in ORDERS:
-        values = labels[one.name]
+    charts = []
+    for scale in ORDERS:
+        values = labels[scale.name]
         if np.isfinite(values).any():
-            title = f"{one.title}, {one.unit}" if one.unit else one.title
-            drawn.append(Chart(histogram(title, values, log=one.name in ("box_size", "distance")), title))
+            title = f"{scale.title}, {scale.unit}" if scale.unit else scale.title
+            charts.append(Chart(histogram(title, values, log=scale.name in ("box_size", "distance")), title))
     if np.isfinite(labels["azimuth"]).any():
-        drawn.append(Chart(azimuths(labels["azimuth"]), "side seen"))
+        charts.append(Chart(azimuths(labels["azimuth"]), "side seen"))
     sizes = np.stack([images["width"], images["height"]], axis=1)[labels["image"]]
     if len(sizes):
         centers = np.stack([labels["x"] + labels["width"] / 2, labels["y"] + labels["height"] / 2], axis=1)
-        drawn.append(Chart(places_in_pictures(centers / sizes), "label positions"))
+        charts.append(Chart(places_in_pictures(centers / sizes), "label positions"))
     light = [
         Chart(shares(title, images[key]), title)
         for key, title in (("scenery", "scenery"), ("hdri", "HDRI"), ("weather", "weather"))
@@ -141,8 +141,8 @@ def _charts(dataset: Dataset) -> list[Section]:
     ]
     if np.isfinite(images["strength"]).any():
         light.append(Chart(histogram("strength of light", images["strength"]), "strength of light"))
-    found = [Section("Labels", [Charts(drawn)])] if drawn else []
-    return found + ([Section("Sceneries, light, and weather", [Charts(light)])] if light else [])
+    sections = [Section("Labels", [Charts(charts)])] if charts else []
+    return sections + ([Section("Sceneries, light, and weather", [Charts(light)])] if light else [])
 
 
 def _maps(dataset: Dataset) -> list[Section]:
@@ -155,13 +155,13 @@ def _maps(dataset: Dataset) -> list[Section]:
     names = [name for name in np.unique(scenery[known]).tolist() if name]
     if not names:
         return []
-    drawn = [
+    charts = [
         Chart(
             place_map(name, cameras[known & (scenery == name)], vehicles[known & (scenery == name)]), f"map of {name}"
         )
         for name in names
     ]
-    return [Section("Maps", [Words("Dots are vehicles, ends of lines are cameras. Meters."), Charts(drawn)])]
+    return [Section("Maps", [Words("Dots are vehicles, ends of lines are cameras. Meters."), Charts(charts)])]
 
 
 def _looks(dataset: Dataset, tiles: Sequence[Tile]) -> Section:
@@ -180,10 +180,10 @@ def _looks(dataset: Dataset, tiles: Sequence[Tile]) -> Section:
         Facet("class", "class", [*dataset.categories.values(), "none"]),
         Facet("vehicle", "vehicle", vehicles),
         *rest,
-        *(Facet(one.name, one.title, one.bins) for one in ORDERS),
+        *(Facet(scale.name, scale.title, scale.bins) for scale in ORDERS),
         Facet("side", "side seen", SIDES),
     ]
-    orders = {one.name: one.title for one in ORDERS}
+    orders = {scale.name: scale.title for scale in ORDERS}
     return Section("Images", [*legend, Gallery(tiles, facets, orders)])
 
 
@@ -194,10 +194,10 @@ def _tile(dataset: Dataset, i: int) -> Tile:
     values: dict[str, str | Sequence[str]] = {"class": _names(labels["category"][rows]) or "none"}
     values |= {key: _names(labels[key][rows]) for key in ("vehicle", "side")}
     values |= {key: str(images[key][i]) for key in ("scenery", "hdri", "weather")}
-    for one in ORDERS:
-        bins = bins_of(labels[one.name][rows], one)
-        values[one.name] = [one.bins[b] for b in np.unique(bins[bins >= 0])]
-    numbers = {one.name: float(labels[one.name][rows[0]]) for one in ORDERS} if len(rows) else {}
+    for scale in ORDERS:
+        bins = bins_of(labels[scale.name][rows], scale)
+        values[scale.name] = [scale.bins[b] for b in np.unique(bins[bins >= 0])]
+    numbers = {scale.name: float(labels[scale.name][rows[0]]) for scale in ORDERS} if len(rows) else {}
     lines = [image.file_name]
     lines += [", ".join(_about(dataset, row)) for row in rows.tolist()] or ["no labels"]
     lines.append(", ".join(each for each in (str(images[key][i]) for key in ("scenery", "hdri", "weather")) if each))
@@ -264,8 +264,8 @@ def _thumbnail(picture: Pictures.Image) -> bytes:
     return file.getvalue()
 
 
-def _number(count: int, one: str, several: str = "") -> str:
-    return f"{count:,} {one if count == 1 else several or one + 's'}"
+def _number(count: int, singular: str, plural: str = "") -> str:
+    return f"{count:,} {singular if count == 1 else plural or singular + 's'}"
 
 
 def _names(values: np.ndarray) -> list[str]:

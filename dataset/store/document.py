@@ -291,10 +291,10 @@ def _read_json(path: Path) -> dict[str, Any]:
 
 def _objects(coco: dict[str, Any], key: str, path: Path) -> list[dict[str, Any]]:
     """Remove and return a list of records from a dictionary; empty if there is none."""
-    found = coco.pop(key, [])
-    if not isinstance(found, list) or not all(isinstance(record, dict) for record in found):
+    records = coco.pop(key, [])
+    if not isinstance(records, list) or not all(isinstance(record, dict) for record in records):
         raise _unusable(path, f"{key!r} is not a list of objects")
-    return found
+    return records
 
 
 def _dumped(value: Any, what: str, path: Path) -> bytes:
@@ -305,10 +305,10 @@ def _dumped(value: Any, what: str, path: Path) -> bytes:
 
 
 def _id(record: Mapping[str, Any], kind: str, path: Path) -> int:
-    found = record.get("id")
-    if not isinstance(found, int) or isinstance(found, bool):
-        raise _unusable(path, f"{kind} id {found!r} is not a whole number")
-    return found
+    value = record.get("id")
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise _unusable(path, f"{kind} id {value!r} is not a whole number")
+    return value
 
 
 def _kept(value: Any) -> bytes:

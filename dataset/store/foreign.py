@@ -108,7 +108,7 @@ def _voc(folder: Path, texts: Path, pictures: Path) -> dict[str, Any]:
             trees[path] = ElementTree.parse(path).getroot()
         except (ElementTree.ParseError, OSError) as error:
             raise DatasetError(f"cannot be read ({error})", path=path, remedy="correct it or take it out") from None
-    names = sorted({found.findtext("name", "") for tree in trees.values() for found in tree.iter("object")})
+    names = sorted({element.findtext("name", "") for tree in trees.values() for element in tree.iter("object")})
     coco = _empty(names)
     for path, tree in trees.items():
         named = pictures / Path(tree.findtext("filename", "")).name
@@ -116,17 +116,17 @@ def _voc(folder: Path, texts: Path, pictures: Path) -> dict[str, Any]:
         if not beside:
             raise DatasetError(f"its picture {named.name!r} is missing", path=path, remedy=f"put it into {pictures}")
         image = _image(coco, folder, beside[0])
-        for found in tree.iter("object"):
+        for element in tree.iter("object"):
             try:
                 left, top, right, bottom = (
-                    float(found.findtext(f"bndbox/{side}", "")) for side in ("xmin", "ymin", "xmax", "ymax")
+                    float(element.findtext(f"bndbox/{side}", "")) for side in ("xmin", "ymin", "xmax", "ymax")
                 )
             except ValueError:
-                name = found.findtext("name", "")
+                name = element.findtext("name", "")
                 raise DatasetError(f"object {name!r} has no box", path=path, remedy="correct it") from None
             box = [left - 1, top - 1, right - left + 1, bottom - top + 1]
-            ignored = int(found.findtext("difficult", "0").strip() == "1")
-            _add(coco, image, names.index(found.findtext("name", "")) + 1, box, iscrowd=ignored)
+            ignored = int(element.findtext("difficult", "0").strip() == "1")
+            _add(coco, image, names.index(element.findtext("name", "")) + 1, box, iscrowd=ignored)
     return coco
 
 

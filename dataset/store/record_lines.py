@@ -85,9 +85,9 @@ def _records(file: BinaryIO, key: bytes, end: bytes, *, last: bool = False) -> I
 
 def _object(line: bytes) -> dict[str, Any]:
     try:
-        found = orjson.loads(line)
+        record = orjson.loads(line)
     except orjson.JSONDecodeError:
         raise OtherLayoutError from None
-    if not isinstance(found, dict):
+    if not isinstance(record, dict):
         raise OtherLayoutError
-    return found
+    return record

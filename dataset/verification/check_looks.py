@@ -49,10 +49,10 @@ def check_looks(
     for k, (label, mask) in enumerate(zip(labels, masks, strict=True)):
         if label.get("iscrowd"):
             continue
-        others = np.zeros_like(mask)
-        for other in (*masks[:k], *masks[k + 1 :]):
-            others |= other
-        if (look := appearance(pixels, mask, others)) is None:
+        other_masks = np.zeros_like(mask)
+        for companion in (*masks[:k], *masks[k + 1 :]):
+            other_masks |= companion
+        if (look := appearance(pixels, mask, other_masks)) is None:
             continue
         looks.append(look)
         yield from _label_problems(f"{name}: annotation {label['id']}", look)

@@ -70,14 +70,14 @@ def check_pictures(
                 hashes.append(hashed)
                 digests.append(found)
                 name = str(image.get("file_name"))
-                if found is not None and (other := contents.setdefault(found, name)) != name:
-                    yield Finding("warning", name, f"is the same picture as {other}")
+                if found is not None and (second := contents.setdefault(found, name)) != name:
+                    yield Finding("warning", name, f"is the same picture as {second}")
                 if progress is not None:
                     progress(done, len(images))
     for i, j in near_duplicates(hashes, hashes).tolist():
-        one, other = str(images[i].get("file_name")), str(images[j].get("file_name"))
+        first, second = str(images[i].get("file_name")), str(images[j].get("file_name"))
         if i > j and digests[i] != digests[j]:
-            yield Finding("warning", one, f"shows the same as {other}: keep both in one split, or delete one")
+            yield Finding("warning", first, f"shows the same as {second}: keep both in one split, or delete one")
     yield from _linked_elsewhere(folder, images)
     known = {place_of(str(image.get("file_name"))) for image in images}
     if (folder / "images").is_dir():
@@ -100,11 +100,11 @@ def _linked_elsewhere(folder: Path, images: Sequence[Mapping[str, Any]]) -> Iter
             file = (status.st_dev, status.st_ino)
             counts[file] = status.st_nlink if stat.S_ISREG(status.st_mode) else 0
             links.setdefault(file, []).append(name if image.get(PICTURE_KEY) is None else "")
-    found = [name for file, names in links.items() for name in names if name and counts[file] > len(set(names))]
-    if found:
-        more = f", like {len(found) - 1} more" if len(found) > 1 else ""
+    outside = [name for file, names in links.items() for name in names if name and counts[file] > len(set(names))]
+    if outside:
+        more = f", like {len(outside) - 1} more" if len(outside) > 1 else ""
         problem = f"is a hard link to a file outside of the dataset{more}: make sure that join or export made it"
-        yield Finding("warning", found[0], problem)
+        yield Finding("warning", outside[0], problem)
 
 
 def _check(
@@ -133,12 +133,12 @@ def _check(
         findings += check_looks(image, labels, picture.pixels)
         if look is not None:
             findings += look(image, labels, picture.pixels)
-    found = digest(picture.content)
+    actual = digest(picture.content)
     recorded = image.get(PICTURE_KEY)
-    if recorded is not None and recorded != found:
+    if recorded is not None and recorded != actual:
         problem = (
-            f"is not the picture that was recorded: its SHA-256 is {found[:12]}..., recorded is {recorded!s:.12}..."
+            f"is not the picture that was recorded: its SHA-256 is {actual[:12]}..., recorded is {recorded!s:.12}..."
         )
         findings.append(Finding("error", name, problem))
     looked_at = picture.pixels if not is_rendered(image) else None
-    return findings, found, None if looked_at is None else picture_hash(looked_at)
+    return findings, actual, None if looked_at is None else picture_hash(looked_at)

@@ -70,9 +70,9 @@ class SkyCheck:
             return
         small = np.asarray(Image.fromarray(pixels).resize((WIDTH, height), Image.Resampling.BOX), dtype=np.float64)
 
-        def differs(other: str) -> float:
+        def differs(candidate: str) -> float:
             seen = radiance(
-                self.skies[other],
+                self.skies[candidate],
                 along,
                 yaw=yaw,
                 strength=strength,

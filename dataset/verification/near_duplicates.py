@@ -44,6 +44,6 @@ def _signs(
     hashes: Sequence[Bool[np.ndarray, "256"] | None],
 ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 256"]]:
     """Return which pictures have a hash, and its bits as 1 and -1: their products count equal and differing bits."""
-    there = {i: one for i, one in enumerate(hashes) if one is not None}
+    there = {i: hashed for i, hashed in enumerate(hashes) if hashed is not None}
     bits = np.array(list(there.values()), dtype=np.float32).reshape(-1, SIDE * SIDE)
     return np.array(list(there), dtype=np.int64), 2.0 * bits - 1.0

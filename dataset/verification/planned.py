@@ -94,8 +94,8 @@ def _box_differs(
         yield not_annotated(name, wanted["category"], wanted["vehicle"])
         return
     label = box.get("category_id")
-    found = {**box, "category": names.get(label) if isinstance(label, int) else None}
-    for finding in _differ(name, found, wanted):
+    recorded = {**box, "category": names.get(label) if isinstance(label, int) else None}
+    for finding in _differ(name, recorded, wanted):
         yield Finding(finding.severity, name, f"{what}: {finding.problem}")
 
 
@@ -104,8 +104,8 @@ def not_annotated(name: str, category: str | None, vehicle: str) -> Finding:
     return Finding("warning", name, f"{category} {vehicle!r} is planned and has no annotation")
 
 
-def _differ(name: str, found: Mapping[str, Any], wanted: Mapping[str, Any]) -> Iterator[Finding]:
+def _differ(name: str, recorded: Mapping[str, Any], wanted: Mapping[str, Any]) -> Iterator[Finding]:
     for key, value in wanted.items():
-        if found.get(key) != value:
-            values = (repr(each)[:LONGEST] for each in (found.get(key), value))
+        if recorded.get(key) != value:
+            values = (repr(each)[:LONGEST] for each in (recorded.get(key), value))
             yield Finding("error", name, "{} is {}, planned is {}".format(key, *values))

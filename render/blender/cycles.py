@@ -36,9 +36,9 @@ class Unusable(Exception):
 def available_devices() -> list[dict[str, str]]:
     """`kind` and `name` of every device for Cycles, preferred ones first, the CPU last."""
     preferences = _preferences()
-    found = [{"kind": device.type, "name": device.name} for kind in GPU_KINDS for device in _cards(preferences, kind)]
+    devices = [{"kind": device.type, "name": device.name} for kind in GPU_KINDS for device in _cards(preferences, kind)]
     preferences.compute_device_type = "NONE"
-    return [*found, {"kind": "CPU", "name": platform.processor() or platform.machine()}]
+    return [*devices, {"kind": "CPU", "name": platform.processor() or platform.machine()}]
 
 
 def choose_device(wanted: str, index: int = 0) -> tuple[str, int]:
@@ -131,8 +131,8 @@ def configure(scene: Any, settings: Settings, *, device: str, threads: int = 0) 
         _reset(getattr(scene, of), getattr(fresh, of))
     # The rendered view layer, from which the geometry was read.
     layer = next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
-    for other in [other for other in scene.view_layers if other != layer]:
-        scene.view_layers.remove(other)
+    for view_layer in [view_layer for view_layer in scene.view_layers if view_layer != layer]:
+        scene.view_layers.remove(view_layer)
     _reset(layer, fresh.view_layers[0])
     bpy.data.scenes.remove(fresh)
     render.engine = "CYCLES"

@@ -76,17 +76,17 @@ class IndexPictures:
             for obj in objects:
                 obj.pass_index = FIRST + number
         self._dress()
-        found = [self._render(self.stage.scene, folder)]
+        pictures = [self._render(self.stage.scene, folder)]
         render, bare = self.stage.scene.render, self._bare
         for name in ("resolution_x", "resolution_y", "pixel_aspect_x", "pixel_aspect_y"):
             setattr(bare.render, name, getattr(render, name))
         for objects in vehicles:
             for obj in objects:
                 bare.collection.objects.link(obj)
-            found.append(self._render(bare, folder))
+            pictures.append(self._render(bare, folder))
             for obj in objects:
                 bare.collection.objects.unlink(obj)
-        numbers = np.stack(found)
+        numbers = np.stack(pictures)
         return np.where(numbers >= FIRST, numbers - FIRST + 1, 0).astype(np.uint8)
 
     def _dress(self) -> None:

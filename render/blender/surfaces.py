@@ -157,11 +157,11 @@ def _insert(tree: Any, shader: Any, group: Any, outputs: Sequence[str]) -> None:
     """Insert a group before the shader's inputs of the same names."""
     node = _node(tree, group)
     for socket in node.inputs:
-        own = shader.inputs[socket.name]
-        if own.is_linked:
-            tree.links.new(own.links[0].from_socket, socket)
+        shader_input = shader.inputs[socket.name]
+        if shader_input.is_linked:
+            tree.links.new(shader_input.links[0].from_socket, socket)
         else:
-            socket.default_value = own.default_value
+            socket.default_value = shader_input.default_value
     for name in outputs:
         tree.links.new(node.outputs[name], shader.inputs[name])
 

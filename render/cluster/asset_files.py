@@ -75,9 +75,9 @@ class ClientFiles:
         named += [(path, (), []) for path in assets.hdris.values()]
         for path, files, folders in named:
             path = path.resolve()
-            found = references(files, path, assets.readable)
+            referred = references(files, path, assets.readable)
             self._assets[str(path)] = AssetNote(
-                self._note(path), tuple(map(self._note, found)), tuple(map(str, folders))
+                self._note(path), tuple(map(self._note, referred)), tuple(map(str, folders))
             )
         self._by_hash = {note.sha256: note for note in self._notes.values()}
         listed = sorted(f"{note.sha256} {note.path}" for note in self._notes.values())
@@ -109,17 +109,17 @@ def references(paths: Sequence[str], asset: Path, readable: Sequence[Path]) -> l
     readable
         Folders that a render on this machine may read, besides ``HULLDOWN_READ``.
     """
-    found: dict[Path, None] = {}
+    files: dict[Path, None] = {}
     for named in paths:
         path = Path(os.path.normpath(named))
         if not is_inside(path.parent, readable):
             continue  # its folder isn't listed either
         tiles = next((token for token in TILES if token in path.name), None)
         several = path.parent.glob(glob.escape(path.name).replace(tiles, "*")) if tiles else [path]
-        for one in sorted(several):
-            if one != asset and one.is_file() and os.access(one, os.R_OK) and is_inside(one, readable):
-                found[one] = None
-    return list(found)
+        for tile in sorted(several):
+            if tile != asset and tile.is_file() and os.access(tile, os.R_OK) and is_inside(tile, readable):
+                files[tile] = None
+    return list(files)
 
 
 def cache_folder() -> Path:
@@ -247,13 +247,13 @@ def _make_relative(source: Path, made: Path, path: str) -> None:
         shutil.copyfileobj(packed, out)
     with made.open("r+b") as file, mmap.mmap(file.fileno(), 0) as content:
         for _, start, data in blocks(file):
-            for found in PATH.finditer(data):
-                name = os.fsdecode(found[1])
+            for match in PATH.finditer(data):
+                name = os.fsdecode(match[1])
                 if not _is_absolute(name):
                     continue
                 relative = os.fsencode("//" + os.path.relpath(name, os.path.dirname(path)))
                 if len(relative) > LONGEST:
                     raise AssetError(f"names {name}, which is too far away for a relative path", path=path)
-                at = start + found.start(1)
-                length = max(len(relative), len(found[1]))
+                at = start + match.start(1)
+                length = max(len(relative), len(match[1]))
                 content[at : at + length] = relative.ljust(length, b"\0")

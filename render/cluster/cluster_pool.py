@@ -74,10 +74,14 @@ class ClusterPool:
         left, unconfined = len(jobs), set[str]()
 
         def order(job: int) -> Order:
-            told = message(job)
-            named = {told["scenery"]["path"], told["light"]["hdri"], *(vehicle["tidy"] for vehicle in told["vehicles"])}
+            job_message = message(job)
+            named = {
+                job_message["scenery"]["path"],
+                job_message["light"]["hdri"],
+                *(vehicle["tidy"] for vehicle in job_message["vehicles"]),
+            }
             assets = tuple(self._files.asset(path) for path in sorted(named))
-            return Order(told, assets, self._files.key, self._device, self._limits.job_s)
+            return Order(job_message, assets, self._files.key, self._device, self._limits.job_s)
 
         answers = self._cluster.results(jobs, render_row, order, stopping=self._stopping, content=self._files.content)
         for job, answer in answers:

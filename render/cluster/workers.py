@@ -243,8 +243,8 @@ class Cluster:
                 self.refuse(answer.worker, answer.refused)
                 return False
             if answer.lacking:
-                found = (self._content(digest, content, answer.worker) for digest in answer.lacking)
-                task.contents = [future for future in found if future is not None]
+                futures = (self._content(digest, content, answer.worker) for digest in answer.lacking)
+                task.contents = [future for future in futures if future is not None]
                 return False
             if answer.has_failed:
                 task.failed_on.append(answer.worker)
@@ -302,8 +302,8 @@ class Cluster:
 
     def _workers(self) -> set[str]:
         # Client.scheduler_info() is replaced every other second by an answer without workers.
-        found = self.client.sync(self.client.scheduler.identity, n_workers=-1)["workers"]
-        return {address for address, about in found.items() if about["resources"].get(self._resource, 0) >= 1}
+        workers = self.client.sync(self.client.scheduler.identity, n_workers=-1)["workers"]
+        return {address for address, about in workers.items() if about["resources"].get(self._resource, 0) >= 1}
 
     def _count(self, there: set[str]) -> None:
         for address in self._fit - there:

@@ -42,7 +42,7 @@ def write(shares: Shares, out: Path) -> None:
 
 
 def _objects(labels: Sequence[Mapping[str, Any]], names: Mapping[int, str], outlined: bool) -> dict[str, list[Any]]:
-    found: dict[str, list[Any]] = {
+    columns: dict[str, list[Any]] = {
         "id": [label["id"] for label in labels],
         "area": [float(label.get("area", label["bbox"][2] * label["bbox"][3])) for label in labels],
         "bbox": [[float(number) for number in label["bbox"]] for label in labels],
@@ -50,5 +50,5 @@ def _objects(labels: Sequence[Mapping[str, Any]], names: Mapping[int, str], outl
         "iscrowd": [int(label.get("iscrowd", 0)) for label in labels],
     }
     if outlined:
-        found["segmentation"] = [rings_of(label) for label in labels]
-    return found
+        columns["segmentation"] = [rings_of(label) for label in labels]
+    return columns

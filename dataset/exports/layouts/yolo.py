@@ -60,7 +60,7 @@ def write_pose(shares: Shares, out: Path) -> None:
         raise DatasetError(problem, path=shares.folder, remedy="plan with annotate.keypoints, or export as coco")
     names = [str(name) for name in lists[0]]
     swapped = [re.sub("left|right", lambda side: {"left": "right", "right": "left"}[side[0]], name) for name in names]
-    mirrored = [names.index(other) if other in names else i for i, other in enumerate(swapped)]
+    mirrored = [names.index(partner) if partner in names else i for i, partner in enumerate(swapped)]
     more = [f"kpt_shape: [{len(names)}, 3]", f"flip_idx: {mirrored}"]
     _write(shares, out, partial(_pose_lines, keypoints=len(names)), more=more)
 
