@@ -140,7 +140,6 @@ def load_library(
     strict: bool = False,
     cache: Path | None = None,
     progress: Callable[[str], None] | None = None,
-    jobs: int | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Library:
     """Return the assets of a config with reports and tidy twins.
@@ -153,8 +152,6 @@ def load_library(
         Folder for data read from files; the config's if None.
     progress
         Called with a file's path before it is exported.
-    jobs
-        Number of files read at a time; None for one per core, up to four.
     limits
         Time and memory for reading a file.
 
@@ -167,7 +164,7 @@ def load_library(
     hdris = hdri_paths(config)
     for path in hdris.values():
         refuse_no_hdri(path)  # before the long work
-    at_once = jobs or min(4, os.cpu_count() or 1)
+    at_once = min(4, os.cpu_count() or 1)
     shared = replace(limits, share=at_once)
 
     def read(entry: ModelEntry | SceneryEntry) -> tuple[Exported, str]:

@@ -60,7 +60,7 @@ def rows_of(
         "horizon_deg": horizon,
         "exposure_ev": ev.tolist(),
         "white_balance_k": white_balance.tolist(),
-        "weather": lights.air.weathers(),
+        "weather": lights.air.weathers,
         "like": _followed(block, views),
         "sequence": block.given_of(image).name.tolist(),
         "sample_seed": lights.sample_seed.tolist(),

@@ -31,10 +31,10 @@ def test_every_kind_comes_as_often_as_its_share(wanted, seed):
 @given(shares(), SEEDS, st.permutations(list(range(40))))
 def test_weather_is_that_of_the_image_whatever_it_is_drawn_with(wanted, seed, order):
     section, draws = WeatherSection(**wanted), RandomStreams(seed)
-    together = draw_air(section, draws=draws, image=np.arange(40)).weathers()
-    again = draw_air(section, draws=draws, image=np.array(order)).weathers()
+    together = draw_air(section, draws=draws, image=np.arange(40)).weathers
+    again = draw_air(section, draws=draws, image=np.array(order)).weathers
     assert [together[i] for i in order] == again
-    assert [draw_air(section, draws=draws, image=np.array([i])).weathers()[0] for i in range(40)] == together
+    assert [draw_air(section, draws=draws, image=np.array([i])).weathers[0] for i in range(40)] == together
 
 
 @given(METERS, st.lists(st.floats(0.0, 1e6), min_size=2, max_size=20))

@@ -1,4 +1,4 @@
-"""How the camera of each image is set: exposure and white balance, by its light and with errors as cameras make."""
+"""Exposure and white balance of each image, metered from its light, with errors like a camera's."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ def exposures(
     assets: Assets,
     draws: RandomStreams,
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], list[float | None]]:
-    """Return how the images with these indices, HDRIs, and strengths are exposed, rounded as rows have it.
+    """Return exposure, white balance, and horizon of the images with these indices, rounded as in a plan.
 
     Returns
     -------
-    The exposure in EV, the offset of the white balance in kelvin, and the elevation in degrees whose color is seen
-    below it, or None where the HDRI is seen as it is. Turn and weather change nothing.
+    The exposure in EV, the offset of the white balance in kelvin, and the elevation in degrees whose color replaces the
+    HDRI below it, or None. They don't depend on the HDRI's rotation and the weather.
     """
     u = draws.uniform(Purpose.EXPOSURE, image, 0, count=2)
     skies = {name: assets.sky(name) for name in set(hdris)}
@@ -51,8 +51,8 @@ def exposures(
 def card(row: Row, assets: Assets) -> Float[np.ndarray, "3"]:
     """Radiance of a level gray card on open land in the light of a row, in linear Rec. 709.
 
-    How the sky is turned changes nothing, nor does weather: fog hides what is far away and does not dim the light on
-    the ground near the camera, as rendered and measured (docs/benchmarks.md).
+    It doesn't depend on the sky's rotation and the weather: in renders, fog doesn't dim the light on the ground near
+    the camera (docs/benchmarks.md).
     """
     return _card(np.array(assets.sky(row.hdri).irradiance), row.strength)
 

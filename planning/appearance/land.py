@@ -1,4 +1,4 @@
-"""Images of a plan in which the terrain ends before the horizon, so that the land on an HDRI is seen behind it."""
+"""Count images in which the terrain ends before the horizon and the land on an HDRI is visible behind it."""
 
 from __future__ import annotations
 
@@ -14,22 +14,14 @@ from hulldown.geometry.arrays import spread
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row
 
-LOOKED_AT = 1000  # images, evenly from the plan
+LOOKED_AT = 1000  # images, evenly spread over the plan
 COLUMNS, ROWS = 24, 16  # rays through an image
 BELOW = math.sin(math.radians(-1.0))  # height of a ray that should meet ground
-SEEN = 0.01  # of an image: what nobody notices
+SEEN = 0.01  # share of an image above which the land counts as visible
 
 
 def land_above_horizon(plan: Plan, assets: Assets) -> tuple[int, int]:
-    """Return how many of a plan's images show an HDRI's land where terrain should be, and how many were looked at.
-
-    Parameters
-    ----------
-    plan
-        At most `LOOKED_AT` of its images are looked at, whose HDRIs show land and are seen as they are.
-    assets
-        Those the plan was made from.
-    """
+    """Return the number of images with an HDRI's land in place of terrain, and the number of examined images."""
     fallback_z = plan.config.ground.fallback_z
     chosen = spread(len(plan), LOOKED_AT).tolist()
     rows: dict[str, list[Row]] = defaultdict(list)
@@ -38,9 +30,9 @@ def land_above_horizon(plan: Plan, assets: Assets) -> tuple[int, int]:
         if row.horizon_deg is None and assets.sky(row.hdri).shows_land:
             rows[row.scenery].append(row)
     count = 0
-    for scenery, those in rows.items():
+    for scenery, of_scenery in rows.items():
         world = World.of(assets.sceneries[scenery], fallback_z=fallback_z)
-        for row in those:
+        for row in of_scenery:
             camera = Camera(row.intrinsics.resized(COLUMNS, ROWS), row.world_from_camera)
             x, y = np.meshgrid(np.arange(COLUMNS) + 0.5, np.arange(ROWS) + 0.5)
             along = camera.ray_directions(np.stack([x.ravel(), y.ravel()], axis=1))

@@ -1,4 +1,4 @@
-"""Light and weather of each image: an HDRI, its turn and strength, what is in the air, and Cycles' sample seed."""
+"""Light and weather of each image: HDRI, rotation, strength, air, and Cycles' sample seed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Lights:
     hdri
         (n,) index into the HDRIs' names.
     yaw
-        (n,) radians: turn about the vertical, counter-clockwise seen from above.
+        (n,) radians about the vertical, counterclockwise from above.
     strength
         (n,) factor on the HDRI's brightness.
     air
@@ -41,15 +41,15 @@ class Lights:
 
 
 def hdri_weights(light: LightSection, names: tuple[str, ...]) -> Float[np.ndarray, "2 h"]:
-    """How often each HDRI is drawn beside the others: in most weather, and under the clouds of rain and snow.
+    """Return the weights of HDRIs, in most weather and in rain and snow.
 
-    That is the weight of the first entry of `light.hdris` that matches. Under clouds it is the same of those that
-    `light.overcast` names, where it names any; one that is not among `light.hdris` then has the weight 1.
+    An HDRI has the weight of the first entry of `light.hdris` that matches. In rain and snow, only HDRIs of
+    `light.overcast` are used if it names any, with the weight 1 for those that `light.hdris` doesn't name.
 
     Raises
     ------
     ConfigError
-        If an entry matches no HDRI, or no HDRI is left with a weight.
+        If an entry matches no HDRI, or all weights are 0.
     """
     for key, patterns in (("hdris", [choice.name for choice in light.hdris]), ("overcast", light.overcast)):
         for pattern in patterns:
@@ -82,22 +82,13 @@ def draw_lights(
     image: Int[np.ndarray, " n"],
     scene: Int[np.ndarray, " n"],
 ) -> Lights:
-    """Light and weather of the images with these indices.
+    """Draw light and weather of the images with these indices; see `hdri_weights` for `weights`.
 
-    Parameters
-    ----------
-    light, weather, draws
-        The plan's.
-    weights
-        See `hdri_weights`.
-    image
-        (n,) indices.
-    scene
-        (n,) index of the image that each one shares light and weather with: its own, but in a sequence.
+    `scene` is the index of the image whose light and weather each image shares: its own, or the first of its sequence.
     """
     u = draws.uniform(Purpose.LIGHT, scene, 0, count=3)
     air = draw_air(weather, draws=draws, image=scene)
-    usual, cloudy = (choose(one, u[:, 0]) for one in weights)
+    usual, cloudy = (choose(of_sky, u[:, 0]) for of_sky in weights)
     return Lights(
         hdri=np.where(air.overcast, cloudy, usual),
         yaw=np.radians(between(*light.yaw_deg, u[:, 1])),

@@ -1,7 +1,7 @@
-"""Colors of vehicles: what a config says of their materials, and what is drawn of it for a position.
+"""Colors of vehicles: the config's paint, and the coats drawn from it.
 
-Every vehicle of a position has coats of its own, which all shots share. A coat is a function of the seed, the position
-and the vehicle's place in the row alone.
+Every vehicle of a position has its own coats, which all shots share. They depend only on seed, position, and the
+vehicle's number in the row.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from hulldown.planning.search.draws import Purpose, RandomStreams, between
 from hulldown.reading.vehicle.paintable import MaterialRow, matches, painted
 
 OWN = "own"
-COMPANIONS, DISTRACTORS = 1, 65  # places in a row from which on they are; the target's is 0
+COMPANIONS, DISTRACTORS = 1, 65  # number in a row of the first of each; the target's is 0
 _NUMBERS = 4  # drawn for each coat: color, hue, saturation, value
 
 
@@ -38,7 +38,7 @@ def _several(value: Any) -> Any:
 
 
 class PaintEntry(Section):
-    """Materials of a vehicle, and the colors that they may have."""
+    """Patterns of a vehicle's materials, and their colors."""
 
     materials: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = Field(
         default=("*",), description="patterns of materials; the first table that matches applies"
@@ -64,18 +64,16 @@ Paint = Annotated[tuple[PaintEntry, ...], BeforeValidator(_several), Field(stric
 
 
 class Coat(Struct, frozen=True, gc=False):
-    """What some materials of a vehicle look like in an image.
+    """The paint of some materials of a vehicle in an image.
 
     Parameters
     ----------
     materials
-        Patterns of their names; of several coats the first that matches is a material's.
+        Patterns of names; the first coat that matches a material applies to it.
     color
         sRGB; None for the file's own.
-    hue_deg
-        What its hue is turned by.
-    saturation, value
-        Factors.
+    hue_deg, saturation, value
+        Rotation of the hue, and factors.
     """
 
     materials: list[Annotated[str, Meta(max_length=4096)]]
@@ -88,19 +86,9 @@ class Coat(Struct, frozen=True, gc=False):
 def draw_coats(
     paint: Sequence[PaintEntry], draws: RandomStreams, *, position: Int[np.ndarray, " n"], place: ArrayLike
 ) -> list[list[Coat]]:
-    """The coats of a vehicle at n positions.
+    """Draw the coats of a vehicle at n positions.
 
-    Parameters
-    ----------
-    paint
-        What the config says of it.
-    draws
-        The plan's numbers.
-    position
-        (n,) the positions' numbers.
-    place
-        (n,) or one: 0 for the target, `COMPANIONS` + k for the k-th companion of the row, `DISTRACTORS` + k for the
-        k-th distractor.
+    `place` is 0 for the target, `COMPANIONS` + k for companion k of the row, and `DISTRACTORS` + k for distractor k.
     """
     n, kinds = len(position), len(paint)
     if not kinds:
@@ -113,7 +101,7 @@ def draw_coats(
 def _coats(entry: PaintEntry, u: Float[np.ndarray, "n 4"]) -> list[Coat]:
     choice = np.minimum((u[:, 0] * len(entry.colors)).astype(np.int64), len(entry.colors) - 1).tolist()
     spreads = (entry.hue_deg, entry.saturation, entry.value)
-    # Adding zero makes -0.0 the 0.0 that is meant.
+    # Adding zero turns -0.0 into 0.0.
     hue, saturation, value = (
         (np.round(between(*spread, u[:, 1 + i]), 9) + 0.0).tolist() for i, spread in enumerate(spreads)
     )
@@ -125,7 +113,7 @@ def _coats(entry: PaintEntry, u: Float[np.ndarray, "n 4"]) -> list[Coat]:
 
 
 def previewed(own: Float[np.ndarray, "3"], coats: Sequence[Coat]) -> Float[np.ndarray, "3"]:
-    """The color of a vehicle in a preview, linear: that of its first coat, on the one that stands for its own."""
+    """Return the linear color of a vehicle in a preview: its first coat applied to its own color."""
     if not coats:
         return own
     coat = coats[0]
@@ -135,29 +123,29 @@ def previewed(own: Float[np.ndarray, "3"], coats: Sequence[Coat]) -> Float[np.nd
 
 
 def paint_doubts(paint: Sequence[PaintEntry], materials: Sequence[MaterialRow]) -> list[str]:
-    """What in a vehicle's `paint` does nothing, a sentence each."""
+    """Return a sentence for each part of a vehicle's `paint` without effect."""
     names = ", ".join(repr(row.name) for row in materials if not row.left_alone) or "none"
     doubts = []
-    found = painted(materials, [entry.materials for entry in paint])
+    coat_of = painted(materials, [entry.materials for entry in paint])
     for k, entry in enumerate(paint):
         for pattern in entry.materials:
             alike = [row for row in materials if matches(row.name, pattern)]
             if not alike:
                 doubts.append(f"paint: {pattern!r} matches no material; those that can be painted: {names}")
-            elif not any(row.name in found for row in alike):
+            elif not any(row.name in coat_of for row in alike):
                 why = f"{alike[0].name!r} is left alone, {alike[0].left_alone}"
                 doubts.append(f"paint: {pattern!r} paints nothing: {why}; give its whole name if it is to be painted")
-        if entry.materials and k not in found.values() and not any("paint:" in doubt for doubt in doubts):
+        if entry.materials and k not in coat_of.values() and not any("paint:" in doubt for doubt in doubts):
             doubts.append(f"paint: an earlier entry has all materials of {list(entry.materials)}")
     return doubts
 
 
 def paint_notes(paint: Sequence[PaintEntry], materials: Sequence[MaterialRow]) -> list[str]:
-    """What a vehicle's `paint` does, a line for each entry."""
-    found = painted(materials, [entry.materials for entry in paint])
+    """Return a line for each entry of a vehicle's `paint`, with its effect."""
+    coat_of = painted(materials, [entry.materials for entry in paint])
     lines = []
     for k, entry in enumerate(paint):
-        on = ", ".join(name for name, which in found.items() if which == k) or "nothing"
+        on = ", ".join(name for name, which in coat_of.items() if which == k) or "nothing"
         spreads = [
             f"{key} {low:g} to {high:g}"
             for key, (low, high), none in (

@@ -1,4 +1,4 @@
-"""Lens and sensor of each image, as a function of the seed and the image alone."""
+"""Lens and sensor of each image."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from hulldown.planning.search.draws import Purpose, RandomStreams, between
 
 
 def draw_sensors(section: SensorSection, *, draws: RandomStreams, image: Int[np.ndarray, " n"]) -> list[Sensor | None]:
-    """Return what lens and sensor do to the images with these indices; None if that is nothing in all images."""
+    """Draw lens and sensor of the images with these indices; None for a config without `[sensor]`."""
     ranges: dict[str, tuple[float, float]] = section.model_dump(exclude={"preset"})
     if section == SensorSection():
         return [None] * len(image)
     u = draws.uniform(Purpose.SENSOR, image, 0, count=len(LIMITS)).T
-    drawn = {key: rounded("sensor", between(*ranges[key], own)) for key, own in zip(LIMITS, u, strict=True)}
-    drawn["jpeg_quality"] = np.rint(drawn["jpeg_quality"]).astype(np.int64)
-    columns = zip(*(values.tolist() for values in drawn.values()), strict=True)
-    return [Sensor(**dict(zip(drawn, values, strict=True))) for values in columns]
+    table = {key: rounded("sensor", between(*ranges[key], own)) for key, own in zip(LIMITS, u, strict=True)}
+    table["jpeg_quality"] = np.rint(table["jpeg_quality"]).astype(np.int64)
+    columns = zip(*(values.tolist() for values in table.values()), strict=True)
+    return [Sensor(**dict(zip(table, values, strict=True))) for values in columns]
