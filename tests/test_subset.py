@@ -5,7 +5,7 @@ from PIL import Image
 
 from hulldown.dataset.records import read_usable
 from hulldown.geometry.errors import DatasetError
-from hulldown.training.subset import shuffled_images, write_subsets
+from hulldown.training.subset import nested_subsets, write_subsets
 
 FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.05)
 
@@ -51,7 +51,7 @@ def test_the_order_of_records_and_ids_change_nothing_but_the_seed_does(tmp_path)
 
     def chosen(images, **options):
         by_id = {image["id"]: image["file_name"] for image in images}
-        return [by_id[i] for i in shuffled_images(images, boxes, **options)]
+        return [by_id[i] for i in nested_subsets(images, boxes, [1.0], **options)[0]]
 
     assert chosen(coco["images"]) == chosen(coco["images"][::-1])
     assert chosen(coco["images"]) != chosen(coco["images"], seed=1)

@@ -10,7 +10,7 @@ from typing import Any
 
 import orjson
 
-from hulldown.dataset.exports.split import group_of, positions, shuffled
+from hulldown.dataset.exports.split import positions, shuffled
 from hulldown.dataset.records import by_image, read_usable
 from hulldown.dataset.store.document import ANNOTATIONS_NAME
 from hulldown.dataset.store.pictures import link_or_copy
@@ -32,39 +32,6 @@ def subset_name(fraction: float) -> str:
     return f"{100 * fraction:.10g}"
 
 
-def shuffled_images(
-    images: Sequence[Mapping[str, Any]],
-    annotations: Mapping[int, Sequence[Mapping[str, Any]]],
-    *,
-    seed: int = 0,
-    stratified: bool = False,
-) -> list[int]:
-    """The ids of all images, ordered so that subsets are prefixes.
-
-    The order depends on the seed and the file names alone. Shots of one position follow each other, since they show
-    one vehicle on the same ground.
-
-    Parameters
-    ----------
-    images
-        COCO image records.
-    annotations
-        Image id -> its COCO annotation records.
-    seed
-        Seed of the order.
-    stratified
-        Whether every prefix keeps the proportion of classes, as far as whole positions
-        allow.
-    """
-    groups = positions(images, annotations)
-    for members in groups.values():
-        members.sort(key=lambda image: str(image["file_name"]))
-    order = sorted(groups.values(), key=lambda members: shuffled(str(members[0]["file_name"]), seed))
-    if stratified:
-        order = _spread(order, annotations)
-    return [int(image["id"]) for members in order for image in members]
-
-
 def nested_subsets(
     images: Sequence[Mapping[str, Any]],
     annotations: Mapping[int, Sequence[Mapping[str, Any]]],
@@ -75,17 +42,33 @@ def nested_subsets(
 ) -> list[list[int]]:
     """Image ids of each share, as prefixes of one order with whole positions, at least one.
 
+    The order depends on the seed and the file names alone. Shots of one position follow each other, since they show
+    one vehicle on the same ground.
+
     Parameters
     ----------
-    images, annotations, seed, stratified
-        See `shuffled_images`.
+    images
+        COCO image records.
+    annotations
+        Image id -> its COCO annotation records.
     fractions
         Shares of the images, above 0 and at most 1.
+    seed
+        Seed of the order.
+    stratified
+        Whether every prefix keeps the proportion of classes, as far as whole positions allow.
     """
-    order = shuffled_images(images, annotations, seed=seed, stratified=stratified)
-    by_id = {image["id"]: image for image in images}
-    sizes = _sizes([group_of(by_id[i], annotations.get(i, ())) for i in order], fractions)
-    return [order[:size] for size in sizes]
+    groups = positions(images, annotations)
+    for members in groups.values():
+        members.sort(key=lambda image: str(image["file_name"]))
+    order = sorted(groups.values(), key=lambda members: shuffled(str(members[0]["file_name"]), seed))
+    if stratified:
+        order = _spread(order, annotations)
+    ids = [int(image["id"]) for members in order for image in members]
+    ends = list(accumulate(map(len, order)))
+    # By decimal value: 0.05 of 420 is 21, although 0.05 isn't exact in binary.
+    sizes = [round(Fraction(str(fraction)) * len(ids)) for fraction in fractions]
+    return [ids[: max([end for end in ends if end <= size], default=ends[0])] for size in sizes]
 
 
 def write_subsets(
@@ -111,7 +94,7 @@ def write_subsets(
     fractions
         Shares of the images, above 0 and at most 1.
     seed, stratified
-        See `shuffled_images`.
+        See `nested_subsets`.
     progress
         Called with (done, all) after each picture.
 
@@ -159,17 +142,6 @@ def write_subsets(
             with (unfinished / name / ANNOTATIONS_NAME).open("wb") as file:
                 write_coco(file, {"info": {}, **head}, map(orjson.dumps, images), map(orjson.dumps, records))
     return dict(zip(names, sizes, strict=True))
-
-
-def _sizes(groups: Sequence[str], fractions: Sequence[float]) -> list[int]:
-    """Number of images of each fraction: whole groups, at least one."""
-    ends = [i + 1 for i, name in enumerate(groups) if i + 1 == len(groups) or groups[i + 1] != name]
-    sizes = []
-    for fraction in fractions:
-        # By decimal value: 0.05 of 420 is 21, although 0.05 isn't exact in binary.
-        wanted = round(Fraction(str(fraction)) * len(groups))
-        sizes.append(max([end for end in ends if end <= wanted], default=ends[0]))
-    return sizes
 
 
 def _spread(
