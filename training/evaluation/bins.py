@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -55,13 +56,7 @@ def fields(labels: Labels, predictions: Predictions) -> list[Field]:
         numbers["contrast"] = np.where(unknown, measured_contrast(labels), numbers["contrast"])
     found = [
         Field("class", "class", predictions.class_names, np.where(labels.crowd, -1, labels.label), predictions.label),
-        Field(
-            SIZE.name,
-            SIZE.title,
-            SIZE.bins,
-            bins_of(_side_length(labels), SIZE),
-            bins_of(_side_length(predictions), SIZE),
-        ),
+        Field(SIZE.name, SIZE.title, SIZE.bins, *(bins_of(_side_length(x), SIZE) for x in (labels, predictions))),
     ]
     found += [Field(one.name, one.title, one.bins, bins_of(numbers[one.name], one), None) for one in SCALES]
     found.append(Field("azimuth_seen", "side seen", SIDES, sides_of(numbers["azimuth"]), None))
@@ -81,12 +76,7 @@ def _side_length(boxes: Labels | Predictions) -> Float[np.ndarray, " n"]:
     return np.sqrt(np.abs(boxes.xywh[:, 2] * boxes.xywh[:, 3]))
 
 
-def _named(
-    name: str,
-    title: str,
-    of_label: Sequence[str | None],
-    of_detection: Sequence[str | None] | None,
-) -> Field:
+def _named(name: str, title: str, of_label: Sequence[str | None], of_detection: Sequence[str | None] | None) -> Field:
     """Bins by name; names beyond the thirty most frequent share one."""
     known = [one for one in of_label if one is not None]
     names = sorted(set(known) | {one for one in of_detection or () if one is not None})
@@ -106,12 +96,11 @@ def _without_empty(field: Field) -> Field:
     used = [field.of_label] if field.of_detection is None else [field.of_label, field.of_detection]
     there = np.bincount(np.concatenate([one[one >= 0] for one in used]), minlength=len(field.bins)) > 0
     new = np.append(np.cumsum(there) - 1, -1)
-    return Field(
-        field.name,
-        field.title,
-        tuple(name for name, kept in zip(field.bins, there, strict=True) if kept),
-        new[field.of_label],
-        None if field.of_detection is None else new[field.of_detection],
+    return replace(
+        field,
+        bins=tuple(compress(field.bins, there)),
+        of_label=new[field.of_label],
+        of_detection=None if field.of_detection is None else new[field.of_detection],
     )
 
 

@@ -156,15 +156,7 @@ def combined_error(
 def figure_intervals(
     sums: Float[np.ndarray, "groups 6"], resampled: Float[np.ndarray, "r 6"]
 ) -> dict[str, Float[np.ndarray, "2"]]:
-    """Intervals of all figures.
-
-    Parameters
-    ----------
-    sums
-        `metrics.SUMS` of each group.
-    resampled
-        The same in every resample of the groups.
-    """
+    """Intervals of all figures from `metrics.SUMS` of each group, and of every resample of the groups."""
     whole, again = figures(sums.sum(axis=0)), figures(resampled)
     found = {}
     for key, each in denominators(sums).items():

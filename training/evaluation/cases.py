@@ -27,12 +27,10 @@ LABEL_COLOR, FOUND_COLOR = (0, 200, 120), (255, 120, 0)
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Case:
-    """A crop of one box.
+    """A box to show.
 
     Parameters
     ----------
-    outcome
-        One of `OUTCOMES`.
     image
         Index of its image.
     xywh
@@ -43,35 +41,10 @@ class Case:
         Its value in each facet.
     """
 
-    outcome: str
     image: int
     xywh: Float[np.ndarray, "4"]
     caption: tuple[str, ...]
     values: dict[str, str]
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Cases:
-    """The cases of an evaluation with their pictures.
-
-    Parameters
-    ----------
-    cases, pictures
-        A picture for each case.
-    unread
-        The error of the first unreadable picture; empty if all were read.
-    """
-
-    cases: list[Case]
-    pictures: list[Image.Image]
-    unread: str
-
-    def tiles(self) -> list[Tile]:
-        """Thumbnails for a page."""
-        return [
-            Tile(_jpeg(picture), case.caption, case.values)
-            for case, picture in zip(self.cases, self.pictures, strict=True)
-        ]
 
 
 def facets(one: Evaluation) -> list[Facet]:
@@ -81,35 +54,38 @@ def facets(one: Evaluation) -> list[Facet]:
     return [Facet("outcome", "outcome", OUTCOMES), *bins[:1], causes, *bins[1:]]
 
 
-def cases(one: Evaluation, *, most: int = MOST) -> Cases:
-    """The largest and most visible misses, the most confident false positives, and the matches of lowest IoU."""
+def thumbnails(one: Evaluation) -> tuple[list[Tile], str]:
+    """The largest and most visible misses, the most confident false positives, and the matches of lowest IoU.
+
+    The second value is the error of the first unreadable picture; it's empty if all were read.
+    """
     visible = np.array([_share(box.get("visible_fraction")) for box in one.labels.annotations], dtype=np.float64)
     size = one.labels.xywh[:, 2] * one.labels.xywh[:, 3] * visible
     overlap = np.zeros(len(one.labels.label))
     overlap[one.seen.found] = one.matching.iou[one.matching.detection[one.seen.found]]
-    found = [
-        *(_label_case(one, k, "missed") for k in _first(one.seen.missed, -size, most)),
-        *(_false_alarm(one, k) for k in _first(one.seen.false, -one.predictions.score, most)),
-        *(_label_case(one, k, "found") for k in _first(one.seen.found, overlap, most)),
+    cases = [
+        *(_label_case(one, k, "missed") for k in _first(one.seen.missed, -size)),
+        *(_false_alarm(one, k) for k in _first(one.seen.false, -one.predictions.score)),
+        *(_label_case(one, k, "found") for k in _first(one.seen.found, overlap)),
     ]
-    pictures: list[Image.Image] = [Image.new("RGB", TILE, BACKGROUND)] * len(found)
+    crops: list[Image.Image] = [Image.new("RGB", TILE, BACKGROUND)] * len(cases)
     unread = ""
-    for image in sorted({case.image for case in found}):
+    for image in sorted({case.image for case in cases}):
         name = one.labels.images[image]["file_name"]
         try:
             whole = Image.fromarray(read_pixels(one.labels.folder / name))
         except DatasetError as error:
             unread = unread or f"{name} {error.problem}"
             continue
-        for k, case in enumerate(found):
+        for k, case in enumerate(cases):
             if case.image == image:
-                pictures[k] = _cut(one, case, whole)
-    return Cases(found, pictures, unread)
+                crops[k] = _cut(one, case, whole)
+    return [Tile(_jpeg(crop), case.caption, case.values) for case, crop in zip(cases, crops, strict=True)], unread
 
 
-def _first(among: np.ndarray, order: np.ndarray, most: int) -> list[int]:
+def _first(among: np.ndarray, order: np.ndarray) -> list[int]:
     rows = np.flatnonzero(among)
-    return rows[np.argsort(order[rows], kind="stable")][:most].tolist()
+    return rows[np.argsort(order[rows], kind="stable")][:MOST].tolist()
 
 
 def _label_case(one: Evaluation, k: int, outcome: str) -> Case:
@@ -120,7 +96,7 @@ def _label_case(one: Evaluation, k: int, outcome: str) -> Case:
         d = int(one.matching.detection[k])
         lines.insert(1, f"confidence {one.predictions.score[d]:.2f}, IoU {one.matching.iou[d]:.2f}")
     values = {f.field.name: f.field.bins[f.field.of_label[k]] for f in one.bins if f.field.of_label[k] >= 0}
-    return Case(outcome, image, xywh, tuple(lines), {"outcome": outcome, **values})
+    return Case(image, xywh, tuple(lines), {"outcome": outcome, **values})
 
 
 def _false_alarm(one: Evaluation, d: int) -> Case:
@@ -137,9 +113,8 @@ def _false_alarm(one: Evaluation, d: int) -> Case:
         for f in one.bins
         if f.field.of_detection is not None and f.field.of_detection[d] >= 0
     }
-    return Case(
-        "false alarm", image, xywh, lines, {"outcome": "false alarm", **({"cause": cause} if cause else {}), **values}
-    )
+    outcome = {"outcome": "false alarm"} | ({"cause": cause} if cause else {})
+    return Case(image, xywh, lines, outcome | values)
 
 
 def _cut(one: Evaluation, case: Case, whole: Image.Image) -> Image.Image:

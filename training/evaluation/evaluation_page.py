@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from hulldown.dataset.reports.charts import LONGEST, differences, svg
-from hulldown.dataset.reports.page import Block, Chart, Charts, Gallery, Items, Link, Section, Table, Words, page
+from hulldown.dataset.reports.page import Block, Chart, Charts, Gallery, Items, Link, Section, Table, Tile, Words, page
 from hulldown.training.evaluation.average_precision import AVERAGES
-from hulldown.training.evaluation.cases import MOST, Cases, facets
+from hulldown.training.evaluation.cases import MOST, facets
 from hulldown.training.evaluation.evaluate import Comparison, Evaluation
 from hulldown.training.evaluation.evaluation_charts import losses, over_thresholds, precision_recall, recall_bins
 from hulldown.training.evaluation.tide import CAUSES
@@ -54,18 +54,10 @@ CONFUSION = (
 )
 
 
-def evaluation_page(one: Evaluation, report: Mapping[str, Any], looks: Cases) -> str:
-    """The page about one file of detections.
-
-    Parameters
-    ----------
-    one, report
-        The evaluation, and its `report.report`.
-    looks
-        Its cases.
-    """
+def evaluation_page(one: Evaluation, report: Mapping[str, Any], tiles: Sequence[Tile], unread: str) -> str:
+    """The page about one file of detections, from its evaluation, its `report.report`, and its `cases.thumbnails`."""
     sections = [
-        Section("Examples", _looks(one, looks)),
+        Section("Examples", _looks(one, tiles, unread)),
         Section("How well", [_figures(report), Words(_sure(one))]),
         Section(
             "At other thresholds",
@@ -102,7 +94,7 @@ def comparison_page(
         for one in compared
         for key in COMPARED
     ]
-    cells = [[name, _signed(value), _ends(low, high)] for name, value, low, high in changes]
+    cells = [[name, number(value, sign="+"), _ends(low, high)] for name, value, low, high in changes]
     chart = differences(f"difference to {compared[0].first[:LONGEST]}, with 95 % intervals", changes)
     sections = [
         Section("At other thresholds", [Chart(precision_recall(evaluations), "precision over recall of each")]),
@@ -210,16 +202,16 @@ def _where(one: Evaluation, report: Mapping[str, Any]) -> list[Block]:
     return parts
 
 
-def _looks(one: Evaluation, looks: Cases) -> list[Block]:
+def _looks(one: Evaluation, tiles: Sequence[Tile], unread: str) -> list[Block]:
     parts: list[Block] = [
         Words(
             f"At most {MOST} of each outcome: the largest and most visible misses, the most confident false positives, "
             "the matches of lowest IoU. Green: labels. Orange: detections above the threshold."
         )
     ]
-    if looks.unread:
-        parts.append(Words(f"Some pictures couldn't be read: {looks.unread}", warning=True))
-    return [*parts, Gallery(looks.tiles(), facets(one)) if looks.cases else Words("There are no examples.")]
+    if unread:
+        parts.append(Words(f"Some pictures couldn't be read: {unread}", warning=True))
+    return [*parts, Gallery(tiles, facets(one)) if tiles else Words("There are no examples.")]
 
 
 def _title(key: str, *reports: Mapping[str, Any]) -> str:
@@ -243,15 +235,11 @@ def ranged(value: float | int | None, ends: Sequence[float | None] | None, *, si
 
 def number(value: float | int | None, *, sign: str = "") -> str:
     """Format a count, or a figure with three decimals."""
-    return "–" if value is None else f"{value:,}" if isinstance(value, int) else f"{value:{sign}.3f}"
+    return "–" if value is None or np.isnan(value) else f"{value:,}" if isinstance(value, int) else f"{value:{sign}.3f}"
 
 
 def _points(value: float | None) -> str:
     return "–" if value is None else f"{100.0 * value:.1f}"
-
-
-def _signed(value: float) -> str:
-    return "–" if np.isnan(value) else f"{value:+.3f}"
 
 
 def _ends(low: float, high: float) -> str:

@@ -70,8 +70,6 @@ def sums_by(
 
     Parameters
     ----------
-    labels, predictions, matching, seen
-        The labels, the predictions, their matches, and the outcomes.
     of_detection, of_label
         (d,), (g,) group of each; negative groups are ignored.
     groups
@@ -199,8 +197,6 @@ def sums_at_best(
 
     Parameters
     ----------
-    labels, predictions, matching
-        Labels, all predictions, and their matches.
     position
         (n,) position of each image.
     weights

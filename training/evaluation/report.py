@@ -7,7 +7,6 @@ import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
-from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ from hulldown.geometry.files import make_room, replace_file
 from hulldown.geometry.terminal import shown
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.bins import BinFigures, worst
-from hulldown.training.evaluation.cases import cases
+from hulldown.training.evaluation.cases import thumbnails
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare
 from hulldown.training.evaluation.evaluation_page import comparison_page, evaluation_page
 from hulldown.training.evaluation.labels import Labels, read_labels
@@ -96,43 +95,22 @@ def evaluate_files(
             remedy="name a dataset and then the detections of each detector in it",
         )
     with shown("evaluating", progress) as advance:
-        return _evaluate(Path(dataset), paths, output, threshold, iou, validation, advance)
-
-
-def _evaluate(
-    dataset: Path,
-    paths: Sequence[Path],
-    output: Path,
-    threshold: float | str,
-    iou: float,
-    validation: Sequence[str | os.PathLike[str]],
-    progress: Callable[[int, int], None],
-) -> dict[str, Any]:
-    ticks = count(1)
-
-    def step() -> None:
-        progress(next(ticks), 3 * len(paths))
-
-    labels = read_labels(dataset)
-    found = [read_predictions(path, labels, name=name) for path, name in zip(paths, _names(paths), strict=True)]
-    valid = read_labels(Path(validation[0])) if validation else None
-    thresholds = []
-    for k, detections in enumerate(found):
-        thresholds.append(
-            _threshold(labels, detections, threshold, iou, valid, Path(validation[k + 1]) if valid else None)
-        )
-        step()
-    evaluations = []
-    for detections, at in zip(found, thresholds, strict=True):
-        evaluations.append(Evaluation(labels, detections, threshold=at, iou=iou))
-        step()
-    make_room(output / "report.html")
-    reports = {one.predictions.name: report(one) for one in evaluations}
-    folders = {name: name if len(evaluations) > 1 else "" for name in reports}
-    for one, name in zip(evaluations, reports, strict=True):
-        page = evaluation_page(one, reports[name], cases(one))
-        _write(output / folders[name], reports[name], page)
-        step()
+        labels = read_labels(Path(dataset))
+        found = [read_predictions(path, labels, name=name) for path, name in zip(paths, _names(paths), strict=True)]
+        valid = read_labels(Path(validation[0])) if validation else None
+        evaluations = []
+        for k, detections in enumerate(found):
+            path = Path(validation[k + 1]) if validation else None
+            at = _threshold(labels, detections, threshold, iou, valid, path)
+            evaluations.append(Evaluation(labels, detections, threshold=at, iou=iou))
+            advance(k + 1, 2 * len(paths))
+        make_room(output / "report.html")
+        reports = {one.predictions.name: report(one) for one in evaluations}
+        folders = {name: name if len(evaluations) > 1 else "" for name in reports}
+        for k, (one, name) in enumerate(zip(evaluations, reports, strict=True)):
+            page = evaluation_page(one, reports[name], *thumbnails(one))
+            _write(output / folders[name], reports[name], page)
+            advance(len(paths) + k + 1, 2 * len(paths))
     if len(evaluations) == 1:
         return next(iter(reports.values()))
     compared = [compare(evaluations[0], other) for other in evaluations[1:]]
