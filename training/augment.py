@@ -148,14 +148,7 @@ class Augmenter:
         """Augment a sample; boxes that are mostly outside of the picture are dropped.
 
         A box follows its mask if there is one, else the ellipse in it, since a turned object's outline
-        rarely reaches the corners of its box.
-
-        Parameters
-        ----------
-        sample
-            A sample with boxes inside its picture.
-        seed
-            Seed of the changes.
+        rarely reaches the corners of its box. Boxes of `sample` must be inside its picture.
         """
         # One generator for all: Albumentations' own seeding gives each transform the same numbers, and what is
         # applied with a probability of 0.05 would then be applied with all the rest.

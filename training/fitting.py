@@ -36,14 +36,12 @@ _OURS: Mapping[str, Any] = {
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Fitted:
-    """A trained detector.
+    """A trained detector, and the contents of its files.
 
     Parameters
     ----------
-    detector
-        The detector.
-    weights
-        The contents of its weights file.
+    detector, weights
+        The detector, and the contents of its weights file.
     rows, validated
         Rows of metrics.csv, and of validation.csv without the last.
     """

@@ -192,14 +192,7 @@ def validation_figures(
 ) -> dict[str, float]:
     """AP, AP50, and AP75 of a detector over all classes, as by `evaluate`; 0 if undefined.
 
-    Parameters
-    ----------
-    detector
-        A detector with the dataset's classes.
-    labels
-        The ground truth.
-    progress
-        Called with (images done, all).
+    `progress` is called with (images done, all).
     """
     pictures = Pictures.of(labels)
     ids, _ = _category_ids(detector.classes, pictures)

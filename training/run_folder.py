@@ -8,7 +8,6 @@ import json
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,36 +25,16 @@ METRICS = ("step", "loss", "learning_rate", "seconds", "waited_for_data_s")
 VALIDATION = ("step", "ap", "ap50", "ap75")
 
 
-@dataclass(frozen=True, slots=True)
 class RunFolder:
     """Paths of a run."""
 
-    path: Path
-
-    @property
-    def config(self) -> Path:
-        """The file of settings, classes, and hashes of data."""
-        return self.path / CONFIG_NAME
-
-    @property
-    def draws(self) -> Path:
-        """The file of draws."""
-        return self.path / DRAWS_NAME
-
-    @property
-    def checkpoint(self) -> Path:
-        """The latest checkpoint."""
-        return self.path / CHECKPOINT_NAME
-
-    @property
-    def weights(self) -> Path:
-        """The result's weights."""
-        return self.path / WEIGHTS_NAME
-
-    @property
-    def best(self) -> Path:
-        """The weights of the best validation so far, with `keep = "best"`."""
-        return self.path / BEST_NAME
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.config = path / CONFIG_NAME  # settings, classes, and hashes of data
+        self.draws = path / DRAWS_NAME
+        self.checkpoint = path / CHECKPOINT_NAME
+        self.weights = path / WEIGHTS_NAME
+        self.best = path / BEST_NAME  # weights of the best validation so far, with `keep = "best"`
 
     def before(self, draws: int) -> Path:
         """The folder of the finished run of `draws`, before it was extended."""
@@ -92,14 +71,7 @@ def content_of(weights: Mapping[str, Any]) -> memoryview:
 def extension(path: Path, draws: int) -> int:
     """Prepare a finished run for more draws, and return its number of draws; its files move to `RunFolder.before`.
 
-    A stopped extension is continued.
-
-    Parameters
-    ----------
-    path
-        The run's folder.
-    draws
-        Number of further draws.
+    A stopped extension is continued. `draws` is the number of further draws.
 
     Raises
     ------

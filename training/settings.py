@@ -12,16 +12,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from hulldown.geometry.toml_files import read_toml, validated
 
 Model = Literal["small", "nano", "rf-small", "medium", "large"]
-FLAGS = (
-    "model",
-    "budget",
-    "seed",
-    "resolution",
-    "weights",
-    "freeze",
-    "keep",
-    "logger",
-)  # keys with a flag on the command line
+# keys with a flag on the command line
+FLAGS = ("model", "budget", "seed", "resolution", "weights", "freeze", "keep", "logger")
 
 
 class Settings(BaseModel):
@@ -108,17 +100,7 @@ def completed(settings: Settings) -> Settings:
 
 
 def rate_factor(step: int, settings: Settings, steps: int) -> float:
-    """The learning rate of a step as a share of the highest, by steps of the budget.
-
-    Parameters
-    ----------
-    step
-        From 0 on.
-    settings
-        Completed.
-    steps
-        Number of steps in the run.
-    """
+    """The learning rate of a step, from 0 on, as a share of the highest; `steps` is their number in the run."""
     rise = math.ceil(settings.warmup * steps)
     if step < rise:
         return (step + 1) / (rise + 1)

@@ -56,16 +56,12 @@ def augmentation_sheet(
     pictures = []
     for row, i in enumerate(chosen.tolist()):
         sample = at_work_size(source.sample(i, masks=source.masked), WORK_SIZE)
-        changed = [augment(sample, hash_of(seed, i, k)) for k in range(TIMES)]
+        seeds = [int(np.random.SeedSequence((seed, i, k)).generate_state(1)[0]) for k in range(TIMES)]
+        changed = [augment(sample, own_seed) for own_seed in seeds]
         pictures += [_drawn(one, names) for one in (sample, *changed)]
         if progress is not None:
             progress(row + 1, len(chosen))
     return contact_sheet(pictures, columns=TIMES + 1, tile_width=TILE_WIDTH)
-
-
-def hash_of(*numbers: int) -> int:
-    """A seed from several numbers."""
-    return int(np.random.SeedSequence(numbers).generate_state(1)[0])
 
 
 def _drawn(sample: Sample, names: dict[int, str]) -> Image.Image:

@@ -115,7 +115,7 @@ def train(
         weights_before = str(RunFolder(RunFolder(out).before(after)).weights.resolve())
         settings = settings.model_copy(update={"budget": more_budget, "weights": weights_before})
     table = changed_table(settings.augmentation)
-    chosen = chosen_device({"gpu": "cuda"}.get(device, device))
+    chosen = chosen_device(device)
     small = settings.model == "small"
     weights = usable_weights(settings)
     classes, sources = read_sources(data)

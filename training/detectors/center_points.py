@@ -89,13 +89,7 @@ class Peaks(NamedTuple):
 
 
 class CenterNetwork(nn.Module):
-    """Residual blocks down to stride 32, a pyramid back to the maps' stride, and the maps.
-
-    Parameters
-    ----------
-    classes
-        How many there are.
-    """
+    """Residual blocks down to stride 32, a pyramid back to the maps' stride, and the maps of each class."""
 
     def __init__(self, classes: int) -> None:
         super().__init__()

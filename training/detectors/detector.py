@@ -59,13 +59,7 @@ class Detections:
 
 @runtime_checkable
 class Detector(Protocol):
-    """A trained network.
-
-    Parameters
-    ----------
-    classes
-        Names of its classes.
-    """
+    """A trained network; `classes` are the names of its classes."""
 
     classes: tuple[str, ...]
 
@@ -145,6 +139,7 @@ def chosen_device(device: str) -> Any:
     """
     import torch
 
+    device = {"gpu": "cuda"}.get(device, device)
     if device == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     try:

@@ -172,15 +172,7 @@ def detr_configs(
 
 
 class DrawnData(RFDETRDataModule):
-    """RF-DETR's data module with draws in order instead of a shuffled dataset.
-
-    Parameters
-    ----------
-    model_config, train_config
-        RF-DETR's.
-    loader
-        Makes the loader from a collating function.
-    """
+    """RF-DETR's data module with draws in order; `loader` makes the loader from a collating function."""
 
     def __init__(
         self, model_config: Any, train_config: Any, loader: Callable[[Callable[[Any], Any]], DataLoader[Example]]

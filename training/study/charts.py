@@ -35,12 +35,7 @@ def color_of(arm: str) -> str:
 def beside(title: str, cells: Sequence[Mapping[str, Any]]) -> Figure:
     """Bars of arms in four panels, as in the paper's Figures 5 to 9.
 
-    Parameters
-    ----------
-    title
-        Title of the figure.
-    cells
-        A cell of report.json for each arm; missing values and None are unknown.
+    `cells` has a cell of report.json for each arm; missing values and None are unknown.
     """
     figure = Figure(figsize=(11.0, 3.4), layout="constrained")
     axes = figure.subplots(1, len(PANELS), width_ratios=[len(keys) + 0.6 for keys in PANELS])
@@ -78,14 +73,9 @@ def _bars(axis: Axes, cell: Mapping[str, Any], keys: Sequence[str], *, shift: fl
 
 
 def over_photographs(cells: Sequence[Mapping[str, Any]], measures: Sequence[str]) -> Figure:
-    """Each measure over the number of photographs, for every arm, with bands; dots are seeds.
+    """Each measure over the number of photographs, for every arm in cells of report.json.
 
-    Parameters
-    ----------
-    cells
-        Cells of report.json. An arm without photographs is a level line.
-    measures
-        Measures to show.
+    Bands are intervals, dots are seeds. An arm without photographs is a level line.
     """
     figure = Figure(figsize=(3.9 * len(measures), 3.7), layout="constrained")
     axes = np.atleast_1d(figure.subplots(1, len(measures)))

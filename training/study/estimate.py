@@ -12,35 +12,29 @@ import numpy as np
 
 from hulldown.training.data import Batches
 from hulldown.training.detectors.detector import RUN_NAME
-from hulldown.training.study.manifest import RUNS_NAME, Manifest, PlannedRun
+from hulldown.training.study.manifest import RUNS_NAME, Manifest
 from hulldown.training.study.runs import Options, is_finished
 
 TRIED_STEPS = 3
 
 
 def overview(study: Path, manifest: Manifest) -> list[dict[str, Any]]:
-    """A row for each run: draws, draws per image, and whether it's finished.
-
-    Parameters
-    ----------
-    study
-        The study's folder, which may be missing.
-    manifest
-        The study's manifest.
-    """
-    return [
-        {
+    """A row for each run: draws, draws per image, and whether it's finished. The study's folder may be missing."""
+    rows = []
+    for run in manifest.runs:
+        settings, begun = run.settings, (study / RUNS_NAME / run.folder).exists()
+        synthetic = manifest.datasets["synthetic"].images if "synthetic" in run.sources else 0
+        rows.append({
             "name": run.name,
             "photographs": run.photographs,
-            "synthetic_images": _images(manifest, run, "synthetic"),
-            "draws": run.settings.budget,
-            "steps": _steps(run),
-            "draws_per_photograph": _per_image(run, "real", run.photographs),
-            "draws_per_synthetic_image": _per_image(run, "synthetic", _images(manifest, run, "synthetic")),
-            "state": "finished" if is_finished(study, manifest, run) else "begun" if _begun(study, run) else "new",
-        }
-        for run in manifest.runs
-    ]
+            "synthetic_images": synthetic,
+            "draws": settings.budget,
+            "steps": Batches(settings.budget, batch=settings.batch or 1, parts=settings.accumulate or 1).steps,
+            "draws_per_photograph": run.drawn.get("real", 0) / max(1, run.photographs),
+            "draws_per_synthetic_image": run.drawn.get("synthetic", 0) / max(1, synthetic),
+            "state": "finished" if is_finished(study, manifest, run) else "begun" if begun else "new",
+        })  # fmt: skip
+    return rows
 
 
 def seconds_per_step(
@@ -72,20 +66,3 @@ def seconds_per_step(
 def hours(rows: list[dict[str, Any]], seconds: float, places: int) -> float:
     """Remaining hours of training, with some runs at the same time."""
     return sum(row["steps"] for row in rows if row["state"] != "finished") * seconds / places / 3600.0
-
-
-def _images(manifest: Manifest, run: PlannedRun, source: str) -> int:
-    return manifest.datasets[source].images if source in run.sources else 0
-
-
-def _per_image(run: PlannedRun, source: str, images: int) -> float:
-    return run.drawn.get(source, 0) / images if images else 0.0
-
-
-def _steps(run: PlannedRun) -> int:
-    settings = run.settings
-    return Batches(settings.budget, batch=settings.batch or 1, parts=settings.accumulate or 1).steps
-
-
-def _begun(study: Path, run: PlannedRun) -> bool:
-    return (study / RUNS_NAME / run.folder).exists()

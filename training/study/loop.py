@@ -40,14 +40,13 @@ def train_loop(study: Path, manifest: Manifest, run: PlannedRun, options: Option
     begun = study / LOOPS_NAME / run.folder
     first, plan, more, found = (begun / name for name in ("first", "more.jsonl", "more", "valid.json"))
     synthetic, valid = manifest.datasets["synthetic"].folder, manifest.datasets["valid"].folder
-    device = {"gpu": "cuda"}.get(options.device, options.device)
     if not plan.exists():
         train(
             {"synthetic": synthetic}, first, settings=run.settings, draws_file=draws_path(study, run.folder),
             workers=options.workers, device=options.device, progress=progress,
         )  # fmt: skip
         if not found.exists():
-            predict(first, valid, found, device=device, progress=partial(progress, "looking at valid"))
+            predict(first, valid, found, device=options.device, progress=partial(progress, "looking at valid"))
         evaluate_files(valid, found, begun / "evaluation", threshold="best", progress=partial(progress, "evaluating"))
         report = begun / "evaluation" / "report.json"
         _hulldown("plan", str(manifest.config.plan), "-o", str(plan), "--more-of", str(report), log=begun / "plan.txt")

@@ -222,15 +222,6 @@ def equivalent_photographs(real: Sequence[Cell], cell: Cell, measure: str) -> Eq
 
     Photographs must be shown to help: the real arm with the most must be better than that with the fewest. The cell
     must be shown to differ from the real arm with as many photographs, and the interval of its worth must exclude 0.
-
-    Parameters
-    ----------
-    real
-        The cells of the real arm.
-    cell
-        A cell of an arm with synthetic images.
-    measure
-        Such as ``"f1"``.
     """
     seeds = sorted(set(cell.judged).intersection(*(set(one.judged) for one in real)))
     ordered = sorted(real, key=lambda one: one.photographs)

@@ -84,18 +84,9 @@ class Done:
 def run_one(
     study: Path | str, name: str, options: Options, progress: Progress = lambda what, done, total: None
 ) -> None:
-    """Train one run of a study, and predict on the test and validation pictures; an interrupted run continues.
+    """Train the run with this name in study.json, and predict on the test and validation pictures.
 
-    Parameters
-    ----------
-    study
-        The folder of a study with study.json.
-    name
-        The run's name in study.json.
-    options
-        Options of running.
-    progress
-        Called with (title, steps done, all).
+    An interrupted run continues. `progress` is called with (title, steps done, all).
 
     Raises
     ------
@@ -118,11 +109,10 @@ def run_one(
             {source: manifest.datasets[source].folder for source in run.sources}, folder, settings=run.settings,
             draws_file=draws_path(study, run.folder), workers=options.workers, device=options.device, progress=progress,
         )  # fmt: skip
-    device = {"gpu": "cuda"}.get(options.device, options.device)
     for which in JUDGED:
         if which in manifest.datasets and not (found := predictions_path(study, manifest, run, which)).exists():
             looking = partial(progress, f"looking at {which}")
-            predict(folder, manifest.datasets[which].folder, found, device=device, progress=looking)
+            predict(folder, manifest.datasets[which].folder, found, device=options.device, progress=looking)
 
 
 def predictions_path(study: Path, manifest: Manifest, run: PlannedRun, which: str) -> Path:
@@ -206,7 +196,7 @@ def _run_all(
         place = slots.get()
         try:
             # Bars of several simultaneous runs would alternate.
-            reason = launch(out, name, place, show if len(places) == 1 else _unseen, stop)
+            reason = launch(out, name, place, show if len(places) == 1 else lambda what, done, total: None, stop)
         finally:
             slots.put(place)
         if stop.is_set():
@@ -221,10 +211,6 @@ def _run_all(
             _write_failures(out, failed)
 
     _write_failures(out, failed)
-    if len(places) == 1:
-        for name in left:
-            run(name)
-        return Done(tuple(finished), tuple(already), failed)
     with ThreadPoolExecutor(len(places)) as pool:
         try:
             for future in [pool.submit(run, name) for name in left]:
@@ -234,10 +220,6 @@ def _run_all(
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     return Done(tuple(finished), tuple(already), failed)
-
-
-def _unseen(what: str, done: int, total: int) -> None:
-    """Ignore progress."""
 
 
 def gpu_places(options: Options) -> list[Options]:
@@ -264,16 +246,8 @@ def in_a_process(
     environment: Mapping[str, str] = os.environ,
 ) -> str | None:
     """Call `run_one` in a separate process, which ends with this one in any case."""
-    command = [
-        sys.executable,
-        "-P",
-        "-m",
-        "hulldown.training.study.worker",
-        str(study),
-        name,
-        "--device",
-        options.device,
-    ]
+    worker = [sys.executable, "-P", "-m", "hulldown.training.study.worker"]
+    command = [*worker, str(study), name, "--device", options.device]
     if options.workers is not None:
         command += ["--workers", str(options.workers)]
     log = study / LOGS_NAME / f"{name}.txt"

@@ -24,17 +24,7 @@ MOST_BINS = 3  # reported bins of each sign
 
 
 def difference_words(first: Cell, second: Cell, measure: str, found: Difference) -> str:
-    """A sentence about a pair of arms by one measure.
-
-    Parameters
-    ----------
-    first, second
-        The arms.
-    measure
-        The measure.
-    found
-        Second minus first.
-    """
+    """A sentence about a pair of arms by one measure; `found` is second minus first."""
     title = TITLES[measure]
     if np.isnan(found.value):
         return f"{second.name} minus {first.name}: {title} is undefined without detections."
