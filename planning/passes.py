@@ -27,25 +27,25 @@ from hulldown.planning.preview import Artist
 from hulldown.planning.row import Row, encode
 
 PASSES = ("depth", "normal", "instance", "part", "category")
-STUFF = ("ground", "obstacle", "water", "distractor", "sky")  # what has no instances in COCO panoptic
-STUFF_SEGMENT = 1 << 16  # segments of vehicles have the numbers of their instances, those of stuff begin here
+STUFF = ("ground", "obstacle", "water", "distractor", "sky")  # classes without instances in COCO panoptic
+STUFF_SEGMENT = 1 << 16  # first segment number of stuff; segments of vehicles have their instance numbers
 MOST_INSTANCES = (1 << 16) - 1
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Pixels:
-    """What the center of each pixel of an image shows.
+    """The surfaces at the pixel centers of an image.
 
     Parameters
     ----------
     axis, ray
-        (h, w) meters to it: along the optical axis, and along the ray from the pinhole; inf where nothing is.
+        (h, w) meters along the optical axis, and along the ray from the pinhole; inf for the sky.
     normal
-        (h, w, 3) of the face, in the world, toward the camera; nan where nothing is.
+        (h, w, 3) of the face, in the world, toward the camera; nan for the sky.
     instance
-        (h, w) 0 where nothing is; 1, 2, ... for the row's vehicles in their order; then ground and obstacles.
+        (h, w) 0 for the sky; 1, 2, ... for the row's vehicles in their order; then ground and obstacles.
     part
-        (h, w) number in `part_table`; 0 where no vehicle is.
+        (h, w) number in `part_table`; 0 for other surfaces than vehicles.
     table
         A record for each instance.
     """
@@ -65,15 +65,7 @@ def part_table(artist: Artist) -> list[dict[str, Any]]:
 
 
 def pixels_of(row: Row, artist: Artist, scenery: Scenery) -> Pixels:
-    """What an image shows, by one ray through the center of each pixel.
-
-    Parameters
-    ----------
-    row
-        A row of a plan.
-    artist, scenery
-        Of its plan, and its own.
-    """
+    """Cast a ray through the center of each pixel of an image; `scenery` is the row's."""
     camera, shape = row.camera, (row.height, row.width)
     hits = artist.world(row).seen_by(camera, threads=os.cpu_count() or 1)
     y, x = np.indices(shape).reshape(2, -1)
@@ -93,7 +85,7 @@ def pixels_of(row: Row, artist: Artist, scenery: Scenery) -> Pixels:
 def _instances(
     row: Row, kind: UInt8[np.ndarray, " n"], which: Int[np.ndarray, " n"], scenery: Scenery
 ) -> tuple[UInt16[np.ndarray, " n"], list[dict[str, Any]]]:
-    """The instance of each pixel, and a record for each that could be or is shown."""
+    """Return the instance of each pixel, and a record for each vehicle and each visible surface."""
     table: list[dict[str, Any]] = [
         {"kind": "vehicle", "name": v.vehicle, "category": v.category, "label": v.label} for v in row.vehicles
     ]
@@ -123,14 +115,9 @@ def _parts(row: Row, artist: Artist, hits: WorldHits) -> UInt16[np.ndarray, " n"
 
 
 def panoptic(pixels: Pixels, class_ids: Mapping[str, int]) -> tuple[UInt8[np.ndarray, "h w 3"], list[dict[str, Any]]]:
-    """An image's segments as COCO has them: a picture whose colors are their numbers, and a record for each.
+    """Return an image's segments in COCO's format: a picture with their numbers as colors, and a record for each.
 
-    Parameters
-    ----------
-    pixels
-        Of the image.
-    class_ids
-        The numbers of the classes; those of `STUFF` follow.
+    The ids of `STUFF` follow those of `class_ids`.
     """
     segment, category, crowd = np.zeros((3, len(pixels.table) + 1), np.int64)
     for record in [{"id": 0, "kind": "sky"}, *pixels.table]:
@@ -161,29 +148,21 @@ def write_passes(
     count: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> int:
-    """Write passes of a plan's images into a folder; images that are there already are left as they are.
+    """Write passes of a plan's images into the folder `output` unless they're there, and return the number of images.
 
     Parameters
     ----------
-    plan, assets
-        The plan and what it was made from.
-    output
-        The folder.
     passes
-        Which of `PASSES`.
+        Some of `PASSES`.
     count
-        Of how many images, evenly from the plan; None for all.
+        Number of images, evenly spread over the plan; None for all.
     progress
-        Called with the images done and their number.
-
-    Returns
-    -------
-    The number of images.
+        Called with the images done so far and their number.
 
     Raises
     ------
     HulldownError
-        If the plan names what isn't there, or the folder can't be written.
+        If the plan names unknown assets, or the folder can't be written.
     """
     artist = Artist(plan, assets)
     chosen = spread(len(plan), len(plan) if count is None else count).tolist()
@@ -210,7 +189,7 @@ def write_passes(
 
 
 def _written(row: Row, artist: Artist, assets: Assets, output: Path, passes: Sequence[str]) -> dict[str, Any]:
-    """Write an image's passes and their table, which comes last, so that it tells which are complete; the table."""
+    """Write an image's passes and return their table, which is written last and lists the complete ones."""
     stem, digest = _stem(row), hashlib.sha256(encode(row)).hexdigest()
     table = output / "tables" / f"{stem}.json"
     try:
@@ -243,7 +222,7 @@ def _written(row: Row, artist: Artist, assets: Assets, output: Path, passes: Seq
 
 
 def _stem(row: Row) -> str:
-    """An image's name without its folder and its suffix."""
+    """Return an image's name without folder and suffix."""
     return str(Path(row.file_name).relative_to("images").with_suffix(""))
 
 

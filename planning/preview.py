@@ -1,4 +1,4 @@
-"""A plan as pictures without Blender: every pixel one ray, shaded by its normal and the sun, with boxes on top."""
+"""Previews of a plan without Blender: one ray per pixel, shaded by normal and sun, with boxes."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from hulldown.planning.appearance.exposure import card
 from hulldown.planning.appearance.paint import previewed
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import PlannedVehicle, Row
-from hulldown.planning.search.stage import PlanStage, make_stage
+from hulldown.planning.search.stage import make_stage
 from hulldown.planning.shading import look, paint_of, sun_of
 
 TILE_WIDTH = 480
-HIGHEST = 4  # times its width that a picture is high, at most
+HIGHEST = 4  # largest ratio of a preview's height to its width
 
 
 def preview_sheet(
@@ -41,23 +41,7 @@ def preview_sheet(
     tile_width: int = TILE_WIDTH,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Write a contact sheet of images spread evenly over a plan.
-
-    Parameters
-    ----------
-    plan
-        What to look at.
-    assets
-        Those the plan was made from.
-    path
-        The picture to write.
-    count
-        Images on the sheet, at most.
-    columns, tile_width
-        Images side by side, and the width of each in pixels.
-    progress
-        Called with images done and their number.
-    """
+    """Write a contact sheet of up to `count` images, evenly spread over a plan; see `sheet`."""
     chosen = spread(len(plan), count).tolist()
     made = sheet(plan, Artist(plan, assets), chosen, columns=columns, tile_width=tile_width, progress=progress)
     save_sheet(made, Path(path))
@@ -72,7 +56,7 @@ def sheet(
     tile_width: int,
     progress: Callable[[int, int], None] | None = None,
 ) -> Image.Image:
-    """A contact sheet of these images of a plan; `progress` is called with images done and their number."""
+    """Return a contact sheet with `columns` images in a row; `progress` gets the images drawn and their number."""
     pictures, captions = [], []
     for done, index in enumerate(indices, start=1):
         row = plan[index]
@@ -84,7 +68,7 @@ def sheet(
 
 
 def caption(row: Row) -> str:
-    """What a picture does not say by itself."""
+    """Return the caption of an image: number, target, scenery, distance, and weather."""
     target = row.target
     distance = np.linalg.norm(row.world_from_camera[:3, 3] - target.world_from_vehicle[:3, 3])
     color = next((f", {coat.color}" for coat in target.paint if coat.color and not row.empty), "")
@@ -102,16 +86,7 @@ def _weather(weather: Weather | None) -> str:
 
 
 class Artist:
-    """Draws rows of a plan. Hierarchies are built when the first row needs them, and kept.
-
-    Parameters
-    ----------
-    plan
-        Whose rows are drawn.
-    assets
-        Those the plan was made from.
-    stage
-        The same where it is built already.
+    """Draws rows of a plan with the assets that it was made from.
 
     Attributes
     ----------
@@ -121,16 +96,16 @@ class Artist:
         The number of each class in datasets.
     """
 
-    def __init__(self, plan: Plan, assets: Assets, *, stage: PlanStage | None = None) -> None:
+    def __init__(self, plan: Plan, assets: Assets) -> None:
         self._path, self._assets = plan.path, assets
-        stage = stage or make_stage(plan.config, assets)
+        stage = make_stage(plan.config, assets)
         self.models, self._distractors = stage.everything, frozenset(stage.distractors)
         self._worlds = {site.name: site.world for site in stage.sites}
         self.class_ids = {name: i + 1 for i, name in enumerate(plan.header.categories)}
 
     def picture(self, row: Row, *, width: int = TILE_WIDTH, labels: bool = True) -> Image.Image:
-        """One row at the given width, with the boxes and classes of its labels if asked for."""
-        # As wide as asked for, unless it is a tower: a row may say 1 x 65536.
+        """Return a picture of a row at this width, with the boxes and classes of its labels if `labels`."""
+        # Very tall images become narrower: a row may have 1 x 65536 pixels.
         scale = min(width / row.width, HIGHEST * width / row.height)
         width, height = max(1, round(row.width * scale)), max(1, round(row.height * scale))
         image = Image.fromarray((255.0 * self.shade(row, width, height)).round().astype(np.uint8))
@@ -148,12 +123,12 @@ class Artist:
         return draw(image, records, {i: name for name, i in self.class_ids.items()}, masks=False)
 
     def world(self, row: Row) -> World:
-        """A row's scenery with its vehicles.
+        """Return a row's scenery with its vehicles.
 
         Raises
         ------
         ConfigError
-            If the row, which somebody may have edited, names what its plan doesn't have.
+            If an edited row names something that its plan doesn't have.
         """
         named: list[tuple[str, str, Container[str]]] = [("scenery", row.scenery, self._worlds)]
         named += [("vehicle", vehicle.vehicle, self.models) for vehicle in row.vehicles]
@@ -170,7 +145,7 @@ class Artist:
         return self._worlds[row.scenery].with_vehicles([self._posed(vehicle) for vehicle in row.vehicles])
 
     def shade(self, row: Row, width: int, height: int) -> Float[np.ndarray, "h w 3"]:
-        """Colors from 0 to 1, without boxes."""
+        """Return colors from 0 to 1, without boxes."""
         camera = Camera(row.intrinsics.resized(width, height), row.world_from_camera)
         colors = look(
             self.world(row),
@@ -185,7 +160,7 @@ class Artist:
         return colors.reshape(height, width, 3)
 
     def _brightness(self, row: Row) -> float:
-        """How much brighter than mid-gray a gray card on open land is in the picture."""
+        """Brightness of a gray card on open land relative to mid-gray."""
         return float(card(row, self._assets) @ LUMINANCE) / ALBEDO * 2.0**row.exposure_ev
 
     def _posed(self, vehicle: PlannedVehicle) -> PosedVehicle:

@@ -1,4 +1,4 @@
-"""Looks at scenes by rays, for people: surfaces, their normals, a sun with shadows, a sky, what is in the air."""
+"""Shade scenes by rays for previews: surfaces, a sun with shadows, a sky, and haze."""
 
 from __future__ import annotations
 
@@ -16,36 +16,32 @@ from hulldown.camera.world import Kind, World
 
 _ZENITH, _HORIZON = np.array([0.36, 0.55, 0.82]), np.array([0.78, 0.84, 0.92])
 _EARTH, _LEAVES = np.array([0.52, 0.49, 0.36]), np.array([0.25, 0.36, 0.19])
-_AMBIENT = 0.45  # of the light comes from the whole sky, the rest from the sun
+_AMBIENT = 0.45  # share of the light from the whole sky; the rest is the sun's
 _SUN_ELEVATION = math.radians(40.0)
-_TILES_M = 5.0  # a faint chequer on the ground, so that sizes can be judged
+_TILES_M = 5.0  # width of the ground's faint checkers, which show sizes
 
 
 def look(
     world: World,
     camera: Camera,
     *,
-    paints: Sequence[Float[np.ndarray, "3"]] = (),
+    paints: Sequence[Float[np.ndarray, "3"]],
     sun: Float[np.ndarray, "3"],
-    strength: float = 1.0,
-    weather: Weather | None = None,
+    strength: float,
+    weather: Weather | None,
 ) -> Float[np.ndarray, "n 3"]:
-    """Colors from 0 to 1 of a camera's pixels, row by row.
+    """Return colors from 0 to 1 of a camera's n pixels, row by row.
 
     Parameters
     ----------
-    world
-        Everything there is besides the sky.
-    camera
-        The camera; n is the number of its pixels.
     paints
-        (3,) the color of each vehicle of the world.
+        (3,) color of each vehicle of the world.
     sun
-        (3,) unit direction to it.
+        (3,) unit direction to the sun.
     strength
         Factor on all light.
     weather
-        What is in the air and lies on things, if anything: a veil and a cover, no streaks and flakes.
+        Its haze and covers are shown, but no streaks and flakes.
     """
     width, rows = camera.intrinsics.width, camera.intrinsics.height
     pixel = np.arange(width * rows)
@@ -53,35 +49,35 @@ def look(
     height = np.clip(along[:, 2], 0.0, 1.0)[:, None]
     color = _HORIZON + (_ZENITH - _HORIZON) * np.sqrt(height)
     hits = world.seen_by(camera)
-    met = np.flatnonzero(hits.hit)
-    distance = hits.distance[met, None]
-    points = camera.position + distance * along[met]
-    # A face without area has no normal and no side in the light.
-    normal = np.nan_to_num(hits.normal[met])
+    hit = np.flatnonzero(hits.hit)
+    distance = hits.distance[hit, None]
+    points = camera.position + distance * along[hit]
+    # Faces without area have no normal, and stay dark.
+    normal = np.nan_to_num(hits.normal[hit])
     direct = np.clip(normal @ sun, 0.0, None)
     lit = np.flatnonzero(direct > 0.0)
     # Shadow rays start off the surface by more than float32 errs at that distance.
     start = points[lit] + normal[lit] * (1e-3 + 1e-4 * distance[lit])
     direct[lit[world.occluded(start, np.broadcast_to(sun, start.shape))]] = 0.0
     if weather is not None and KINDS[weather.kind].overcast:
-        direct *= 0.0  # no sun from these clouds
+        direct *= 0.0  # clouds hide the sun
     light = _AMBIENT * (0.7 + 0.3 * normal[:, 2]) + (1.0 - _AMBIENT) * 1.3 * direct
-    albedo = _albedo(hits.kind[met], hits.which[met], points, paints)
+    albedo = _albedo(hits.kind[hit], hits.which[hit], points, paints)
     if weather is not None:
-        albedo = _covered(albedo, normal[:, 2], hits.kind[met] == Kind.VEHICLE, weather)
-    color[met] = albedo * light[:, None]
+        albedo = _covered(albedo, normal[:, 2], hits.kind[hit] == Kind.VEHICLE, weather)
+    color[hit] = albedo * light[:, None]
     color *= strength
     if weather is not None:
         clear = air_contrast(weather.visibility_m, hits.distance)[:, None]
         color = clear * color + (1.0 - clear) * 0.9 * np.array(KINDS[weather.kind].preview_air) * strength
-    # Displays want about the square root of the light.
+    # Approximate gamma of displays.
     return np.clip(color, 0.0, 1.0) ** (1.0 / 1.6)
 
 
 def _covered(
     albedo: Float[np.ndarray, "n 3"], up: Float[np.ndarray, " n"], vehicle: Bool[np.ndarray, " n"], weather: Weather
 ) -> Float[np.ndarray, "n 3"]:
-    """Albedo under water, snow or dust; `up` is z of the normals."""
+    """Return albedo under water, snow, or dust; `up` is z of the normals."""
     cover = np.where(vehicle, weather.vehicle_cover, weather.ground_cover)[:, None]
     kind = KINDS[weather.kind]
     if kind.preview is None:
@@ -97,7 +93,7 @@ def _albedo(
     points: Float[np.ndarray, "n 3"],
     paints: Sequence[Float[np.ndarray, "3"]],
 ) -> Float[np.ndarray, "n 3"]:
-    """The colors of what is met at these points."""
+    """Return the colors of the surfaces at these points."""
     odd = np.floor(points[:, :2] / _TILES_M).sum(axis=1) % 2.0
     albedo = _EARTH * (1.0 - 0.07 * odd)[:, None]
     albedo[kind == Kind.OBSTACLE] = _LEAVES
@@ -107,14 +103,14 @@ def _albedo(
 
 
 def sun_of(hdri: str, yaw_deg: float) -> Float[np.ndarray, "3"]:
-    """A direction for the sun that differs between HDRIs and turns with them; where theirs is, is not known here."""
+    """Return a direction for the sun that differs between HDRIs and turns with them; it isn't the HDRI's sun."""
     azimuth = 2.0 * math.pi * _hash(hdri) + math.radians(yaw_deg)
     flat = math.cos(_SUN_ELEVATION)
     return np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(_SUN_ELEVATION)])
 
 
 def paint_of(vehicle: str, *, distractor: bool = False) -> Float[np.ndarray, "3"]:
-    """A color for a vehicle, the same in all pictures: from olive to sand, or from slate to plum for a distractor."""
+    """Return a fixed color for a vehicle: from olive to sand, or from slate to plum for a distractor."""
     share = _hash(vehicle)
     if distractor:
         return (1.0 - share) * np.array([0.24, 0.34, 0.52]) + share * np.array([0.52, 0.30, 0.46])

@@ -1,4 +1,4 @@
-"""What tells a plan's classes apart besides the vehicles: a detector would learn it instead of them."""
+"""Find variables that tell a plan's classes apart: a detector would learn them instead of the vehicles."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from scipy.stats import chi2_contingency
 from hulldown.planning.appearance.paint import OWN
 from hulldown.planning.row import Row
 
-RARE = 5.0  # expected images of a class, below which values are counted together
-CHANCE = 1e-4  # probability of a false alarm for one variable
-WEAK = 0.1  # Cramér's V, below which a dependency is of no use to a detector
+RARE = 5.0  # expected images of a class below which values are merged
+CHANCE = 1e-4  # false positive rate for one variable
+WEAK = 0.1  # Cramér's V below which a dependency doesn't help a detector
 REMEDIES = {
     "box height": 'camera.size_measure = "height" gives all classes the same',
     "scenery": "let all classes be planned on all sceneries",
@@ -24,20 +24,20 @@ Counts = Mapping[str, Mapping[str, Counter[str]]]
 
 
 def nuisances(row: Row) -> dict[str, str]:
-    """What an image shows besides its target, by variable; what a position's images share is with its first."""
+    """Return an image's nuisance variables; those that a position's images share are only in its first."""
     target = row.target
     assert target.bbox is not None  # a target has one
     step = math.floor(2.0 * math.log2(max(target.bbox.height, 1.0)))
-    found = {
+    of_image = {
         "HDRI": row.hdri,
         "weather": row.weather.kind if row.weather else "clear",
         "box height": f"{2 ** (step / 2):.0f} to {2 ** ((step + 1) / 2):.0f} pixels",
         "exposure": f"{math.floor(row.exposure_ev)} to {math.floor(row.exposure_ev) + 1} EV",
     }
     if row.shot:
-        return found
+        return of_image
     paint = ", ".join(coat.color or OWN for coat in target.paint)
-    return found | {
+    return of_image | {
         "scenery": row.scenery,
         "number of companions": str(len(row.companions)),
         "number of distractors": str(len(row.distractors)),
@@ -46,20 +46,17 @@ def nuisances(row: Row) -> dict[str, str]:
 
 
 def shortcuts(counts: Counts) -> list[str]:
-    """A line for each variable that depends on the class more than chance explains.
-
-    Parameters
-    ----------
-    counts
-        Variable -> class -> how often each value occurs.
-    """
-    found = ((variable, _dependency(by_class)) for variable, by_class in counts.items())
-    cure = {variable: f"; {remedy}" for variable, remedy in REMEDIES.items()}
-    return [f"{variable} tells classes apart: {what}{cure.get(variable, '')}" for variable, what in found if what]
+    """Return a line for each variable with a significant dependency on the class, from counts by variable and class."""
+    lines = []
+    for variable, by_class in counts.items():
+        if dependency := _dependency(by_class):
+            remedy = f"; {REMEDIES[variable]}" if variable in REMEDIES else ""
+            lines.append(f"{variable} tells classes apart: {dependency}{remedy}")
+    return lines
 
 
 def _dependency(by_class: Mapping[str, Counter[str]]) -> str:
-    """The value and class that deviate most from independence, in words; empty where chance explains them."""
+    """Describe the value and class that deviate most from independence; empty if chance explains them."""
     classes, total = list(by_class), sum(by_class.values(), Counter[str]())
     smallest, n = min(counts.total() for counts in by_class.values()), total.total()
     common = {value for value, count in total.items() if count * smallest / n >= RARE}

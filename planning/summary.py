@@ -1,4 +1,4 @@
-"""What a plan holds, in numbers a person can act on: counts, rejections, sizes, histograms; as tables and a picture."""
+"""Statistics of a plan: counts, rejections, sizes, and histograms, as tables and a picture."""
 
 from __future__ import annotations
 
@@ -47,16 +47,14 @@ _COLOR = "#4878a8"
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Histogram:
-    """Values of one quantity, and how many are in each bin.
+    """Values of one quantity, and their counts in bins.
 
     Parameters
     ----------
     title
-        The quantity with its unit.
+        Name and unit.
     edges
-        (b + 1,) of the bins; a value beyond them counts in the first or last bin.
-    values
-        (n,) values.
+        (b + 1,) edges of the bins; values outside count in the first or last bin.
     """
 
     title: str
@@ -65,7 +63,7 @@ class Histogram:
 
     @property
     def counts(self) -> Int[np.ndarray, " b"]:
-        """Values in each bin."""
+        """Number of values in each bin."""
         return np.histogram(np.clip(self.values, self.edges[0], self.edges[-1]), self.edges)[0]
 
     @property
@@ -78,11 +76,12 @@ class Histogram:
     def extremes(self) -> dict[str, float | None]:
         """Lowest, mean, and highest value; None without values."""
         values = self.values
-        found = (values.min(), values.mean(), values.max()) if len(values) else ()
-        return {key: float(found[i]) if found else None for i, key in enumerate(("lowest", "mean", "highest"))}
+        if not len(values):
+            return {"lowest": None, "mean": None, "highest": None}
+        return {"lowest": float(values.min()), "mean": float(values.mean()), "highest": float(values.max())}
 
     def bars(self, width: int = 24) -> str:
-        """The used bins as a line of blocks."""
+        """Return the used bins as a line of blocks."""
         counts = self.counts[self.used]
         groups = [int(part.sum()) for part in np.array_split(counts, min(width, len(counts)) or 1)]
         return "".join(_BARS[math.ceil(8 * n / max(*groups, 1))] for n in groups)
@@ -90,27 +89,25 @@ class Histogram:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Summary:
-    """Counts over a plan's images; classes, sizes, and histograms are of targets, which backgrounds don't have.
+    """Counts over a plan's images; classes, sizes, and histograms are of targets, without backgrounds.
 
     Parameters
     ----------
-    images, positions
-        How many.
     classes, sizes
         Images of each class, by vehicle and by COCO size.
     counts
-        How often each name occurs, by the keys in `COUNTED`. A background counts as the distractor in its target's
+        Occurrences of each name, by the keys in `COUNTED`. A background counts as the distractor in its target's
         place, or "". Paints are those of all vehicles, by color. Rejections are tries.
     open_sky
-        Images of rain or snow under an HDRI that the config doesn't call overcast.
+        Images of rain or snow while the config names no overcast HDRIs.
     no_room
-        Companions that found no room and were left out, counted once per position.
+        Companions left out for want of room, counted once per position.
     left_out
-        Vehicles that are not planned on a scenery.
+        Vehicles that aren't planned on a scenery.
     histograms
-        By key of the plan, or of what follows from its poses.
+        By the keys of `QUANTITIES`.
     shortcuts
-        What tells classes apart besides the vehicles; see `planning.shortcuts`.
+        Warnings of `planning.shortcuts`.
     """
 
     images: int
@@ -125,7 +122,7 @@ class Summary:
     shortcuts: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """Everything as plain numbers."""
+        """Return all statistics as plain numbers."""
         return {
             "images": self.images,
             "positions": self.positions,
@@ -137,17 +134,17 @@ class Summary:
             "shortcuts": list(self.shortcuts),
             "left_out": [msgspec.structs.asdict(pair) for pair in self.left_out],
             "histograms": {
-                key: {"edges": one.edges.tolist(), "counts": one.counts.tolist(), **one.extremes}
-                for key, one in self.histograms.items()
+                key: {"edges": histogram.edges.tolist(), "counts": histogram.counts.tolist(), **histogram.extremes}
+                for key, histogram in self.histograms.items()
             },
         }
 
     def tables(self) -> list[Table]:
-        """Tables for a terminal."""
+        """Return tables for a terminal."""
         return [self._class_table(), self._histogram_table(), self._rejection_table()]
 
     def notes(self) -> list[str]:
-        """A line for each thing that was asked for and is not in the plan."""
+        """Return a line for each wish of the config that the plan doesn't meet."""
         notes = [f"left out: {pair.why}" for pair in self.left_out] + list(self.shortcuts)
         if self.no_room:
             notes.append(f"left out: {self.no_room:,} companions without room at their position")
@@ -203,8 +200,8 @@ class Summary:
         return table
 
     def draw(self, path: str | Path) -> None:
-        """Write the histograms and counts as a picture."""
-        # Slow to import, and of no use to the worker processes.
+        """Write a picture of the histograms and counts."""
+        # A local import, since it's slow and worker processes don't need it.
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
         from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
@@ -216,7 +213,7 @@ class Summary:
         axes = iter(figure.subplots(lines, 3).ravel())
         for title, counts in charts.items():
             axis = next(axes)
-            # Between two dollars matplotlib reads formulae; names have none.
+            # Matplotlib reads text between two dollar signs as a formula.
             names = [name.replace("$", r"\$") for name in counts]
             axis.barh(names[::-1], list(counts.values())[::-1], color=_COLOR)
             axis.set_title(title, fontsize=10)
@@ -250,16 +247,9 @@ class Summary:
 
 
 def summarize(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), overcast: bool = False) -> Summary:
-    """Count over all rows of a plan, keeping about 64 bytes of each.
+    """Count over all rows of a plan, in about 64 bytes per row.
 
-    Parameters
-    ----------
-    rows
-        The plan's.
-    left_out
-        What its header says of vehicles without a place.
-    overcast
-        Whether its config says which HDRIs are overcast.
+    `left_out` is the header's; `overcast` tells whether the config names overcast HDRIs.
     """
     images = positions = open_sky = no_room = 0
     classes, sizes = defaultdict[str, Counter[str]](Counter), defaultdict[str, Counter[str]](Counter)
@@ -293,7 +283,7 @@ def summarize(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), overcast
             nuisance.setdefault(variable, {}).setdefault(category, Counter())[value] += 1
         sizes[category][next(name for name, limit in SIZES.items() if area < limit)] += 1
         x, y, z = (row.world_from_camera[:3, 3] - target.world_from_vehicle[:3, 3]).tolist()
-        found = {
+        derived = {
             "distance_m": math.hypot(x, y, z),
             "elevation_deg": math.degrees(math.atan2(z, math.hypot(x, y))),
             "exposure_ev": row.exposure_ev,
@@ -301,15 +291,15 @@ def summarize(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), overcast
         }
         for key, column in values.items():
             if key != "air_contrast" or row.weather:
-                column.append(found[key] if key in found else getattr(target, key))
+                column.append(derived[key] if key in derived else getattr(target, key))
     counts["rejected"] = Counter({key: counts["rejected"][key] for key in BY_KEY if counts["rejected"][key]})
     histograms = {key: Histogram(*QUANTITIES[key], np.array(column)) for key, column in values.items()}
-    apart = tuple(shortcuts(nuisance))
-    return Summary(images, positions, classes, sizes, counts, open_sky, no_room, tuple(left_out), histograms, apart)
+    warnings = tuple(shortcuts(nuisance))
+    return Summary(images, positions, classes, sizes, counts, open_sky, no_room, tuple(left_out), histograms, warnings)
 
 
 def _table(title: str, *columns: str) -> Table:
-    """A table whose columns are flush left if they hold words."""
+    """Return an empty table whose columns of words are aligned left."""
     table = Table(title=title, title_justify="left")
     for column in columns:
         table.add_column(column, justify="left" if column in ("", "class", "vehicles", "tries that") else "right")
@@ -317,5 +307,5 @@ def _table(title: str, *columns: str) -> Table:
 
 
 def _listed(counts: Iterable[tuple[str, int]]) -> str:
-    """Names and counts in a line, for a table."""
+    """Return names and counts as a line of a table."""
     return escape(", ".join(f"{name or 'empty'} {n:,}" for name, n in counts))

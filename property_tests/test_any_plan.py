@@ -181,7 +181,7 @@ def posed_uses(plan: Plan, planner: Planner, rows: list[Row]) -> list[str]:
 
 def draw(plan: Plan, planner: Planner, row: Row) -> None:
     """A preview."""
-    Artist(plan, ASSETS, stage=planner.stage).picture(row, width=8)
+    Artist(plan, ASSETS).picture(row, width=8)
 
 
 plans = st.integers(0, len(CONFIGS) - 1)
