@@ -154,10 +154,7 @@ def missing_kinds(found: Sequence[FoundFile]) -> list[str]:
 
 
 def found_config(
-    folder: Path,
-    found: Sequence[FoundFile],
-    config_folder: Path,
-    values: Mapping[str, Any] = MappingProxyType({}),
+    folder: Path, found: Sequence[FoundFile], config_folder: Path, values: Mapping[str, Any] = MappingProxyType({})
 ) -> str:
     """Return the text of a config in `config_folder` that lists the usable files of `folder`, with their notes.
 

@@ -29,7 +29,7 @@ from hulldown.planning.search.block import Block, HopelessPosition, before
 from hulldown.planning.search.budget import Positions, make_budget
 from hulldown.planning.search.columns import take
 from hulldown.planning.search.draws import Purpose, RandomStreams, choose
-from hulldown.planning.search.extras import Extras, extras_at, framed_on
+from hulldown.planning.search.extras import extras_at, framed_on
 from hulldown.planning.search.given import given_of, pose_budget
 from hulldown.planning.search.likeness import Likeness
 from hulldown.planning.search.pairs import Pairs, make_pairs
@@ -191,11 +191,18 @@ class Planner:
         classed = np.array([entry.category is not None for entry in stage.fleet.models])
         for s in np.unique(site).tolist():
             here = np.flatnonzero(site == s)
+            present = {self.budget.vehicles[v] for v in np.flatnonzero(self.pairs.weights[:, s]).tolist()}
+            of_vehicles = np.array([float(name in present) for name in stage.models])
             yield (
                 Block(
                     site=stage.sites[s],
                     fleet=stage.fleet,
-                    extras={background: self._extras(s, background=background) for background in (False, True)},
+                    extras={
+                        background: extras_at(
+                            stage.sites[s].name, stage, self.config, of_vehicles, background=background
+                        )
+                        for background in (False, True)
+                    },
                     model=model[here],
                     background=held.background[here],
                     empty=held.background[here] & classed[model[here]],
@@ -209,11 +216,6 @@ class Planner:
                 pending[here],
             )
 
-    def _extras(self, site: int, *, background: bool) -> tuple[Extras, ...]:
-        """Return companions, which are vehicles planned on the scenery, and distractors."""
-        companions, distractors = extras_at(self.stage.sites[site].name, self.stage, self.config, background=background)
-        return replace(companions, weights=self._companion_weights(site)), distractors
-
     def _sites(
         self, position: Int[np.ndarray, " n"], weights: Float[np.ndarray, "n s"], attempt: int
     ) -> Int[np.ndarray, " n"]:
@@ -224,11 +226,6 @@ class Planner:
             rows = (weights == row).all(axis=1)
             site[rows] = choose(row, uniform[rows])
         return site
-
-    def _companion_weights(self, site: int) -> Float[np.ndarray, " m"]:
-        """Return 1 for each vehicle that is planned on a scenery, in the order of the config, else 0."""
-        planned = {self.budget.vehicles[v] for v in np.flatnonzero(self.pairs.weights[:, site]).tolist()}
-        return np.array([float(name in planned) for name in self.stage.models])
 
     def lines(self, start: int, stop: int) -> tuple[bytes, int]:
         """Return the rows of `rows` as lines of a plan file, and their number."""

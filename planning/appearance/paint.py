@@ -44,8 +44,7 @@ class PaintEntry(Section):
         default=("*",), description="patterns of materials; the first table that matches applies"
     )
     colors: Annotated[tuple[Annotated[str, BeforeValidator(_color)], ...], Field(strict=False)] = Field(
-        default=(),
-        description='sRGB colors such as "#4b5320", of which one is drawn, or "own", the file\'s',
+        default=(), description='sRGB colors such as "#4b5320", of which one is drawn, or "own", the file\'s'
     )
     hue_deg: Annotated[Pair, ranged(-180.0, 180.0)] = Field(default=(0.0, 0.0), description="then turns hues, degrees")
     saturation: Annotated[Pair, ranged(0.0, 10.0)] = Field(default=(1.0, 1.0), description="factor on saturation")

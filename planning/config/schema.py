@@ -210,10 +210,7 @@ class CameraSection(Section):
     )
 
 
-Lines = Annotated[
-    tuple[Annotated[tuple[str, str], Field(strict=False)], ...],
-    Field(strict=False),
-]
+Lines = Annotated[tuple[Annotated[tuple[str, str], Field(strict=False)], ...], Field(strict=False)]
 
 
 class AnnotateSection(Section):

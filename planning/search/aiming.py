@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -18,7 +17,7 @@ from hulldown.camera.visibility import visibility_of
 from hulldown.camera.weather import air_contrast
 from hulldown.geometry.transforms import rigid
 from hulldown.placement.rejection import Rejection
-from hulldown.planning.config.schema import CameraSection, Config
+from hulldown.planning.config.schema import Config
 from hulldown.planning.row import rounded
 from hulldown.planning.search.columns import put, take
 from hulldown.planning.search.draws import Purpose, RandomStreams, RowStreams, between
@@ -130,8 +129,9 @@ def try_cameras(
         )
         points = given.look_at[rows]
         at = np.flatnonzero(~np.isnan(points[:, 0]))
-        level, own_lens = looking_at(poses[at, :3, 3], points[at]), lens.rows(rows[at])
-        aimed.world_from_camera[at] = turned(level, own_lens, own_lens.center, roll[rows[at]])
+        position, own_lens = poses[at, :3, 3], lens.rows(rows[at])
+        axes = shell_axes(*shell_place(position - points[at])[1:])[1]
+        aimed.world_from_camera[at] = turned(rigid(axes, position), own_lens, own_lens.center, roll[rows[at]])
         return aimed
 
     wishes = None
@@ -185,12 +185,17 @@ def try_cameras(
     rows = np.flatnonzero(views.rejection == Rejection.NONE)
     around = camera_pose(targets.take(rows).centers, distance[rows], azimuth[rows], elevation=elevation[rows])
     poses = np.where(exact[rows, None, None], sized[rows], around)
-    here = [targets.take(rows).in_own_rows(), others.beside(rows)[0]]
-    views.rejection[rows] = camera_rejections(site, poses[:, :3, 3], here, limits)
+    views.rejection[rows] = site.camera_room.rejections(
+        poses[:, :3, 3],
+        ground_clearance=limits.ground_clearance,
+        obstacle_clearance=limits.obstacle_clearance,
+        vehicles=[*targets.take(rows).posed(), *others.beside(rows)[0].posed()],
+        vehicle_clearance=limits.obstacle_clearance,
+    )
 
     on = views.rejection[rows] == Rejection.NONE
     rows, poses = rows[on], poses[on]
-    aimed_at = targets.take(rows).in_own_rows()
+    aimed_at = targets.take(rows)
     level = np.flatnonzero(~exact[rows])
     poses[level] = framed(poses[level], rows[level]).world_from_camera
     poses = rounded("world_from_camera", poses)  # labels follow from rounded poses
@@ -217,7 +222,7 @@ def try_cameras(
     rows = rows[on]
     views.visible_fraction[rows] = visible_shares(
         site,
-        targets.take(rows).in_own_rows(),
+        targets.take(rows),
         others.beside(rows)[0],
         views.world_from_camera[rows],
         intrinsics=lens.rows(rows),
@@ -230,7 +235,7 @@ def try_cameras(
     rows = rows[views.visible_fraction[rows] * views.bbox[rows, 2:].prod(axis=1) < PLENTY]
     shown = pixels_shown(
         site,
-        targets.take(rows).in_own_rows(),
+        targets.take(rows),
         others.beside(rows)[0],
         world_from_camera=views.world_from_camera[rows],
         lens=views.lens.rows(rows),
@@ -238,12 +243,6 @@ def try_cameras(
     )
     views.rejection[rows[~shown]] = Rejection.HIDDEN
     return views
-
-
-def looking_at(position: Float[np.ndarray, "n 3"], point: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4 4"]:
-    """Return level cameras at these positions that look at these points."""
-    _, azimuth, elevation = shell_place(position - point)
-    return rigid(shell_axes(azimuth, elevation)[1], position)
 
 
 def drawn_lenses(config: Config, uniform: Float[np.ndarray, " n"]) -> Lenses:
@@ -276,7 +275,7 @@ def views_of_others(
     named, pixels = np.flatnonzero(classed[subjects.model]), np.zeros(len(subjects), dtype=bool)
     pixels[named] = pixels_shown(
         site,
-        subjects.take(named).in_own_rows(),
+        subjects.take(named),
         others.beside(named)[0],
         world_from_camera=cameras.world_from_camera[named],
         lens=lens.rows(named),
@@ -332,7 +331,7 @@ def pixels_shown(
     shown = np.zeros(len(bbox), dtype=bool)
     rows = np.flatnonzero(~np.isnan(bbox[:, 0]))
     world = site.world.with_vehicles(others.beside(rows)[0].posed())
-    subject = subjects.take(rows).in_own_rows().posed()
+    subject = subjects.take(rows).posed()
     shown[rows] = show_pixels(subject, world_from_camera[rows], lens.rows(rows), xywh=bbox[rows], world=world)
     return shown
 
@@ -347,16 +346,3 @@ def outside(
 ) -> UInt8[np.ndarray, " n"]:
     """Return the rejection of each value below or above these inclusive limits; nan is below."""
     return np.where(values >= low, np.where(values <= high, Rejection.NONE, above), below).astype(np.uint8)
-
-
-def camera_rejections(
-    site: Site, position: Float[np.ndarray, "n 3"], instances: Sequence[Instances], limits: CameraSection
-) -> UInt8[np.ndarray, " n"]:
-    """Reject cameras that are below ground, or too near to ground, obstacles, or vehicles of their rows."""
-    return site.camera_room.rejections(
-        position,
-        ground_clearance=limits.ground_clearance,
-        obstacle_clearance=limits.obstacle_clearance,
-        vehicles=[vehicle for some in instances for vehicle in some.posed()],
-        vehicle_clearance=limits.obstacle_clearance,
-    )

@@ -82,15 +82,17 @@ def offsets(
     return away[:, None] * np.stack(sin_cos(2.0 * math.pi * uniform[:, 1])[::-1], axis=1)
 
 
-def extras_at(site: str, stage: PlanStage, config: Config, *, background: bool) -> tuple[Extras, Extras]:
-    """Return the companions and distractors of positions on the scenery named `site`.
+def extras_at(
+    site: str, stage: PlanStage, config: Config, of_vehicles: Float[np.ndarray, " v"], *, background: bool
+) -> tuple[Extras, Extras]:
+    """Return the companions, by the weights of vehicles, and distractors of positions on the scenery named `site`.
 
     Backgrounds have neither companions nor distractors with a class.
     """
     limits = config.placement
     low, high = (0, 0) if background else (n - 1 for n in limits.vehicles_per_image)
-    n = len(stage.models)
-    companions = Extras(Role.COMPANION, np.arange(n), np.ones(n), (low, high), limits.companion_distance)
+    vehicles = np.arange(len(stage.models))
+    companions = Extras(Role.COMPANION, vehicles, of_vehicles, (low, high), limits.companion_distance)
     models, weights = distractors_at(site, stage, config, unlabeled=background)
     count = limits.distractors_per_image if weights.any() else (0, 0)
     return companions, Extras(Role.DISTRACTOR, models, weights, count, limits.distractor_distance)

@@ -59,14 +59,9 @@ class Instances:
         return len(self.row)
 
     def take(self, index: Int[np.ndarray, " n"]) -> Instances:
-        """Return some of the instances, possibly repeated, in their rows."""
-        return Instances(
-            self.fleet, self.row[index], self.model[index], self.world_from_vehicle[index], self.angles[index]
-        )
-
-    def in_own_rows(self) -> Instances:
-        """Return the instances in rows 0, 1, ..."""
-        return replace(self, row=np.arange(len(self)))
+        """Return some of the instances, possibly repeated, in rows 0, 1, ..."""
+        poses = self.world_from_vehicle[index]
+        return Instances(self.fleet, np.arange(len(index)), self.model[index], poses, self.angles[index])
 
     def beside(self, owner: Int[np.ndarray, " n"]) -> tuple[Instances, Int[np.ndarray, " q"]]:
         """Return the instances of row `owner[i]` in row i, for each i, and their indices in this table."""

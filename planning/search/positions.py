@@ -200,7 +200,7 @@ class _Search:
             return places
         row = table.row[extras]
         image, attempt = self.block.first_image[row], self.tries[row] * self.config.camera.max_tries
-        targets = self.table.posed(self.target[row]).in_own_rows()
+        targets = self.table.posed(self.target[row])
         first = RowStreams(self.draws, Purpose.CAMERA, image, attempt).random((len(row), 3))
         places[extras] = likeness.places_beside(
             targets,
@@ -269,7 +269,7 @@ class _Search:
                 rows, owner = now[some], self.owner[now[some]]
                 views = try_cameras(
                     self.block.site,
-                    self.table.posed(self.target[owner]).in_own_rows(),
+                    self.table.posed(self.target[owner]),
                     self.config,
                     draws=self.draws,
                     image=self.image[rows],
@@ -307,8 +307,8 @@ class _Search:
             beside = np.flatnonzero(present[which] != instance[some][others.row])
             views, pixels = views_of_others(
                 self.block.site,
-                self.table.posed(instance[some]).in_own_rows(),
-                others.take(beside),
+                replace(self.table.posed(instance[some]), row=np.arange(len(some))),
+                replace(others.take(beside), row=others.row[beside]),
                 cameras=take(self.views, image[some]),
                 visibility_m=self.visibility_m[image[some]],
                 config=self.config,
