@@ -117,7 +117,7 @@ def table(arms: Mapping[str, Cell]) -> tuple[list[str], dict[str, Any]]:
     for name, cell in arms.items():
         own = {key: [mean(cell, key), *cell_interval(cell, key).tolist()] for key in MEASURES}
         gains = {} if name == "like" else {key: difference(arms["like"], cell, key) for key in MEASURES}
-        gained = {key: [one.value, *one.ends.tolist()] for key, one in gains.items() if one is not None}
+        gained = {key: [one.value, *one.ends.tolist()] for key, one in gains.items()}
         of_seeds = {key: [one.values[key] for one in cell.judged.values()] for key in MEASURES}
         numbers[name] = {"figures": own, "minus_like": gained, "of_seeds": of_seeds}
         shown = ["{:.3f} ({:.3f} to {:.3f})".format(*one) for one in own.values()]

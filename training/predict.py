@@ -269,10 +269,8 @@ def _draw(
 
 def _key(run: Path, pictures: Pictures, classes: Sequence[str]) -> str:
     """A key of the results: weights, classes, and images."""
-    digest = hashlib.sha256()
     with weights_of(run).open("rb") as file:
-        while block := file.read(1 << 20):
-            digest.update(block)
+        digest = hashlib.file_digest(file, "sha256")
     images = [[record["id"], record["file_name"], record["width"], record["height"]] for record in pictures.records]
     digest.update(orjson.dumps([list(classes), images, sorted(pictures.categories.items())]))
     return digest.hexdigest()

@@ -26,6 +26,7 @@ from hulldown.training.evaluation.predictions import Predictions
 RECALLS = np.linspace(0.0, 1.0, 101)
 IOUS = tuple(np.linspace(0.5, 0.95, 10).tolist())  # IoUs of AP, bit-equal to COCO's
 AT_50, AT_75 = 0, 5  # indices of AP50's and AP75's
+CELLS = 1 << 22  # approximate largest size of an array
 AVERAGES = ("ap", "ap50", "ap75")
 SUMMARY = (
     *("ap", "ap50", "ap75", "ap_small", "ap_medium", "ap_large"),
@@ -114,7 +115,6 @@ def resampled_averages(
     *,
     position: Int[np.ndarray, " n"],
     weights: Float[np.ndarray, "r positions"],
-    cells: int = 1 << 22,
 ) -> Float[np.ndarray, "r c 3"]:
     """`AVERAGES` of each class in each resample of positions; nan if a resample has no label of the class.
 
@@ -128,8 +128,6 @@ def resampled_averages(
         (n,) position of each image, numbered from 0.
     weights
         Count of each position in each resample.
-    cells
-        Approximate largest size of an array.
     """
     order = np.argsort(-predictions.score, kind="stable")
     each = []
@@ -140,7 +138,7 @@ def resampled_averages(
         wanted_at = np.bincount(wanted, minlength=weights.shape[1]).astype(np.float64)
         counts = np.stack([~one.ignored[rows] for one in matchings])
         true = np.stack([one.box[rows] >= 0 for one in matchings]) & counts
-        at_once = max(1, cells // max(1, len(rows)))
+        at_once = max(1, CELLS // max(1, len(rows)))
         parts = np.split(weights, range(at_once, len(weights), at_once))
         found = np.concatenate([weighted_averages(true, counts, some[:, where], some @ wanted_at) for some in parts])
         each.append(np.stack([found.mean(axis=1), found[:, AT_50], found[:, AT_75]], axis=1))

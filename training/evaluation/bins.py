@@ -19,6 +19,7 @@ from hulldown.training.evaluation.metrics import SUMS, Outcomes, ratio, sums_by
 from hulldown.training.evaluation.predictions import Predictions
 
 MOST_NAMES = 30  # most frequent names with their own bin; the others share one
+MOST_WORST = 3  # sentences about bins
 ENOUGH = 10  # least labels of a bin among the worst
 
 
@@ -181,7 +182,7 @@ def _share(
     return value, share_interval(value, ratio_error(part, whole), freedom=(whole > 0).sum(axis=0) - 1, trials=trials)
 
 
-def worst(found: Sequence[BinFigures], *, count: int = 3, enough: int = ENOUGH) -> list[str]:
+def worst(found: Sequence[BinFigures], *, enough: int = ENOUGH) -> list[str]:
     """Sentences about the bins of the lowest recall, by the upper end of their interval, one per field.
 
     Bins with fewer labels than `enough`, or with a recall at or above the overall one, are left out.
@@ -200,4 +201,4 @@ def worst(found: Sequence[BinFigures], *, count: int = 3, enough: int = ENOUGH) 
     picked: dict[str, str] = {}
     for _, _, name, words in sorted(rows):
         picked.setdefault(name, words)
-    return list(picked.values())[:count]
+    return list(picked.values())[:MOST_WORST]

@@ -34,9 +34,9 @@ FEWEST = 5  # positions: with fewer, coverage wasn't measured, so there is no in
 DRAWN_AT_ONCE = 1 << 22
 
 
-def resamples(groups: int, *, times: int = RESAMPLES, seed: int = 0) -> Iterator[Float[np.ndarray, "r groups"]]:
+def resamples(groups: int, *, times: int = RESAMPLES) -> Iterator[Float[np.ndarray, "r groups"]]:
     """Yield batches of resamples, `times` in all: the count of each group in each resample."""
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     rows = max(1, DRAWN_AT_ONCE // max(groups, 1))
     for start in range(0, times, rows):
         now = min(rows, times - start)
@@ -45,15 +45,14 @@ def resamples(groups: int, *, times: int = RESAMPLES, seed: int = 0) -> Iterator
 
 
 def resampled_sums(
-    sums: Float[np.ndarray, "groups *columns"], *, times: int = RESAMPLES, seed: int = 0
+    sums: Float[np.ndarray, "groups *columns"], *, times: int = RESAMPLES
 ) -> Float[np.ndarray, "r *columns"]:
-    """Sums over the groups of each resample; the resamples depend on the seed and the number of groups alone."""
+    """Sums over the groups of each resample; the resamples depend on the number of groups alone."""
     if not len(sums):
         return np.zeros((times, *sums.shape[1:]))
     flat = sums.reshape(len(sums), -1)
-    return np.concatenate([weights @ flat for weights in resamples(len(sums), times=times, seed=seed)]).reshape(
-        times, *sums.shape[1:]
-    )
+    again = np.concatenate([weights @ flat for weights in resamples(len(sums), times=times)])
+    return again.reshape(times, *sums.shape[1:])
 
 
 def standard_error(resampled: Float[np.ndarray, "r *shape"], groups: ArrayLike) -> Float[np.ndarray, "*shape"]:

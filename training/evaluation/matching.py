@@ -106,12 +106,10 @@ def oriented_overlaps(
     return result
 
 
-def overlapping(
-    labels: Labels, predictions: Predictions, *, at_least: float = 0.1, max_detections: int = MAX_DETECTIONS
-) -> Pairs:
+def overlapping(labels: Labels, predictions: Predictions, *, at_least: float = 0.1) -> Pairs:
     """All pairs of a detection and a label of its image, of any class, with enough overlap.
 
-    Detections beyond the first `max_detections` of their class and image have no pairs. Oriented detections are
+    Detections beyond the first hundred of their class and image have no pairs. Oriented detections are
     compared with the labels' `dataset.oriented.visible_corners`.
     """
     found, true, iou_of = predictions.xywh, labels.xywh, overlaps
@@ -122,10 +120,9 @@ def overlapping(
     order = np.argsort(labels.image, kind="stable")
     first = np.searchsorted(labels.image[order], np.arange(len(labels.images) + 1))
     counts = np.diff(first)[predictions.image]
-    counts[~leading(predictions, max_detections)] = 0
-    parts = [_no_pairs()]
-    ends = np.cumsum(counts)
-    for start, stop in _chunks(ends):
+    counts[~_leading(predictions)] = 0
+    parts = []
+    for start, stop in _chunks(np.cumsum(counts)):
         each = counts[start:stop]
         detection = np.repeat(np.arange(start, stop), each)
         within = np.arange(len(detection)) - np.repeat(np.cumsum(each) - each, each)
@@ -161,7 +158,7 @@ def match(labels: Labels, predictions: Predictions, pairs: Pairs, *, iou: float 
     detection = np.full(len(labels.label), -1, dtype=np.int64)
     real = chosen.where(~labels.crowd[chosen.box])
     detection[real.box] = real.detection
-    return Matching(iou, box, overlap, in_crowd | ~leading(predictions, MAX_DETECTIONS), detection)
+    return Matching(iou, box, overlap, in_crowd | ~_leading(predictions), detection)
 
 
 def greedy(
@@ -209,14 +206,14 @@ def greedy(
     return Pairs(pairs.detection[rows], pairs.box[rows], pairs.iou[rows])
 
 
-def leading(predictions: Predictions, most: int) -> Bool[np.ndarray, " d"]:
-    """Whether each detection is among the first `most` of its class and image, by score."""
+def _leading(predictions: Predictions) -> Bool[np.ndarray, " d"]:
+    """Whether each detection is among the first hundred of its class and image, by score."""
     group = _groups(predictions)
     order = np.lexsort((-predictions.score, group))
     sorted_group = group[order]
     starts = np.searchsorted(sorted_group, sorted_group)
     first = np.empty(len(group), dtype=bool)
-    first[order] = np.arange(len(group)) - starts < most
+    first[order] = np.arange(len(group)) - starts < MAX_DETECTIONS
     return first
 
 
@@ -228,9 +225,4 @@ def _chunks(ends: Int[np.ndarray, " d"]) -> list[tuple[int, int]]:
     """Runs of detections with about `PAIRS_AT_ONCE` pairs each; `ends` are cumulative counts."""
     total = int(ends[-1]) if len(ends) else 0
     cuts = np.searchsorted(ends, np.arange(PAIRS_AT_ONCE, total, PAIRS_AT_ONCE), side="left") + 1
-    bounds = np.unique(np.concatenate([[0], cuts, [len(ends)]])).tolist()
-    return list(itertools.pairwise(bounds))
-
-
-def _no_pairs() -> Pairs:
-    return Pairs(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))
+    return list(itertools.pairwise([0, *cuts.tolist(), len(ends)]))

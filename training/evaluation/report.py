@@ -156,7 +156,9 @@ def _write(folder: Path, written: Mapping[str, Any], page: str) -> None:
 def report(one: Evaluation) -> dict[str, Any]:
     """The report about one file of detections; undefined values are None."""
     predictions = one.predictions
-    names = class_keys(predictions.class_names)
+    listed = predictions.class_names
+    names = [name if listed.count(name) == 1 else f"{name} ({c + 1})" for c, name in enumerate(listed)]
+    shown = spread(len(one.curves.threshold), CURVE_POINTS)
     return {
         "dataset": str(one.labels.path),
         "predictions": predictions.name,
@@ -181,7 +183,7 @@ def report(one: Evaluation) -> dict[str, Any]:
         },
         "confusion": {"classes": [*names, "background"], "counts": one.confusion.tolist()},
         "errors": {name: {"count": count, "ap50": plain(one.errors.loss[name])} for name, count in causes(one).items()},
-        "curves": {key: plain(values) for key, values in _thinned(one).items()},
+        "curves": {key: plain(getattr(one.curves, key)[shown]) for key in ("threshold", "precision", "recall", "f1")},
         "bins": {found.field.name: _bins(found) for found in one.bins},
         "worst_bins": worst(one.bins),
     }
@@ -202,13 +204,8 @@ def causes(one: Evaluation) -> dict[str, int]:
     return {**counts, "missed": int(missed.sum())}
 
 
-def class_keys(names: Sequence[str]) -> list[str]:
-    """The names of classes, numbered if equal."""
-    return [name if names.count(name) == 1 else f"{name} ({c + 1})" for c, name in enumerate(names)]
-
-
 def plain(value: Any) -> Any:
-    """Numbers and arrays as JSON values, rounded; None for nan."""
+    """Numbers and arrays as JSON values, rounded; None for nan and infinity."""
     if isinstance(value, Mapping):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
@@ -216,7 +213,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     if isinstance(value, float | np.floating):
-        return None if math.isnan(value) else round(float(value), DIGITS)
+        return round(float(value), DIGITS) if math.isfinite(value) else None
     return value
 
 
@@ -247,10 +244,3 @@ def _bins(found: BinFigures) -> list[dict[str, Any]]:
         }
         for b, name in enumerate(found.field.bins)
     ]
-
-
-def _thinned(one: Evaluation) -> dict[str, Float[np.ndarray, " k"]]:
-    """The curves at 200 of their thresholds."""
-    curve = one.curves
-    rows = spread(len(curve.threshold), CURVE_POINTS)
-    return {key: getattr(curve, key)[rows] for key in ("threshold", "precision", "recall", "f1")}

@@ -25,7 +25,6 @@ from hulldown.training.study.results import (
     COUNTS,
     MEASURES,
     Cell,
-    Difference,
     Equivalent,
     Judged,
     bin_differences,
@@ -112,7 +111,10 @@ def _judge(study: Path, manifest: Manifest, run: PlannedRun, labels: Labels, val
 def _compared(manifest: Manifest, runs: Sequence[Judged]) -> dict[str, Any]:
     """The part of the report that is computed from detections and labels alone, so it's reproducible."""
     found = cells(runs)
-    compared = [(first, second, _differences(first, second)) for first, second in pairs(found)]
+    compared = [
+        (first, second, {measure: difference(first, second, measure) for measure in COMPARED})
+        for first, second in pairs(found)
+    ]
     real = [cell for cell in found if cell.arm == "real"]
     others = [cell for cell in found if cell.arm != "real"]
     worths = [
@@ -127,9 +129,7 @@ def _compared(manifest: Manifest, runs: Sequence[Judged]) -> dict[str, Any]:
     largest = max(real, key=lambda cell: cell.photographs, default=None)
     return plain({
         "study": _described(manifest),
-        "summary": summary(
-            [(first, second, by_measure["f1"]) for first, second, by_measure in compared if "f1" in by_measure], largest
-        ),
+        "summary": summary([(first, second, by_measure["f1"]) for first, second, by_measure in compared], largest),
         "sureness": sureness(len(manifest.config.seeds), manifest.datasets["test"].images, count),
         "cells": [_cell_record(cell) for cell in found],
         "pairs": [
@@ -163,11 +163,6 @@ def _compared(manifest: Manifest, runs: Sequence[Judged]) -> dict[str, Any]:
     })  # fmt: skip
 
 
-def _differences(first: Cell, second: Cell) -> dict[str, Difference]:
-    found = {measure: difference(first, second, measure) for measure in COMPARED}
-    return {measure: one for measure, one in found.items() if one is not None}
-
-
 def _described(manifest: Manifest) -> dict[str, Any]:
     config, train = manifest.config, manifest.config.train
     return {
@@ -199,7 +194,7 @@ def _cell_record(cell: Cell) -> dict[str, Any]:
 def _worth_record(one: Equivalent) -> dict[str, Any]:
     return {
         "arm": one.cell.arm, "name": one.cell.name, "fraction": one.cell.fraction, "measure": one.measure,
-        "photographs": _finite(one.images), "interval": [_finite(float(end)) for end in one.ends],
+        "photographs": one.images, "interval": one.ends,
         "words": worth_words(one),
     }  # fmt: skip
 
@@ -222,8 +217,3 @@ def _time(study: Path, run: PlannedRun) -> float | None:
 
 def _ends(ends: Float[np.ndarray, "2"]) -> list[float] | None:
     return None if np.isnan(ends).any() else [float(end) for end in ends]
-
-
-def _finite(value: float) -> float | None:
-    """None for infinity."""
-    return None if np.isinf(value) else value

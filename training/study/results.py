@@ -146,11 +146,9 @@ def cell_interval(cell: Cell, measure: str) -> Float[np.ndarray, "2"]:
     return share_interval(values.mean(), error, freedom=freedom, trials=trials)
 
 
-def difference(first: Cell, second: Cell, measure: str) -> Difference | None:
-    """Second minus first over their common seeds; None if there are none."""
+def difference(first: Cell, second: Cell, measure: str) -> Difference:
+    """Second minus first over their common seeds, at least one."""
     seeds = sorted(set(first.judged) & set(second.judged))
-    if not seeds:
-        return None
     values = np.array([second.judged[s].values[measure] - first.judged[s].values[measure] for s in seeds])
     positions, labels = _test_size(first)
     again = resampled_means(second, measure, seeds) - resampled_means(first, measure, seeds)
@@ -229,12 +227,8 @@ def equivalent_photographs(real: Sequence[Cell], cell: Cell, measure: str) -> Eq
         return None
     helps = difference(ordered[0], ordered[-1], measure)
     same = next((one for one in ordered if one.fraction == cell.fraction), None)
-    against = None if same is None else difference(same, cell, measure)
-    if (
-        helps is None
-        or not helps.ends[0] > 0.0
-        or (cell.fraction is not None and (against is None or not against.shown))
-    ):
+    against_same = cell.fraction is None or (same is not None and difference(same, cell, measure).shown)
+    if not helps.ends[0] > 0.0 or not against_same:
         return None
     counts = np.array([one.photographs for one in ordered])
     values = np.array([[np.mean([one.judged[s].values[measure] for s in seeds])] for one in (*ordered, cell)])
@@ -244,9 +238,9 @@ def equivalent_photographs(real: Sequence[Cell], cell: Cell, measure: str) -> Eq
     in_resamples = needed(counts, again[:-1], again[-1]) - own
     # Some resamples are infinite, so interval ends are resamples themselves, without interpolation.
     ends = np.quantile(in_resamples, [0.025, 0.975], method="inverted_cdf")
-    return (
-        Equivalent(cell, measure, float(at), ends, float(counts[-1] - own)) if ends[0] > 0.0 or ends[1] < 0.0 else None
-    )
+    if ends[0] <= 0.0 <= ends[1]:
+        return None
+    return Equivalent(cell, measure, float(at), ends, float(counts[-1] - own))
 
 
 def _with_seeds(cell: Cell, measure: str, seeds: Sequence[int]) -> Float[np.ndarray, " r"]:
