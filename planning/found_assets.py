@@ -32,6 +32,7 @@ KINDS = {
 }
 NO_CATEGORY = ("assets", "models", *KINDS)
 GROUNDS = 4  # names of ground objects in a comment
+_PREFERENCE = (*SUFFIXES, *HDRI_SUFFIXES)  # of files with one name in several formats, the first is used
 NEEDED = {"vehicle": "vehicle", "scenery": "scenery", "hdri": "HDRI"}
 
 
@@ -56,14 +57,13 @@ def asset_files(folder: Path) -> list[Path]:
     AssetError
         If there are none.
     """
-    known = (*SUFFIXES, *HDRI_SUFFIXES)
     files = []
     for inside, folders, names in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         place = Path(inside).relative_to(folder)
-        files += [place / name for name in sorted(names) if Path(name).suffix.lower() in known and name[0] != "."]
+        files += [place / name for name in sorted(names) if Path(name).suffix.lower() in _PREFERENCE and name[0] != "."]
     if not files:
-        what = f"holds no {', '.join(known)} file" if folder.is_dir() else "is no folder"
+        what = f"holds no {', '.join(_PREFERENCE)} file" if folder.is_dir() else "is no folder"
         raise AssetError(what, path=folder, remedy="name the folder of your vehicles, sceneries and HDRIs by --from")
     return files
 
@@ -94,7 +94,7 @@ def read_found(
     at_once = min(4, os.cpu_count() or 1)
     shared = replace(limits, share=at_once)
     taken: dict[Path, Path] = {}  # the preferred format of files with the same name
-    for path in sorted(files, key=_preference):
+    for path in sorted(files, key=lambda path: _PREFERENCE.index(path.suffix.lower())):
         taken.setdefault(path.with_suffix(""), path)
 
     def read(path: Path) -> FoundFile:
@@ -112,16 +112,13 @@ def read_found(
         for done, _ in enumerate(as_completed(reading), start=1):
             if progress:
                 progress(done, len(files))
-    found = [each.result() for each in reading]
-    if not any(file.kind for file in found):
-        first = next((file for file in found if taken[file.path.with_suffix("")] == file.path), found[0])
-        raise AssetError(f"none of its {len(found)} files can be used; {first.path}: {first.notes[0]}", path=folder)
-    return found
-
-
-def _preference(path: Path) -> int:
-    suffixes = (*SUFFIXES, *HDRI_SUFFIXES)
-    return suffixes.index(path.suffix.lower())
+    read_files = [each.result() for each in reading]
+    if not any(file.kind for file in read_files):
+        first = next((file for file in read_files if taken[file.path.with_suffix("")] == file.path), read_files[0])
+        raise AssetError(
+            f"none of its {len(read_files)} files can be used; {first.path}: {first.notes[0]}", path=folder
+        )
+    return read_files
 
 
 def _hdri(folder: Path, path: Path, limits: ReadLimits) -> FoundFile:

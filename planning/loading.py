@@ -357,8 +357,8 @@ def _refuse_sizes(vehicles: Sequence[tuple[ModelEntry, FileReport]]) -> None:
 
 def read_options(entry: ModelEntry | SceneryEntry, config: Config) -> Options:
     """Return the options for reading a file: those of its entry in the config, and shared ones."""
-    known = {field.name for field in fields(Options)}
-    options = {key: value for key, value in entry if key in known}
+    names = {field.name for field in fields(Options)}
+    options = {key: value for key, value in entry if key in names}
     if isinstance(entry, SceneryEntry):
         options |= {"include": config.ground.include, "exclude": config.ground.exclude}
         folder = (config.folder / entry.path).parent

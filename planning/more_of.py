@@ -134,15 +134,12 @@ def position_weights(rows: Sequence[Row], more_of: MoreOf) -> dict[int, float]:
 def _of_bins(
     field: str, numbers: Mapping[str, Float[np.ndarray, " n"]], of_bin: Mapping[str, float]
 ) -> Float[np.ndarray, " n"]:
+    names: Sequence[str] = SIDES
     if field == "azimuth_seen":
-        return _looked_up(SIDES, sides_of(numbers["azimuth"]), of_bin)
-    scale = next(scale for scale in (SIZE, *SCALES) if scale.name == field)
-    return _looked_up(scale.bins, bins_of(numbers[field], scale), of_bin)
-
-
-def _looked_up(
-    names: Sequence[str], index: Int[np.ndarray, " n"], of_bin: Mapping[str, float]
-) -> Float[np.ndarray, " n"]:
+        index = sides_of(numbers["azimuth"])
+    else:
+        scale = next(scale for scale in (SIZE, *SCALES) if scale.name == field)
+        names, index = scale.bins, bins_of(numbers[field], scale)
     return np.array([*(of_bin.get(name, 1.0) for name in names), 1.0])[index]  # -1 is unknown
 
 

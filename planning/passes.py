@@ -194,10 +194,10 @@ def _written(row: Row, artist: Artist, assets: Assets, output: Path, passes: Seq
     table = output / "tables" / f"{stem}.json"
     try:
         record: dict[str, Any] = orjson.loads(table.read_bytes())
-        there = record["passes"] if record["row_sha256"] == digest else []
+        complete = record["passes"] if record["row_sha256"] == digest else []
     except (OSError, ValueError, KeyError, TypeError):
-        there = []
-    if set(passes) <= set(there):
+        complete = []
+    if set(passes) <= set(complete):
         return record
     pixels = pixels_of(row, artist, assets.sceneries[row.scenery])
     colors, segments = panoptic(pixels, artist.class_ids)
@@ -213,7 +213,7 @@ def _written(row: Row, artist: Artist, assets: Assets, output: Path, passes: Seq
         _write(output / folder / f"{stem}{suffix}", content())
     record = {
         "row_sha256": digest,
-        "passes": sorted({*passes, *there}),
+        "passes": sorted({*passes, *complete}),
         "instances": pixels.table,
         "segments_info": segments,
     }

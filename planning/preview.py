@@ -135,8 +135,8 @@ class Artist:
         named += [("class", vehicle.category, self.class_ids) for vehicle in row.vehicles if vehicle.category]
         parts = [(v, name) for v in row.vehicles if v.vehicle in self.models for name in v.articulation]
         named += [("part", name, self.models[v.vehicle].shape.part_names[1:]) for v, name in parts]
-        for kind, name, known in named:
-            if name not in known:
+        for kind, name, allowed in named:
+            if name not in allowed:
                 raise ConfigError(
                     f"image {row.index}: {kind} {name!r:.60} is not known to the plan",
                     path=self._path,

@@ -242,8 +242,8 @@ class Summary:
             "boxes by COCO size": {size: sum(by[size] for by in self.sizes.values()) for size in SIZES},
             "rejected tries": {key.replace("_", " "): n for key, n in counts["rejected"].most_common(8)},
         }
-        beside = counts["companions"] + counts["distractors"]
-        return charts | ({"companions and distractors": dict(beside.most_common(12))} if beside else {})
+        extras = counts["companions"] + counts["distractors"]
+        return charts | ({"companions and distractors": dict(extras.most_common(12))} if extras else {})
 
 
 def summarize(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), overcast: bool = False) -> Summary:

@@ -205,7 +205,7 @@ def make_header(
         file = files.get(name, none)
         return {"path": file.path, "sha256": file.sha256}
 
-    known = assets.photographs
+    photographs = assets.photographs
     return Header(
         hulldown_plan=FORMAT,
         images=images,
@@ -230,7 +230,7 @@ def make_header(
             **{package: _version(package) for package in ("hulldown", "numpy", "scipy", "embreex")},
         },
         left_out=list(left_out),
-        photographs=None if known is None else Source(path=str(config.camera.like), sha256=known.sha256),
+        photographs=None if photographs is None else Source(path=str(config.camera.like), sha256=photographs.sha256),
         more_of=more_of,
         poses=poses,
     )

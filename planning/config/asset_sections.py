@@ -228,10 +228,10 @@ class AssetsSection(Section):
             for name, count in Counter(names).items():
                 if count > 1:
                     raise ValueError(f"{count} {kind} are called {name!r}; give each its own `name`")
-        known = [entry.name for entry in self.sceneries]
+        sceneries = [entry.name for entry in self.sceneries]
         for entry in self.distractors:
-            if unknown := [pattern for pattern in entry.sceneries if not fnmatch.filter(known, pattern)]:
-                raise ValueError(f"distractor {entry.name!r}: sceneries: {unknown[0]!r} matches none of {known}")
+            if unknown := [pattern for pattern in entry.sceneries if not fnmatch.filter(sceneries, pattern)]:
+                raise ValueError(f"distractor {entry.name!r}: sceneries: {unknown[0]!r} matches none of {sceneries}")
         if not any(e.weight for e in self.sceneries):
             raise ValueError("all sceneries have weight 0; expected at least one above 0")
         return self

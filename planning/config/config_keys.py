@@ -30,22 +30,14 @@ _SIGNS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """A key of a section.
+    """A key of a section, with its meaning.
 
     Parameters
     ----------
-    name
-        The key.
-    default
-        Its default as TOML; None if it is required, or has no value by default.
-    example
-        A value as TOML, for a key without a default.
-    required
-        Whether it must be given.
+    default, example
+        Its default as TOML, None for a key without, and the example of such a key.
     allowed
         Its range or choices; empty if the meaning describes them.
-    meaning
-        What it does.
     """
 
     name: str
@@ -102,8 +94,8 @@ def _allowed(field: FieldInfo) -> str:
         return ""
     bounds: dict[str, float] = {}
     for meta in _metadata(field):
-        if found := getattr(getattr(meta, "func", None), "bounds", None):
-            return _interval(*found)
+        if limits := getattr(getattr(meta, "func", None), "bounds", None):
+            return _interval(*limits)
         bounds |= {sign: getattr(meta, key) for key, sign in _SIGNS.items() if getattr(meta, key, None) is not None}
     if bounds.keys() == {">=", "<="}:
         return _interval(bounds[">="], bounds["<="])
@@ -136,10 +128,10 @@ def _kinds(annotation: Any) -> Iterator[Any]:
 
 def table(section: type[Section], *, without: type[Section] | None = None) -> str:
     """Return a Markdown table of a section's keys, except those that `without` declares identically."""
-    known = keys_of(without) if without else []
+    declared = keys_of(without) if without else []
     rows = ["| key | default (allowed) | meaning |", "|---|---|---|"]
     for key in keys_of(section):
-        if key in known:
+        if key in declared:
             continue
         default = "required" if key.required else "" if key.default is None else f"`{key.default}`"
         allowed = f" (`{key.allowed}`)" if key.allowed else ""

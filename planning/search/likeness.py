@@ -125,8 +125,7 @@ class Likeness:
 
     def companions(self, box: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
         """Number of other boxes in the photograph of each box; -1 without a box."""
-        known = self.photographs
-        return np.where(box >= 0, known.count[known.image[box]] - 1, -1)
+        return np.where(box >= 0, self.photographs.count[self.photographs.image[box]] - 1, -1)
 
     def places_beside(
         self,
@@ -154,16 +153,17 @@ class Likeness:
         (n, 2) meters from targets to companions in x and y, within `placement.companion_distance`; nan for a companion
         without a box.
         """
-        known, (least, most) = self.photographs, self.config.placement.companion_distance
+        photographs, (least, most) = self.photographs, self.config.placement.companion_distance
         has = np.flatnonzero(number < self.companions(wishes.box))
         places = np.full((len(number), 2), np.nan)
-        start = np.searchsorted(known.image, known.image[wishes.box])
+        start = np.searchsorted(photographs.image, photographs.image[wishes.box])
         box = (start + number + (start + number >= wishes.box))[has]
         azimuth, elevation, distance = _directions(targets, wishes, self.config, lens=lens, rng=rng)
         (sa, ca), (se, ce), near = sin_cos(azimuth[has]), sin_cos(elevation[has]), distance[has]
         tall = (others.fleet.size[others.model, 2] / targets.fleet.size[targets.model, 2])[has]
-        far = near * tall * known.height[wishes.box[has]] / known.height[box]
-        away = (known.center[box] - known.center[wishes.box[has]]) * lens.size[has] / lens.focal[has] * far[:, None]
+        height, center, of_target = photographs.height, photographs.center, wishes.box[has]
+        far = near * tall * height[of_target] / height[box]
+        away = (center[box] - center[of_target]) * lens.size[has] / lens.focal[has] * far[:, None]
         right, ahead = away[:, 0], (far - near) * ce - away[:, 1] * se
         xy = np.stack([-sa * right - ca * ahead, ca * right - sa * ahead], axis=1)
         length = np.maximum(hypot(xy[:, 0], xy[:, 1]), 1e-9)
@@ -188,18 +188,18 @@ class Likeness:
         quarter
             (n,) 0 to 3: the quarter of the image's tries that this one is in.
         """
-        camera, render, known = self.config.camera, self.config.render, self.photographs
+        camera, render, photographs = self.config.camera, self.config.render, self.photographs
         again = draws.uniform(Purpose.LIKE, image, 1 + attempt, count=6)
         asked = self.sampled(draws, targets.fleet, model=targets.model, image=image)
         box = np.where(quarter < 2, asked, self._picked(targets.fleet, targets.model, again[:, 0]))
         box = np.where((asked >= 0) & (quarter < 3), box, -1)
-        size, cut = np.array([render.width, render.height], dtype=np.float64), known.cut[box]
+        size, cut = np.array([render.width, render.height], dtype=np.float64), photographs.cut[box]
         deviation = camera.like_spread * (2.0 * again[:, 1:4] - 1.0)
-        height, aspect = known.height[box] * size[1] * (1.0 + deviation[:, 0]), known.aspect[box]
+        height, aspect = photographs.height[box] * size[1] * (1.0 + deviation[:, 0]), photographs.aspect[box]
         extent = np.stack(
             [aspect * height, height], axis=1
         )  # the box keeps its shape if the image's differs from the photograph's
-        low = (known.center[box] + known.xywh[box, 2:] * deviation[:, 1:]) * size - extent / 2.0
+        low = (photographs.center[box] + photographs.xywh[box, 2:] * deviation[:, 1:]) * size - extent / 2.0
         cut_low, cut_high = cut[:, :2], cut[:, 2:]
         # A side at the frame stays there; the opposite one moves with the size.
         low = np.where(cut_low, 0.0, np.where(cut_high, size - extent, low))

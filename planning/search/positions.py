@@ -121,17 +121,17 @@ class _Search:
             here = take(given, row)
             xy = np.where(np.isnan(here.xyz[:, :2]), xy, here.xyz[:, :2])
             yaw = np.where(np.isnan(here.yaw), yaw, here.yaw)
-            found = settle_clear(
+            settled = settle_clear(
                 self.block.site, self.table.posed(self.target[row]), self.config, xy=xy, yaw=yaw, z=here.xyz[:, 2]
             )
-            rejection = found.rejection.reshape(-1, ahead)
+            rejection = settled.rejection.reshape(-1, ahead)
             allowed = np.arange(ahead) < left[:, None]
             good = allowed & (rejection == Rejection.NONE)
             taken, first = good.any(axis=1), good.argmax(axis=1)
             used = np.where(taken, first, np.minimum(left, ahead))
             at, column = np.nonzero(np.arange(ahead) < used[:, None])
             self.place_rejections[now] += tally(rejection[at, column].astype(np.int64), at, len(now))
-            put(table.settled, self.target[now[taken]], take(found, np.flatnonzero(taken) * ahead + first[taken]))
+            put(table.settled, self.target[now[taken]], take(settled, np.flatnonzero(taken) * ahead + first[taken]))
             table.tries[self.target[now]] += used + taken
             # Further tries at a given place would fail, too.
             table.tries[self.target[now[~taken & given.fixed[now]]]] = limit
@@ -155,7 +155,7 @@ class _Search:
         extras = np.flatnonzero(np.isin(table.row, rows) & (table.role != Role.TARGET))
         table.found[extras] = False  # extras that were left out at another place are tried again
         looked, photographed = np.zeros(len(table.row), dtype=np.int64), self._photographed(extras)
-        which, attempt, found = (
+        which, attempt, ready = (
             extras[:0],
             extras[:0],
             unsettled(0),
@@ -163,7 +163,7 @@ class _Search:
         while len(rows := rows[(turn[rows] < self.end[rows]) & ~failed[rows]]):
             extras = extras[(extras >= turn[table.row[extras]]) & ~failed[table.row[extras]]]
             waiting = np.isin(which, extras)
-            which, attempt, found = which[waiting], attempt[waiting], take(found, np.flatnonzero(waiting))
+            which, attempt, ready = which[waiting], attempt[waiting], take(ready, np.flatnonzero(waiting))
             out = extras[~np.isin(extras, which) & (looked[extras] < COMPANION_TRIES)]
             more = np.minimum(np.maximum(looked[out], FIRST_LOOK), COMPANION_TRIES - looked[out])
             new = np.repeat(out, more)
@@ -172,14 +172,14 @@ class _Search:
             settled = self._settle_extras(new, number, photographed)
             stands = settled.rejection == Rejection.NONE
             which, attempt = np.append(which, new[stands]), np.append(attempt, number[stands])
-            found = join(found, take(settled, np.flatnonzero(stands)))
+            ready = join(ready, take(settled, np.flatnonzero(stands)))
             asked = rows
             while len(asked):
                 due = np.flatnonzero(np.isin(which, turn[asked]))
-                good = due[self._clear_of_others(which[due], take(found, due))]
+                good = due[self._clear_of_others(which[due], take(ready, due))]
                 good = good[np.lexsort((attempt[good], which[good]))]
                 taken, first = np.unique(which[good], return_index=True)
-                put(table.settled, taken, take(found, good[first]))
+                put(table.settled, taken, take(ready, good[first]))
                 table.tries[taken], table.found[taken] = attempt[good[first]] + 1, True
                 which[due] = -1
                 done = table.found[turn[asked]]
@@ -219,27 +219,27 @@ class _Search:
 
         Offsets move from those in the photograph to random ones as tries go on.
         """
-        table, found = self.table, unsettled(len(which))
+        table, tries = self.table, unsettled(len(which))
         for start in range(0, len(which), CANDIDATES):
-            some = slice(start, start + CANDIDATES)
-            extras = which[some]
+            batch = slice(start, start + CANDIDATES)
+            extras = which[batch]
             role, row = table.role[extras], table.row[extras]
             uniform = self.draws.uniform(
                 np.where(role == Role.COMPANION, Purpose.COMPANION, Purpose.DISTRACTOR),
                 self.block.position[row] * MOST + table.number[extras],
                 # The number counts all places of the target, so that every place has new random numbers.
-                self.tries[row] * COMPANION_TRIES + number[some],
+                self.tries[row] * COMPANION_TRIES + number[batch],
                 count=3,
             )
             xy = offsets(role, table.distance[extras], uniform[:, :2])
-            anywhere = np.minimum(number[some] / COMPANION_FOLLOWS, 1.0)[:, None]
+            anywhere = np.minimum(number[batch] / COMPANION_FOLLOWS, 1.0)[:, None]
             shown = photographed[extras]
             xy = np.where(np.isnan(shown), xy, shown + anywhere * (xy - shown))
             xy += table.settled.world_from_vehicle[self.target[row], :2, 3]
             yaw = 2.0 * math.pi * uniform[:, 2] - math.pi
             settled = settle_clear(self.block.site, self.table.posed(extras), self.config, xy=xy, yaw=yaw)
-            put(found, np.arange(len(which))[some], settled)
-        return found
+            put(tries, np.arange(len(which))[batch], settled)
+        return tries
 
     def _clear_of_others(self, which: Int[np.ndarray, " q"], settled: Settled) -> Bool[np.ndarray, " q"]:
         """Whether these tries of extras are clear of the target and of the extras with places."""
@@ -263,10 +263,10 @@ class _Search:
             ahead = min(ahead, max_tries - done)
             now = np.repeat(pending, ahead)
             attempt = done + np.tile(np.arange(ahead), len(pending))
-            found = no_views(len(now))
+            tried = no_views(len(now))
             for start in range(0, len(now), CAMERAS):
-                some = np.arange(start, min(start + CAMERAS, len(now)))
-                rows, owner = now[some], self.owner[now[some]]
+                batch = np.arange(start, min(start + CAMERAS, len(now)))
+                rows, owner = now[batch], self.owner[now[batch]]
                 views = try_cameras(
                     self.block.site,
                     self.table.posed(self.target[owner]),
@@ -275,17 +275,17 @@ class _Search:
                     image=self.image[rows],
                     given=self.block.given_of(self.image[rows]),
                     # The number counts all places of the position, so that every place has new cameras.
-                    attempt=self.tries[owner] * max_tries + attempt[some],
+                    attempt=self.tries[owner] * max_tries + attempt[batch],
                     others=extras.beside(owner)[0],
                     visibility_m=self.visibility_m[rows],
                     likeness=self.block.likeness,
-                    quarter=np.maximum(4 * attempt[some] // max_tries, blind[owner]),
+                    quarter=np.maximum(4 * attempt[batch] // max_tries, blind[owner]),
                 )
-                put(found, some, views)
-            rejection = found.rejection.reshape(-1, ahead)
+                put(tried, batch, views)
+            rejection = tried.rejection.reshape(-1, ahead)
             good = rejection == Rejection.NONE
             taken, first = good.any(axis=1), good.argmax(axis=1)
-            put(self.views, pending[taken], take(found, np.flatnonzero(taken) * ahead + first[taken]))
+            put(self.views, pending[taken], take(tried, np.flatnonzero(taken) * ahead + first[taken]))
             at, column = np.nonzero(np.arange(ahead) < np.where(taken, first, ahead)[:, None])
             self.camera_rejections[pending] += tally(rejection[at, column].astype(np.int64), at, len(pending))
             pending, done = pending[~taken], done + ahead
@@ -295,26 +295,26 @@ class _Search:
     def _see_extras(self) -> Seen:
         """Return the cameras' views of the extras."""
         table, shown = self.table, np.flatnonzero(~self.given_up[self.owner])
-        there = table.found & ((table.role != Role.TARGET) | ~self.block.empty[table.row])
+        present = np.flatnonzero(table.found & ((table.role != Role.TARGET) | ~self.block.empty[table.row]))
         extras = np.flatnonzero(table.found & (table.role != Role.TARGET))
         pair, of = joined(self.owner[shown], table.row[extras])
         image, instance = shown[pair], extras[of]
         seen = Seen(image, instance, no_views(len(image)), np.zeros(len(image), dtype=bool))
-        present, standing = np.flatnonzero(there), self.table.posed(np.flatnonzero(there))
+        standing = self.table.posed(present)
         for start in range(0, len(image), CAMERAS):
-            some = np.arange(start, min(start + CAMERAS, len(image)))
-            others, which = standing.beside(self.owner[image[some]])
-            beside = np.flatnonzero(present[which] != instance[some][others.row])
+            batch = np.arange(start, min(start + CAMERAS, len(image)))
+            others, which = standing.beside(self.owner[image[batch]])
+            not_itself = np.flatnonzero(present[which] != instance[batch][others.row])
             views, pixels = views_of_others(
                 self.block.site,
-                replace(self.table.posed(instance[some]), row=np.arange(len(some))),
-                replace(others.take(beside), row=others.row[beside]),
-                cameras=take(self.views, image[some]),
-                visibility_m=self.visibility_m[image[some]],
+                replace(self.table.posed(instance[batch]), row=np.arange(len(batch))),
+                replace(others.take(not_itself), row=others.row[not_itself]),
+                cameras=take(self.views, image[batch]),
+                visibility_m=self.visibility_m[image[batch]],
                 config=self.config,
             )
-            put(seen.views, some, views)
-            seen.pixels[some] = pixels
+            put(seen.views, batch, views)
+            seen.pixels[batch] = pixels
         return seen
 
     def _hopeful(self, rows: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
