@@ -6,7 +6,7 @@ import pytest
 from hulldown.geometry.errors import ConfigError
 from hulldown.tests.training_pictures import make_dataset
 from hulldown.training import data
-from hulldown.training.augment import NOTHING, TABLE, Augmenter, Change, Sample, changed_table
+from hulldown.training.augment import TABLE, Augmenter, Change, Sample, changed_table
 from hulldown.training.data import Batches, DrawnExamples
 from hulldown.training.draws import make_draws
 from hulldown.training.sheet import augmentation_sheet
@@ -59,7 +59,7 @@ def test_two_flips_are_none():
 
 def test_an_empty_table_changes_nothing():
     sample = ellipse_sample(20)
-    found = Augmenter(NOTHING, height=120)(sample, 0)
+    found = Augmenter({}, height=120)(sample, 0)
     np.testing.assert_array_equal(found.picture, sample.picture)
     np.testing.assert_allclose(found.xywh, sample.xywh, atol=1e-4)
 

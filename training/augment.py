@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 import random
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any, TypeAlias
@@ -83,7 +83,6 @@ TABLE: Table = {
     "shadow": Change(0.2, {"count": (1, 3), "darkness": (0.3, 0.6)}),
     "flare": Change(0.1, {"count": (1, 3), "radius": 0.15}),  # radius: share of the picture's height
 }
-NOTHING: Table = {}
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -117,8 +116,12 @@ class Sample:
             cv2.resize(self.picture, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR),
             self.xywh * ([width / was_width, height / was_height] * 2),
             self.label,
-            tuple(None if mask is None else _resized_mask(mask, width, height) for mask in self.masks),
-        )
+            tuple(
+                None if mask is None
+                else cv2.resize(mask.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) >= 0.5
+                for mask in self.masks
+            ),
+        )  # fmt: skip
 
 
 class Augmenter:
@@ -172,7 +175,8 @@ class Augmenter:
                 seen = mask_box(masks[i])
                 if seen is None:
                     continue
-                if np.abs(_corners(seen) - corners[row]).max() > MASK_ROUNDING:
+                x, y, width, height = seen
+                if np.abs([x, y, x + width, y + height] - corners[row]).max() > MASK_ROUNDING:
                     xywh[row] = seen
             kept.append(row)
         return Sample(
@@ -183,8 +187,8 @@ class Augmenter:
         )
 
 
-def changed_table(changes: Mapping[str, Any], table: Table = TABLE) -> Table:
-    """Return the table with changes.
+def changed_table(changes: Mapping[str, Any]) -> Table:
+    """Return `TABLE` with changes.
 
     Parameters
     ----------
@@ -196,10 +200,10 @@ def changed_table(changes: Mapping[str, Any], table: Table = TABLE) -> Table:
     ConfigError
         Naming an unknown line or option, or an invalid number.
     """
-    result = dict(table)
+    result = dict(TABLE)
     for name, keys in changes.items():
-        if name not in table:
-            raise ConfigError(f"unknown key augmentation.{name}; {_hint(name, list(table))}")
+        if name not in TABLE:
+            raise ConfigError(f"unknown key augmentation.{name}; {_hint(name, list(TABLE))}")
         if not isinstance(keys, Mapping):
             raise ConfigError(f"augmentation.{name} = {keys!r}: expected a table, such as {{ probability = 0.0 }}")
         result[name] = _changed(name, result[name], keys)
@@ -308,13 +312,3 @@ def _transform(name: str, line: Change, height: int) -> Any:
             radius = max(2, round(float(_pair(o["radius"])[1]) * height))
             return A.RandomSunFlare(num_flare_circles_range=_whole(o["count"]), src_radius=radius, p=p)
     raise ValueError(f"table: expected the name of a change, got {name!r}")
-
-
-def _corners(xywh: Iterable[float]) -> Float[np.ndarray, "4"]:
-    x, y, w, h = xywh
-    return np.array([x, y, x + w, y + h])
-
-
-def _resized_mask(mask: Bool[np.ndarray, "h w"], width: int, height: int) -> Bool[np.ndarray, "a b"]:
-    share = cv2.resize(mask.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
-    return share >= 0.5

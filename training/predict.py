@@ -218,6 +218,7 @@ def _detected(
 
 
 def _results(image: int, found: Detections, ids: Sequence[int]) -> Found:
+    """COCO results of an image; `ids` are the categories of the detector's classes."""
     columns = found.label.tolist(), found.xywh.round(DIGITS).tolist(), found.score.tolist()
     return [
         {"image_id": image, "category_id": ids[label], "bbox": box, "score": score}

@@ -51,7 +51,7 @@ class RunFolder:
         """Replace a file in one step."""
         replace_file(self.path / name, json.dumps(value, indent=2, ensure_ascii=False).encode() + b"\n")
 
-    def write_metrics(self, rows: Sequence[Sequence[float]], validated: Sequence[Sequence[float]] = ()) -> None:
+    def write_metrics(self, rows: Sequence[Sequence[float]], validated: Sequence[Sequence[float]]) -> None:
         """Replace metrics.csv, validation.csv if there is one, and their chart."""
         _write_table(self.path / METRICS_NAME, METRICS, rows)
         if validated:
