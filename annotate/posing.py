@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.hulls import extreme_points
-from hulldown.geometry.small_matrices import compose, product
+from hulldown.geometry.transforms import compose, product
 
 NEAR_VERTEX = 1e-9  # of a part's size: points this close to a hull vertex may be extreme in its place by rounding
 

@@ -10,8 +10,7 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.small_matrices import compose, product, turn
-from hulldown.geometry.transforms import apply
+from hulldown.geometry.transforms import apply, compose, product, rotation_about
 
 Articulation = Mapping[str, float]  # part name -> radians; parts not named are at rest
 
@@ -111,7 +110,7 @@ class VehicleShape:
         turned = angles.any(axis=0)
         for i in np.flatnonzero(turned):
             pivot = self.part_pivot[i]
-            affine[:, i, :, :3] = turn(self.part_axis[i], np.ascontiguousarray(angles[:, i]))
+            affine[:, i, :, :3] = rotation_about(self.part_axis[i], angles[:, i])
             affine[:, i, :, 3] = pivot - product(affine[:, i, :, :3], pivot[:, None])[..., 0]
         if turned.any():
             for i, parent in enumerate(self.part_parent):

@@ -3,47 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Float, UInt8
 from numpy.typing import ArrayLike
 
 from hulldown.camera.projection import NEAR
 from hulldown.camera.target import PosedVehicle
 from hulldown.geometry.arrays import checked
-from hulldown.geometry.instances import InstancedScene
-from hulldown.geometry.overlap import SceneTouch
+from hulldown.geometry.overlap import Obstacles
 from hulldown.geometry.transforms import apply, invert_rigid
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.terrain import Terrain
 
 
+@dataclass(frozen=True, eq=False, slots=True)
 class CameraRoom:
-    """Checks positions of cameras in one scenery. Immutable.
+    """Checks positions of cameras in one scenery.
 
     Parameters
     ----------
     terrain
         The ground.
     obstacles
-        Everything but ground and vehicles.
-    solid
-        (k,) which instances count; by default all. A camera may look out of grass.
+        Everything solid but ground and vehicles. A camera may look out of grass.
     water
         Surfaces that a camera may not be below.
     """
 
-    def __init__(
-        self,
-        terrain: Terrain,
-        obstacles: InstancedScene,
-        *,
-        solid: Bool[np.ndarray, " k"] | None = None,
-        water: Terrain | None = None,
-    ) -> None:
-        self._terrain = terrain
-        self._water = water
-        self._touch = SceneTouch(obstacles, solid)
+    terrain: Terrain
+    obstacles: Obstacles
+    water: Terrain | None = None
 
     def rejections(
         self,
@@ -81,13 +72,13 @@ class CameraRoom:
             rejection[_distance_to(vehicle, place) <= vehicle_clearance] = Rejection.CAMERA_VEHICLE
         cube = np.tile(np.eye(4), (n, 1, 1))
         cube[:, :3, 3] = place
-        rejection[self._touch.touched(np.full((n, 3), float(obstacle_clearance)), cube)] = Rejection.CAMERA_OBSTACLE
-        if self._water is not None:
-            water = self._water.top_hits(place[:, :2])
+        rejection[self.obstacles.touched(np.full((n, 3), float(obstacle_clearance)), cube)] = Rejection.CAMERA_OBSTACLE
+        if self.water is not None:
+            water = self.water.top_hits(place[:, :2])
             with np.errstate(invalid="ignore"):
                 wet = place[:, 2] - water.z < max(ground_clearance, 2.0 * NEAR)
             rejection[wet] = Rejection.CAMERA_WATER
-        ground = self._terrain.top_hits(place[:, :2])
+        ground = self.terrain.top_hits(place[:, :2])
         with np.errstate(invalid="ignore"):
             rejection[place[:, 2] - ground.z < ground_clearance] = Rejection.CAMERA_LOW
         rejection[~ground.hit] = Rejection.CAMERA_OFF_GROUND

@@ -69,11 +69,6 @@ class VehicleTarget:
         mesh = self.shape.mesh
         return self.parts if len(self.parts) == 1 else (_part(0, mesh, np.arange(len(mesh.faces)), mesh.name),)
 
-    def hull_points(self, articulation: Articulation) -> Float[np.ndarray, "k 3"]:
-        """Points in the vehicle's frame with the convex hull of the articulated vehicle."""
-        poses = self.shape.vehicle_from_parts(articulation)
-        return np.concatenate([apply(poses[part.index], part.hull) for part in self.parts])
-
     def placed(
         self,
         camera_from_vehicle: Float[np.ndarray, "n 4 4"],

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hulldown.geometry.portable import arctan2
-from hulldown.geometry.small_matrices import product
+from hulldown.geometry.transforms import product
 from hulldown.planning.row import PlannedVehicle, Row
 
 DIGITS = 9  # to a nanometer, so that every processor gives the same

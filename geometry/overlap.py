@@ -1,4 +1,4 @@
-"""Tests whether oriented boxes touch boxes or triangles, by separating axes, for thousands of pairs at once.
+"""Clearance of oriented boxes from boxes and triangles, by separating axes, for thousands of pairs at once.
 
 Two convex bodies are apart exactly if some axis separates them; for boxes and triangles the face normals and the
 crosses of their edges are all the axes there are to look at. All tests are closed: touching counts.
@@ -6,6 +6,7 @@ crosses of their edges are all the axes there are to look at. All tests are clos
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from itertools import pairwise
 
@@ -15,11 +16,30 @@ from jaxtyping import Bool, Float, Int
 from hulldown.geometry.boxtree import BoxTree
 from hulldown.geometry.cutouts import Solidity
 from hulldown.geometry.instances import InstancedScene
+from hulldown.geometry.portable import sin_cos
 from hulldown.geometry.transforms import apply, compose, invert_rigid, rotate
 
 ROOM = 100.0  # meters; surfaces farther away, such as a sky dome, shut nothing in
 PAIRS = 1 << 14  # pairs of box and triangle tested at a time
 _CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+
+
+def _skyward(n: int) -> Float[np.ndarray, "n 3"]:
+    """Straight up first, then directions spread evenly over the upper half of the sphere, from the top down.
+
+    References
+    ----------
+    Vogel, A better way to construct the sunflower head, Mathematical Biosciences 44, 1979: the golden angle.
+    """
+    i = np.arange(n)
+    z = 1.0 - i / (n - 0.5)
+    sin, cos = sin_cos(i * (math.pi * (3.0 - math.sqrt(5.0))))
+    flat = np.sqrt(1.0 - z**2)
+    return np.stack([flat * cos, flat * sin, z], axis=1)
+
+
+SKYWARD = _skyward(48)
+OPEN = 4  # free rays needed if the first is blocked; below a wide sheet, two level ones are free
 
 
 def boxes_touch(
@@ -106,18 +126,18 @@ def _touch_origin_box(
     return touch
 
 
-class SceneTouch:
-    """Tells whether oriented boxes touch the surfaces of a scene. Immutable.
+class Obstacles:
+    """A scenery's obstacles, for clearance tests. Immutable.
 
     Parameters
     ----------
     scene
-        The instances.
+        Everything but ground and vehicles.
     solid
-        (k,) which instances count; by default all.
+        (k,) which instances count; by default all. Grass gives way.
     """
 
-    def __init__(self, scene: InstancedScene, solid: Bool[np.ndarray, " k"] | None = None) -> None:
+    def __init__(self, scene: InstancedScene, *, solid: Bool[np.ndarray, " k"] | None = None) -> None:
         self._scene = scene
         self._solid = np.arange(len(scene.bounds)) if solid is None else np.flatnonzero(solid)
         self._instances = BoxTree(scene.bounds[self._solid])
@@ -130,11 +150,11 @@ class SceneTouch:
     ) -> Bool[np.ndarray, " n"]:
         """Whether each box touches a triangle of an instance, or is shut in by one on all sides and above.
 
-        A triangle that a texture cuts out is touched where it hides.
+        A triangle with a cutout texture is touched where the texture is opaque.
 
-        A box wholly inside a house or a boulder touches none of its triangles. It is shut in if rays from its center
-        along its four horizontal directions and upwards all meet the same instance within `ROOM` meters; winding is not
-        asked for.
+        A box wholly inside a house or a boulder touches none of its triangles. It's shut in if rays from its center
+        along its four horizontal directions and upwards all meet the same instance within `ROOM` meters, whatever the
+        winding.
         """
         center = world_from_box[:, :3, 3]
         reach = np.einsum("nij,nj->ni", np.abs(world_from_box[:, :3, :3]), half)
@@ -150,6 +170,25 @@ class SceneTouch:
         inside = inside[~touched[inside]]
         touched[inside] = self._shut_in(world_from_box[inside])
         return touched
+
+    def open_above(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+        """Whether light reaches each point: the ray upwards, or `OPEN` others, meet no obstacle within `ROOM` meters.
+
+        Parameters
+        ----------
+        point
+            (n, 3) world. No ray leaves a closed house, a boulder, or a hall.
+        """
+        is_open = np.zeros(len(point), dtype=bool)
+        free = np.zeros(len(point), dtype=int)
+        for begin, end in pairwise((0, 1, 13, len(SKYWARD))):
+            left = np.flatnonzero(~is_open)
+            origins = np.repeat(point[left], end - begin, axis=0)
+            directions = np.tile(SKYWARD[begin:end], (len(left), 1))
+            blocked = self._scene.occluded(origins, directions, max_distance=ROOM)
+            free[left] += (~blocked).reshape(len(left), end - begin).sum(axis=1)
+            is_open |= free >= (1 if begin == 0 else OPEN)
+        return is_open
 
     def _touch_mesh(
         self,

@@ -53,17 +53,26 @@ def rotate(
     return turned
 
 
+def product(a: Float[np.ndarray, "*#n 3 3"], b: Float[np.ndarray, "*#n 3 k"]) -> Float[np.ndarray, "*n 3 k"]:
+    """`a @ b` as explicit sums, without checks; leading axes broadcast.
+
+    A matrix product may round differently with the number of rows, and rows of plans and labels must not depend on
+    others. For many small matrices it's also faster.
+    """
+    return a[..., :, 0:1] * b[..., 0:1, :] + a[..., :, 1:2] * b[..., 1:2, :] + a[..., :, 2:3] * b[..., 2:3, :]
+
+
 def compose(
-    c_from_b: Float[np.ndarray, "... 4 4"], b_from_a: Float[np.ndarray, "... 4 4"]
-) -> Float[np.ndarray, "... 4 4"]:
-    """`c_from_a` of affine transforms, without checks; leading axes broadcast."""
-    composed = np.zeros(np.broadcast_shapes(c_from_b.shape, b_from_a.shape))
+    c_from_b: Float[np.ndarray, "... r 4"], b_from_a: Float[np.ndarray, "... r 4"]
+) -> Float[np.ndarray, "... r 4"]:
+    """`c_from_a` of affine transforms (r = 4) or their first three rows, without checks; leading axes broadcast."""
+    composed = np.empty(np.broadcast_shapes(c_from_b.shape, b_from_a.shape))
     top = composed[..., :3, :]
     np.multiply(c_from_b[..., :3, 0:1], b_from_a[..., 0:1, :], out=top)
     for i in (1, 2):
         top += c_from_b[..., :3, i : i + 1] * b_from_a[..., i : i + 1, :]
     top[..., 3] += c_from_b[..., :3, 3]
-    composed[..., 3, 3] = 1.0
+    composed[..., 3:, :] = [0.0, 0.0, 0.0, 1.0]
     return composed
 
 

@@ -92,11 +92,6 @@ class Terrain:
         else:
             self._caster = RayCaster(mesh if every else Mesh(mesh.vertices, mesh.faces[top.mesh_face], mesh.name))
 
-    @classmethod
-    def flat(cls, z: float) -> Terrain:
-        """The infinite plane at this height: face 0 everywhere."""
-        return cls(z)
-
     @property
     def mesh(self) -> Mesh:
         """The ground's mesh; for a plane, one triangle of it."""

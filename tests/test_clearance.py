@@ -7,6 +7,7 @@ from hulldown.camera.clearance import CameraRoom
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.overlap import Obstacles
 from hulldown.geometry.transforms import rigid, rotation_z
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.terrain import Terrain
@@ -14,9 +15,9 @@ from hulldown.tests.shapes import box, vehicle_of
 
 HOUSE = box([-5, -5, 0], [5, 5, 6])
 CRATE = VehicleTarget(vehicle_of(box([-3, -1.5, 0], [3, 1.5, 2])))
-NOTHING = InstancedScene([], [], np.zeros((0, 4, 4)))
+NOTHING = Obstacles(InstancedScene([], [], np.zeros((0, 4, 4))))
 # A house whose near wall is at x = 15.
-STREET = InstancedScene([HOUSE], [0], rigid(np.eye(3), [20.0, 0, 0])[None])
+STREET = Obstacles(InstancedScene([HOUSE], [0], rigid(np.eye(3), [20.0, 0, 0])[None]))
 
 
 def judge(room: CameraRoom, *position: float, **limits: object) -> Rejection:
@@ -34,7 +35,7 @@ def judge(room: CameraRoom, *position: float, **limits: object) -> Rejection:
     ],
 )
 def test_cameras_keep_above_the_ground(z: float, expected: Rejection) -> None:
-    assert judge(CameraRoom(Terrain.flat(3.0), NOTHING), 0.0, 0.0, z, ground_clearance=0.5) == expected
+    assert judge(CameraRoom(Terrain(3.0), NOTHING), 0.0, 0.0, z, ground_clearance=0.5) == expected
 
 
 def test_cameras_beside_the_ground_are_told_apart_from_low_ones() -> None:
@@ -54,18 +55,18 @@ def test_cameras_beside_the_ground_are_told_apart_from_low_ones() -> None:
     ],
 )
 def test_cameras_keep_clear_of_obstacles(x: float, expected: Rejection) -> None:
-    assert judge(CameraRoom(Terrain.flat(0.0), STREET), x, 0.0, 3.0, obstacle_clearance=1.0) == expected
+    assert judge(CameraRoom(Terrain(0.0), STREET), x, 0.0, 3.0, obstacle_clearance=1.0) == expected
 
 
 @pytest.mark.parametrize("name", ["obstacle_clearance", "vehicle_clearance"])
 @pytest.mark.parametrize("meters", [-0.1, math.nan])
 def test_a_clearance_that_is_none_is_refused(name: str, meters: float) -> None:
     with pytest.raises(ValueError, match=f"{name}: expected meters of 0 or more, got {meters}"):
-        judge(CameraRoom(Terrain.flat(0.0), STREET), 20.0, 0.0, 3.0, **{name: meters})
+        judge(CameraRoom(Terrain(0.0), STREET), 20.0, 0.0, 3.0, **{name: meters})
 
 
 def test_no_surface_is_nearer_than_the_clearance() -> None:
-    room, rng = CameraRoom(Terrain.flat(0.0), STREET), np.random.default_rng(0)
+    room, rng = CameraRoom(Terrain(0.0), STREET), np.random.default_rng(0)
     place = rng.uniform([10, -8, 0.1], [30, 8, 9], (3000, 3))
     free = room.rejections(place, obstacle_clearance=1.0) == Rejection.NONE
     beyond = np.abs(place - [20, 0, 3]) - [5, 5, 3]
@@ -87,5 +88,5 @@ def test_cameras_keep_clear_of_vehicles(position: tuple, expected: Rejection) ->
     at = rigid(rotation_z(1.0), [100.0, 200, 0])
     place = at[:3, :3] @ position + at[:3, 3]
     vehicle = PosedVehicle(CRATE, at[None], {})
-    room = CameraRoom(Terrain.flat(0.0), NOTHING)
+    room = CameraRoom(Terrain(0.0), NOTHING)
     assert judge(room, *place, vehicles=[vehicle], vehicle_clearance=1.0) == expected

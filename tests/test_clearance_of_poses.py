@@ -4,9 +4,8 @@ import numpy as np
 
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import merge
-from hulldown.geometry.overlap import boxes_touch
+from hulldown.geometry.overlap import Obstacles, boxes_touch
 from hulldown.geometry.transforms import compose, invert_rigid, rigid, rotation_about, rotation_z
-from hulldown.placement.clearance import Obstacles
 from hulldown.tests.shapes import box
 
 SIZE = np.array([4.0, 2.0, 1.5])

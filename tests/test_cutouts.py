@@ -12,7 +12,7 @@ from hulldown.geometry.alpha import AlphaMap, Cut, Cutouts, Extension, Step, few
 from hulldown.geometry.cutouts import caster_of
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh, merge
-from hulldown.geometry.overlap import SceneTouch
+from hulldown.geometry.overlap import Obstacles
 from hulldown.geometry.transforms import rigid, rotation_z
 from hulldown.tests.shapes import vehicle_of
 
@@ -152,13 +152,13 @@ def test_boxes_touch_a_card_where_it_hides():
     at = np.random.default_rng(4).uniform(0.02, 0.98, (500, 2))
     world_from_box = np.tile(scene.world_from_instance[0], (500, 1, 1))
     world_from_box[:, :3, 3] += (at[:, :1] * world_from_box[:, :3, 0]) + at[:, 1:] * world_from_box[:, :3, 2]
-    touched = SceneTouch(scene).touched(np.full((500, 3), 0.05), world_from_box)
+    touched = Obstacles(scene).touched(np.full((500, 3), 0.05), world_from_box)
     # A box of 0.1 m about a point of a chequerboard of 0.25 m; away from the edges of its fields.
     opaque = np.floor(at * 4).sum(axis=1) % 2 == 1
     inner = (np.abs(at * 4 - np.rint(at * 4)) > 0.25).all(axis=1)
     np.testing.assert_array_equal(touched[inner], opaque[inner])
     assert touched[opaque].all()
-    whole = SceneTouch(InstancedScene([replace(card(), cutouts=None)], [0], scene.world_from_instance))
+    whole = Obstacles(InstancedScene([replace(card(), cutouts=None)], [0], scene.world_from_instance))
     assert whole.touched(np.full((500, 3), 0.05), world_from_box).all()
 
 

@@ -160,7 +160,7 @@ def test_a_ridge_that_fits_between_the_rails_lifts_nothing():
         settle(along(0.4), TANK, [[0.5, 0.0]] * 2, yaw, footprint=f, rules=SettleRules(max_slope=STEEP))
         for f in (RAILS.box, RAILS)
     )
-    flat = settle(Terrain.flat(0.0), TANK, [[0.5, 0.0]] * 2, yaw, footprint=RAILS)
+    flat = settle(Terrain(0.0), TANK, [[0.5, 0.0]] * 2, yaw, footprint=RAILS)
     np.testing.assert_allclose(plate.world_from_vehicle[:, 2, 3], 0.4, atol=1e-12)
     np.testing.assert_array_equal(rails.world_from_vehicle, flat.world_from_vehicle)
     for settled in (rails, flat):

@@ -145,7 +145,7 @@ def test_the_methods_agree_where_float32_suffices(method):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_the_plane_is_hit_everywhere(method):
-    plane = Terrain.flat(2.5)
+    plane = Terrain(2.5)
     hits = plane.top_hits([[0, 0], [1e9, -1e9]], method=method)
     assert hits.face.tolist() == [0, 0]
     assert hits.z.tolist() == [2.5, 2.5]

@@ -13,8 +13,8 @@ from hulldown.camera.visibility import visible_fraction
 from hulldown.camera.world import World
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.overlap import Obstacles
 from hulldown.geometry.transforms import rigid, rotation_about, rotation_z
-from hulldown.placement.clearance import Obstacles
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.search.stage import make_stage
@@ -125,7 +125,7 @@ def test_what_fords_stands_in_water_as_deep_as_it_may():
 
 
 def test_a_camera_is_above_water_by_the_clearance_and_by_the_near_plane():
-    room = CameraRoom(Terrain.flat(-3.0), NOTHING, water=Terrain(sheet((-9, -9), (9, 9), 0.0)))
+    room = CameraRoom(Terrain(-3.0), Obstacles(NOTHING), water=Terrain(sheet((-9, -9), (9, 9), 0.0)))
     places = np.array([[0, 0, 0.6], [0, 0, 0.4], [0, 0, -1.0], [20.0, 0, -1.0], [0, 0, 0.1]])
     wet, dry = Rejection.CAMERA_WATER, Rejection.NONE
     assert room.rejections(places, ground_clearance=0.5).tolist() == [dry, wet, wet, dry, wet]
@@ -154,7 +154,7 @@ def test_water_hides_what_stands_in_it_as_an_opaque_surface_would():
 def test_water_is_no_obstacle_beside_which_room_is_kept():
     shore = with_water(bare("shore"), sheet((0, -50), (50, 50), -0.01))
     (site,) = make_stage(config_for(shore, images=1), assets_of(shore)).sites
-    assert site.vehicle_room.touched(np.full((1, 3), 6.0), np.eye(4)[None]).tolist() == [False]
+    assert site.obstacles.touched(np.full((1, 3), 6.0), np.eye(4)[None]).tolist() == [False]
 
 
 def house(*, open_front=False, size=12.0):
@@ -200,5 +200,5 @@ def test_a_dome_around_everything_refuses_nothing():
     dome = replace(dome, instance_is_water=np.zeros(len(dome.instance_names), bool))
     rows = list(plan(config_for(dome, images=10), assets_of(dome)))
     assert len(rows) == 10
-    room = CameraRoom(Terrain(VALLEYS.ground), InstancedScene([house(size=900.0)], [0], [np.eye(4)]))
+    room = CameraRoom(Terrain(VALLEYS.ground), Obstacles(InstancedScene([house(size=900.0)], [0], [np.eye(4)])))
     assert room.rejections(np.array([[0.0, 0, 20.0]]), obstacle_clearance=1.0).tolist() == [Rejection.NONE]

@@ -75,7 +75,7 @@ def sees_sky(site: Site, instances: Instances) -> Bool[np.ndarray, " n"]:
     fleet, model = instances.fleet, instances.model
     top = fleet.center[model].copy()
     top[:, 2] += fleet.size[model, 2] / 2 + ABOVE
-    return site.vehicle_room.open_above(apply(instances.world_from_vehicle, top[:, None])[:, 0])
+    return site.obstacles.open_above(apply(instances.world_from_vehicle, top[:, None])[:, 0])
 
 
 def clear_of_obstacles(site: Site, instances: Instances, clearance: float) -> Bool[np.ndarray, " n"]:
@@ -85,7 +85,7 @@ def clear_of_obstacles(site: Site, instances: Instances, clearance: float) -> Bo
     for box in range(half.shape[1]):
         # The hull is the first box, and rejects most vehicles.
         rows = np.flatnonzero(clear & (box < instances.fleet.boxes[instances.model]))
-        clear[rows] = ~site.vehicle_room.touched(half[rows, box], world_from_box[rows, box])
+        clear[rows] = ~site.obstacles.touched(half[rows, box], world_from_box[rows, box])
     return clear
 
 

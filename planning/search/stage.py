@@ -17,8 +17,8 @@ from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.clearance import CameraRoom
 from hulldown.camera.target import VehicleTarget
 from hulldown.camera.world import Plane, World
+from hulldown.geometry.overlap import Obstacles
 from hulldown.geometry.rays import RayCaster
-from hulldown.placement.clearance import Obstacles
 from hulldown.placement.contact import Footing, stacked
 from hulldown.placement.footprint import underside
 from hulldown.placement.rules import SettleRules
@@ -42,8 +42,8 @@ class Site:
         Ground, with vertical walls, and obstacles for rays in any direction.
     water
         Top hits on its water; None without any.
-    vehicle_room, camera_room
-        Clearance of vehicles from obstacles, and of cameras from ground, water, and obstacles.
+    obstacles, camera_room
+        Clearance from obstacles, and of cameras from ground, water, and obstacles.
     bounds
         (2, 2) lowest and highest (x, y) for vehicles, before the margin.
     origin, crs
@@ -54,7 +54,7 @@ class Site:
     terrain: Terrain
     world: World
     water: Terrain | None
-    vehicle_room: Obstacles
+    obstacles: Obstacles
     camera_room: CameraRoom
     bounds: Float[np.ndarray, "2 2"]
     origin: Float[np.ndarray, "3"]
@@ -174,27 +174,27 @@ def make_stage(config: Config, assets: Assets) -> PlanStage:
 
 def _site(scenery: Scenery, fallback_z: float) -> Site:
     world = World.of(scenery, fallback_z=fallback_z)
-    ground, obstacles = world.ground, world.obstacles
+    ground, scene = world.ground, world.obstacles
     assert ground is not None
     terrain = (
-        Terrain.flat(ground.z)
+        Terrain(ground.z)
         if isinstance(ground, Plane)
         else Terrain(ground.mesh, caster=ground if isinstance(ground, RayCaster) else None)
     )
-    surface, solid = scenery.water(), scenery.solid
+    surface, obstacles = scenery.water(), Obstacles(scene, solid=scenery.solid)
     water = Terrain(surface) if surface else None
     bounds = terrain.bounds[:, :2]
     if not np.isfinite(bounds).all():
         bounds = np.array([[-_BARE_EXTENT] * 2, [_BARE_EXTENT] * 2])
-        if len(obstacles.bounds):
-            bounds = np.stack([obstacles.bounds[:, 0, :2].min(axis=0), obstacles.bounds[:, 1, :2].max(axis=0)])
+        if len(scene.bounds):
+            bounds = np.stack([scene.bounds[:, 0, :2].min(axis=0), scene.bounds[:, 1, :2].max(axis=0)])
     return Site(
         name=scenery.name,
         terrain=terrain,
         world=world,
         water=water,
-        vehicle_room=Obstacles(obstacles, solid=solid),
-        camera_room=CameraRoom(terrain, obstacles, solid=solid, water=water),
+        obstacles=obstacles,
+        camera_room=CameraRoom(terrain, obstacles, water),
         bounds=bounds,
         origin=scenery.origin,
         crs=scenery.crs,
