@@ -23,7 +23,7 @@ from hulldown.demo.project import CONFIG, create_project, project_text
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply
 from hulldown.planning.config.schema import Config
-from hulldown.planning.loading import load_assets
+from hulldown.planning.loading import load_library
 from hulldown.planning.planner import BLOCK, Planner
 from hulldown.tests.planning_assets import hills
 
@@ -64,7 +64,7 @@ def _case(images: int, rays: int, cells: int) -> tuple[Any, Assets]:
 def _init_case(folder: str, images: int, vehicles: int, distractors: int, woods: bool) -> tuple[Any, Assets]:
     """The config that `hulldown init` writes, or one that differs from it in these numbers."""
     config = Config.read(Path(folder) / CONFIG)
-    assets = load_assets(config)
+    assets = load_library(config).assets
     classes = len(set(assets.categories.values()))
     placement, budget = config.placement, config.budget
     if images != classes * budget.images_per_class:
@@ -225,7 +225,7 @@ def run(quick: bool, project: Path | None = None) -> dict[str, Any]:
         folder = str(project or made)
         if not project:
             create_project(folder)
-        load_assets(Config.read(Path(folder) / CONFIG))  # reads them into the cache
+        load_library(Config.read(Path(folder) / CONFIG))  # reads them into the cache
         # The case that the others are compared with, before and after them.
         results["alone"] = [_apart(_plan, _case, alone, 256, cells)]
         results["init"] = [_apart(_plan, _init_case, folder, n, 1, 3, True) for n in images]

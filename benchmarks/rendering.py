@@ -18,7 +18,7 @@ from hulldown.benchmarks.rendering_error import FAST, PAPER
 from hulldown.benchmarks.tables import table
 from hulldown.demo.project import create_project
 from hulldown.planning.config.schema import Config
-from hulldown.planning.loading import load_assets
+from hulldown.planning.loading import load_library
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row
 from hulldown.planning.write import write_plan
@@ -66,7 +66,7 @@ def planned(
     for section, values in sections.items():
         given[section] |= values
     config = Config.of(given, path=config_path)
-    plan = write_plan(config, load_assets(config), folder / f"{scenery or 'all'}-{per_class}-{size[0]}.jsonl")
+    plan = write_plan(config, load_library(config).assets, folder / f"{scenery or 'all'}-{per_class}-{size[0]}.jsonl")
     return plan, render_assets(plan)
 
 

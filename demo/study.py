@@ -30,7 +30,7 @@ from hulldown.demo.catalog import CATEGORY
 from hulldown.geometry.files import replacing
 from hulldown.planning.config.schema import Config
 from hulldown.planning.config.template import config_text
-from hulldown.planning.loading import load_assets
+from hulldown.planning.loading import load_library
 from hulldown.planning.more_of import read_more_of
 from hulldown.planning.write import write_plan
 from hulldown.render.supervisor import Progress, render_plan
@@ -124,7 +124,7 @@ def make_side(side: Side, folder: Path, *, more_of: Path | None = None) -> Path:
         config = Config.read(write_side(side, folder))
         missed = None if more_of is None else read_more_of(more_of)
         workers = os.cpu_count() or 1
-        write_plan(config, load_assets(config), plan, workers=workers, more_of=missed, progress=_say(side.name))
+        write_plan(config, load_library(config).assets, plan, workers=workers, more_of=missed, progress=_say(side.name))
     if not render_plan(plan, dataset, progress=_rendered(side)).complete:
         raise SystemExit(f"{dataset}: not all images could be rendered; see failures.jsonl there")
     return dataset

@@ -34,7 +34,6 @@ from hulldown.reading.report import FileReport, refuse_missing
 from hulldown.reading.skies.hdri import Hdri, read_hdris, refuse_no_hdri
 from hulldown.reading.skies.sky_report import REMEDY
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART
-from hulldown.reading.wording import warnings_of
 
 USUAL_LENGTHS = {  # meters, up to the longest with gun or trailer
     ("car", "suv", "sedan", "jeep", "hatchback", "pickup", "van", "taxi"): (2.0, 9.0),
@@ -109,29 +108,6 @@ def hdri_paths(config: Config) -> dict[str, Path]:
                     remedy="rename one of them",
                 )
     return paths
-
-
-def load_assets(
-    config: Config,
-    *,
-    strict: bool = False,
-    cache: Path | None = None,
-    progress: Callable[[str], None] | None = None,
-    warn: Callable[[str], None] | None = None,
-    limits: ReadLimits = DEFAULT_LIMITS,
-) -> Assets:
-    """Return the assets of a config; other parameters and errors as of `load_library`.
-
-    Parameters
-    ----------
-    warn
-        Called with the doubts about each file; see `reading.wording.warnings_of`.
-    """
-    library = load_library(config, strict=strict, cache=cache, progress=progress, limits=limits)
-    if warn:
-        for line in warnings_of(library.doubts(backdrop=config.light.backdrop == "hdri")):
-            warn(line)
-    return library.assets
 
 
 def load_library(

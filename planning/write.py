@@ -98,7 +98,8 @@ def plan(
     from hulldown.annotate.sheets import make_room_for_picture
     from hulldown.geometry.terminal import reading_status, shown
     from hulldown.planning.appearance.land import land_above_horizon
-    from hulldown.planning.loading import load_assets
+    from hulldown.planning.loading import load_library
+    from hulldown.reading.wording import warnings_of
 
     if more_of and poses:
         remedy = "leave one of them out: with poses given, there are no candidates to choose from"
@@ -115,8 +116,10 @@ def plan(
         for note in Likeness(photographs, config).notes({entry.category for entry in config.assets.vehicles}):
             warnings.warn(note, stacklevel=2)
     with reading_status() as reading:
-        assets = load_assets(config, strict=strict, cache=cache, progress=reading, warn=warnings.warn, limits=limits)
-    assets = replace(assets, photographs=photographs)
+        library = load_library(config, strict=strict, cache=cache, progress=reading, limits=limits)
+    for line in warnings_of(library.doubts(backdrop=config.light.backdrop == "hdri")):
+        warnings.warn(line, stacklevel=2)
+    assets = replace(library.assets, photographs=photographs)
     with shown("planning", progress) as advance:
         made = write_plan(
             config,

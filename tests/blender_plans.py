@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from hulldown.planning.config.schema import Config
-from hulldown.planning.loading import load_assets
+from hulldown.planning.loading import load_library
 from hulldown.planning.write import write_plan
 from hulldown.render.jobs import render_job
 from hulldown.render.messages import Settings, to_json
@@ -52,7 +52,7 @@ def make_plan(folder, text):
     """The plan of a config with this text, in a folder that has its files."""
     (folder / "hulldown.toml").write_text(text)
     config = Config.read(folder / "hulldown.toml")
-    return write_plan(config, load_assets(config), folder / "plan.jsonl")
+    return write_plan(config, load_library(config).assets, folder / "plan.jsonl")
 
 
 def job(row, assets, settings, output):

@@ -16,7 +16,7 @@ from hulldown.assets.bundle import save_scenery, save_vehicle
 from hulldown.geometry.errors import AssetError, ConfigError
 from hulldown.geometry.meshes import Mesh
 from hulldown.planning.config.schema import Config
-from hulldown.planning.loading import load_assets, load_planned_library
+from hulldown.planning.loading import load_library, load_planned_library
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.write import make_header
 from hulldown.reading.cache import cached, sha256
@@ -241,8 +241,8 @@ def config_in(folder: Path, *, vehicles: Sequence[dict] = VEHICLES) -> Config:
 
 
 def test_the_assets_of_a_config(exporter: Exporter, tmp_path: Path) -> None:
-    said: list[str] = []
-    assets = load_assets(config_in(tmp_path), warn=said.append)
+    library = load_library(config_in(tmp_path))
+    assets = library.assets
     assert list(assets.vehicles) == ["b", "T"], "in the order of the config"
     assert assets.vehicles["T"].name == "T", "called as in the config, whatever the cache calls it"
     assert assets.categories == {"b": "small", "T": "large"}
@@ -251,8 +251,9 @@ def test_the_assets_of_a_config(exporter: Exporter, tmp_path: Path) -> None:
     assert assets.vehicle_files["T"].path == "a.blend"
     assert assets.hdri_files["sky"].path == "sky.exr"
     assert len(assets.hdri_files["sky"].sha256) == 64
-    assert said == [f"{tmp_path / file}\n  odd" for file in ("b.blend", "a.blend", "field.blend")]
-    load_assets(config_in(tmp_path))
+    odd = {str(tmp_path / file): ["odd"] for file in ("b.blend", "a.blend", "field.blend")}
+    assert library.doubts(backdrop=False) == odd
+    load_library(config_in(tmp_path))
     assert sorted(exporter.read) == ["a.blend", "b.blend", "field.blend"]
 
 
@@ -260,12 +261,12 @@ def test_limits_of_the_config_replace_those_of_the_file_without_reading_it_again
     exporter: Exporter, tmp_path: Path
 ) -> None:
     exporter.parts = 3
-    load_assets(config_in(tmp_path))
+    load_library(config_in(tmp_path))
     vehicles = [
         {"path": "a.blend", "category": "large", "turret_limits_deg": [-30, 45], "gun_limits_deg": 0},
         {"path": "b.blend", "category": "large", "gun_limits_deg": [-10, 60]},
     ]
-    assets = load_assets(config_in(tmp_path, vehicles=vehicles))
+    assets = load_library(config_in(tmp_path, vehicles=vehicles)).assets
     assert np.degrees(assets.vehicles["a"].part_limits) == pytest.approx(np.array([[0, 0], [-30, 45], [0, 0]]))
     assert assets.vehicles["b"].part_limits[1].tolist() == [-np.pi, np.pi], "as the file says"
     assert np.degrees(assets.vehicles["b"].part_limits[2]) == pytest.approx([-10, 60])
@@ -275,23 +276,23 @@ def test_limits_of_the_config_replace_those_of_the_file_without_reading_it_again
 def test_limits_of_a_part_that_is_not_there_are_refused(exporter: Exporter, tmp_path: Path) -> None:
     config = config_in(tmp_path, vehicles=[{**VEHICLES[0], "gun_limits_deg": [0, 10]}])
     with pytest.raises(AssetError, match=r"b\.blend: gun_limits_deg is given, but no gun was found"):
-        load_assets(config)
+        load_library(config)
 
 
 def test_strict_refuses_missing_textures(exporter: Exporter, tmp_path: Path) -> None:
     exporter.missing = (Missing("/x/gone.png", ("Hull", "Skirt")), Missing("/x/more.png", ()))
     allowed = [{**vehicle, "allow_missing": True} for vehicle in VEHICLES]
-    load_assets(config_in(tmp_path, vehicles=allowed))
+    load_library(config_in(tmp_path, vehicles=allowed))
     for vehicles, strict in ((allowed, True), (VEHICLES, False)):
         with pytest.raises(AssetError) as caught:
-            load_assets(config_in(tmp_path, vehicles=vehicles), strict=strict)
+            load_library(config_in(tmp_path, vehicles=vehicles), strict=strict)
         assert "b.blend: /x/gone.png is missing, used by Hull, Skirt (and 1 more)" in str(caught.value)
 
 
 def planned(folder: Path, **assets_section: str) -> Plan:
     """A plan of `config_in`, with other values in the section of assets in its header."""
     config = config_in(folder)
-    assets = load_assets(config)
+    assets = load_library(config).assets
     path = folder / "plan.jsonl"
     header = make_header(config, assets, path, images=0)
     header.config["assets"].update(assets_section)
@@ -332,5 +333,5 @@ def test_an_hdri_that_is_no_picture_is_refused(exporter: Exporter, tmp_path: Pat
     config = config_in(tmp_path)
     (tmp_path / "sky.exr").write_bytes(content)
     with pytest.raises(AssetError, match=r"sky.exr: isn't an OpenEXR or Radiance picture; copy it again"):
-        load_assets(config)
+        load_library(config)
     assert exporter.read == [], "before the long work"

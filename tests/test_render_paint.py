@@ -13,7 +13,7 @@ from hulldown.camera.world import World
 from hulldown.planning.appearance.paint import Coat
 from hulldown.planning.check import check_plan
 from hulldown.planning.config.schema import Config
-from hulldown.planning.loading import load_assets, load_library
+from hulldown.planning.loading import load_library
 from hulldown.planning.write import write_plan
 from hulldown.render.jobs import render_assets, render_job
 from hulldown.render.messages import Settings, to_json
@@ -58,7 +58,7 @@ def folder(worlds, tmp_path_factory):
 @pytest.fixture(scope="module")
 def plan(folder):
     config = Config.read(folder / "hulldown.toml")
-    assets = load_assets(config)
+    assets = load_library(config).assets
     made = write_plan(config, assets, folder / "plan.jsonl")
     assert check_plan(made, assets) == []
     return made

@@ -9,7 +9,7 @@ from hulldown.dataset.exports.export import export
 from hulldown.dataset.verification.verify import verify
 from hulldown.planning.check import check_plan
 from hulldown.planning.config.schema import Config
-from hulldown.planning.loading import load_assets
+from hulldown.planning.loading import load_library
 from hulldown.render.jobs import render_assets
 from hulldown.render.supervisor import render_plan
 from hulldown.tests.blender_plans import CONFIG, copied, draw, job, make_plan
@@ -42,7 +42,7 @@ def test_without_effects_a_picture_is_blenders_own(plan, folder):
 
 
 def test_a_camera_makes_a_sound_dataset_of_jpeg_files(plan, folder):
-    assert check_plan(plan, load_assets(Config.read(folder / "hulldown.toml"))) == []
+    assert check_plan(plan, load_library(Config.read(folder / "hulldown.toml")).assets) == []
     datasets = [folder / name for name in ("one", "again")]
     for dataset in datasets:
         assert render_plan(plan.path, dataset, assets=render_assets(plan)).complete

@@ -15,7 +15,7 @@ from hulldown.geometry.errors import HulldownError
 from hulldown.planning.appearance.land import land_above_horizon
 from hulldown.planning.appearance.paint import PaintEntry, paint_doubts
 from hulldown.planning.config.schema import Config
-from hulldown.planning.loading import load_assets
+from hulldown.planning.loading import load_library
 from hulldown.planning.write import write_plan
 from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
 from hulldown.reading.export import ask_reader, exported_by, job_for
@@ -359,9 +359,9 @@ def test_a_vehicle_of_odd_size_or_without_its_textures_is_refused_unless_allowed
     config = Config.of({"assets": assets, "budget": {"images_per_class": 1}}, path=tmp_path / "hulldown.toml")
     if said:
         with pytest.raises(HulldownError, match=said):
-            load_assets(config)
+            load_library(config)
     else:
-        load_assets(config)
+        load_library(config)
 
 
 def test_dropping_the_hull_is_a_doubt_and_many_pieces_get_a_pattern():
