@@ -161,7 +161,8 @@ class Artist:
 
     def _brightness(self, row: Row) -> float:
         """Brightness of a gray card on open land relative to mid-gray."""
-        return float(card(row, self._assets) @ LUMINANCE) / ALBEDO * 2.0**row.exposure_ev
+        irradiance = np.array(self._assets.sky(row.hdri).irradiance)
+        return float(card(irradiance, row.strength) @ LUMINANCE) / ALBEDO * 2.0**row.exposure_ev
 
     def _posed(self, vehicle: PlannedVehicle) -> PosedVehicle:
         target = self.models[vehicle.vehicle].target

@@ -15,7 +15,7 @@ def visited(budget):
     left = {v: int(n) for v, n in zip(budget.vehicles, budget.images, strict=True)}
     queues = [
         [budget.vehicles[i] for i in range(budget.class_starts[c], budget.class_starts[c + 1])]
-        for c in range(len(budget.class_names))
+        for c in range(len(budget.class_starts) - 1)
     ]
     turn = [0] * len(queues)
     first, rows, count = 0, [], dict.fromkeys(left, 0)

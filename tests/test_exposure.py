@@ -27,7 +27,9 @@ def rows(**light):
 
 def test_a_gray_card_is_mid_gray_under_each_hdri_and_strength():
     for row in rows(exposure_error_ev=0.0, strength=[0.1, 10.0]):
-        level = displayed(card(row, lit()) * 2.0**row.exposure_ev) @ LUMINANCE
+        level = (
+            displayed(card(np.array(lit().sky(row.hdri).irradiance), row.strength) * 2.0**row.exposure_ev) @ LUMINANCE
+        )
         assert level == pytest.approx(CARD, abs=0.01)
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from hulldown.assets.library import Assets
 from hulldown.camera.response import ALBEDO, FARTHEST_EV, metered
 from hulldown.planning.config.schema import LightSection
-from hulldown.planning.row import Row, rounded
+from hulldown.planning.row import rounded
 from hulldown.planning.search.draws import Purpose, RandomStreams, between
 
 
@@ -35,7 +35,7 @@ def exposures(
     skies = {name: assets.sky(name) for name in set(hdris)}
     if light.exposure == "auto":
         irradiance = np.array([skies[name].irradiance for name in hdris]).reshape(-1, 3)
-        ev = metered(_card(irradiance, strength[:, None]))
+        ev = metered(card(irradiance, strength[:, None]))
     else:
         ev = np.full(len(image), light.exposure)
     ev = np.clip(ev + between(*light.exposure_error_ev, u[:, 0]), -FARTHEST_EV, FARTHEST_EV)
@@ -48,16 +48,12 @@ def exposures(
     return rounded("exposure_ev", ev), white_balance, horizon
 
 
-def card(row: Row, assets: Assets) -> Float[np.ndarray, "3"]:
-    """Radiance of a level gray card on open land in the light of a row, in linear Rec. 709.
+def card(
+    irradiance: Float[np.ndarray, "*n 3"], strength: float | Float[np.ndarray, "n 1"]
+) -> Float[np.ndarray, "*n 3"]:
+    """Radiance of a level gray card on open land under HDRIs of this irradiance and strength, in linear Rec. 709.
 
     It doesn't depend on the sky's rotation and the weather: in renders, fog doesn't dim the light on the ground near
     the camera (docs/benchmarks.md).
     """
-    return _card(np.array(assets.sky(row.hdri).irradiance), row.strength)
-
-
-def _card(
-    irradiance: Float[np.ndarray, "*n 3"], strength: float | Float[np.ndarray, "n 1"]
-) -> Float[np.ndarray, "*n 3"]:
     return np.asarray(irradiance * (ALBEDO / math.pi * strength))

@@ -57,8 +57,6 @@ class Budget:
     ----------
     vehicles
         Names, grouped by class, in the order of the config.
-    class_names
-        Names of the classes, in order of first appearance.
     class_starts
         (c + 1,) index in `vehicles` of each class's first, and their number.
     images
@@ -70,7 +68,6 @@ class Budget:
     """
 
     vehicles: tuple[str, ...]
-    class_names: tuple[str, ...]
     class_starts: Int[np.ndarray, " c_plus_1"]
     images: Int[np.ndarray, " v"]
     shots: int
@@ -206,7 +203,6 @@ def make_budget(section: BudgetSection, categories: Mapping[str, str]) -> Budget
         raise ConfigError("budget: no image would be made", remedy="ask for at least one")
     return Budget(
         vehicles=tuple(v for c in classes for v in members[c]),
-        class_names=classes,
         class_starts=np.cumsum([0, *(len(members[c]) for c in classes)]),
         images=np.array(images, dtype=np.int64),
         shots=section.images_per_position,

@@ -136,7 +136,5 @@ def pose_budget(poses: GivenPoses, budget: Budget) -> PoseBudget:
         vehicle[k], ordinal[k] = v, before[v]
         before[v] += 1
         images[v] += shots[k] if line.scenery is None else 0
-    return PoseBudget(
-        budget.vehicles, budget.class_names, budget.class_starts, images, budget.shots,
-        held=Positions(vehicle, ordinal, shots, starts),
-    )  # fmt: skip
+    held = Positions(vehicle, ordinal, shots, starts)
+    return PoseBudget(budget.vehicles, budget.class_starts, images, budget.shots, held=held)
