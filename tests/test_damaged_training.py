@@ -12,7 +12,6 @@ from hulldown.cli import main
 from hulldown.geometry.errors import ConfigError, DatasetError, HulldownError
 from hulldown.tests.test_train import in_child, nano, small, train_and_die
 from hulldown.tests.training_pictures import edit, make_dataset
-from hulldown.training.augment import NOTHING
 from hulldown.training.data import DrawnExamples
 from hulldown.training.detectors.center_points import CenterNetwork
 from hulldown.training.detectors.small import save_small
@@ -157,7 +156,7 @@ def test_boxes_of_one_run_follow_one_rule(tmp_path):
     rule = follow_masks(None, sources)
     assert not rule
     draws = make_draws([4, 4], 12, seed=0)
-    examples = DrawnExamples(sources, draws, (96, 54), NOTHING, masks=rule)
+    examples = DrawnExamples(sources, draws, (96, 54), {}, masks=rule)
     assert all(mask is None for k in range(12) for mask in examples._sample(k).masks)
     with pytest.raises(ConfigError, match="masks = true: photographs has boxes without masks"):
         follow_masks(True, sources)
