@@ -177,8 +177,6 @@ def test_every_draw_is_in_one_step_and_a_restart_goes_on_in_the_midst(draws, bat
     assert [len(one) for one in found] == [n for step in sizes for n in step]
     assert (batches.steps, len(batches)) == (len(sizes), len(found))
     assert list(Batches(draws, batch=batch, parts=parts, first=1)) == found[parts:]
-    for rank in range(parts):
-        assert list(Batches(draws, batch=batch, parts=parts, rank=rank, ranks=parts)) == found[rank::parts]
 
 
 def test_the_sheet_has_a_row_of_nine_for_each_picture(tmp_path):

@@ -114,23 +114,19 @@ class Batches(Sampler[list[int]]):
     batch
         Draws in a batch.
     parts
-        Batches in a step: of one process after the other, and of several at once.
-    rank, ranks
-        This process's index, and the number of processes that share each step's batches.
+        Batches in a step.
     first
         The first step; earlier ones are done.
     """
 
-    def __init__(
-        self, draws: int, *, batch: int, parts: int = 1, rank: int = 0, ranks: int = 1, first: int = 0
-    ) -> None:
+    def __init__(self, draws: int, *, batch: int, parts: int, first: int = 0) -> None:
         whole = batch * parts
         ends = [*range(whole, draws, whole), draws]
         # A rest too small for all batches is added to the step before.
         if len(ends) > 1 and ends[-1] - ends[-2] < parts:
             del ends[-2]
         self._steps = list(zip([0, *ends[:-1]], ends, strict=True))
-        self._parts, self._rank, self._ranks, self._first = parts, rank, ranks, first
+        self._parts, self._first = parts, first
 
     @property
     def steps(self) -> int:
@@ -138,13 +134,12 @@ class Batches(Sampler[list[int]]):
         return len(self._steps)
 
     def __len__(self) -> int:
-        """Number of this process's batches, including those before `first`, which Lightning skips."""
-        return len(self._steps) * (self._parts // self._ranks)
+        """Number of batches, including those before `first`, which Lightning skips."""
+        return len(self._steps) * self._parts
 
     def __iter__(self) -> Iterator[list[int]]:
         for start, end in self._steps[self._first :]:
-            pieces = np.array_split(np.arange(start, end), self._parts)
-            yield from (piece.tolist() for piece in pieces[self._rank :: self._ranks])
+            yield from (piece.tolist() for piece in np.array_split(np.arange(start, end), self._parts))
 
 
 def network_pictures(

@@ -29,7 +29,6 @@ _OURS: Mapping[str, Any] = {
     "enable_model_summary": False,
     "num_sanity_val_steps": 0,
     "limit_val_batches": 0,
-    "use_distributed_sampler": False,
     "deterministic": "warn",
 }
 
@@ -97,23 +96,12 @@ class Training:
     say: Callable[[str], None]
     logger: Logger | Literal[False] = False
 
-    @property
-    def processes(self) -> int:
-        """Number of processes that share the batches of a step: one per GPU."""
-        several = self.device.type == "cuda" and self.device.index is None
-        return torch.cuda.device_count() if several else 1
-
     @cached_property
     def batches(self) -> Batches:
         """The batches of the steps after the checkpoint."""
-        parts, ranks = self.settings.accumulate or 1, self.processes
-        if parts % ranks:
-            raise DetectorError(
-                f"accumulate = {parts} cannot be shared by {ranks} GPUs",
-                remedy=f"take a multiple of {ranks} with a smaller batch, or fewer GPUs by CUDA_VISIBLE_DEVICES",
-            )
+        settings = self.settings
         done = int(self._checkpoint()["global_step"]) if self.folder.checkpoint.exists() else 0
-        return Batches(len(self.examples), batch=self.settings.batch or 1, parts=parts, first=done, ranks=ranks)
+        return Batches(len(self.examples), batch=settings.batch or 1, parts=settings.accumulate or 1, first=done)
 
     def loader(self, collate: Callable[[list[Example]], Any]) -> DataLoader[Example]:
         """Return a loader of collated batches, in order."""
@@ -168,7 +156,7 @@ class Training:
         )  # fmt: skip
         self._run(
             trainer(
-                devices=self.processes, accumulate_grad_batches=(self.settings.accumulate or 1) // self.processes,
+                devices=1, accumulate_grad_batches=self.settings.accumulate or 1,
                 callbacks=[StepSeeds(self.settings.seed), average, validator, recorder], logger=self.logger, **_OURS,
             ),
             module, **data,

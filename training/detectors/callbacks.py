@@ -34,7 +34,7 @@ class StepSeeds(pl.Callback):
         self, trainer: pl.Trainer, pl_module: pl.LightningModule, batch: Any, batch_idx: int
     ) -> None:
         """Seed PyTorch for one batch."""
-        entropy = np.random.SeedSequence([self._seed, batch_idx, trainer.global_rank])
+        entropy = np.random.SeedSequence([self._seed, batch_idx])
         torch.manual_seed(int(entropy.generate_state(1)[0]))
 
 
@@ -100,10 +100,9 @@ class Validator(Rows):
         step = trainer.global_step
         if self._measure is None or step not in self._due or (self.rows and self.rows[-1][0] >= step):
             return
-        if trainer.is_global_zero:
-            found = self._measure()
-            self.rows.append([float(step), *(found[key] for key in ("ap", "ap50", "ap75"))])
-            log(trainer.loggers, {f"valid/{key}": found[key] for key in ("ap", "ap50", "ap75")}, step)
+        found = self._measure()
+        self.rows.append([float(step), *(found[key] for key in ("ap", "ap50", "ap75"))])
+        log(trainer.loggers, {f"valid/{key}": found[key] for key in ("ap", "ap50", "ap75")}, step)
 
 
 class Recorder(Rows):
@@ -174,13 +173,7 @@ class Recorder(Rows):
             self._estimate((now - self._first) / self._done * (self._steps - trainer.global_step))
         due = now - self._saved >= CHECKPOINT_S if self._every is None else trainer.global_step % self._every == 0
         if due and trainer.global_step < self._steps:
-            self._save(trainer)
+            with replacing(self._checkpoint) as file:
+                trainer.save_checkpoint(file.name)
+            self._on_checkpoint(self.rows)
             self._saved = time.monotonic()
-
-    def _save(self, trainer: pl.Trainer) -> None:
-        if not trainer.is_global_zero:
-            trainer.save_checkpoint(self._checkpoint)  # all processes must call it; only one writes
-            return
-        with replacing(self._checkpoint) as file:
-            trainer.save_checkpoint(file.name)
-        self._on_checkpoint(self.rows)
