@@ -148,49 +148,46 @@ class _Search:
         Tries are settled for all extras at once. The distance to other vehicles is checked in the order of the extras.
         If `leave_out`, extras without room are left out, and the position counts as one with room.
         """
-        table, wanted = self.table, rows
+        table, all_rows = self.table, rows
         turn = self.target + 1  # the next extra of each position
         failed, patient = np.zeros(len(turn), dtype=bool), np.zeros(len(turn), dtype=bool)
         patient[rows] = leave_out
         extras = np.flatnonzero(np.isin(table.row, rows) & (table.role != Role.TARGET))
         table.found[extras] = False  # extras that were left out at another place are tried again
-        looked, photographed = np.zeros(len(table.row), dtype=np.int64), self._photographed(extras)
-        which, attempt, ready = (
-            extras[:0],
-            extras[:0],
-            unsettled(0),
-        )  # settled tries, not yet checked against other vehicles
+        tried, photographed = np.zeros(len(table.row), dtype=np.int64), self._photographed(extras)
+        # Settled tries that aren't yet checked against other vehicles: instance, number of the try, and pose.
+        which, attempt, ready = extras[:0], extras[:0], unsettled(0)
         while len(rows := rows[(turn[rows] < self.end[rows]) & ~failed[rows]]):
             extras = extras[(extras >= turn[table.row[extras]]) & ~failed[table.row[extras]]]
             waiting = np.isin(which, extras)
             which, attempt, ready = which[waiting], attempt[waiting], take(ready, np.flatnonzero(waiting))
-            out = extras[~np.isin(extras, which) & (looked[extras] < COMPANION_TRIES)]
-            more = np.minimum(np.maximum(looked[out], FIRST_LOOK), COMPANION_TRIES - looked[out])
-            new = np.repeat(out, more)
-            number = np.arange(len(new)) - np.repeat(np.cumsum(more) - more - looked[out], more)
-            looked[out] += more
+            idle = extras[~np.isin(extras, which) & (tried[extras] < COMPANION_TRIES)]
+            more = np.minimum(np.maximum(tried[idle], FIRST_LOOK), COMPANION_TRIES - tried[idle])
+            new = np.repeat(idle, more)
+            number = np.arange(len(new)) - np.repeat(np.cumsum(more) - more - tried[idle], more)
+            tried[idle] += more
             settled = self._settle_extras(new, number, photographed)
-            stands = settled.rejection == Rejection.NONE
-            which, attempt = np.append(which, new[stands]), np.append(attempt, number[stands])
-            ready = join(ready, take(settled, np.flatnonzero(stands)))
-            asked = rows
-            while len(asked):
-                due = np.flatnonzero(np.isin(which, turn[asked]))
-                good = due[self._clear_of_others(which[due], take(ready, due))]
-                good = good[np.lexsort((attempt[good], which[good]))]
-                taken, first = np.unique(which[good], return_index=True)
-                put(table.settled, taken, take(ready, good[first]))
-                table.tries[taken], table.found[taken] = attempt[good[first]] + 1, True
+            settles = settled.rejection == Rejection.NONE
+            which, attempt = np.append(which, new[settles]), np.append(attempt, number[settles])
+            ready = join(ready, take(settled, np.flatnonzero(settles)))
+            active = rows
+            while len(active):
+                due = np.flatnonzero(np.isin(which, turn[active]))
+                clear = due[self._clear_of_others(which[due], take(ready, due))]
+                clear = clear[np.lexsort((attempt[clear], which[clear]))]
+                taken, first = np.unique(which[clear], return_index=True)
+                put(table.settled, taken, take(ready, clear[first]))
+                table.tries[taken], table.found[taken] = attempt[clear[first]] + 1, True
                 which[due] = -1
-                done = table.found[turn[asked]]
-                hopeless = ~done & (looked[turn[asked]] >= COMPANION_TRIES)
-                failed[asked[hopeless & ~patient[asked]]] = True
-                asked = asked[done | (hopeless & patient[asked])]
-                turn[asked] += 1
-                asked = asked[turn[asked] < self.end[asked]]
+                done = table.found[turn[active]]
+                hopeless = ~done & (tried[turn[active]] >= COMPANION_TRIES)
+                failed[active[hopeless & ~patient[active]]] = True
+                active = active[done | (hopeless & patient[active])]
+                turn[active] += 1
+                active = active[turn[active] < self.end[active]]
                 # Extras without a settled try wait for the next batch.
-                asked = asked[np.isin(turn[asked], which) | (looked[turn[asked]] >= COMPANION_TRIES)]
-        return ~failed[wanted]
+                active = active[np.isin(turn[active], which) | (tried[turn[active]] >= COMPANION_TRIES)]
+        return ~failed[all_rows]
 
     def _photographed(self, extras: Int[np.ndarray, " q"]) -> Float[np.ndarray, "k 2"]:
         """Return where the photographs of first images show companions, as meters from targets; nan for the others."""
