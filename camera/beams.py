@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 
 from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
 from hulldown.camera.projection import NEAR
+from hulldown.geometry.arrays import rounds
 from hulldown.geometry.cutouts import PASSED
 from hulldown.geometry.instances import InstancedScene, InstanceHits
 from hulldown.geometry.transforms import apply, invert_rigid
@@ -113,11 +114,13 @@ def _pairs(
     corners = corners + np.where(_CORNERS, 1.0, -1.0) * pad[:, None]
     local = apply(invert_rigid(world_from_camera)[view], corners)
     box, nearest = box_at_unit_depth(local), local[..., 2].min(axis=1)
-    for some in _nearest_first(view, nearest, camera_rays.count):
-        # From the near plane to a box it is at least the box's depth less the plane's; once more, for rounding.
-        ahead = far[view[some]] > (nearest[some] - 2.0 * NEAR)[:, None]
-        pair, ray = np.nonzero(camera_rays.inside(box[some], view[some]) & ahead)
-        yield view[some][pair] * camera_rays.count + ray, instance[some][pair]
+    order, size = np.lexsort((nearest, view)), max(1, RAYS // camera_rays.count)
+    for batch in rounds(view[order]):
+        for block in (order[batch[i : i + size]] for i in range(0, len(batch), size)):
+            # From the near plane to a box it's at least the box's depth less the plane's; once more, for rounding.
+            ahead = far[view[block]] > (nearest[block] - 2.0 * NEAR)[:, None]
+            pair, ray = np.nonzero(camera_rays.inside(box[block], view[block]) & ahead)
+            yield view[block][pair] * camera_rays.count + ray, instance[block][pair]
 
 
 def _touched(
@@ -127,7 +130,7 @@ def _touched(
     *,
     length: Float[np.ndarray, " n"],
 ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
-    """Pairs of beam and instance that may meet; none that do are left out."""
+    """Pairs of beam and instance that may meet, with all that do."""
     stops = np.linspace(0.0, 1.0, LENGTHS + 1)
     rims = apex[:, None, None] + edges[:, None] * (length[:, None] * stops)[..., None, None]
     low, high = rims.min(axis=2), rims.max(axis=2)
@@ -146,20 +149,3 @@ def _touched(
     width = np.einsum("pij,pj->pi", np.abs(sides)[beam], half)
     kept = (outward <= width).all(axis=1)
     return beam[kept], instance[kept]
-
-
-def _nearest_first(
-    view: Int[np.ndarray, " p"], nearest: Float[np.ndarray, " p"], rays: int
-) -> list[Int[np.ndarray, " q"]]:
-    """Each camera's nearest pair, then its second, then the next 2, 4, 8, ..., in blocks of about RAYS rays."""
-    order = np.lexsort((nearest, view))
-    begins = np.diff(view[order], prepend=-1) > 0
-    index = np.arange(len(view))
-    rank = index - np.maximum.accumulate(np.where(begins, index, 0))
-    blocks, done, size = [], 0, max(1, RAYS // rays)
-    while done <= rank.max(initial=-1):
-        upto = max(2 * done, 1)
-        turn = order[(rank >= done) & (rank < upto)]
-        blocks += [turn[i : i + size] for i in range(0, len(turn), size)]
-        done = upto
-    return blocks

@@ -55,10 +55,6 @@ class Visibility:
     hits: Int[np.ndarray, " n"]
     area: Float[np.ndarray, " n"]
 
-    def error(self, *, confidence: float = 0.95) -> Float[np.ndarray, " n"]:
-        """Bound of the error of `fraction` at a confidence; see `error_bound`."""
-        return error_bound(self.hits, confidence=confidence)
-
 
 def error_bound(hits: ArrayLike, *, confidence: float = 0.95) -> Float[np.ndarray, "..."]:
     """Bound the error of a visible share from so many rays on the target, at a confidence.
@@ -98,7 +94,7 @@ def visible_fraction(
 
     Rays go through jittered points in the part of the frame that the target's projected box covers, one a cell of a
     grid over it. Those that meet the vehicle, moved into its own frame and part by part, are silhouette; what meets
-    something else first is hidden. Pixels are not looked at: a target smaller than one is sampled like any other.
+    something else first is hidden. Targets smaller than a pixel are sampled like any other.
 
     Parameters
     ----------
@@ -115,7 +111,7 @@ def visible_fraction(
     world
         Occluders: ground, obstacles, and other vehicles, each in one pose or in n. None: no occluders.
     rays
-        Rays into the target's box for each camera; `Visibility.error` says what they buy.
+        Rays into the target's box for each camera; `error_bound` has their error.
     seed
         Seed of the jitter, which is the same for all cameras, so a result doesn't depend on the other cameras.
     threads

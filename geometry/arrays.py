@@ -1,6 +1,8 @@
-"""Checks for arrays that callers pass in, and two kinds of index."""
+"""Checks of arrays that callers pass in, and kinds of indices."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Int
@@ -80,6 +82,29 @@ def joined(keys: Int[np.ndarray, " k"], wanted: Int[np.ndarray, " n"]) -> tuple[
     i = np.repeat(np.arange(len(keys)), last - first)
     before = np.cumsum(last - first) - (last - first)
     return i, np.arange(len(i)) - before[i] + first[i]
+
+
+def rounds(group: Int[np.ndarray, " k"], *, first: int = 1, growth: int = 2) -> Iterator[Int[np.ndarray, " m"]]:
+    """Yield the indices of the first few of each group, then the next few, in ever larger batches.
+
+    Parameters
+    ----------
+    group
+        (k,) ascending numbers.
+    first, growth
+        How many of each group the first batch has, and how many times as many have been yielded after each batch.
+
+    Examples
+    --------
+    >>> [batch.tolist() for batch in rounds(np.array([3, 3, 3, 8, 8]))]
+    [[0, 3], [1, 4], [2]]
+    """
+    index = np.arange(len(group))
+    rank = index - np.maximum.accumulate(np.where(np.diff(group, prepend=-1) > 0, index, 0))
+    done, end = 0, first
+    while done <= rank.max(initial=-1):
+        yield np.flatnonzero((rank >= done) & (rank < end))
+        done, end = end, growth * end
 
 
 def spread(n: int, most: int) -> Int[np.ndarray, " k"]:

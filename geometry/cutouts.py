@@ -7,6 +7,8 @@ A ray that goes on starts beyond its hit by a few units in the last place of the
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 from numpy.typing import ArrayLike
@@ -130,13 +132,13 @@ class CutoutCaster:
         return passed
 
 
+@dataclass(frozen=True, eq=False, slots=True)
 class _Passed:
-    """How much of each ray gets through, and where it was met last, and by which face."""
+    """Share of light left on each ray, and the distance and face of its last hit."""
 
-    __slots__ = ("distance", "face", "left")
-
-    def __init__(self, left: np.ndarray, distance: np.ndarray, face: np.ndarray) -> None:
-        self.left, self.distance, self.face = left, distance, face
+    left: np.ndarray
+    distance: np.ndarray
+    face: np.ndarray
 
 
 class _Textured:

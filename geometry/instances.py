@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.arrays import checked
+from hulldown.geometry.arrays import checked, rounds
 from hulldown.geometry.boxtree import BoxTree
 from hulldown.geometry.cutouts import CutoutCaster, caster_of
 from hulldown.geometry.meshes import Mesh, unit_normals
@@ -22,9 +22,9 @@ from hulldown.geometry.rays import RayCaster, checked_rays
 from hulldown.geometry.transforms import apply, invert_affine
 
 RAYS = 1 << 16  # rays whose crossings are in memory at a time
-# Flatter than this (least over largest stretch), an instance has no inverse that keeps float32 rays apart.
+# Ratio of least to largest stretch below which an instance has no inverse that keeps float32 rays apart.
 FLATTEST = 1e-6
-# From so many instances on, Embree first tells which rays cross no box at all, if there are rays enough to build for.
+# With so many instances and rays, or more, Embree first finds the rays that cross any box.
 MANY = 16
 FEW_RAYS = 1024
 
@@ -113,14 +113,13 @@ class InstancedScene:
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
     ) -> InstanceHits:
         """The first face along each ray; arguments as for `RayCaster.cast`."""
-        start, along, reach = checked_rays(origins, directions, max_distance)
-        hits = InstanceHits.missed(len(start))
-        for i in range(0, len(start), RAYS):
-            part = slice(i, i + RAYS)
-            self._cast_block(
-                start[part], along[part], reach[part].copy(), threads,
-                InstanceHits(hits.distance[part], hits.face[part], hits.instance[part]),
-            )  # fmt: skip
+        start, along, limit = checked_rays(origins, directions, max_distance)
+        hits, reach = InstanceHits.missed(len(start)), limit.copy()
+        for begin in range(0, len(start), RAYS):
+            ray, instance, entry = self._crossings(start, along, reach, slice(begin, begin + RAYS), threads)
+            for batch in rounds(ray):
+                on = batch[entry[batch] <= reach[ray[batch]]]
+                self.cast_by(start, along, ray[on], instance=instance[on], reach=reach, hits=hits, threads=threads)
         return hits
 
     def occluded(
@@ -129,9 +128,14 @@ class InstancedScene:
         """Whether anything lies along each ray; arguments as for `RayCaster.cast`."""
         start, along, reach = checked_rays(origins, directions, max_distance)
         blocked = np.zeros(len(start), dtype=bool)
-        for i in range(0, len(start), RAYS):
-            part = slice(i, i + RAYS)
-            self._occlude_block(start[part], along[part], reach[part], threads, blocked[part])
+        for begin in range(0, len(start), RAYS):
+            ray, instance, _ = self._crossings(start, along, reach, slice(begin, begin + RAYS), threads)
+            for batch in rounds(ray):
+                on = batch[~blocked[ray[batch]]]
+                for caster, rows, inside, inward, scale in self._moved(start, along, ray[on], instance[on]):
+                    rows = on[rows]
+                    met = caster.occluded(inside, inward, max_distance=reach[ray[rows]] * scale, threads=threads)
+                    blocked[ray[rows[met]]] = True
         return blocked
 
     def normals(self, instance: Int[np.ndarray, " n"], face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
@@ -214,42 +218,18 @@ class InstancedScene:
         reach[at] = hits.distance[at] = distance[first]
         hits.face[at], hits.instance[at] = face[first], instance[first]
 
-    def _cast_block(
-        self,
-        start: Float[np.ndarray, "n 3"],
-        along: Float[np.ndarray, "n 3"],
-        reach: Float[np.ndarray, " n"],
-        threads: int,
-        hits: InstanceHits,
-    ) -> None:
-        for ray, instance, entry in self._queue(start, along, reach, threads).rounds():
-            on = entry <= reach[ray]
-            self.cast_by(start, along, ray[on], instance=instance[on], reach=reach, hits=hits, threads=threads)
-
-    def _occlude_block(
-        self,
-        start: Float[np.ndarray, "n 3"],
-        along: Float[np.ndarray, "n 3"],
-        reach: Float[np.ndarray, " n"],
-        threads: int,
-        blocked: Bool[np.ndarray, " n"],
-    ) -> None:
-        for ray, instance, _ in self._queue(start, along, reach, threads).rounds():
-            on = ~blocked[ray]
-            ray, instance = ray[on], instance[on]
-            for caster, rows, inside, inward, scale in self._moved(start, along, ray, instance):
-                met = caster.occluded(inside, inward, max_distance=reach[ray[rows]] * scale, threads=threads)
-                blocked[ray[rows[met]]] = True
-
-    def _queue(self, start: np.ndarray, along: np.ndarray, reach: np.ndarray, threads: int) -> _Queue:
-        rows = np.arange(len(start))
-        if self._boxes is not None and len(start) >= FEW_RAYS:
+    def _crossings(
+        self, start: np.ndarray, along: np.ndarray, reach: np.ndarray, part: slice, threads: int
+    ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"], Float[np.ndarray, " p"]]:
+        """Pairs of some rays and instances whose boxes these cross, by ray, nearest first; and where rays enter."""
+        rows = np.arange(len(start))[part]
+        if self._boxes is not None and len(rows) >= FEW_RAYS:
             # Further than the ray goes: one that ends inside a box meets a side of it only beyond its end.
-            far = (reach + self._widest) * (1 + 1e-4)
-            rows = np.flatnonzero(self._boxes.occluded(start, along, max_distance=far, threads=threads))
+            far = (reach[part] + self._widest) * (1 + 1e-4)
+            rows = rows[self._boxes.occluded(start[part], along[part], max_distance=far, threads=threads)]
         crossings = self._tree.crossed(start[rows], along[rows], reach[rows])
         order = np.lexsort((crossings.box, crossings.entry, crossings.ray))
-        return _Queue(rows[crossings.ray[order]], crossings.box[order], crossings.entry[order])
+        return rows[crossings.ray[order]], crossings.box[order], crossings.entry[order]
 
     def _moved(
         self, start: np.ndarray, along: np.ndarray, ray: np.ndarray, instance: np.ndarray
@@ -268,26 +248,6 @@ class InstancedScene:
             yield caster, rows, inside, inward, np.sqrt((inward**2).sum(axis=1))
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class _Queue:
-    """Pairs of ray and instance, sorted by ray and then by where the ray enters the instance's box."""
-
-    ray: Int[np.ndarray, " p"]
-    instance: Int[np.ndarray, " p"]
-    entry: Float[np.ndarray, " p"]
-
-    def rounds(self) -> Iterator[tuple[Int[np.ndarray, " q"], Int[np.ndarray, " q"], Float[np.ndarray, " q"]]]:
-        """Each ray's first pair, then its second, then the next 2, 4, 8, ...: nearest first, in few batches."""
-        begins = np.diff(self.ray, prepend=-1) > 0
-        rank = np.arange(len(self.ray)) - np.maximum.accumulate(np.where(begins, np.arange(len(self.ray)), 0))
-        done, most = 0, int(rank.max(initial=-1)) + 1
-        while done < most:
-            upto = max(2 * done, 1)
-            now = np.flatnonzero((rank >= done) & (rank < upto))
-            yield self.ray[now], self.instance[now], self.entry[now]
-            done = upto
-
-
 def _bounds(
     meshes: Sequence[Mesh], instance_mesh: Int[np.ndarray, " k"], poses: Float[np.ndarray, "k 4 4"]
 ) -> Float[np.ndarray, "k 2 3"]:
@@ -297,11 +257,11 @@ def _bounds(
         x, y, z = meshes[mesh].vertices[meshes[mesh].extreme_vertices()].T.copy()
         of_mesh = np.flatnonzero(instance_mesh == mesh)
         block = max(1, (1 << 18) // len(x))
-        for some in (of_mesh[i : i + block] for i in range(0, len(of_mesh), block)):
+        for batch in (of_mesh[i : i + block] for i in range(0, len(of_mesh), block)):
             for axis in range(3):
-                a, b, c, shift = poses[some, axis].T[..., None]
+                a, b, c, shift = poses[batch, axis].T[..., None]
                 moved = a * x + b * y + c * z + shift
-                bounds[some, :, axis] = np.stack([moved.min(axis=1), moved.max(axis=1)], axis=1)
+                bounds[batch, :, axis] = np.stack([moved.min(axis=1), moved.max(axis=1)], axis=1)
     return bounds
 
 

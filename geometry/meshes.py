@@ -216,10 +216,6 @@ class Mesh:
         except OSError as error:
             raise AssetError(f"cannot be written ({error})", path=path, remedy="name a folder that exists") from None
 
-    def relative_to(self, origin: ArrayLike) -> Mesh:
-        """The same mesh in a frame with its zero at `origin`, (3,) meters."""
-        return self.at(self.vertices - checked(origin, "origin", (3,)))
-
 
 def _refuse_format(path: Path) -> None:
     if path.suffix.lower() not in FORMATS:

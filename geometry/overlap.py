@@ -7,12 +7,12 @@ crosses of their edges are all the axes there are to look at. All tests are clos
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
+from hulldown.geometry.arrays import rounds
 from hulldown.geometry.boxtree import BoxTree
 from hulldown.geometry.cutouts import Solidity
 from hulldown.geometry.instances import InstancedScene
@@ -212,10 +212,13 @@ class Obstacles:
         box_from_mesh = compose(invert_rigid(world_from_box[box]), self._scene.world_from_traced[instance])
         moves = np.ascontiguousarray(np.moveaxis(box_from_mesh[:, :3], 0, 2))
         sizes = np.ascontiguousarray(half.T)
-        for some in _few_first(box[pair]):
-            some = some[~touched[box[pair[some]]]]
-            for i in range(0, len(some), PAIRS):
-                which, faces = pair[some[i : i + PAIRS]], face[some[i : i + PAIRS]]
+        order = np.argsort(box[pair], kind="stable")
+        # Most boxes that touch anything touch one of the first few triangles.
+        for batch in rounds(box[pair[order]], first=8, growth=8):
+            left = order[batch]
+            left = left[~touched[box[pair[left]]]]
+            for i in range(0, len(left), PAIRS):
+                which, faces = pair[left[i : i + PAIRS]], face[left[i : i + PAIRS]]
                 into = moves[:, :, which]
                 moved = [
                     [row[0] * x + row[1] * y + row[2] * z + row[3] for row in into]
@@ -241,13 +244,3 @@ class Obstacles:
         shut_in = np.zeros(len(world_from_box), dtype=bool)
         shut_in[left] = True
         return shut_in
-
-
-def _few_first(box: Int[np.ndarray, " p"]) -> Iterator[Int[np.ndarray, " q"]]:
-    """The first few pairs of each box, then more, then all others: most boxes that touch anything need no more."""
-    order = np.argsort(box, kind="stable")
-    begins = np.diff(box[order], prepend=-1) > 0
-    index = np.arange(len(box))
-    rank = index - np.maximum.accumulate(np.where(begins, index, 0))
-    for first, last in pairwise((0, 8, 64, len(box) + 64)):
-        yield order[(rank >= first) & (rank < last)]

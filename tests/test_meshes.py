@@ -38,13 +38,6 @@ def test_bounds_leave_out_vertices_that_no_face_uses():
     np.testing.assert_array_equal(mesh.bounds, [[0, 0, 0], [1, 1, 2]])
 
 
-def test_a_mesh_far_away_keeps_its_digits_about_its_own_origin():
-    far = Mesh(SQUARE + np.array([500_000.0, 5_400_000.0, 100.0]), FACES, "map")
-    near = far.relative_to([500_000, 5_400_000, 100])
-    np.testing.assert_array_equal(near.vertices, SQUARE)
-    assert near.name == "map"
-
-
 def test_merging_tells_every_face_its_mesh():
     merged, source = merge([Mesh(SQUARE, FACES[:1]), Mesh(SQUARE + 5, FACES)])
     assert source.tolist() == [0, 1, 1]

@@ -121,7 +121,7 @@ def test_the_stated_error_covers_and_is_met_by_dust() -> None:
     hits = np.mean([v.hits[0] for v in views])
     assert off.std() == pytest.approx(math.sqrt(truth * (1 - truth) / hits), rel=0.15)
     for confidence in (0.5, 0.8, 0.95):
-        bound = np.array([v.error(confidence=confidence)[0] for v in views])
+        bound = np.array([error_bound(v.hits, confidence=confidence)[0] for v in views])
         assert (np.abs(off) <= bound).mean() >= confidence
     # Unbiased, to three standard errors of the mean.
     assert abs(off.mean()) < 3 * off.std() / math.sqrt(250)
@@ -196,7 +196,7 @@ def test_targets_out_of_the_frame_have_no_fraction() -> None:
     aside = camera_pose([0, 40.0, 1], 30.0, 0.0, 0.0)
     seen = visible_fraction(CRATE, HERE, np.stack([away[0], aside]), intrinsics=VGA, world=World(Plane(0.0)))
     assert np.isnan(seen.fraction).all()
-    assert np.isnan(seen.error()).all()
+    assert np.isnan(error_bound(seen.hits)).all()
     assert seen.hits.tolist() == [0, 0]
     assert seen.area.tolist() == [0, 0]
 
