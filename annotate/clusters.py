@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 
 from hulldown.annotate.clipping import EMPTY, extremes_of_mesh, extremes_of_points, extremes_of_triangles, union
 from hulldown.annotate.curves import CurvedView, extremes_of_curved
-from hulldown.annotate.posing import PosedParts, move
+from hulldown.annotate.posing import PosedParts, move, slices
 from hulldown.camera.frustum import Frustum
 from hulldown.camera.projection import NEAR
 
@@ -110,7 +110,7 @@ class ClusteredSurface:
         """The corners of the triangles of some clusters, in the camera's frame."""
         corners = self._parts.vertices[:, self._faces[clusters].reshape(-1)]
         ends = np.searchsorted(clusters, self._leaves.ends) * self._faces[0].size
-        return move(corners, _slices(ends), camera_from_parts[None])[:, 0]
+        return move(corners, slices(ends), camera_from_parts[None])[:, 0]
 
 
 class _Bounds:
@@ -157,8 +157,7 @@ class _Bounds:
     ) -> tuple[Float[np.ndarray, "k 2"], Float[np.ndarray, "k 2"]]:
         """Lowest and highest corner at unit depth of what holds each box; nan if it isn't all beyond the near plane."""
         boxes = self._center[:, :, None] + self._half[:, :, None] * _CORNERS[:, None]
-        places = [slice(8 * int(a), 8 * int(b)) for a, b in pairwise(self.ends)]
-        x, y, z = move(boxes.reshape(3, -1), places, camera_from_parts[None]).reshape(3, -1, 8)
+        x, y, z = move(boxes.reshape(3, -1), slices(8 * self.ends), camera_from_parts[None]).reshape(3, -1, 8)
         z = np.where((z >= NEAR).all(axis=1)[:, None], z, np.nan)
         at = np.stack([x / z, y / z], 2)
         room = SLACK * (1.0 + np.abs(at))  # for the rounding of both
@@ -176,7 +175,7 @@ class _Bounds:
         """
         greatest = np.empty((len(functions), len(which)))
         normals, offsets = functions[:, :3], functions[:, 3]
-        for pose, place in zip(camera_from_parts, _slices(np.searchsorted(which, self.ends)), strict=True):
+        for pose, place in zip(camera_from_parts, slices(np.searchsorted(which, self.ends)), strict=True):
             turned, apart = normals @ pose[:, :3], normals @ pose[:, 3] + offsets
             rounding = np.abs(normals) @ (self._size + np.abs(pose[:, 3])) + np.abs(offsets)
             # Not a matrix product: one this small and wide is handed to threads, which cost more than they save.
@@ -193,10 +192,6 @@ def _clusters(vertices: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"])
     order = KDTree(vertices[:, faces].mean(axis=2).T, leafsize=LEAF).indices
     count = -(-len(faces) // LEAF)
     return faces[order[np.minimum(np.arange(count * LEAF), len(faces) - 1)]].reshape(count, LEAF, 3)
-
-
-def _slices(ends: Int[np.ndarray, " n"]) -> list[slice]:
-    return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
 
 def _ranges(starts: Int[np.ndarray, " n"], ends: Int[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:

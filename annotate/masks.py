@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 from numpy.typing import ArrayLike
 from pycocotools import mask as rle_codec
 
@@ -46,9 +46,19 @@ def vehicle_mask(
     -------
     (height, width), true where the vehicle is visible.
     """
-    rows, columns = _pixels(camera, xywh)
-    mask = np.zeros((camera.intrinsics.height, camera.intrinsics.width), dtype=bool)
-    seen = _seen(vehicle, camera, world, rows, columns)
+    size = np.array([camera.intrinsics.width, camera.intrinsics.height])
+    mask = np.zeros(size[::-1], dtype=bool)
+    box = np.append([0.0, 0.0], size) if xywh is None else checked(xywh, "xywh", (4,))
+    first, end = _pixels_in(box, size)
+    rows, columns = np.mgrid[first[1] : end[1], first[0] : end[0]].reshape(2, -1)
+    if not len(rows):
+        return mask
+    along = directions(camera.intrinsics, np.stack([columns, rows], axis=1) + 0.5) @ camera.world_from_camera[:3, :3].T
+    origins = camera.position + NEAR * along
+    distance = vehicle.cast(origins, along).distance
+    seen = np.flatnonzero(np.isfinite(distance))
+    if world is not None:
+        seen = seen[~world.occluded(origins[seen], along[seen], max_distance=distance[seen] - TOUCHING)]
     mask[rows[seen], columns[seen]] = True
     return mask
 
@@ -75,8 +85,7 @@ def show_pixels(
         Their occluders.
     """
     shown = np.zeros(len(xywh), dtype=bool)
-    first = np.clip(np.ceil(xywh[:, :2] - 0.5), 0, lens.size).astype(int)
-    end = np.clip(np.floor(xywh[:, :2] + xywh[:, 2:] - 0.5) + 1, first, lens.size).astype(int)
+    first, end = _pixels_in(xywh, lens.size)
     width, pixels = end[:, 0] - first[:, 0], (end - first).prod(axis=1)
     few = pixels // FIRST_LOOK + 1
 
@@ -108,33 +117,12 @@ def show_pixels(
     return shown
 
 
-def _pixels(camera: Camera, xywh: ArrayLike | None) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Rows and columns of the pixels whose center is in a box; None: of all."""
-    width, height = camera.intrinsics.width, camera.intrinsics.height
-    box = np.array([0.0, 0.0, width, height]) if xywh is None else checked(xywh, "xywh", (4,))
-    first = np.clip(np.ceil(box[:2] - 0.5), 0, [width, height]).astype(int)
-    end = np.clip(np.floor(box[:2] + box[2:] - 0.5) + 1, first, [width, height]).astype(int)
-    rows, columns = np.mgrid[first[1] : end[1], first[0] : end[0]].reshape(2, -1)
-    return rows, columns
-
-
-def _seen(
-    vehicle: PosedVehicle,
-    camera: Camera,
-    world: World | None,
-    rows: Int[np.ndarray, " n"],
-    columns: Int[np.ndarray, " n"],
-) -> Int[np.ndarray, " k"]:
-    """Whether each pixel shows the vehicle."""
-    if not len(rows):
-        return np.zeros(0, dtype=np.int64)
-    along = directions(camera.intrinsics, np.stack([columns, rows], axis=1) + 0.5) @ camera.world_from_camera[:3, :3].T
-    origins = camera.position + NEAR * along
-    distance = vehicle.cast(origins, along).distance
-    seen = np.flatnonzero(np.isfinite(distance))
-    if world is not None:
-        seen = seen[~world.occluded(origins[seen], along[seen], max_distance=distance[seen] - TOUCHING)]
-    return seen
+def _pixels_in(
+    xywh: Float[np.ndarray, "... 4"], size: Shaped[np.ndarray, "... 2"]
+) -> tuple[Int[np.ndarray, "... 2"], Int[np.ndarray, "... 2"]]:
+    """First column and row, and those after the last, of the pixels whose centers are in boxes."""
+    first = np.clip(np.ceil(xywh[..., :2] - 0.5), 0, size).astype(int)
+    return first, np.clip(np.floor(xywh[..., :2] + xywh[..., 2:] - 0.5) + 1, first, size).astype(int)
 
 
 def encode(mask: ArrayLike) -> dict[str, Any]:

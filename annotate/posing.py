@@ -39,20 +39,22 @@ class PosedParts:
     """
 
     def __init__(self, shape: VehicleShape) -> None:
-        parts = len(shape.part_names)
+        def part_slices(part: Int[np.ndarray, " n"]) -> list[slice]:
+            return slices(np.searchsorted(part, np.arange(len(shape.part_names) + 1)))
+
         used = np.unique(shape.mesh.faces)
         order = used[np.argsort(shape.vertex_part[used], kind="stable")]
         number = np.empty(len(shape.mesh.vertices), dtype=np.int64)
         number[order] = np.arange(len(order))
         self.vertices: Float[np.ndarray, "3 v"] = np.ascontiguousarray(shape.mesh.vertices[order].T)
-        self.vertex_slices = _slices(shape.vertex_part[order], parts)
+        self.vertex_slices = part_slices(shape.vertex_part[order])
         face_part = shape.vertex_part[shape.mesh.faces[:, 0]]
         by_part = np.argsort(face_part, kind="stable")
         self.faces: Int[np.ndarray, "f 3"] = number[shape.mesh.faces[by_part]]
-        self.face_slices = _slices(face_part[by_part], parts)
+        self.face_slices = part_slices(face_part[by_part])
         hulls = [s.start + extreme_points(self.vertices[:, s].T, near=NEAR_VERTEX) for s in self.vertex_slices]
         self.extreme: Float[np.ndarray, "3 h"] = np.ascontiguousarray(self.vertices[:, np.concatenate(hulls)])
-        self.extreme_slices = _slices(np.repeat(np.arange(parts), [len(hull) for hull in hulls]), parts)
+        self.extreme_slices = slices(np.cumsum([0, *(len(hull) for hull in hulls)]))
         self.shape = shape
 
     def camera_from_parts(
@@ -96,6 +98,6 @@ def move(
     return moved
 
 
-def _slices(part: Int[np.ndarray, " n"], parts: int) -> list[slice]:
-    ends = np.searchsorted(part, np.arange(parts + 1))
+def slices(ends: Int[np.ndarray, " n"]) -> list[slice]:
+    """The ranges between consecutive ends."""
     return [slice(int(a), int(b)) for a, b in pairwise(ends)]

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +16,7 @@ from hulldown.camera.lenses import Lenses, Optics, lenses
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import BATCH, World
 from hulldown.geometry.arrays import checked
+from hulldown.geometry.rays import WorkerThreads
 from hulldown.geometry.transforms import apply, invert_rigid
 
 # Surfaces this close to the target don't hide it; float32 rays of a few hundred meters err by a tenth of this.
@@ -163,17 +163,14 @@ def visibility_of(
     counts, area = np.zeros((n, 5)), np.zeros(n)
 
     def work(index: Int[np.ndarray, " k"]) -> None:
-        views = _Views(poses[index], lens.rows(index), pattern)
-        counts[index], area[index] = views.count([subject.rows(index) for subject in subjects], world.rows(index))
+        posed = [subject.rows(index) for subject in subjects]
+        counts[index], area[index] = _count(posed, world.rows(index), poses[index], lens.rows(index), pattern)
 
-    blocks = list(_blocks(n, max(1, BLOCK // rays)))
-    if threads > 1 and len(blocks) > 1:
-        with ThreadPoolExecutor(threads) as pool:
-            for _ in pool.map(work, blocks):
-                pass
-    else:
-        for block in blocks:
-            work(block)
+    size = max(1, BLOCK // rays)
+    blocks = [np.arange(i, min(i + size, n)) for i in range(0, n, size)]
+    with WorkerThreads(min(threads, max(len(blocks), 1))) as pool:
+        for _ in pool.map(work, blocks):
+            pass
     hits = counts[:, 0].astype(np.int64)
     share = counts[:, 1:] / np.where(hits > 0, hits, np.nan)[:, None]
     return Visibility(share[:, 0], share[:, 1], share[:, 2], share[:, 3], hits, area * hits / rays)
@@ -192,71 +189,60 @@ def jittered(n: int, *, rng: np.random.Generator) -> Float[np.ndarray, "n 2"]:
     return np.stack([(column + uniform[:, 0]) / columns[row], top + uniform[:, 1] * columns[row] / n], axis=1)
 
 
-def _blocks(n: int, size: int) -> Iterator[Int[np.ndarray, " k"]]:
-    for i in range(0, n, size):
-        yield np.arange(i, min(i + size, n))
+def _count(
+    subjects: list[PosedVehicle],
+    world: World,
+    world_from_camera: Float[np.ndarray, "n 4 4"],
+    lens: Lenses,
+    pattern: Float[np.ndarray, "r 2"],
+) -> tuple[Float[np.ndarray, "n 5"], Float[np.ndarray, " n"]]:
+    """For each camera: rays on its subject, visible, hidden by ground, obstacles, vehicles; their area."""
+    n, r = len(world_from_camera), len(pattern)
+    low, high = np.full((n, 2), np.inf), np.full((n, 2), -np.inf)
+    parts = []
+    for subject in subjects:
+        camera, placed = subject.seen_from(world_from_camera)
+        for part, pose in placed:
+            box = box_at_unit_depth(apply(pose, part.around))
+            low[camera] = np.minimum(low[camera], box[:, 0])
+            high[camera] = np.maximum(high[camera], box[:, 1])
+            parts.append((part, pose, box, camera))
+    first, last = lens.window
+    low, high = np.maximum(low, first), np.minimum(high, last)
+    camera_rays, area = _rays(low, high, lens, pattern)
+    in_frame = area > 0.0
+
+    distance = np.full(n * r, np.inf)
+    for part, pose, box, camera in parts:
+        part_from_camera = invert_rigid(pose)
+        inside = np.flatnonzero(camera_rays.inside(box, camera) & in_frame[camera, None])
+        for i in range(0, len(inside), BATCH):
+            asked = inside[i : i + BATCH]
+            hits = part.caster.cast(*camera_rays.rays(part_from_camera, asked, camera))
+            at = camera[asked // r] * r + asked % r
+            distance[at] = np.minimum(distance[at], hits.distance)
+    met = np.flatnonzero(np.isfinite(distance))
+    passed = world.passed(camera_rays, world_from_camera, which=met, reach=distance[met] - TOUCHING)
+    shares = np.column_stack([passed[:, 2], -np.diff(passed, axis=1, prepend=1.0)])
+    counts = [np.bincount(met // r, weights=w, minlength=n) for w in (np.ones(len(met)), *shares.T)]
+    return np.stack(counts, axis=1, dtype=np.float64), area
 
 
-class _Views:
-    """Some cameras and the rays that leave them."""
-
-    def __init__(
-        self,
-        world_from_camera: Float[np.ndarray, "n 4 4"],
-        lens: Lenses,
-        pattern: Float[np.ndarray, "r 2"],
-    ) -> None:
-        self.world_from_camera, self.lens, self.pattern = world_from_camera, lens, pattern
-
-    def count(
-        self, subjects: list[PosedVehicle], world: World
-    ) -> tuple[Float[np.ndarray, "n 5"], Float[np.ndarray, " n"]]:
-        """For each camera: rays on its subject, visible, hidden by ground, obstacles, vehicles; their area."""
-        n, r = len(self.world_from_camera), len(self.pattern)
-        low, high = np.full((n, 2), np.inf), np.full((n, 2), -np.inf)
-        parts = []
-        for subject in subjects:
-            camera, placed = subject.seen_from(self.world_from_camera)
-            for part, pose in placed:
-                box = box_at_unit_depth(apply(pose, part.around))
-                low[camera] = np.minimum(low[camera], box[:, 0])
-                high[camera] = np.maximum(high[camera], box[:, 1])
-                parts.append((part, pose, box, camera))
-        first, last = self.lens.window
-        low, high = np.maximum(low, first), np.minimum(high, last)
-        camera_rays, area = self._rays(low, high)
-        in_frame = area > 0.0
-
-        distance = np.full(n * r, np.inf)
-        for part, pose, box, camera in parts:
-            part_from_camera = invert_rigid(pose)
-            inside = np.flatnonzero(camera_rays.inside(box, camera) & in_frame[camera, None])
-            for i in range(0, len(inside), BATCH):
-                asked = inside[i : i + BATCH]
-                hits = part.caster.cast(*camera_rays.rays(part_from_camera, asked, camera))
-                at = camera[asked // r] * r + asked % r
-                distance[at] = np.minimum(distance[at], hits.distance)
-        met = np.flatnonzero(np.isfinite(distance))
-        passed = world.passed(camera_rays, self.world_from_camera, which=met, reach=distance[met] - TOUCHING)
-        shares = np.column_stack([passed[:, 2], -np.diff(passed, axis=1, prepend=1.0)])
-        counts = [np.bincount(met // r, weights=w, minlength=n) for w in (np.ones(len(met)), *shares.T)]
-        return np.stack(counts, axis=1, dtype=np.float64), area
-
-    def _rays(
-        self, low: Float[np.ndarray, "n 2"], high: Float[np.ndarray, "n 2"]
-    ) -> tuple[CameraRays, Float[np.ndarray, " n"]]:
-        """Rays in windows at unit depth, uniform in the image, and the area of the windows in square pixels."""
-        extent = np.clip(high - low, 0.0, None)
-        if not self.lens.distorted:
-            return CameraRays(low, extent, self.pattern), extent.prod(axis=1) * self.lens.focal.prod(axis=1)
-        seen = (extent > 0.0).all(axis=1)
-        rows, pattern = np.flatnonzero(seen), np.zeros((len(low), *self.pattern.shape))
-        lens, area = self.lens.rows(rows), np.zeros(len(low))
-        first, last = lens.image_of(low[rows], high[rows])
-        size = np.clip(last - first, 0.0, None)
-        area[rows] = size.prod(axis=1)
-        at = lens.at_unit_depth(first[:, None] + size[:, None] * self.pattern)
-        low[rows] = at.min(axis=1)
-        extent[rows] = np.maximum(at.max(axis=1) - low[rows], 1e-300)
-        pattern[rows] = (at - low[rows, None]) / extent[rows, None]
-        return CameraRays(low, extent, pattern), area
+def _rays(
+    low: Float[np.ndarray, "n 2"], high: Float[np.ndarray, "n 2"], lens: Lenses, pattern: Float[np.ndarray, "r 2"]
+) -> tuple[CameraRays, Float[np.ndarray, " n"]]:
+    """Rays in windows at unit depth, uniform in the image, and the area of the windows in square pixels."""
+    extent = np.clip(high - low, 0.0, None)
+    if not lens.distorted:
+        return CameraRays(low, extent, pattern), extent.prod(axis=1) * lens.focal.prod(axis=1)
+    seen = (extent > 0.0).all(axis=1)
+    rows, patterns = np.flatnonzero(seen), np.zeros((len(low), *pattern.shape))
+    lens, area = lens.rows(rows), np.zeros(len(low))
+    first, last = lens.image_of(low[rows], high[rows])
+    size = np.clip(last - first, 0.0, None)
+    area[rows] = size.prod(axis=1)
+    at = lens.at_unit_depth(first[:, None] + size[:, None] * pattern)
+    low[rows] = at.min(axis=1)
+    extent[rows] = np.maximum(at.max(axis=1) - low[rows], 1e-300)
+    patterns[rows] = (at - low[rows, None]) / extent[rows, None]
+    return CameraRays(low, extent, patterns), area

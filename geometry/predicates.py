@@ -1,7 +1,6 @@
 """Exact predicates for float64 input: the side of a line that a point is on, and a triangle's height above a point.
 
-Each is first tried in floating point with a proven bound on its error; what the bound leaves open is computed in
-Python's integers, for every finite float64 is an integer times a power of two.
+Each is first computed in floating point with a proven bound on its error, and exactly where the bound doesn't decide.
 
 Let u = 2⁻⁵³. The side of p on the line from a to b is the sign of (ax − px)(by − py) − (ay − py)(bx − px). With l and
 r the two rounded products, Shewchuk's stage A (section 4.3) gives
@@ -16,7 +15,6 @@ so a larger |fl(l − r)| has the right sign. The bound gets 1e-250 more, far ab
    r = r₁ + r₂ without error (Dekker; theorem 18). Rounding is monotone, so l₁ ≠ r₁ orders l and r; if l₁ = r₁, l₂ and
    r₂ do. This decides diagonals of regular grids.
 3. The rest is computed in Python's integers: every float64 is an integer times a power of two.
-
 
 References
 ----------

@@ -51,11 +51,10 @@ def printable(text: str) -> str:
     """
     if text.isprintable():
         return text
-    return "".join(c if c == "\n" or not unicodedata.category(c).startswith("C") else _written_out(c) for c in text)
-
-
-def _written_out(char: str) -> str:
-    return char.encode("unicode_escape").decode("ascii")
+    return "".join(
+        c if c == "\n" or not unicodedata.category(c).startswith("C") else c.encode("unicode_escape").decode("ascii")
+        for c in text
+    )
 
 
 def say(line: str) -> None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -19,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.portable import arctan2, hypot, sin_cos
+from hulldown.geometry.rays import WorkerThreads
 from hulldown.geometry.transforms import facing, rigid
 from hulldown.placement.contact import Footing, gap_and_penetration, stacked
 from hulldown.placement.footprint import Samples, Underside
@@ -146,8 +146,6 @@ def settle(
         box = np.stack([-size[:2], size[:2]]) / 2 if footprint is None else checked(footprint, "footprint", (2, 2))
     if (box[0] >= box[1]).any():
         raise ValueError(f"footprint: expected the lowest corner first, got {box.tolist()}")
-    if threads < 1:
-        raise ValueError(f"threads: expected at least 1, got {threads}")
     footing = Footing.of(footprint if isinstance(footprint, Underside) else box, rules)
     which = np.zeros(len(positions), dtype=np.int64)
     return settle_each(terrain, (footing,), which, xy=positions, yaw=headings, rules=rules, threads=threads)
@@ -185,11 +183,8 @@ def settle_each(
     def work(rows: Int[np.ndarray, " b"]) -> Settled:
         return _settle_block(terrain, footings, which[rows], contacts, xy=xy[rows], yaw=yaw[rows], rules=rules)
 
-    if threads == 1 or len(blocks) == 1:
-        parts = [work(rows) for rows in blocks]
-    else:
-        with ThreadPoolExecutor(threads) as pool:
-            parts = list(pool.map(work, blocks))
+    with WorkerThreads(min(threads, len(blocks))) as pool:
+        parts = list(pool.map(work, blocks))
     back = np.argsort(order)
     return Settled(*(np.concatenate([getattr(part, f.name) for part in parts])[back] for f in fields(Settled)))
 
