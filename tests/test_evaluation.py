@@ -1,5 +1,6 @@
 """hulldown evaluate, from files to files, and its page in a real browser."""
 
+import csv
 import json
 import shutil
 
@@ -84,6 +85,22 @@ def test_bins_and_confusion_of_the_report_hold_what_was_found(weak):
     assert np.array(found["confusion"]["counts"]).sum() == 11 + 1 + 5 + 6
 
 
+def test_metrics_csv_has_a_line_for_all_and_one_a_class(weak):
+    found, output = weak
+    with (output / "metrics.csv").open(newline="") as file:
+        rows = {row["scope"]: row for row in csv.DictReader(file)}
+    assert list(rows) == ["overall", "per_class.tank", "per_class.truck"]
+    assert float(rows["overall"]["recall"]) == found["overall"]["recall"]
+    assert rows["per_class.truck"]["mean_confidence_fp"] == ""
+
+
+def test_sheets_show_misses_and_false_positives(weak):
+    _, output = weak
+    for name, color in (("misses.png", (0, 200, 120)), ("false_alarms.png", (255, 120, 0))):
+        pixels = np.asarray(Image.open(output / name)).astype(int)
+        assert (abs(pixels - color) < 40).all(axis=2).sum() > 500  # thumbnails are JPEG
+
+
 def test_a_second_report_is_the_same_to_the_byte(weak, scene, tmp_path):
     evaluate_files(scene, [scene / "weak.json"], tmp_path)
     for path in weak[1].iterdir():
@@ -130,6 +147,8 @@ def test_two_detectors_are_compared_with_the_first(scene, tmp_path, browser):
     assert compared["difference"]["recall"] == pytest.approx(3 / 18, abs=1e-5)
     assert compared["intervals"]["recall"] == [None, None]
     assert set(found["runs"]) == {"weak", "better"}
+    with (tmp_path / "metrics.csv").open(newline="") as file:
+        assert [row["predictions"] for row in csv.DictReader(file)] == ["weak"] * 3 + ["better"] * 3
     browser.get((tmp_path / "report.html").as_uri())
     browser.find_element(By.LINK_TEXT, "better").click()
     assert browser.title.startswith("better on")

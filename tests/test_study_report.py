@@ -15,7 +15,7 @@ from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.study.charts import beside, over_photographs, png
 from hulldown.training.study.manifest import write_manifest
-from hulldown.training.study.page import study_page
+from hulldown.training.study.page import markdown, sections
 from hulldown.training.study.paper import LABELS, PAPER
 from hulldown.training.study.report import compared_runs, write_report
 from hulldown.training.study.results import Difference, needed
@@ -148,7 +148,7 @@ def test_the_same_study_gives_the_same_report(pictures, tmp_path, capsys):
         assert main(["study", "report", str(tmp_path / name / "out"), "--json"]) == 0
         reports.append(json.loads(capsys.readouterr().out) | {"times": {}})
     assert reports[0] == reports[1]
-    for name in ("over_photographs.png", "real_100.png"):
+    for name in ("over_photographs.svg", "real_100.png", "report.md"):
         assert len({(tmp_path / which / "out" / name).read_bytes() for which in ("once", "again")}) == 1
 
 
@@ -164,7 +164,7 @@ def test_a_study_that_is_not_finished_says_what_is_missing(pictures, study, tmp_
     assert report["missing"] == {
         "mixed-25-seed1": "ended by signal 9", "synthetic-seed0": "not run yet", "synthetic-seed1": "not run yet",
     }  # fmt: skip
-    assert "mixed-25-seed1: ended by signal 9" in study_page(report, {})
+    assert "mixed-25-seed1: ended by signal 9" in markdown(sections(report, {}))
     with pytest.raises(HulldownError, match=r"no study\.json here; name a folder of `hulldown study run`"):
         compared_runs(tmp_path)
 
@@ -182,7 +182,7 @@ def test_validation_photographs_choose_each_threshold(pictures, tmp_path):
     assert report["study"]["threshold"] == "validation"
     # The false alarms have 0.55, every true detection more: the best threshold leaves them out.
     assert all(run["threshold"] > 0.55 and run["fp"] == 0 for run in report["runs"])
-    assert "best F1 on the validation photographs" in study_page(report, {})
+    assert "best F1 on the validation photographs" in markdown(sections(report, {}))
 
 
 def test_the_page_shows_every_chart_and_fetches_nothing(study, browser):
@@ -192,7 +192,7 @@ def test_the_page_shows_every_chart_and_fetches_nothing(study, browser):
     assert headings[0] == "Summary"
     assert {"Worth in photographs", "Pairs of arms", "Recall by bin", "Comparison with the paper"} <= set(headings)
     widths = browser.execute_script("return [...document.querySelectorAll('img.chart')].map((i) => i.naturalWidth)")
-    assert len(widths) == len(list(out.glob("*.png")))
+    assert len(widths) == len(list(out.glob("*.svg"))) == len(list(out.glob("*.png")))
     assert min(widths) > 100
     folded = browser.find_element(By.TAG_NAME, "details")
     assert not folded.find_element(By.TAG_NAME, "table").is_displayed()

@@ -17,7 +17,7 @@ def logger_of(kind: str, folder: Path) -> loggers.Logger:
     Parameters
     ----------
     kind
-        ``"tensorboard"``: files in the run's folder; ``"wandb"``, ``"mlflow"``: by their own environment
+        ``"tensorboard"``, ``"csv"``: files in the run's folder; ``"wandb"``, ``"mlflow"``: by their own environment
         variables, with the folder's name.
     folder
         The run's.
@@ -30,6 +30,7 @@ def logger_of(kind: str, folder: Path) -> loggers.Logger:
     key = hashlib.sha256(str(folder.resolve()).encode()).hexdigest()[:16]
     made: dict[str, tuple[type[loggers.Logger], dict[str, Any]]] = {
         "tensorboard": (loggers.TensorBoardLogger, {"save_dir": folder, "name": "tensorboard", "version": ""}),
+        "csv": (loggers.CSVLogger, {"save_dir": folder, "name": "csv"}),
         "wandb": (loggers.WandbLogger, {"save_dir": folder, "project": "hulldown", "name": folder.name, "id": key}),
         "mlflow": (loggers.MLFlowLogger, {"save_dir": str(folder / "mlflow"), "run_name": folder.name}),
     }

@@ -41,7 +41,7 @@ class Settings(BaseModel):
     groups: int | None = Field(None, ge=1, description="groups of queries that RF-DETR trains side by side")
     freeze: Literal["none", "encoder"] = Field("none", description="part of RF-DETR whose weights don't change")
     keep: Literal["end", "best"] = Field("end", description="weights of the end, or those of the best validation AP50")
-    logger: Literal["tensorboard", "wandb", "mlflow"] | None = Field(None, description="also log there")
+    logger: Literal["tensorboard", "wandb", "mlflow", "csv"] | None = Field(None, description="also log there")
 
     @property
     def effective_batch(self) -> int:

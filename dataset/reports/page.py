@@ -62,11 +62,12 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """A chart with a description."""
+    """A chart with a description; `name` is its file's, if it has one next to the page."""
 
     kind: ClassVar[str] = "chart"
     svg: bytes
     words: str
+    name: str = ""
 
     @property
     def uri(self) -> Markup:

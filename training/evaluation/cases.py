@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 from PIL import Image, ImageDraw
 
-from hulldown.annotate.drawing import BACKGROUND
+from hulldown.annotate.drawing import BACKGROUND, contact_sheet
 from hulldown.dataset.oriented import visible_corners
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.reports.page import Facet, Tile
@@ -19,6 +20,7 @@ from hulldown.training.evaluation.tide import CAUSES
 
 OUTCOMES = ("missed", "false alarm", "found")
 MOST = 60  # of each outcome
+SHEET = 24  # of these on a sheet
 TILE = (320, 240)
 AROUND = 2.4  # widths of a box that its picture shows
 LEAST = 96  # least pixels of a crop, for context
@@ -81,6 +83,14 @@ def thumbnails(one: Evaluation) -> tuple[list[Tile], str]:
             if case.image == image:
                 crops[k] = _cut(one, case, whole)
     return [Tile(_jpeg(crop), case.caption, case.values) for case, crop in zip(cases, crops, strict=True)], unread
+
+
+def sheet(tiles: Sequence[Tile], outcome: str) -> Image.Image | None:
+    """A contact sheet of the first thumbnails of an outcome; None if there are none."""
+    chosen = [tile for tile in tiles if tile.values["outcome"] == outcome][:SHEET]
+    pictures = [Image.open(io.BytesIO(tile.picture)) for tile in chosen]
+    captions = [", ".join(tile.caption[:2]) for tile in chosen]
+    return contact_sheet(pictures, columns=6, tile_width=TILE[0], captions=captions) if chosen else None
 
 
 def _first(among: np.ndarray, order: np.ndarray) -> list[int]:

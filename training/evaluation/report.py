@@ -1,7 +1,9 @@
-"""Evaluate files of detections, and write report.json and report.html."""
+"""Evaluate files of detections, and write report.json, metrics.csv, report.html, and sheets."""
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 import os
 from collections import Counter
@@ -14,23 +16,26 @@ import numpy as np
 import orjson
 from jaxtyping import Float
 
+from hulldown.dataset.reports.page import Tile
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import DatasetError, HulldownError
-from hulldown.geometry.files import make_room, replace_file
+from hulldown.geometry.files import make_room, replace_file, replacing
 from hulldown.geometry.terminal import shown
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.bins import BinFigures, worst
-from hulldown.training.evaluation.cases import thumbnails
+from hulldown.training.evaluation.cases import sheet, thumbnails
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare
 from hulldown.training.evaluation.evaluation_page import comparison_page, evaluation_page
 from hulldown.training.evaluation.labels import Labels, read_labels
-from hulldown.training.evaluation.metrics import figures
+from hulldown.training.evaluation.metrics import FIGURES, figures
 from hulldown.training.evaluation.predictions import Predictions, read_predictions
 from hulldown.training.evaluation.tide import CAUSES
 
 DIGITS = 6
 COUNTS = ("tp", "fp", "fn")
+COLUMNS = ("predictions", "scope", *COUNTS, *FIGURES, *AVERAGES, "threshold", "threshold_source", "iou")
 CURVE_POINTS = 200
+SHEETS = {"missed": "misses.png", "false alarm": "false_alarms.png"}
 
 
 def evaluate_files(
@@ -52,8 +57,8 @@ def evaluate_files(
     predictions
         A file of COCO results, or several, of which the others are compared with the first.
     output
-        Folder of ``report.html`` and ``report.json``, made if missing; for several files of detections, a folder
-        for each too.
+        Folder of ``report.html``, ``report.json``, ``metrics.csv``, and sheets of misses and false positives, made if
+        missing; for several files of detections, a folder for each too.
     threshold
         The confidence threshold; ``"best"``: that of the highest F1 on the dataset itself.
     iou
@@ -108,15 +113,17 @@ def evaluate_files(
         reports = {one.predictions.name: report(one) for one in evaluations}
         folders = {name: name if len(evaluations) > 1 else "" for name in reports}
         for k, (one, name) in enumerate(zip(evaluations, reports, strict=True)):
-            page = evaluation_page(one, reports[name], *thumbnails(one))
-            _write(output / folders[name], reports[name], page)
+            tiles, unread = thumbnails(one)
+            page = evaluation_page(one, reports[name], tiles, unread)
+            _write(output / folders[name], {name: reports[name]}, reports[name], page)
+            _write_sheets(output / folders[name], tiles)
             advance(len(paths) + k + 1, 2 * len(paths))
     if len(evaluations) == 1:
         return next(iter(reports.values()))
     compared = [compare(evaluations[0], other) for other in evaluations[1:]]
     written = {"runs": reports, "comparisons": [plain(asdict(one)) for one in compared]}
     page = comparison_page(evaluations, reports, compared, folders)
-    _write(output, written, page)
+    _write(output, reports, written, page)
     return written
 
 
@@ -147,10 +154,32 @@ def _names(paths: Sequence[Path]) -> list[str]:
     return [f"{path.stem}-{k}" for k, path in enumerate(paths, start=1)]
 
 
-def _write(folder: Path, written: Mapping[str, Any], page: str) -> None:
+def _write(folder: Path, reports: Mapping[str, Mapping[str, Any]], written: Mapping[str, Any], page: str) -> None:
     make_room(folder / "report.html")
+    replace_file(folder / "metrics.csv", metrics_csv(reports).encode())
     replace_file(folder / "report.json", orjson.dumps(written, option=orjson.OPT_INDENT_2) + b"\n")
     replace_file(folder / "report.html", page.encode())
+
+
+def _write_sheets(folder: Path, tiles: Sequence[Tile]) -> None:
+    for outcome, name in SHEETS.items():
+        picture = sheet(tiles, outcome)
+        if picture is None:
+            (folder / name).unlink(missing_ok=True)  # of an earlier report
+        else:
+            with replacing(folder / name) as file:
+                picture.save(file, "PNG")
+
+
+def metrics_csv(reports: Mapping[str, Mapping[str, Any]]) -> str:
+    """CSV with a line for all classes (``overall``) and one for each (``per_class.NAME``), per file of detections."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    for name, found in reports.items():
+        rows = {"overall": found["overall"]} | {f"per_class.{key}": row for key, row in found["per_class"].items()}
+        writer.writerows({**row, "predictions": name, "scope": scope} for scope, row in rows.items())
+    return text.getvalue()
 
 
 def report(one: Evaluation) -> dict[str, Any]:

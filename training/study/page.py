@@ -1,9 +1,9 @@
-"""A study's HTML page and charts, from the contents of report.json."""
+"""A study's report for people, from the contents of report.json: charts, and the same blocks as HTML and Markdown."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
 from typing import Any
 
@@ -21,6 +21,7 @@ from hulldown.training.subset import subset_name
 OVER = ("f1", "recall", "precision", "ap50")
 OVER_NAME = "over_photographs"
 MOST_BARS = 30  # of a chart of bins
+TITLE = "Worth of synthetic images"
 Record = Mapping[str, Any]
 
 
@@ -45,14 +46,14 @@ def charts_of(report: Record) -> dict[str, Figure]:
     return found
 
 
-def study_page(report: Record, charts: Mapping[str, Figure]) -> str:
-    """The report as one self-contained HTML page, with the charts of `charts_of`."""
+def sections(report: Record, charts: Mapping[str, Figure]) -> list[Section]:
+    """The report's sections, with the charts of `charts_of`."""
 
     def chart(name: str, description: str) -> list[Block]:
-        return [Chart(svg(charts[name]), description)] if name in charts else []
+        return [Chart(svg(charts[name]), description, name)] if name in charts else []
 
     over = chart(OVER_NAME, "F1, recall, precision and AP50 of each arm over the number of photographs, with bands")
-    sections = [
+    return [
         Section("Summary", [*over, Items(report["summary"]), *_setting(report), Words(report["sureness"])]),
         Section("Worth in photographs", _worth(report)),
         Section("Each share of the photographs", _at_each(report, chart)),
@@ -61,7 +62,33 @@ def study_page(report: Record, charts: Mapping[str, Figure]) -> str:
         Section("Comparison with the paper", _paper(report)),
         Section("All runs", _runs(report)),
     ]
-    return page("Worth of synthetic images", sections)
+
+
+def html(report: Sequence[Section]) -> str:
+    """The report as one self-contained page."""
+    return page(TITLE, report)
+
+
+def markdown(report: Sequence[Section]) -> str:
+    """The report as Markdown, with charts from files next to it."""
+    parts = [f"# {TITLE}"]
+    for section in report:
+        parts.append(f"## {section.heading}")
+        for block in section.blocks:
+            match block:
+                case Words(text):
+                    parts.append(text)
+                case Items(texts):
+                    parts.append("\n".join(f"- {text}" for text in texts))
+                case Table(header, rows, title):
+                    lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
+                    cells = [[cell.replace("|", r"\|") for cell in line] for line in lines]
+                    parts.append("\n".join(f"| {' | '.join(line)} |" for line in cells))
+                    if title:
+                        parts.insert(-1, f"{title}:")
+                case Chart(_, description, name):
+                    parts.append(f"![{description}]({name}.png)")
+    return "\n\n".join(part for part in parts if part) + "\n"
 
 
 def _setting(report: Record) -> list[Block]:

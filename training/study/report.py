@@ -1,4 +1,4 @@
-"""The report of a study: report.json for programs; report.html and charts as PNG for people."""
+"""The report of a study: report.json for programs; report.html, report.md, and charts for people."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from hulldown.dataset.reports.charts import svg
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.files import replace_file
 from hulldown.training.detectors.detector import RUN_NAME
@@ -19,7 +20,7 @@ from hulldown.training.evaluation.predictions import read_predictions
 from hulldown.training.evaluation.report import plain
 from hulldown.training.study.charts import png
 from hulldown.training.study.manifest import RUNS_NAME, Manifest, PlannedRun, read_manifest
-from hulldown.training.study.page import charts_of, study_page
+from hulldown.training.study.page import charts_of, html, markdown, sections
 from hulldown.training.study.results import (
     COMPARED,
     COUNTS,
@@ -49,8 +50,11 @@ def write_report(study: Path | str, *, progress: Callable[[int, int], None] | No
     charts = charts_of(report)
     for name, figure in charts.items():
         replace_file(study / f"{name}.png", png(figure))
+        replace_file(study / f"{name}.svg", svg(figure))
+    content = sections(report, charts)
     replace_file(study / "report.json", json.dumps(report, indent=2, ensure_ascii=False).encode() + b"\n")
-    replace_file(study / "report.html", study_page(report, charts).encode())
+    replace_file(study / "report.html", html(content).encode())
+    replace_file(study / "report.md", markdown(content).encode())
     return report
 
 
