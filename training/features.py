@@ -17,15 +17,13 @@ BATCH = 8  # images that go through the encoder at once
 Encoder = Callable[[Sequence[UInt8[np.ndarray, "_ _ 3"]]], Float[np.ndarray, "n d"]]
 
 
-def load_encoder(weights: str, device: str = "auto") -> Encoder:
+def load_encoder(weights: str) -> Encoder:
     """Return a function from RGB images to features: the mean of the encoder's last feature map over the image.
 
     Parameters
     ----------
     weights
         A model of RF-DETR ("nano" to "large"), whose weights RF-DETR downloads; or a run folder or checkpoint of one.
-    device
-        As in `training.predict.load_detector`.
 
     Raises
     ------
@@ -39,7 +37,7 @@ def load_encoder(weights: str, device: str = "auto") -> Encoder:
     if weights in CONFIGS and not Path(weights).exists():
         path = starting_weights(load_settings(None, {"model": weights}))
     assert path is not None
-    detector = load_detector(path, device)
+    detector = load_detector(path)
     if not isinstance(detector, DetrDetector):
         raise DetectorError("has no DINOv2 encoder", path=path, remedy="name nano to large, or a checkpoint of RF-DETR")
 

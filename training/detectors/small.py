@@ -23,7 +23,6 @@ from hulldown.training.detectors.detector import DAMAGED, Detections, DetectorEr
 from hulldown.training.fitting import Fitted, Training, seed_weights
 from hulldown.training.settings import Settings, rate_factor
 
-RESOLUTION = 256  # pixels of the longer side
 ASPECT = 9 / 16
 STEP = 16  # pixels: sides are multiples of it
 MOST = 100  # objects found in a picture
@@ -31,12 +30,12 @@ MIN_SCORE = 0.01
 WEIGHTS_KIND = "center points"  # kind of weights in a file
 
 
-def small_size(resolution: int = RESOLUTION) -> tuple[int, int]:
-    """Width and height of the network's input.
+def small_size(resolution: int) -> tuple[int, int]:
+    """Width and height of the network's input; `resolution` is the width in pixels.
 
     Examples
     --------
-    >>> small_size()
+    >>> small_size(256)
     (256, 144)
     """
     return resolution, max(STEP, round(resolution * ASPECT / STEP) * STEP)

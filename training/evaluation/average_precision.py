@@ -27,6 +27,7 @@ RECALLS = np.linspace(0.0, 1.0, 101)
 IOUS = tuple(np.linspace(0.5, 0.95, 10).tolist())  # IoUs of AP, bit-equal to COCO's
 AT_50, AT_75 = 0, 5  # indices of AP50's and AP75's
 CELLS = 1 << 22  # approximate largest size of an array
+KEYS = ("id", "image_id", "category_id", "bbox", "area", "iscrowd", "score")  # of a COCO annotation
 AVERAGES = ("ap", "ap50", "ap75")
 SUMMARY = (
     *("ap", "ap50", "ap75", "ap_small", "ap_medium", "ap_large"),
@@ -79,33 +80,25 @@ def oriented_average(labels: Labels, predictions: Predictions, matchings: Sequen
     return AveragePrecision(dict.fromkeys(SUMMARY, float("nan")) | known, *each[0].T)
 
 
-def _loaded(labels: Labels, predictions: Predictions) -> tuple[COCO, COCO]:
+def _loaded(labels: Labels, predictions: Predictions) -> list[COCO]:
     """Labels and detections for the library; images, classes, and boxes are numbered from 1."""
-    true, found = COCO(), COCO()
     head: dict[str, Any] = {
         "images": [{"id": i + 1} for i in range(len(labels.images))],
         "categories": [{"id": c + 1} for c in range(len(predictions.class_names))],
     }
-    records = _records(labels)
-    for record, area, crowd in zip(records, labels.area.tolist(), labels.crowd.tolist(), strict=True):
-        record |= {"area": area, "iscrowd": int(crowd)}
-    true.dataset = {**head, "annotations": records}
-    records = _records(predictions)
-    areas = (predictions.xywh[:, 2] * predictions.xywh[:, 3]).tolist()
-    for record, area, score in zip(records, areas, predictions.score.tolist(), strict=True):
-        record |= {"area": area, "iscrowd": 0, "score": score}
-    found.dataset = {**head, "annotations": records}
-    true.createIndex()
-    found.createIndex()
-    return true, found
-
-
-def _records(boxes: Labels | Predictions) -> list[dict[str, Any]]:
-    columns = (boxes.image.tolist(), boxes.label.tolist(), boxes.xywh.tolist())
-    return [
-        {"id": k, "image_id": image + 1, "category_id": label + 1, "bbox": box}
-        for k, (image, label, box) in enumerate(zip(*columns, strict=True), start=1)
-    ]
+    areas, nothing = predictions.xywh[:, 2] * predictions.xywh[:, 3], np.zeros(len(predictions.score), dtype=bool)
+    loaded = []
+    for boxes, area, crowd, score in (
+        (labels, labels.area, labels.crowd, np.zeros(len(labels.area))),  # a label's score is ignored
+        (predictions, areas, nothing, predictions.score),
+    ):
+        columns = (boxes.image + 1, boxes.label + 1, boxes.xywh, area, crowd.astype(np.int64), score)
+        rows = enumerate(zip(*(column.tolist() for column in columns), strict=True), start=1)
+        coco = COCO()
+        coco.dataset = {**head, "annotations": [dict(zip(KEYS, (k, *row), strict=True)) for k, row in rows]}
+        coco.createIndex()
+        loaded.append(coco)
+    return loaded
 
 
 def resampled_averages(
