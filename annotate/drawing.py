@@ -43,7 +43,7 @@ def draw(
 ) -> Image.Image:
     """A copy of a picture with its annotations on it.
 
-    Lines lie just outside the boxes, so that they hide nothing of what is inside, but never outside the picture.
+    Lines are drawn just outside the boxes, so that they hide nothing inside, but never outside the picture.
 
     Parameters
     ----------

@@ -80,8 +80,8 @@ def move(
 ) -> Float[np.ndarray, "3 n v"]:
     """Points of all parts in n frames.
 
-    Sums are explicit, so that a point's result depends on the point and the pose alone: a matrix product
-    rounds differently with the number of points beside it.
+    Sums are explicit, so that a point's result depends on the point and the pose alone: a matrix product's rounding
+    depends on the number of points.
     """
     moved = np.empty((3, len(b_from_parts), points.shape[1]))
     scratch = np.empty(moved.shape[1:])

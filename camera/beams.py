@@ -48,7 +48,7 @@ def passed_in_beams(
     if not len(which) or not len(scene.bounds):
         return passed
     origins, along = camera_rays.rays(world_from_camera, which)
-    # Where in `which` a ray is, and how far it looks; -inf is not asked for, or hidden already.
+    # Index in `which` of each ray, and its reach; -inf for rays that aren't in `which` or are blocked.
     place = np.zeros(n * r, dtype=np.int64)
     place[which] = np.arange(len(which))
     far = np.full((n, r), -np.inf)

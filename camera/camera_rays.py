@@ -45,11 +45,11 @@ class CameraRays:
         Parameters
         ----------
         frame_from_camera
-            (m, 4, 4) frames that the rays are wanted in.
+            (m, 4, 4) frames for the rays.
         which
             (k,) index i is ray i % r of frame i // r.
         camera
-            (m,) whose rays are wanted in each frame; None: frame i is camera i's.
+            (m,) the camera of each frame's rays; None: frame i is camera i's.
         """
         r = self.count
         view = which // r

@@ -126,7 +126,7 @@ def frame_target(
     world_from_camera
         (n, 4, 4) poses that look at the target.
     points_world
-        (n, k, 3) or (1, k, 3) points whose projected box is the target's: the vertices of its convex hull, say.
+        (n, k, 3) or (1, k, 3) points whose projected box is the target's, such as the vertices of its convex hull.
     intrinsics
         One, or one for each pose.
     rng
@@ -141,9 +141,9 @@ def frame_target(
     Returns
     -------
     Framed
-        `truncated` is what came out. It is more than asked where the box is larger than the frame. Where a point of the
-        target is not in front of the camera there is no box: such cameras stay as they are, with nan. For cameras
-        within a vehicle's length of it the box changes so much that one place in some hundreds is missed.
+        `truncated` exceeds its range if the box is larger than the frame. If a point of the target isn't in front of
+        the camera, the camera keeps its pose, and `truncated` is nan. For cameras within a vehicle's length of the
+        target, one place in several hundred is missed, since the box changes so much with the turn.
     """
     poses = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
     points = checked(points_world, "points_world", ("m", "k", 3))

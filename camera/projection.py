@@ -39,8 +39,8 @@ def project(intrinsics: Optics, world_from_camera: ArrayLike, points_world: Arra
     Returns
     -------
     Projected
-        pixels (..., n, 2) and depth (..., n). A point at or behind the camera's plane has no pixel: nan, not a
-        number that could be taken for one.
+        pixels (..., n, 2) and depth (..., n). The pixel of a point at or behind the
+        camera's plane is nan.
     """
     return project_camera(intrinsics, apply(invert_rigid(world_from_camera), points_world))
 

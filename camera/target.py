@@ -208,10 +208,7 @@ def _into(
     start: Float[np.ndarray, "p 3"],
     along: Float[np.ndarray, "p 3"],
 ) -> tuple[Int[np.ndarray, " q"], tuple[Float[np.ndarray, "q 3"], Float[np.ndarray, "q 3"]]]:
-    """Which pairs of pose and ray may meet a part, and their rays in the part's frame.
-
-    Those that cross a sphere around it, with room for rounding.
-    """
+    """Pairs of pose and ray that cross a sphere around a part, and their rays in the part's frame."""
     low, high = part.hull.min(axis=0), part.hull.max(axis=0)
     to_center = apply(world_from_part, (low + high)[None] / 2)[:, 0][pose] - start
     away = np.einsum("ij,ij->i", to_center, to_center)

@@ -1,8 +1,8 @@
 """A bounding volume hierarchy over axis-aligned boxes, in NumPy and float64.
 
-Embree answers for the nearest triangle only. Finding every instance whose box a ray crosses, or every triangle near a
-vehicle, needs all boxes; here thousands of queries go down the tree together, one array operation a level.
-Rays side by side go as one query.
+Embree finds the nearest triangle only. Here thousands of queries go down the tree together, one array operation a
+level, and find every instance whose box a ray crosses, or every triangle near a vehicle. Neighboring rays go as one
+query.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.placement.footprint import Samples, Underside, contact_samples, plate_samples, underside_samples
+from hulldown.placement.footprint import Samples, Underside, plate_samples, underside_samples
 from hulldown.placement.rules import SettleRules
 from hulldown.placement.terrain import Method, Terrain
 
@@ -31,11 +31,11 @@ class Footing:
     @classmethod
     def of(cls, footprint: Float[np.ndarray, "2 2"] | Underside, rules: SettleRules) -> Footing:
         """Return the sample points of a footprint by these rules."""
-        contact = contact_samples(footprint, rules.contact_n)
-        if isinstance(footprint, Underside) and rules.rule == "support":
-            return cls(underside_samples(footprint, rules.n), contact)
-        plate = footprint.box if isinstance(footprint, Underside) else footprint
-        return cls(plate_samples(plate, rules.n), contact)
+        if not isinstance(footprint, Underside):
+            return cls(plate_samples(footprint, rules.n), plate_samples(footprint, rules.contact_n))
+        contact = underside_samples(footprint, rules.contact_n).solid()
+        support = rules.rule == "support"
+        return cls(underside_samples(footprint, rules.n) if support else plate_samples(footprint.box, rules.n), contact)
 
 
 def stacked(samples: Sequence[Samples]) -> Samples:
@@ -61,7 +61,7 @@ def gap_and_penetration(
     world_from_vehicle
         (k, 4, 4) rigid poses.
     contact
-        Points of the underside, as by `placement.footprint.contact_samples`: one set for all, or one for each.
+        Points of the underside, as in `Footing.contact`: one set for all, or one for each.
     method
         Method of `Terrain.top_hits`.
     """

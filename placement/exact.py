@@ -17,16 +17,7 @@ from hulldown.geometry.predicates import heights as exact_heights
 from hulldown.geometry.predicates import normals as exact_normals
 from hulldown.geometry.predicates import orient
 from hulldown.placement.face_index import FaceIndex
-from hulldown.placement.ground import Ground, upward
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Tops:
-    """The top of the ground at n points: ground face (-1: none), height and normal (nan: none)."""
-
-    face: Int[np.ndarray, " n"]
-    z: Float[np.ndarray, " n"]
-    normal: Float[np.ndarray, "n 3"]
+from hulldown.placement.ground import Ground, Hits, upward
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -60,10 +51,10 @@ class ExactGround:
             on_edge[batch] = np.bincount(over.point[(over.sides == 0).any(axis=1)], minlength=n) > 0
         return faces, ~on_edge
 
-    def tops(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> Tops:
-        """The highest face at each point that lies within the bounds of the ground; ties go to the lowest face."""
+    def tops(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> Hits:
+        """The highest ground face at each point within the ground's bounds; ties go to the lowest face."""
         n = len(x)
-        tops = Tops(np.full(n, -1, np.int32), np.full(n, np.nan), np.full((n, 3), np.nan))
+        tops = Hits(np.full(n, np.nan), np.full((n, 3), np.nan), np.full(n, -1, np.int32))
         for batch, point, face in self._index.candidates(x, y):
             here = x[batch], y[batch]
             over = self._highest(here, self._containing(*here, point, face))

@@ -74,8 +74,8 @@ class Underside:
 def underside(mesh: Mesh, *, known: Float[np.ndarray, "a b"] | None = None) -> Underside:
     """The underside of a vehicle over its contact footprint.
 
-    The minimum over the hit of a ray straight up through each cell's middle, and vertices and edges in the cell: a
-    an upright sheet meets no such ray.
+    The minimum over the hit of a ray straight up through each cell's middle, and vertices and edges in the cell,
+    since no such ray meets an upright sheet.
 
     Parameters
     ----------
@@ -210,8 +210,3 @@ def underside_samples(footprint: Underside, n: int) -> Samples:
             xy[k] += [away[0][a], away[1][b]]
     foot = height <= height.min(initial=np.inf) + FOOT * np.ptp(footprint.box, axis=0).max()
     return Samples(xy, height, foot, inner_point(xy[np.isfinite(height)], regular.center))
-
-
-def contact_samples(footprint: Underside | Float[np.ndarray, "2 2"], n: int) -> Samples:
-    """Return n x n samples for gap and penetration, without those below no underside."""
-    return underside_samples(footprint, n).solid() if isinstance(footprint, Underside) else plate_samples(footprint, n)

@@ -1,4 +1,4 @@
-"""Prepared ground faces: counterclockwise, with area, slope, and a bound of float64's error."""
+"""Prepared ground faces, counterclockwise, with area, slope, and a bound of float64's error; and hits on them."""
 
 from __future__ import annotations
 
@@ -19,6 +19,30 @@ _CHUNK = 1 << 16  # faces prepared together, so that intermediate arrays stay in
 _MOST_CANCELLED = 2.0**40
 # Heights below this would lose digits to underflow.
 _SMALLEST = 1e-120
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Hits:
+    """The ground under n points.
+
+    Parameters
+    ----------
+    z
+        (n,) height in meters; nan where there is no ground.
+    normal
+        (n, 3) unit normal, pointing up; nan where there is no ground.
+    face
+        (n,) face index; -1 where there is no ground.
+    """
+
+    z: Float[np.ndarray, " n"]
+    normal: Float[np.ndarray, "n 3"]
+    face: Int[np.ndarray, " n"]
+
+    @property
+    def hit(self) -> Bool[np.ndarray, " n"]:
+        """Whether there is ground under each point."""
+        return self.face >= 0
 
 
 @dataclass(frozen=True, eq=False, slots=True)

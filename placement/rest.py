@@ -1,8 +1,8 @@
 """Three rules that fit the resting plane to a footprint's samples of the ground.
 
 All three work in the footprint's own frame, turned by the heading but level, where the samples' positions are the same
-for every candidate. They are compared with a reference rest pose in docs/settling.md. None uses a matrix product that
-rounds: its rounding may depend on the number of rows, and a candidate's pose must not depend on the others. (The one
+for every candidate. docs/settling.md compares them with a reference rest pose. Sums are explicit, since the rounding of
+a matrix product may depend on the number of rows, and a candidate's pose must not depend on the others. (The product
 in `placement.simplex` is of whole numbers, and exact.)
 """
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -14,34 +13,10 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.predicates import ORIENT_BOUND, TINY
 from hulldown.geometry.rays import RayCaster, bounds_within_reach, in_coherent_blocks
 from hulldown.placement.exact import ExactGround
-from hulldown.placement.ground import Ground, plane_heights, upward
+from hulldown.placement.ground import Ground, Hits, plane_heights, upward
 from hulldown.placement.sheet_map import EMPTY, SINGLE, SheetMap
 
 Method = Literal["certified", "refined", "float32"]
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Hits:
-    """The ground under n points.
-
-    Parameters
-    ----------
-    z
-        (n,) height in meters; nan where there is no ground.
-    normal
-        (n, 3) unit normal, pointing up; nan where there is no ground.
-    face
-        (n,) face index; -1 where there is no ground.
-    """
-
-    z: Float[np.ndarray, " n"]
-    normal: Float[np.ndarray, "n 3"]
-    face: Int[np.ndarray, " n"]
-
-    @property
-    def hit(self) -> Bool[np.ndarray, " n"]:
-        """Whether there is ground under each point."""
-        return self.face >= 0
 
 
 class Terrain:
