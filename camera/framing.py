@@ -183,7 +183,7 @@ def place_boxes(
     cut: Bool[np.ndarray, "n 4"],
     roll: ArrayLike = 0.0,
 ) -> Framed:
-    """Turn each camera so that the target's box is where another box is, whatever the sizes of both.
+    """Turn each camera so that the target's box is where another box is, for boxes of any sizes.
 
     Along an axis on which neither side of the frame cuts the other box off, their centers agree as far as the target
     fits into the frame. Where one side does, it cuts the target off as well, and their sides within the frame agree.

@@ -17,7 +17,7 @@ from hulldown.geometry.transforms import rotate
 
 Measure = Literal["height", "width", "diagonal", "area"]
 
-# Newton on 1 / size, which is nearly linear in distance, takes 3 to 6 rounds; the rest is for bisection.
+# Newton's method on 1 / size, nearly linear in distance, takes 3 to 6 rounds; the others are for bisection.
 ROUNDS = 80
 RELATIVE = 4e-15
 SECANTS = 12  # of a distorting lens: 4 to 6

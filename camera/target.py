@@ -19,7 +19,7 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster, RayHits
 from hulldown.geometry.transforms import apply, compose, invert_rigid, rotate
 
-FEW = 64  # hull vertices below which simplifying the hull does not pay
+FEW = 64  # hull vertices up to which the hull isn't simplified
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -1,12 +1,13 @@
 """Clearance of oriented boxes from boxes and triangles, by separating axes, for thousands of pairs at once.
 
 Two convex bodies are apart exactly if some axis separates them; for boxes and triangles the face normals and the
-crosses of their edges are all the axes there are to look at. All tests are closed: touching counts.
+cross products of their edges are all the axes to test. All tests are closed: touching counts.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -59,7 +60,7 @@ def boxes_touch(
     Gottschalk, Lin, Manocha, OBBTree, SIGGRAPH 1996, section 5.
     """
     rotation, offset = a_from_b[:, :3, :3], a_from_b[:, :3, 3]
-    # Nearly parallel edges span no axis but rounding; this much more of each box keeps it from separating them.
+    # The axis of nearly parallel edges is mostly rounding error; a margin keeps it from separating the boxes.
     spread = np.abs(rotation) + 1e-12
     apart = (np.abs(offset) > half_a + np.einsum("pij,pj->pi", spread, half_b)).any(axis=1)
     toward = np.einsum("pij,pi->pj", rotation, offset)
@@ -76,29 +77,21 @@ def boxes_touch(
 
 
 def triangles_touch_box(
-    triangles: Float[np.ndarray, "p 3 3"], half: Float[np.ndarray, "p 3"]
+    corners: Sequence[Sequence[Float[np.ndarray, " p"]]], half: Sequence[Float[np.ndarray, " p"]]
 ) -> Bool[np.ndarray, " p"]:
     """Whether each triangle touches its box about the origin.
 
     Parameters
     ----------
-    triangles
-        (p, 3, 3) corners in the frame of the box.
+    corners
+        x, y, z of the three corners in the frame of the box, each an array (p,) for speed.
     half
-        (p, 3) half the boxes' sizes.
+        (p,) half the boxes' sizes along x, y, z.
 
     References
     ----------
     Akenine-Moeller, Fast 3D triangle-box overlap testing, JGT 6(1), 2001.
     """
-    corners = np.ascontiguousarray(np.moveaxis(triangles, 0, 2))
-    return _touch_origin_box([list(corner) for corner in corners], list(np.ascontiguousarray(half.T)))
-
-
-def _touch_origin_box(
-    corners: list[list[Float[np.ndarray, " p"]]], half: list[Float[np.ndarray, " p"]]
-) -> Bool[np.ndarray, " p"]:
-    """`triangles_touch_box` of coordinates: x, y, z of the three corners, each an array of its own for speed."""
     touch = np.ones(len(half[0]), dtype=bool)
     for a, b, c, size in zip(*corners, half, strict=True):
         touch &= ~(np.minimum(np.minimum(a, b), c) > size)
@@ -224,7 +217,7 @@ class Obstacles:
                     [row[0] * x + row[1] * y + row[2] * z + row[3] for row in into]
                     for x, y, z in self._corners[traced][:, :, faces]
                 ]
-                touching = _touch_origin_box(moved, list(sizes[:, box[which]]))
+                touching = triangles_touch_box(moved, list(sizes[:, box[which]]))
                 if solidity is not None:
                     pose = mesh_from_box[which[touching]]
                     sides = pose[:, :3, :3] * half[box[which[touching]]][:, None]
@@ -234,7 +227,7 @@ class Obstacles:
     def _shut_in(self, world_from_box: Float[np.ndarray, "n 4 4"]) -> Bool[np.ndarray, " n"]:
         around = np.full(len(world_from_box), -1)
         left = np.arange(len(world_from_box))
-        # Upwards first: most boxes that are in the open have nothing above them.
+        # Upward first, since most boxes in the open have nothing above them.
         for axis in ([0.0, 0, 1], [1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0]):
             directions = rotate(world_from_box[left, :3, :3], np.array([axis]))[:, 0]
             met = self._scene.cast(world_from_box[left, :3, 3], directions, max_distance=ROOM).instance

@@ -68,7 +68,7 @@ def gap_and_penetration(
     points, up = underside_points(world_from_vehicle, contact), world_from_vehicle[:, 2, 2, None]
     hits = terrain.top_hits(points[..., :2].reshape(-1, 2), method=method)
     above = points[..., 2] - hits.z.reshape(points.shape[:2])
-    # Straight down from the underside, the plane that the vehicle stands on is that much lower.
+    # Height of the underside above the plane that the vehicle rests on, measured straight down.
     below = np.where(contact.foot, above - contact.height / up, np.nan)
     # fmax passes over the nan of a miss.
     return np.fmax.reduce(below, axis=1, initial=0.0), np.fmax.reduce(-above, axis=1, initial=0.0)

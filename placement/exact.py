@@ -90,10 +90,10 @@ class ExactGround:
         rest = over[np.flatnonzero(~alone)]
         if not len(rest.point):
             return over
-        # Faces that meet in the very edge or vertex under the point are equally high: their lowest stands for all.
+        # Faces that meet in the very edge or vertex under the point are equally high: only the lowest is kept.
         rest = _first_of_each(rest, np.where(rest.sides > 0, self._ground.corners[:, rest.face].T, -1))
         rest = self._not_certainly_lower(at, rest)
-        # The same where a sheet lies twice, on vertices of its own.
+        # The same for sheets that coincide, with vertices of their own.
         rest = _first_of_each(rest, np.where(rest.sides > 0, self._alike(self._ground.corners[:, rest.face].T), -1))
         done = [over[np.flatnonzero(alone)]]
         alone = _alone(rest.point)

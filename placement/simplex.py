@@ -15,11 +15,11 @@ import numpy as np
 from jaxtyping import Float, Float32, Int
 
 MOST_PIVOTS = 500
-STARTS = 13  # so many samples make some eighty triangles to start from: more cost more than the pivots they save
+STARTS = 13  # samples that make some eighty starting triangles: more cost more than the pivots that they save
 # Heights and shares are rounded to so many steps: their products, and the sums of these, stay below 2^24, where float32
 # holds every whole number.
 STEPS = 1 << 11
-FLAT = 1e-300  # meters of relief: with less, the steps could not be counted in float64, and need not be
+FLAT = 1e-300  # meters of relief below which steps overflow float64, and heights count as equal
 # The table's shares are those of a point so many times as far out as the center (which lies next to the origin), but on
 # the same side of all lines through two samples of a small grid: next to a sample all triangles with this corner tie.
 AHEAD = 2e4
