@@ -108,6 +108,8 @@ def test_a_profile_sets_what_is_not_given(read):
     fast = read(MINIMAL + '[render]\nprofile = "fast"\nbounces = 7\n').render
     assert fast.samples < 128
     assert fast.bounces == 7
+    train = read(MINIMAL + '[render]\nprofile = "train"\n').render
+    assert (train.samples, train.denoise) == (8, True)
 
 
 CALIBRATED = """
@@ -144,7 +146,7 @@ WRONG = [  # what is added, the key that is named, and what is said of it
     ("[light]\nstrength = [0, inf]", "light.strength = [0, inf]", "0 <= low <= high <= 1e+09"),
     ("[placement]\nvehicles_per_image = [1, 2.5]", "placement.vehicles_per_image = [1, 2.5]", "a whole number or"),
     *((f"[render]\nsamples = {x}", f"render.samples = {x}", "expected") for x in ("1.5", "'9'", "0")),
-    ("[render]\nprofile = 'best'", "render.profile = 'best'", "expected 'paper' or 'fast'"),
+    ("[render]\nprofile = 'best'", "render.profile = 'best'", "expected 'paper', 'fast' or 'train'"),
     ("[render]\ndenoise = 1", "render.denoise = 1", "expected true or false"),
     ("[placement]\nmargin = inf", "placement.margin = inf", "expected a finite number"),
     ("[placement]\nmax_slope_deg = 90", "placement.max_slope_deg = 90", "expected less than 90"),
