@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from hulldown.geometry.errors import AssetError
 from hulldown.reading.cache import sha256
 from hulldown.render.cluster.asset_files import AssetCache, AssetNote, ClientFiles, FileNote, references
+from hulldown.render.jobs import RenderAssets
 from hulldown.tests.render_plans import ASSETS
 
 
@@ -129,3 +131,15 @@ def test_folders_that_the_user_adds_are_sent_from(curious, monkeypatch):
     monkeypatch.setenv("HULLDOWN_READ", str(secret.parent))
     asset = ClientFiles(assets).asset(str(folder / "void.blend"))
     assert str(secret) in {file.path for file in asset.references}
+
+
+@pytest.mark.parametrize("change", [lambda sky: sky.write_bytes(b"other light"), lambda sky: sky.unlink()])
+def test_a_file_that_is_changed_or_gone_when_a_worker_asks_for_it_is_named(tmp_path, change):
+    sky = tmp_path / "sky.exr"
+    sky.write_bytes(b"light")
+    files = ClientFiles(RenderAssets({}, {}, {"sky": sky}))
+    digest = sha256(sky)
+    assert files.content(digest) == b"light"
+    change(sky)
+    with pytest.raises(AssetError, match=r"sky\.exr.*restore it"):
+        files.content(digest)

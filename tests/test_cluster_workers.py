@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from hulldown.geometry.errors import HulldownError
+from hulldown.geometry.errors import AssetError, HulldownError
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.cluster.workers import Cluster
 from hulldown.tests.certificates import certificates, needs_openssl
@@ -66,6 +66,14 @@ def test_contents_are_sent_once_and_shared(workers):
     found = workers.results(range(3), with_contents, lambda job: "0" * 64, stopping=never, content=content)
     assert [answer.value for _, answer in found] == [b"0" * 64] * 3
     assert 1 <= len(read) <= 2
+
+
+def test_a_content_that_cannot_be_read_ends_the_run(workers):
+    def content(digest):
+        raise AssetError("was changed during the render")
+
+    with pytest.raises(AssetError, match="changed"):
+        list(workers.results([0], with_contents, lambda job: "1" * 64, stopping=never, content=content))
 
 
 def test_a_refused_worker_gets_no_tasks_and_when_all_are_the_run_ends(workers):

@@ -26,6 +26,7 @@ from hulldown.render.jobs import RenderAssets
 
 CACHE_VARIABLE = "HULLDOWN_CACHE"  # names the folder of a worker's copies
 TILES = ("<UDIM>", "<UVTILE>")  # placeholders for a number in names of textures
+CONTINUE = "restore it and run the same command again; finished images stay"
 LONGEST = 1023  # bytes of a path in a .blend, without the terminator
 
 
@@ -88,8 +89,21 @@ class ClientFiles:
         return self._assets[path]
 
     def content(self, digest: str) -> bytes:
-        """The bytes of a noted file."""
-        return Path(self._by_hash[digest].path).read_bytes()
+        """The bytes of a noted file.
+
+        Raises
+        ------
+        AssetError
+            If it was changed since, or can't be read.
+        """
+        path = self._by_hash[digest].path
+        try:
+            content = Path(path).read_bytes()
+        except OSError as error:
+            raise AssetError(f"can't be read any more ({error.strerror})", path=path, remedy=CONTINUE) from None
+        if hashlib.sha256(content).hexdigest() != digest:
+            raise AssetError("was changed during the render", path=path, remedy=CONTINUE)
+        return content
 
     def _note(self, path: Path) -> FileNote:
         if path not in self._notes:

@@ -259,9 +259,9 @@ class Cluster:
         """A future of data in the cluster's memory, stored on a worker first; None if that worker is gone."""
         future = self._contents.get(digest)
         if future is None or future.status in ("cancelled", "lost", "error"):
+            key, data = f"hulldown-{digest}", read(digest)
             try:
-                key = f"hulldown-{digest}"
-                future = self.client.scatter({key: read(digest)}, workers=[worker])[key]
+                future = self.client.scatter({key: data}, workers=[worker])[key]
             except (OSError, ValueError, KeyError, TimeoutError):
                 return None
             self._contents[digest] = future
