@@ -62,9 +62,13 @@ def test_the_same_seed_does_the_same(scene, seed):
 @given(SCENES, SEEDS)
 def test_two_flips_are_none(scene, seed):
     sample = sample_of(scene)
-    twice = FLIP(FLIP(sample, seed), seed)
+    once = FLIP(sample, seed)
+    twice = FLIP(once, seed)
+    np.testing.assert_array_equal(once.picture, sample.picture[:, ::-1])
     np.testing.assert_array_equal(twice.picture, sample.picture)
     np.testing.assert_allclose(twice.xywh, sample.xywh, rtol=0, atol=1e-3)
+    for mask, original in zip(twice.masks, sample.masks, strict=True):
+        np.testing.assert_array_equal(mask, original)
 
 
 @given(SCENES, st.integers(32, 200), st.integers(32, 200))

@@ -30,6 +30,41 @@ def budgets(draw):
     return categories, section, wanted
 
 
+def visited(budget):
+    """Every position, one by one, in the obvious way: classes take turns, each gives its next model's next position."""
+    left = {v: int(n) for v, n in zip(budget.vehicles, budget.images, strict=True)}
+    queues = [
+        [budget.vehicles[i] for i in range(budget.class_starts[c], budget.class_starts[c + 1])]
+        for c in range(len(budget.class_starts) - 1)
+    ]
+    turn = [0] * len(queues)
+    rows, count = [], dict.fromkeys(left, 0)
+    while any(left.values()):
+        for c, queue in enumerate(queues):
+            if not any(left[v] for v in queue):
+                continue
+            v = queue[turn[c] % len(queue)]
+            turn[c] += 1
+            shots = min(left[v], budget.shots)
+            rows.append((v, count[v], shots))
+            count[v] += 1
+            left[v] -= shots
+    return rows
+
+
+@given(budgets())
+def test_positions_are_those_of_taking_turns_one_by_one(given_budget):
+    categories, section, _ = given_budget
+    budget = make_budget(section, categories)
+    p = budget.positions(np.arange(budget.n_positions))
+    assert p.first_image.tolist() == (np.cumsum(p.shots) - p.shots).tolist()
+    columns = (getattr(p, key)[~p.background].tolist() for key in ("vehicle", "ordinal", "shots"))
+    turns = [(budget.vehicles[vehicle], ordinal, shots) for vehicle, ordinal, shots in zip(*columns, strict=True)]
+    assert turns == visited(budget)
+    assert p.ordinal[p.background].tolist() == list(range(budget.n_background_positions))
+    assert (p.shots[p.background][:-1] == section.images_per_position).all()
+
+
 @given(budgets())
 def test_every_class_gets_exactly_its_images_and_its_models_share_them(given_budget):
     categories, section, wanted = given_budget
@@ -51,19 +86,6 @@ def test_every_class_gets_exactly_its_images_and_its_models_share_them(given_bud
         assert targets == len(categories) * section.images_per_position * section.positions_per_vehicle
 
 
-@given(budgets())
-def test_positions_tile_the_images_and_number_each_vehicles_own(given_budget):
-    categories, section, _ = given_budget
-    budget = make_budget(section, categories)
-    p = budget.positions(np.arange(budget.n_positions))
-    assert p.first_image.tolist() == (np.cumsum(p.shots) - p.shots).tolist()
-    assert 1 <= p.shots.min() <= p.shots.max() <= section.images_per_position
-    for v in range(-1, len(budget.vehicles)):
-        mine = p.vehicle == v
-        assert p.ordinal[mine].tolist() == list(range(mine.sum()))
-        assert (p.shots[mine][:-1] == section.images_per_position).all()
-
-
 @given(budgets(), st.randoms(use_true_random=False))
 def test_any_positions_asked_in_any_order_answer_the_same(given_budget, random):
     categories, section, _ = given_budget
@@ -76,21 +98,6 @@ def test_any_positions_asked_in_any_order_answer_the_same(given_budget, random):
     image = random.randrange(budget.n_images)
     at = budget.position_of(image)
     assert 0 <= image - everything.first_image[at] < everything.shots[at]
-
-
-@given(budgets())
-def test_classes_take_turns(given_budget):
-    categories, section, _ = given_budget
-    budget = make_budget(section, categories)
-    p = budget.positions(np.arange(budget.n_positions))
-    cls = np.searchsorted(budget.class_starts, p.vehicle[~p.background], side="right") - 1
-    totals = budget.positions_per_class
-    visited = np.zeros(len(totals), dtype=int)
-    for c in cls.tolist():
-        visited[c] += 1
-        # A class is ahead of another only once that one has nothing left.
-        behind = visited < visited[c] - 1
-        assert (visited[behind] == totals[behind]).all()
 
 
 @given(budgets())

@@ -46,17 +46,6 @@ def test_boxes_follow_what_is_in_them(line, masked):
         assert np.abs(corners(found.xywh[0]) - bright_box(found.picture)).max() <= 2.0  # a pixel by interpolation
 
 
-def test_two_flips_are_none():
-    augment = Augmenter(changed_table(OFF | {"horizontal_flip": {"probability": 1.0}}), height=120)
-    sample = ellipse_sample(20)
-    once = augment(sample, 0)
-    twice = augment(once, 1)
-    np.testing.assert_array_equal(once.picture, sample.picture[:, ::-1])
-    np.testing.assert_array_equal(twice.picture, sample.picture)
-    np.testing.assert_allclose(twice.xywh, sample.xywh, atol=1e-4)  # Albumentations computes boxes in float32
-    np.testing.assert_array_equal(twice.masks[0], sample.masks[0])
-
-
 def test_an_empty_table_changes_nothing():
     sample = ellipse_sample(20)
     found = Augmenter({}, height=120)(sample, 0)

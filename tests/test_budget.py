@@ -1,4 +1,4 @@
-"""Counts that add up: round robin within a class, equation 1, and the order of positions."""
+"""Budgets: the position of an image, and messages about impossible ones."""
 
 import numpy as np
 import pytest
@@ -8,56 +8,6 @@ from hulldown.planning.config.schema import BudgetSection
 from hulldown.planning.search.budget import make_budget
 
 CATEGORIES = {"t72": "tank", "leo": "tank", "ural": "truck", "m1": "tank", "s300": "sam", "man": "truck"}
-
-
-def visited(budget):
-    """Every position, one by one, in the obvious way: classes take turns, each gives its next model's next position."""
-    left = {v: int(n) for v, n in zip(budget.vehicles, budget.images, strict=True)}
-    queues = [
-        [budget.vehicles[i] for i in range(budget.class_starts[c], budget.class_starts[c + 1])]
-        for c in range(len(budget.class_starts) - 1)
-    ]
-    turn = [0] * len(queues)
-    first, rows, count = 0, [], dict.fromkeys(left, 0)
-    while any(left.values()):
-        for c, queue in enumerate(queues):
-            if not any(left[v] for v in queue):
-                continue
-            v = queue[turn[c] % len(queue)]
-            turn[c] += 1
-            shots = min(left[v], budget.shots)
-            rows.append((v, count[v], shots, first))
-            count[v] += 1
-            left[v] -= shots
-            first += shots
-    return rows
-
-
-@pytest.mark.parametrize(
-    "section",
-    [
-        {"images_per_class": 140},
-        {"images_per_class": 7, "images_per_position": 3},
-        {"images_per_class": {"tank": 11, "truck": 2, "sam": 30}, "images_per_position": 4},
-        {"images_per_class": {"tank": 0, "truck": 1, "sam": 0}},
-        {"positions_per_vehicle": 3, "images_per_position": 2},
-        {"images_per_class": 1, "images_per_position": 100},
-    ],
-)
-def test_positions_equal_those_of_taking_turns_one_by_one(section):
-    budget = make_budget(BudgetSection(**section), CATEGORIES)
-    p = budget.positions(np.arange(budget.n_positions))
-    rows = [
-        (budget.vehicles[v], o, s, f)
-        for v, o, s, f in zip(*(a.tolist() for a in (p.vehicle, p.ordinal, p.shots, p.first_image)), strict=True)
-    ]
-    assert rows == visited(budget)
-
-
-def test_equation_1():
-    budget = make_budget(BudgetSection(positions_per_vehicle=7, images_per_position=5), CATEGORIES)
-    assert budget.n_images == len(CATEGORIES) * 5 * 7
-    assert budget.images.tolist() == [35] * len(CATEGORIES)
 
 
 def test_position_of_an_image():
