@@ -6,6 +6,7 @@ import queue
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from functools import partial
 from pathlib import Path
 from threading import Event
 from types import TracebackType
@@ -79,10 +80,13 @@ class Pool:
                     number=i,
                     allowance=self._allowance,
                     confinement=self._confinement,
-                    say=lambda line, i=i: self._lines.put(f"worker {i}: {line}"),  # type: ignore[misc]
+                    say=partial(self._hear, i),
                 )
             )
         self._allowance.blenders = len(self._blenders)
+
+    def _hear(self, worker: int, line: str) -> None:
+        self._lines.put(f"worker {worker}: {line}")
 
     def results(
         self, jobs: Sequence[int], message: Callable[[int], Mapping[str, Any]]

@@ -25,6 +25,7 @@ from hulldown.reading.confinement.landlock import abi
 from hulldown.render.cluster.node import refusal
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.cluster.workers import Cluster
+from hulldown.render.process import Limits
 from hulldown.render.supervisor import Engine, render_plan
 from hulldown.tests.blender_plans import IMAGES, make_worlds, plan_in
 from hulldown.tests.certificates import certificates, needs_openssl
@@ -126,6 +127,13 @@ def test_a_killed_worker_costs_nothing_and_leaves_no_blender(folder, nodes, tmp_
     assert psutil.wait_procs(orphans, timeout=60)[1] == []
     assert orphans
     assert course.line("is gone; others do its tasks")
+
+
+@pytest.mark.thorough
+def test_workers_keep_the_limit_of_memory(folder, nodes, tmp_path):
+    engine = Engine(device="cpu", scheduler=Scheduler(nodes.address), limits=Limits(memory_bytes=1))
+    with pytest.raises(HulldownError, match="more than the limit"):
+        render_plan(folder / "plan.jsonl", tmp_path / "d", engine=engine)
 
 
 @pytest.mark.thorough

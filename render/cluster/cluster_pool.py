@@ -81,7 +81,7 @@ class ClusterPool:
                 *(vehicle["tidy"] for vehicle in job_message["vehicles"]),
             }
             assets = tuple(self._files.asset(path) for path in sorted(named))
-            return Order(job_message, assets, self._files.key, self._device, self._limits.job_s)
+            return Order(job_message, assets, self._files.key, self._device, self._limits)
 
         answers = self._cluster.results(jobs, render_row, order, stopping=self._stopping, content=self._files.content)
         for job, answer in answers:

@@ -63,15 +63,15 @@ class Order:
         `render.cluster.asset_files.ClientFiles.key`.
     device
         A device for `render.blender.cycles.choose_device`.
-    image_s
-        Time limit of an image in seconds; None: by the first images.
+    limits
+        Limits of Blender.
     """
 
     message: Mapping[str, Any]
     assets: tuple[AssetNote, ...]
     key: str
     device: str
-    image_s: float | None
+    limits: Limits
 
 
 def render_row(order: Order, *contents: bytes) -> Answer:
@@ -95,7 +95,7 @@ class _Setting:
     key: str
     read: frozenset[Path]
     device: str
-    image_s: float | None
+    limits: Limits
 
 
 class OpenBlender(WorkerPlugin):
@@ -164,7 +164,7 @@ class OpenBlender(WorkerPlugin):
 
     def _blender_for(self, order: Order, read: list[Path]) -> Blender:
         """The open Blender, if its parameters fit an order; otherwise a new one."""
-        setting = _Setting(order.key, frozenset(read), order.device, order.image_s)
+        setting = _Setting(order.key, frozenset(read), order.device, order.limits)
         if (had := self._setting) is not None and had.key == order.key:
             setting = replace(setting, read=had.read | setting.read)  # so that it isn't restarted repeatedly
         if self._blender is None or setting != had:
@@ -175,7 +175,7 @@ class OpenBlender(WorkerPlugin):
             self._blender = Blender(
                 self._scratch / "logs" / "blender.log",
                 device=order.device,
-                allowance=Allowance(Limits(job_s=order.image_s), self._share),
+                allowance=Allowance(order.limits, self._share),
                 confinement=Confinement(self._pictures, tuple(sorted(setting.read)), gpu=order.device != "cpu"),
                 say=self._lines.append,
             )
