@@ -19,10 +19,10 @@ from hulldown.training.study.config import load_study
 from hulldown.training.study.elsewhere import NANNYS, Order, run_here, unseen
 from hulldown.training.study.manifest import settle, write_manifest
 from hulldown.training.study.report import write_report
-from hulldown.training.study.runs import Options, run_study
+from hulldown.training.study.runs import RunOptions, run_study
 from hulldown.verbs.cluster import training_workers
 
-OPTIONS = Options("cpu", 0)
+OPTIONS = RunOptions("cpu", 0)
 AS_A_NANNY_DOES = dict.fromkeys(NANNYS, "1")
 
 

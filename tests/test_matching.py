@@ -9,7 +9,7 @@ from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
 from hulldown.tests.detections import dataset, loaded, random_case, results
-from hulldown.training.evaluation.matching import Pairs, match, overlapping
+from hulldown.training.evaluation.matching import Overlaps, match, overlapping
 
 IOUS = (0.1, 0.5, 0.75, 0.95)
 
@@ -128,5 +128,5 @@ def test_pairs_are_the_same_in_one_piece_and_in_many(monkeypatch):
     monkeypatch.setattr("hulldown.training.evaluation.matching.PAIRS_AT_ONCE", 7)
     pieces = overlapping(labels, predictions)
     assert len(whole.box) > 50
-    for key in Pairs.__slots__:
+    for key in Overlaps.__slots__:
         assert np.array_equal(getattr(whole, key), getattr(pieces, key))

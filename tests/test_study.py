@@ -21,7 +21,7 @@ from hulldown.tests.training_pictures import edit, make_dataset
 from hulldown.training.study.arms import StudyRun, arm_draws, budget_of, study_runs
 from hulldown.training.study.config import load_study
 from hulldown.training.study.manifest import read_manifest, settle, write_manifest
-from hulldown.training.study.runs import Options, predictions_path, read_failures, run_one, run_study
+from hulldown.training.study.runs import RunOptions, predictions_path, read_failures, run_one, run_study
 
 ROOT = Path(__file__).parents[1]
 SMALL = {"model": "small", "resolution": 64, "budget": 24, "batch": 4}
@@ -62,7 +62,7 @@ def study_in_child(study, out, *, kill_at=None):
         if kill_at is not None and all(word in what for word in kill_at[:2]) and done == kill_at[2]:
             os.kill(os.getpid(), signal.SIGKILL)
 
-    return in_child(lambda: run_study(study, out, options=Options("cpu", 0), launch=here, progress=progress))
+    return in_child(lambda: run_study(study, out, options=RunOptions("cpu", 0), launch=here, progress=progress))
 
 
 def tree(out):
@@ -193,10 +193,10 @@ def test_a_failed_run_is_set_aside_and_the_others_go_on(pictures, tmp_path):
         ran.append(name)
         return "no room" if name == "mixed-100-seed0" and len(ran) < 5 else _pretend(out, name)
 
-    done = run_study(study, tmp_path / "out", options=Options("cpu", 0), launch=launch)
+    done = run_study(study, tmp_path / "out", options=RunOptions("cpu", 0), launch=launch)
     assert done.failed == read_failures(tmp_path / "out") == {"mixed-100-seed0": "no room"}
     assert len(done.finished) == 3
-    again = run_study(study, tmp_path / "out", options=Options("cpu", 0), launch=launch)
+    again = run_study(study, tmp_path / "out", options=RunOptions("cpu", 0), launch=launch)
     assert (again.finished, len(again.already), again.failed) == (("mixed-100-seed0",), 3, {})
     assert ran.count("real-100-seed0") == 1
     assert read_failures(tmp_path / "out") == {}
@@ -221,7 +221,7 @@ def test_two_places_run_two_runs_at_once_and_a_bug_stops_both(pictures, tmp_path
         both.wait()  # each waits for the other: one after the other they would never end
         return _pretend(out, name)
 
-    assert len(run_study(study, tmp_path / "two", options=Options("cpu", 0), launch=launch).finished) == 2
+    assert len(run_study(study, tmp_path / "two", options=RunOptions("cpu", 0), launch=launch).finished) == 2
 
     def broken(out, name, options, progress, stop):
         if name.startswith("real"):
@@ -230,7 +230,7 @@ def test_two_places_run_two_runs_at_once_and_a_bug_stops_both(pictures, tmp_path
         return "stopped"
 
     with pytest.raises(ZeroDivisionError):
-        run_study(study, tmp_path / "broken", options=Options("cpu", 0), launch=broken)
+        run_study(study, tmp_path / "broken", options=RunOptions("cpu", 0), launch=broken)
     assert read_failures(tmp_path / "broken") == {}
 
 
@@ -239,7 +239,7 @@ def test_a_run_in_a_process_of_its_own_finishes(pictures, tmp_path):
     [run] = study.manifest.runs
     said = []
     # A worker of its own: what the run's process is forked into must not wait for a lock of its parent's.
-    done = run_study(study, tmp_path / "out", options=Options("cpu", 1), progress=lambda *told: said.append(told))
+    done = run_study(study, tmp_path / "out", options=RunOptions("cpu", 1), progress=lambda *told: said.append(told))
     assert done.finished == (run.name,)
     assert (f"{run.name} (1 of 1): training", 6, 6) in said
     assert (f"{run.name} (1 of 1): looking at test", 8, 8) in said
@@ -253,7 +253,7 @@ def test_a_run_in_a_process_of_its_own_fails_with_its_reason_and_ends_with_its_s
     weights = tmp_path / "out" / "runs" / run.folder / "weights.pt"
     weights.parent.mkdir(parents=True)
     (weights.parent / "config.json").write_text("{}")
-    failed = run_study(study, tmp_path / "out", options=Options("cpu", 0)).failed
+    failed = run_study(study, tmp_path / "out", options=RunOptions("cpu", 0)).failed
     assert "the run in this folder has" in failed[run.name]
 
     child = subprocess.Popen(
@@ -317,7 +317,7 @@ def test_a_folder_of_something_else_is_refused(pictures, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "notes.txt").write_text("mine")
     with pytest.raises(HulldownError, match=r"out: holds notes\.txt and no study"):
-        run_study(settled(pictures, tmp_path), tmp_path / "out", options=Options("cpu"))
+        run_study(settled(pictures, tmp_path), tmp_path / "out", options=RunOptions("cpu"))
 
 
 def test_init_writes_a_config_that_run_understands(pictures, tmp_path, capsys):

@@ -13,7 +13,7 @@ from torch.utils.data import Dataset, Sampler
 
 from hulldown.training.augment import Augmenter, Sample, Table
 from hulldown.training.draws import Draws
-from hulldown.training.sources import Source
+from hulldown.training.sources import LabeledPictures
 
 KEPT_BYTES = 256 * 2**20  # bytes of pictures that each worker keeps in memory
 
@@ -53,7 +53,7 @@ class DrawnExamples(Dataset[Example]):
     """
 
     def __init__(
-        self, sources: Sequence[Source], draws: Draws, size: tuple[int, int], table: Table, *, masks: bool
+        self, sources: Sequence[LabeledPictures], draws: Draws, size: tuple[int, int], table: Table, *, masks: bool
     ) -> None:
         self.sources, self.draws, self.size, self.masks = sources, draws, size, masks
         self.augment = Augmenter(table, height=size[1])

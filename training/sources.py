@@ -26,7 +26,7 @@ READERS = 4  # threads that check pictures before training
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Source:
+class LabeledPictures:
     """A dataset of n pictures with m labeled boxes, in the order of the pictures' names.
 
     Parameters
@@ -86,7 +86,7 @@ class Source:
 
 def read_sources(
     folders: Mapping[str, str | os.PathLike[str]], *, classes: Sequence[str] | None = None
-) -> tuple[tuple[str, ...], tuple[Source, ...]]:
+) -> tuple[tuple[str, ...], tuple[LabeledPictures, ...]]:
     """Read datasets; return their common classes, and each dataset with labels that index them.
 
     Classes match by name; ids may differ. A category without boxes that another one names as
@@ -118,7 +118,7 @@ def read_sources(
     return tuple(known), tuple(_source(name, Path(folders[name]), coco, known) for name, coco in cocos.items())
 
 
-def follow_masks(asked: bool | None, sources: Sequence[Source]) -> bool:
+def follow_masks(asked: bool | None, sources: Sequence[LabeledPictures]) -> bool:
     """Whether boxes follow masks when a picture is turned: one rule for all compared datasets.
 
     A box follows its mask closely, and without one the ellipse in it. If the two were mixed, photographs without masks
@@ -160,7 +160,7 @@ class CheckedPictures:
 
 
 def check_pictures(
-    sources: Sequence[Source], *, progress: Callable[[int, int], None] | None = None
+    sources: Sequence[LabeledPictures], *, progress: Callable[[int, int], None] | None = None
 ) -> dict[str, CheckedPictures]:
     """Read every picture of every source; return their hashes by the source's name.
 
@@ -186,7 +186,9 @@ def check_pictures(
     return checked
 
 
-def shared_pictures(first: Source, second: Source, checked: Mapping[str, CheckedPictures]) -> list[str]:
+def shared_pictures(
+    first: LabeledPictures, second: LabeledPictures, checked: Mapping[str, CheckedPictures]
+) -> list[str]:
     """Describe the near duplicates between two sources."""
     ones, others = checked[first.name], checked[second.name]
     pairs = set(map(tuple, near_duplicates(ones.hashes, others.hashes).tolist()))
@@ -238,7 +240,7 @@ def _classes(coco: Mapping[str, Any]) -> list[str]:
     return list(dict.fromkeys(c["name"] for c in ordered if c["id"] in used or c["name"] not in parents))
 
 
-def _source(name: str, folder: Path, coco: Mapping[str, Any], classes: Sequence[str]) -> Source:
+def _source(name: str, folder: Path, coco: Mapping[str, Any], classes: Sequence[str]) -> LabeledPictures:
     images = sorted(coco["images"], key=lambda image: str(image["file_name"]))
     names = {category["id"]: category["name"] for category in coco["categories"]}
     boxes: dict[int, list[dict[str, Any]]] = {image["id"]: [] for image in images}
@@ -253,7 +255,7 @@ def _source(name: str, folder: Path, coco: Mapping[str, Any], classes: Sequence[
         for image, size in zip(images, sizes, strict=True)
         for records in [boxes[image["id"]]]
     ]
-    return Source(
+    return LabeledPictures(
         name=name,
         folder=folder,
         file_names=tuple(str(image["file_name"]) for image in images),

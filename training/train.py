@@ -34,7 +34,7 @@ from hulldown.training.loggers import logger_of
 from hulldown.training.predict import validation_figures
 from hulldown.training.run_folder import RunFolder, content_of, extension, opened
 from hulldown.training.settings import Settings, load_settings
-from hulldown.training.sources import Source, check_pictures, follow_masks, read_sources, shared_pictures
+from hulldown.training.sources import LabeledPictures, check_pictures, follow_masks, read_sources, shared_pictures
 
 VERSIONS = ("torch", "torchvision", "pytorch-lightning", "rfdetr", "albumentations", "opencv-python-headless", "numpy")
 
@@ -220,7 +220,7 @@ def _workers() -> int:
 
 def _description(
     settings: Settings, size: tuple[int, int], classes: Sequence[str], data: Mapping[str, str | os.PathLike[str]],
-    sources: Sequence[Source], draws: Draws, device: torch.device,
+    sources: Sequence[LabeledPictures], draws: Draws, device: torch.device,
 ) -> dict[str, Any]:  # fmt: skip
     """run.json of a new run."""
     counts = draws.counts(list(map(len, sources)))

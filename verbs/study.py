@@ -52,7 +52,7 @@ def _run(arguments: argparse.Namespace) -> int:
     require_extra()
     from hulldown.training.augment import changed_table
     from hulldown.training.study.manifest import settle
-    from hulldown.training.study.runs import Options, run_study
+    from hulldown.training.study.runs import RunOptions, run_study
     from hulldown.training.train import usable_weights
 
     changed_table(config.train.augmentation)
@@ -60,7 +60,7 @@ def _run(arguments: argparse.Namespace) -> int:
         settled = settle(config, progress=advance)
     for line in settled.warnings:
         warn(line)
-    options = Options(arguments.device, arguments.workers)
+    options = RunOptions(arguments.device, arguments.workers)
     if arguments.dry_run:
         return _dry_run(arguments, settled, options)
     usable_weights(config.train)

@@ -24,7 +24,7 @@ ENOUGH = 10  # least labels of a bin among the worst
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Field:
+class BinnedField:
     """Bins of one attribute of labels.
 
     Parameters
@@ -46,7 +46,7 @@ class Field:
     of_detection: Int[np.ndarray, " d"] | None
 
 
-def fields(labels: Labels, predictions: Predictions) -> list[Field]:
+def fields(labels: Labels, predictions: Predictions) -> list[BinnedField]:
     """All attributes with bins; those that no label has are left out, as are empty bins.
 
     Stored values come first; otherwise distance, elevation, side, and slope follow from stored poses, and contrast
@@ -56,11 +56,13 @@ def fields(labels: Labels, predictions: Predictions) -> list[Field]:
     if (unknown := np.isnan(numbers["contrast"])).any():
         numbers["contrast"] = np.where(unknown, measured_contrast(labels), numbers["contrast"])
     found = [
-        Field("class", "class", predictions.class_names, np.where(labels.crowd, -1, labels.label), predictions.label),
-        Field(SIZE.name, SIZE.title, SIZE.bins, *(bins_of(_side_length(x), SIZE) for x in (labels, predictions))),
+        BinnedField(
+            "class", "class", predictions.class_names, np.where(labels.crowd, -1, labels.label), predictions.label
+        ),
+        BinnedField(SIZE.name, SIZE.title, SIZE.bins, *(bins_of(_side_length(x), SIZE) for x in (labels, predictions))),
     ]
-    found += [Field(one.name, one.title, one.bins, bins_of(numbers[one.name], one), None) for one in SCALES]
-    found.append(Field("azimuth_seen", "side seen", SIDES, sides_of(numbers["azimuth"]), None))
+    found += [BinnedField(one.name, one.title, one.bins, bins_of(numbers[one.name], one), None) for one in SCALES]
+    found.append(BinnedField("azimuth_seen", "side seen", SIDES, sides_of(numbers["azimuth"]), None))
     found.append(_named("vehicle", "vehicle", [name_of(box.get("vehicle")) for box in labels.annotations], None))
     for key, title, of in (
         ("weather", "weather", weather_of),
@@ -77,7 +79,9 @@ def _side_length(boxes: Labels | Predictions) -> Float[np.ndarray, " n"]:
     return np.sqrt(np.abs(boxes.xywh[:, 2] * boxes.xywh[:, 3]))
 
 
-def _named(name: str, title: str, of_label: Sequence[str | None], of_detection: Sequence[str | None] | None) -> Field:
+def _named(
+    name: str, title: str, of_label: Sequence[str | None], of_detection: Sequence[str | None] | None
+) -> BinnedField:
     """Bins by name; names beyond the thirty most frequent share one."""
     known = [one for one in of_label if one is not None]
     names = sorted(set(known) | {one for one in of_detection or () if one is not None})
@@ -90,10 +94,12 @@ def _named(name: str, title: str, of_label: Sequence[str | None], of_detection: 
     def numbers(values: Sequence[str | None]) -> Int[np.ndarray, " n"]:
         return np.array([-1 if one is None else index.get(one, len(names) - 1) for one in values], dtype=np.int64)
 
-    return Field(name, title, tuple(names), numbers(of_label), None if of_detection is None else numbers(of_detection))
+    return BinnedField(
+        name, title, tuple(names), numbers(of_label), None if of_detection is None else numbers(of_detection)
+    )
 
 
-def _without_empty(field: Field) -> Field:
+def _without_empty(field: BinnedField) -> BinnedField:
     used = [field.of_label] if field.of_detection is None else [field.of_label, field.of_detection]
     there = np.bincount(np.concatenate([one[one >= 0] for one in used]), minlength=len(field.bins)) > 0
     new = np.append(np.cumsum(there) - 1, -1)
@@ -125,7 +131,7 @@ class BinFigures:
         (b,) mean IoU of the matches.
     """
 
-    field: Field
+    field: BinnedField
     labels: Int[np.ndarray, " b"]
     found: Int[np.ndarray, " b"]
     recall: Float[np.ndarray, " b"]
@@ -137,7 +143,7 @@ class BinFigures:
 
 
 def figures_of(
-    field: Field, labels: Labels, predictions: Predictions, matching: Matching, seen: Outcomes, *,
+    field: BinnedField, labels: Labels, predictions: Predictions, matching: Matching, seen: Outcomes, *,
     position: Int[np.ndarray, " n"],
 ) -> BinFigures:  # fmt: skip
     """Recall, precision if defined, and mean IoU in every bin; `position` is each image's."""

@@ -179,7 +179,7 @@ class Evaluation:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Comparison:
+class DetectorComparison:
     """Differences of two detectors, second minus first, on one dataset.
 
     Parameters
@@ -202,7 +202,7 @@ def best_threshold(labels: Labels, predictions: Predictions, *, iou: float = 0.5
     return curves(labels, predictions, match(labels, predictions, pairs, iou=iou)).best()
 
 
-def compare(first: Evaluation, second: Evaluation) -> Comparison:
+def compare(first: Evaluation, second: Evaluation) -> DetectorComparison:
     """Compare two detectors, second minus first, on the same resamples of positions.
 
     Raises
@@ -225,4 +225,4 @@ def compare(first: Evaluation, second: Evaluation) -> Comparison:
         value[key] = second.average.summary[key] - first.average.summary[key]
         error[key] = averages[k]
     ends = {key: difference_interval(value[key], error[key], freedom=positions - 1, labels=labels) for key in value}
-    return Comparison(first.predictions.name, second.predictions.name, value, ends)
+    return DetectorComparison(first.predictions.name, second.predictions.name, value, ends)

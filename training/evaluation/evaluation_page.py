@@ -11,7 +11,7 @@ from hulldown.dataset.reports.charts import LONGEST, differences, svg
 from hulldown.dataset.reports.page import Block, Chart, Charts, Gallery, Items, Link, Section, Table, Tile, Words, page
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.cases import MOST, facets
-from hulldown.training.evaluation.evaluate import Comparison, Evaluation
+from hulldown.training.evaluation.evaluate import DetectorComparison, Evaluation
 from hulldown.training.evaluation.evaluation_charts import losses, over_thresholds, precision_recall, recall_bins
 from hulldown.training.evaluation.tide import CAUSES
 
@@ -80,7 +80,7 @@ def evaluation_page(one: Evaluation, report: Mapping[str, Any], tiles: Sequence[
 def comparison_page(
     evaluations: Sequence[Evaluation],
     reports: Mapping[str, Mapping[str, Any]],
-    compared: Sequence[Comparison],
+    compared: Sequence[DetectorComparison],
     folders: Mapping[str, str],
 ) -> str:
     """The page that compares several files of detections; `folders` have their own pages."""

@@ -27,7 +27,7 @@ PAIRS_AT_ONCE = 1 << 21
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Pairs:
+class Overlaps:
     """Detections and labels that overlap, sorted by detection.
 
     Parameters
@@ -42,9 +42,9 @@ class Pairs:
     box: Int[np.ndarray, " p"]
     iou: Float[np.ndarray, " p"]
 
-    def where(self, keep: Bool[np.ndarray, " p"]) -> Pairs:
+    def where(self, keep: Bool[np.ndarray, " p"]) -> Overlaps:
         """Select pairs."""
-        return Pairs(self.detection[keep], self.box[keep], self.iou[keep])
+        return Overlaps(self.detection[keep], self.box[keep], self.iou[keep])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -106,7 +106,7 @@ def oriented_overlaps(
     return result
 
 
-def overlapping(labels: Labels, predictions: Predictions, *, at_least: float = 0.1) -> Pairs:
+def overlapping(labels: Labels, predictions: Predictions, *, at_least: float = 0.1) -> Overlaps:
     """All pairs of a detection and a label of its image, of any class, with enough overlap.
 
     Detections beyond the first hundred of their class and image have no pairs. Oriented detections are
@@ -128,11 +128,11 @@ def overlapping(labels: Labels, predictions: Predictions, *, at_least: float = 0
         within = np.arange(len(detection)) - np.repeat(np.cumsum(each) - each, each)
         box = order[first[predictions.image[detection]] + within]
         iou = iou_of(found[detection], true[box], labels.crowd[box])
-        parts.append(Pairs(detection, box, iou).where(iou >= at_least))
-    return Pairs(*(np.concatenate([getattr(part, key) for part in parts]) for key in ("detection", "box", "iou")))
+        parts.append(Overlaps(detection, box, iou).where(iou >= at_least))
+    return Overlaps(*(np.concatenate([getattr(part, key) for part in parts]) for key in ("detection", "box", "iou")))
 
 
-def match(labels: Labels, predictions: Predictions, pairs: Pairs, *, iou: float = 0.5) -> Matching:
+def match(labels: Labels, predictions: Predictions, pairs: Overlaps, *, iou: float = 0.5) -> Matching:
     """Match detections with labels of their class as COCO does.
 
     Matching every detection is safe: those below the confidence threshold are dropped later, since the matches of the
@@ -162,8 +162,8 @@ def match(labels: Labels, predictions: Predictions, pairs: Pairs, *, iou: float 
 
 
 def greedy(
-    pairs: Pairs, order: Float[np.ndarray, " d"], group: Int[np.ndarray, " d"], crowd: Bool[np.ndarray, " g"]
-) -> Pairs:
+    pairs: Overlaps, order: Float[np.ndarray, " d"], group: Int[np.ndarray, " d"], crowd: Bool[np.ndarray, " g"]
+) -> Overlaps:
     """Match greedily in order.
 
     Parameters
@@ -203,7 +203,7 @@ def greedy(
         taken[pairs.box[rows]] = ~crowd[pairs.box[rows]]
         chosen.append(rows)
     rows = np.sort(np.concatenate(chosen))
-    return Pairs(pairs.detection[rows], pairs.box[rows], pairs.iou[rows])
+    return Overlaps(pairs.detection[rows], pairs.box[rows], pairs.iou[rows])
 
 
 def _leading(predictions: Predictions) -> Bool[np.ndarray, " d"]:

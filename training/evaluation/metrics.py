@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.training.evaluation.labels import Labels
-from hulldown.training.evaluation.matching import Matching, Pairs, greedy
+from hulldown.training.evaluation.matching import Matching, Overlaps, greedy
 from hulldown.training.evaluation.predictions import Predictions
 
 SUMS = ("tp", "fp", "fn", "iou", "confidence_tp", "confidence_fp")  # quantities that add up over images
@@ -160,7 +160,7 @@ def curves(labels: Labels, predictions: Predictions, matching: Matching, *, labe
 
 
 def confusion(
-    labels: Labels, predictions: Predictions, pairs: Pairs, matching: Matching, seen: Outcomes
+    labels: Labels, predictions: Predictions, pairs: Overlaps, matching: Matching, seen: Outcomes
 ) -> Int[np.ndarray, "k k"]:
     """The confusion matrix: rows are true classes, columns detected ones, the last of each is the background.
 

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from hulldown.training.evaluation.average_precision import weighted_averages
 from hulldown.training.evaluation.labels import Labels
-from hulldown.training.evaluation.matching import Matching, Pairs
+from hulldown.training.evaluation.matching import Matching, Overlaps
 from hulldown.training.evaluation.predictions import Predictions
 
 BACKGROUND = 0.1  # IoU below which a detection means no label
@@ -44,7 +44,7 @@ class Errors:
     loss: dict[str, float]
 
 
-def errors(labels: Labels, predictions: Predictions, pairs: Pairs, matching: Matching) -> Errors:
+def errors(labels: Labels, predictions: Predictions, pairs: Overlaps, matching: Matching) -> Errors:
     """Classify the errors of all detections of any score.
 
     Parameters
@@ -66,7 +66,7 @@ def errors(labels: Labels, predictions: Predictions, pairs: Pairs, matching: Mat
 
 
 def _causes(
-    labels: Labels, predictions: Predictions, pairs: Pairs, matching: Matching
+    labels: Labels, predictions: Predictions, pairs: Overlaps, matching: Matching
 ) -> tuple[Int[np.ndarray, " d"], Int[np.ndarray, " d"]]:
     """Cause of each false positive, and the label that it meant, by the order of the paper's program."""
     pairs = pairs.where(~labels.crowd[pairs.box])
@@ -87,7 +87,7 @@ def _causes(
     return cause, np.where(cause == CAUSES.index("class"), other, meant)
 
 
-def _best(pairs: Pairs, among: Bool[np.ndarray, " p"], detections: int) -> Int[np.ndarray, " d"]:
+def _best(pairs: Overlaps, among: Bool[np.ndarray, " p"], detections: int) -> Int[np.ndarray, " d"]:
     """(d,) label with the highest overlap of each detection, among some pairs; -1 if none."""
     some = pairs.where(among)
     order = np.lexsort((some.iou, some.detection))

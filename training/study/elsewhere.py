@@ -18,7 +18,7 @@ from filelock import FileLock, Timeout
 
 from hulldown.training.run_folder import LOCK_NAME
 from hulldown.training.study.manifest import MANIFEST_NAME, RUNS_NAME, read_manifest
-from hulldown.training.study.runs import Launch, Options, Progress, in_a_process
+from hulldown.training.study.runs import Launch, Progress, RunOptions, in_a_process
 
 RESOURCE = "train"  # what `dask worker --resources "train=1"` declares
 POLL_S = 0.2
@@ -35,7 +35,7 @@ class Order:
     study: str
     manifest: str
     name: str
-    options: Options
+    options: RunOptions
 
 
 def launch_on(cluster: Any, function: Callable[[Order], Any]) -> Launch:
@@ -49,7 +49,7 @@ def launch_on(cluster: Any, function: Callable[[Order], Any]) -> Launch:
         The function that a worker calls, which calls `run_here`.
     """
 
-    def launch(study: Path, name: str, options: Options, progress: Progress, stop: threading.Event) -> str | None:
+    def launch(study: Path, name: str, options: RunOptions, progress: Progress, stop: threading.Event) -> str | None:
         study = study.resolve()
         order = Order(str(study), _sha256(study / MANIFEST_NAME), name, options)
         for _, answer in cluster.results([order], function, lambda order: order, stopping=stop.is_set):

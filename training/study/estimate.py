@@ -13,7 +13,7 @@ import numpy as np
 from hulldown.training.data import Batches
 from hulldown.training.detectors.detector import RUN_NAME
 from hulldown.training.study.manifest import RUNS_NAME, Manifest
-from hulldown.training.study.runs import Options, is_finished
+from hulldown.training.study.runs import RunOptions, is_finished
 
 TRIED_STEPS = 3
 
@@ -38,7 +38,7 @@ def overview(study: Path, manifest: Manifest) -> list[dict[str, Any]]:
 
 
 def seconds_per_step(
-    study: Path, manifest: Manifest, options: Options, *, say: Callable[[str], None] = lambda line: None
+    study: Path, manifest: Manifest, options: RunOptions, *, say: Callable[[str], None] = lambda line: None
 ) -> float:
     """Seconds per step: of finished runs, else of three steps that are run as a test."""
     found = []

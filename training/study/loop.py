@@ -17,12 +17,12 @@ from pathlib import Path
 from hulldown.geometry.child import Child
 from hulldown.geometry.errors import HulldownError
 from hulldown.training.study.manifest import RUNS_NAME, Manifest, PlannedRun, draws_path
-from hulldown.training.study.runs import Options, Progress
+from hulldown.training.study.runs import Progress, RunOptions
 
 LOOPS_NAME = "loops"
 
 
-def train_loop(study: Path, manifest: Manifest, run: PlannedRun, options: Options, progress: Progress) -> None:
+def train_loop(study: Path, manifest: Manifest, run: PlannedRun, options: RunOptions, progress: Progress) -> None:
     """Train a run of the arm; an interrupted one continues.
 
     The first detector has the draws of the arm `synthetic`. The second has the same budget and settings, and draws from

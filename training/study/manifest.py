@@ -21,7 +21,7 @@ from hulldown.training.draws import Draws, draws_text
 from hulldown.training.settings import Settings, completed
 from hulldown.training.sources import (
     CheckedPictures,
-    Source,
+    LabeledPictures,
     check_pictures,
     follow_masks,
     read_sources,
@@ -213,7 +213,7 @@ def _planned(
     )  # fmt: skip
 
 
-def _shares(config: StudyConfig, real: Source) -> dict[tuple[int, float], Int[np.ndarray, " k"]]:
+def _shares(config: StudyConfig, real: LabeledPictures) -> dict[tuple[int, float], Int[np.ndarray, " k"]]:
     """The photographs of each seed and fraction, as indices into the source."""
     coco = read_coco(config.real)
     index = {name: i for i, name in enumerate(real.file_names)}
@@ -241,11 +241,11 @@ def _equal_shares(shares: Mapping[tuple[int, float], Int[np.ndarray, " k"]]) -> 
     ]
 
 
-def _boxes(source: Source, classes: Sequence[str]) -> dict[str, int]:
+def _boxes(source: LabeledPictures, classes: Sequence[str]) -> dict[str, int]:
     return dict(zip(classes, np.bincount(source.label, minlength=len(classes)).tolist(), strict=True))
 
 
-def _check_classes(sources: Mapping[str, Source], classes: Sequence[str]) -> None:
+def _check_classes(sources: Mapping[str, LabeledPictures], classes: Sequence[str]) -> None:
     """Refuse datasets without a box of some class, since runs would have different tasks."""
     for name, source in sources.items():
         lacking = [label for label, boxes in _boxes(source, classes).items() if not boxes]
@@ -256,7 +256,9 @@ def _check_classes(sources: Mapping[str, Source], classes: Sequence[str]) -> Non
             )  # fmt: skip
 
 
-def _missing(run: StudyRun, real: Source, photographs: Int[np.ndarray, " k"], classes: Sequence[str]) -> list[str]:
+def _missing(
+    run: StudyRun, real: LabeledPictures, photographs: Int[np.ndarray, " k"], classes: Sequence[str]
+) -> list[str]:
     labels = [real.label[real.starts[i] : real.starts[i + 1]] for i in photographs]
     there = set(np.concatenate([np.zeros(0, dtype=np.int64), *labels]).tolist())
     lacking = [name for c, name in enumerate(classes) if c not in there]
@@ -265,7 +267,7 @@ def _missing(run: StudyRun, real: Source, photographs: Int[np.ndarray, " k"], cl
     return [f"{run.name}: its {len(photographs)} photographs show no {', '.join(lacking)}; stratified = true may help"]
 
 
-def _check_apart(sources: Mapping[str, Source], checked: Mapping[str, CheckedPictures]) -> None:
+def _check_apart(sources: Mapping[str, LabeledPictures], checked: Mapping[str, CheckedPictures]) -> None:
     """Refuse pictures that are in two of training, validation, and test."""
     alike = [
         pair

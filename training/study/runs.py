@@ -40,7 +40,7 @@ Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class RunOptions:
     """Options of running, which don't change results on one machine.
 
     Parameters
@@ -59,7 +59,7 @@ class Options:
 
 
 # Runs a run by its name; returns the reason of a failure, or None. It's stopped when the event is set.
-Launch = Callable[[Path, str, Options, Progress, threading.Event], str | None]
+Launch = Callable[[Path, str, RunOptions, Progress, threading.Event], str | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +82,7 @@ class Done:
 
 
 def run_one(
-    study: Path | str, name: str, options: Options, progress: Progress = lambda what, done, total: None
+    study: Path | str, name: str, options: RunOptions, progress: Progress = lambda what, done, total: None
 ) -> None:
     """Train the run with this name in study.json, and predict on the test and validation pictures.
 
@@ -131,7 +131,7 @@ def run_study(
     settled: SettledStudy,
     out: Path | str,
     *,
-    options: Options,
+    options: RunOptions,
     launch: Launch | None = None,
     at_once: int | None = None,
     progress: Progress = lambda what, done, total: None,
@@ -171,7 +171,7 @@ def run_study(
 def _run_all(
     manifest: Manifest,
     out: Path,
-    places: Sequence[Options],
+    places: Sequence[RunOptions],
     launch: Launch,
     progress: Progress,
     say: Callable[[str], None],
@@ -180,7 +180,7 @@ def _run_all(
     left = [run.name for run in manifest.runs if run.name not in already]
     if already:
         say(f"{len(already)} of {len(manifest.runs)} runs are finished already")
-    slots: queue.SimpleQueue[Options] = queue.SimpleQueue()
+    slots: queue.SimpleQueue[RunOptions] = queue.SimpleQueue()
     for place in places:
         slots.put(place)
     finished: list[str] = []
@@ -222,7 +222,7 @@ def _run_all(
     return Done(tuple(finished), tuple(already), failed)
 
 
-def gpu_places(options: Options) -> list[Options]:
+def gpu_places(options: RunOptions) -> list[RunOptions]:
     """The options of simultaneous runs: one per GPU, else one."""
     import torch
 
@@ -232,7 +232,7 @@ def gpu_places(options: Options) -> list[Options]:
     visible = os.environ.get("CUDA_VISIBLE_DEVICES")
     names = visible.split(",") if visible else [str(i) for i in range(count)]
     return [
-        Options(options.device, options.workers, {**options.environment, "CUDA_VISIBLE_DEVICES": name})
+        RunOptions(options.device, options.workers, {**options.environment, "CUDA_VISIBLE_DEVICES": name})
         for name in names[:count]
     ]
 
@@ -240,7 +240,7 @@ def gpu_places(options: Options) -> list[Options]:
 def in_a_process(
     study: Path,
     name: str,
-    options: Options,
+    options: RunOptions,
     progress: Progress,
     stop: threading.Event,
     environment: Mapping[str, str] = os.environ,

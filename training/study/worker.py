@@ -10,7 +10,7 @@ import threading
 from pathlib import Path
 
 from hulldown.geometry.errors import HulldownError
-from hulldown.training.study.runs import Options, run_one
+from hulldown.training.study.runs import RunOptions, run_one
 
 
 def main() -> int:
@@ -26,7 +26,7 @@ def main() -> int:
 
     try:
         require_extra()
-        run_one(arguments.study, arguments.name, Options(arguments.device, arguments.workers), _tell)
+        run_one(arguments.study, arguments.name, RunOptions(arguments.device, arguments.workers), _tell)
     except HulldownError as error:
         print(json.dumps({"failed": str(error)}), flush=True)
         return 1
