@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from hulldown.assets.scenery import Scenery
-from hulldown.assets.textures import ARRAYS, packed, unpacked
+from hulldown.assets.textures import ARRAYS, packed, parted, unpacked
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.errors import AssetError
 from hulldown.geometry.files import open_regular, replacing
 from hulldown.geometry.meshes import Mesh
 
-FORMAT = 6  # also raised when undersides or extreme vertices are computed in another way
+FORMAT = 7  # also raised when undersides or extreme vertices are computed in another way
 # RuntimeError: zipfile takes damaged flags for encryption. MemoryError: a header may claim any shape.
 _DAMAGE = (OSError, ValueError, EOFError, KeyError, TypeError, RuntimeError, MemoryError, zipfile.BadZipFile)
 REMEDY = "delete the file, it is made again when it is needed"
@@ -24,18 +25,7 @@ REMEDY = "delete the file, it is made again when it is needed"
 
 def save_vehicle(path: Path | str, shape: VehicleShape) -> None:
     """Write `shape` to `path`, atomically."""
-    _save(
-        Path(path),
-        "vehicle",
-        name=np.str_(shape.name),
-        mesh_name=np.str_(shape.mesh.name),
-        vertices=shape.mesh.vertices,
-        faces=shape.mesh.faces,
-        **packed([shape.mesh.cutouts]),
-        part_names=_names(shape.part_names),
-        keypoint_names=_names(shape.keypoint_names),
-        **{f: getattr(shape, f) for f in _arrays(VehicleShape)},
-    )
+    _save(Path(path), "vehicle", shape, [shape.mesh])
 
 
 def load_vehicle(path: Path | str) -> VehicleShape:
@@ -44,41 +34,22 @@ def load_vehicle(path: Path | str) -> VehicleShape:
     Raises
     ------
     AssetError
-        If `path` is no such file, or one of another format version.
+        If `path` isn't such a file, or has another format version.
     """
-    wanted = {"name", "mesh_name", "vertices", "faces", "part_names", "keypoint_names"}
-    data = _load(Path(path), "vehicle", {*wanted, *ARRAYS, *_arrays(VehicleShape)})
-    (cutouts,) = unpacked(data)
-    return VehicleShape(
-        name=str(data["name"]),
-        mesh=Mesh(data["vertices"], data["faces"], str(data["mesh_name"]), cutouts),
-        part_names=tuple(data["part_names"].tolist()),
-        keypoint_names=tuple(data["keypoint_names"].tolist()),
-        **{f: data[f] for f in _arrays(VehicleShape)},
-    )
+    data = _load(Path(path), "vehicle", _plain(VehicleShape))
+    (mesh,) = _meshes(data)
+    return VehicleShape(mesh=mesh, **_values(data, VehicleShape))
 
 
 def save_scenery(path: Path | str, scenery: Scenery) -> None:
     """Write `scenery` to `path`, atomically."""
-    meshes = [*scenery.obstacle_meshes, *([scenery.ground] if scenery.ground else [])]
+    ground = [scenery.ground] if scenery.ground else []
     _save(
         Path(path),
         "scenery",
-        name=np.str_(scenery.name),
-        crs=np.str_(scenery.crs),
-        ground_names=_names(scenery.ground_names),
-        instance_names=_names(scenery.instance_names),
-        removed_names=_names(scenery.removed_names),
+        scenery,
+        [*scenery.obstacle_meshes, *ground],
         has_ground=np.bool_(scenery.ground is not None),
-        mesh_names=_names([m.name for m in meshes]),
-        vertex_counts=np.array([len(m.vertices) for m in meshes], np.int64),
-        face_counts=np.array([len(m.faces) for m in meshes], np.int64),
-        vertices=np.concatenate([np.empty((0, 3)), *(m.vertices for m in meshes)]),
-        faces=np.concatenate([np.empty((0, 3), np.int32), *(m.faces for m in meshes)]),
-        extreme_counts=np.array([0 if m.extreme is None else len(m.extreme) for m in meshes], np.int64),
-        extreme=np.concatenate([np.empty(0, np.int64), *(m.extreme for m in meshes if m.extreme is not None)]),
-        **packed([m.cutouts for m in meshes]),
-        **{f: getattr(scenery, f) for f in _arrays(Scenery)},
     )
 
 
@@ -88,60 +59,67 @@ def load_scenery(path: Path | str) -> Scenery:
     Raises
     ------
     AssetError
-        If `path` is no such file, or one of another format version.
+        If `path` isn't such a file, or has another format version.
     """
-    wanted = {
-        "name",
-        "crs",
-        "ground_names",
-        "instance_names",
-        "removed_names",
-        "has_ground",
-        "mesh_names",
-        "vertex_counts",
-        "face_counts",
-        "extreme_counts",
-    }
-    data = _load(Path(path), "scenery", {*wanted, "vertices", "faces", "extreme", *ARRAYS, *_arrays(Scenery)})
-    vertices = np.split(data["vertices"], np.cumsum(data["vertex_counts"])[:-1])
-    faces = np.split(data["faces"], np.cumsum(data["face_counts"])[:-1])
-    extreme = [e if len(e) else None for e in np.split(data["extreme"], np.cumsum(data["extreme_counts"])[:-1])]
-    described = zip(vertices, faces, data["mesh_names"].tolist(), unpacked(data), extreme, strict=False)
-    meshes = [Mesh(*of_one) for of_one in described]
+    data = _load(Path(path), "scenery", ["has_ground", *_plain(Scenery)])
+    meshes = _meshes(data)
     ground = meshes.pop() if data["has_ground"] else None
-    return Scenery(
-        name=str(data["name"]),
-        crs=str(data["crs"]),
-        ground=ground,
-        ground_names=tuple(data["ground_names"].tolist()),
-        obstacle_meshes=tuple(meshes),
-        instance_names=tuple(data["instance_names"].tolist()),
-        removed_names=tuple(data["removed_names"].tolist()),
-        **{f: data[f] for f in _arrays(Scenery)},
+    return Scenery(ground=ground, obstacle_meshes=tuple(meshes), **_values(data, Scenery))
+
+
+def _plain(kind: type) -> list[str]:
+    """Names of a type's fields of text and arrays, which is all but meshes."""
+    return [field.name for field in fields(kind) if "Mesh" not in str(field.type)]
+
+
+def _values(data: Mapping[str, np.ndarray], kind: type) -> dict[str, Any]:
+    plain = {name: data[name] for name in _plain(kind)}
+    texts = {name: array.tolist() for name, array in plain.items() if array.dtype.kind == "U"}
+    return plain | {name: tuple(text) if isinstance(text, list) else text for name, text in texts.items()}
+
+
+# Rows of all meshes follow one another; the counts are rows per mesh.
+_MESHES = ("mesh_names", "vertex_counts", "face_counts", "extreme_counts", "vertices", "faces", "extreme")
+
+
+def _packed(meshes: Sequence[Mesh]) -> dict[str, np.ndarray]:
+    extreme = [np.empty(0, np.int64) if mesh.extreme is None else mesh.extreme for mesh in meshes]
+    arrays = (
+        np.array([mesh.name for mesh in meshes], np.str_),
+        np.array([len(mesh.vertices) for mesh in meshes], np.int64),
+        np.array([len(mesh.faces) for mesh in meshes], np.int64),
+        np.array([len(vertices) for vertices in extreme], np.int64),
+        np.concatenate([np.empty((0, 3)), *(mesh.vertices for mesh in meshes)]),
+        np.concatenate([np.empty((0, 3), np.int32), *(mesh.faces for mesh in meshes)]),
+        np.concatenate([np.empty(0, np.int64), *extreme]),
     )
+    return {**dict(zip(_MESHES, arrays, strict=True)), **packed([mesh.cutouts for mesh in meshes])}
 
 
-def _arrays(kind: type) -> tuple[str, ...]:
-    """Names of the fields that are single arrays, so that new fields are stored too."""
-    return tuple(f.name for f in fields(kind) if "np.ndarray" in str(f.type))
+def _meshes(data: Mapping[str, np.ndarray]) -> list[Mesh]:
+    vertices = parted(data["vertices"], data["vertex_counts"])
+    faces = parted(data["faces"], data["face_counts"])
+    extreme = [found if len(found) else None for found in parted(data["extreme"], data["extreme_counts"])]
+    columns = (vertices, faces, data["mesh_names"].tolist(), unpacked(data), extreme)
+    return [Mesh(*row) for row in zip(*columns, strict=True)]
 
 
-def _names(names: Sequence[str]) -> np.ndarray:
-    # NumPy would make floats of an empty list. It also strips trailing NULs, which Blender's names never have.
-    return np.array(names, dtype=np.str_) if names else np.empty(0, dtype="<U1")
-
-
-def _save(path: Path, kind: str, **arrays: np.ndarray | np.generic) -> None:
+def _save(path: Path, kind: str, asset: object, meshes: Sequence[Mesh], **more: np.generic) -> None:
+    plain = {name: getattr(asset, name) for name in _plain(type(asset))}
+    arrays = {
+        name: value if isinstance(value, np.ndarray) else np.array(value, np.str_) for name, value in plain.items()
+    }
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as file:
-        np.savez(file, hulldown_bundle=np.int64(FORMAT), kind=np.str_(kind), **arrays)
+        np.savez(file, hulldown_bundle=np.int64(FORMAT), kind=np.str_(kind), **arrays, **_packed(meshes), **more)
 
 
-def _load(path: Path, kind: str, wanted: set[str]) -> dict[str, np.ndarray]:
+def _load(path: Path, kind: str, names: Iterable[str]) -> dict[str, np.ndarray]:
+    wanted = {*names, *_MESHES, *ARRAYS}
     try:
-        # Opened here, since numpy leaves open what turns out to be no archive.
+        # Opened here, since numpy doesn't close a file that isn't an archive.
         with open_regular(path) as stream, np.load(stream, allow_pickle=False) as file:
-            # Bundles are written as they are, so that reading one takes no more memory than the file has bytes.
+            # Reading an uncompressed bundle takes no more memory than the file has bytes.
             if any(member.compress_type for member in file.zip.infolist()):
                 raise ValueError("it is compressed, which bundles never are")
             if "hulldown_bundle" not in file or "kind" not in file:

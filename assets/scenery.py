@@ -25,8 +25,6 @@ class Scenery:
         All ground meshes merged, or None if the file has none: the ground is then the plane z = fallback_z.
     ground_names
         Object name of each ground mesh.
-    face_ground
-        (f,) for each ground face the index into `ground_names`.
     obstacle_meshes
         Unique meshes of everything but ground (boulders, trees), each in its own frame.
     instance_mesh
@@ -51,7 +49,6 @@ class Scenery:
     origin: Float[np.ndarray, "3"]
     ground: Mesh | None
     ground_names: tuple[str, ...]
-    face_ground: Int[np.ndarray, " f"]
     obstacle_meshes: tuple[Mesh, ...]
     instance_mesh: Int[np.ndarray, " k"]
     world_from_instance: Float[np.ndarray, "k 4 4"]

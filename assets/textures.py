@@ -1,4 +1,4 @@
-"""Cut-outs of meshes as the plain arrays of a bundle: every texture, and every array of texels, once."""
+"""Cut-outs of meshes as the plain arrays of a bundle, each texture and each array of texels once."""
 
 from __future__ import annotations
 
@@ -46,18 +46,18 @@ def packed(cutouts: Sequence[Cutouts | None]) -> dict[str, np.ndarray]:
 
 
 def unpacked(data: Mapping[str, np.ndarray]) -> list[Cutouts | None]:
-    """The cut-outs that `packed` was given, of as many meshes.
+    """The cut-outs that `packed` received, one entry per mesh.
 
     Raises
     ------
     ValueError
-        If the arrays are not of one another.
+        If the arrays don't fit together.
     """
     shapes, is_byte = data["texel_shapes"], data["texel_is_byte"]
     sizes = shapes.prod(axis=1)
     texels = np.empty(len(shapes), dtype=object)
     for kind, flat in ((is_byte, data["texel_bytes"]), (~is_byte, data["texel_floats"])):
-        for i, array in zip(np.flatnonzero(kind), _cut(flat, sizes[kind]), strict=True):
+        for i, array in zip(np.flatnonzero(kind), parted(flat, sizes[kind]), strict=True):
             texels[i] = array.reshape(shapes[i])
     steps = list(zip(map(Step, data["step_kinds"].tolist()), data["step_numbers"].tolist(), strict=True))
     ends = np.cumsum(data["map_step_counts"]).tolist()
@@ -69,13 +69,11 @@ def unpacked(data: Mapping[str, np.ndarray]) -> list[Cutouts | None]:
         )
     )  # fmt: skip
     counts = data["cut_counts"].clip(0)
+    columns = (parted(data[name], counts) for name in ("cut_faces", "cut_uv", "cut_maps"))
     cutouts: list[Cutouts | None] = []
-    for given, *arrays in zip(
-        data["cut_counts"], *(_cut(data[name], counts) for name in ("cut_faces", "cut_uv", "cut_maps")), strict=True
-    ):
-        face, uv, face_map = arrays
-        used_maps, face_map = np.unique(face_map, return_inverse=True)
-        kept = tuple(maps[i] for i in used_maps)
+    for given, face, uv, face_map in zip(data["cut_counts"], *columns, strict=True):
+        used, face_map = np.unique(face_map, return_inverse=True)
+        kept = tuple(maps[i] for i in used)
         cutouts.append(None if given < 0 else Cutouts(face, uv, face_map.reshape(-1), kept))
     return cutouts
 
@@ -84,5 +82,6 @@ def _joined(arrays: Sequence[np.ndarray], dtype: type) -> np.ndarray:
     return np.concatenate([np.empty(0, dtype), *(array.ravel() for array in arrays)])
 
 
-def _cut(flat: np.ndarray, counts: np.ndarray) -> list[np.ndarray]:
+def parted(flat: np.ndarray, counts: np.ndarray) -> list[np.ndarray]:
+    """An array's rows as consecutive arrays of `counts` rows each."""
     return np.split(flat, np.cumsum(counts)[:-1]) if len(counts) else []

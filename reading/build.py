@@ -190,13 +190,13 @@ def build_scenery(
     scenery_from_file = shift @ meters
     open_ = ground if options.water is None else []
     wet = dict.fromkeys(i for i in open_ if is_partly_water(pieces[i], drawn, meters))
-    merged, source = None, np.empty(0, np.int64)
+    merged = None
     if ground:
         placed = []
         for i in ground:
             mesh = part_of(pieces[i].mesh, drawn, wet=False) if i in wet else meshes[pieces[i].mesh]
             placed.append(_compact(mesh, apply(scenery_from_file @ pieces[i].pose, mesh.vertices), pieces[i].name))
-        merged, source = merge(placed, name=f"ground of {name}")
+        merged, _ = merge(placed, name=f"ground of {name}")
     instances = [*obstacles, *wet]
     shapes = [(pieces[i].mesh, False) for i in obstacles] + [(pieces[i].mesh, True) for i in wet]
     unique = sorted(set(shapes))
@@ -207,7 +207,6 @@ def build_scenery(
         origin=origin,
         ground=merged,
         ground_names=tuple(pieces[i].name for i in ground),
-        face_ground=source,
         obstacle_meshes=tuple(replace(mesh, extreme=mesh.extreme_vertices()) for mesh in shown),
         instance_mesh=np.array([position[shape] for shape in shapes], np.int64),
         world_from_instance=scenery_from_file @ np.array([pieces[i].pose for i in instances]).reshape(-1, 4, 4),

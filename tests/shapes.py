@@ -56,7 +56,6 @@ def scenery_of(
         origin=np.array(origin, float),
         ground=ground,
         ground_names=() if ground is None else ("ground",),
-        face_ground=np.zeros(0 if ground is None else len(ground.faces), dtype=np.int64),
         obstacle_meshes=tuple(obstacles),
         instance_mesh=np.array(which, dtype=np.int64),
         world_from_instance=np.array(poses, float).reshape(-1, 4, 4),

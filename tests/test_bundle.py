@@ -39,7 +39,6 @@ def scenery(*, ground: bool = True, obstacles: bool = True) -> Scenery:
         origin=np.array([5e5, 5.4e6, 0.0]),
         ground=TRIANGLES if ground else None,
         ground_names=("Ground.001",) if ground else (),
-        face_ground=np.zeros(2 * ground, np.int64),
         obstacle_meshes=(replace(TRIANGLES, name="tree", extreme=np.array([0, 2, 3])), TRIANGLES) if obstacles else (),
         instance_mesh=np.array([0, 0, 1] if obstacles else [], np.int64),
         world_from_instance=np.tile(np.eye(4), (3 * obstacles, 1, 1)),

@@ -178,7 +178,7 @@ def test_faces_of_the_ground_that_wear_water_are_water(folder: Path) -> None:
     xy = [[50.0, 50.0], [-50.0, 50.0], [50.0, -50.0]]
     assert np.isfinite(Terrain(water).top_hits(xy).z).tolist() == [True, False, False]
     assert np.isfinite(Terrain(ground).top_hits(xy).z).tolist() == [False, True, True]
-    assert {scenery.ground_names[i] for i in scenery.face_ground} == {"Terrain", "North terrain"}
+    assert scenery.ground_names == ("Terrain", "North terrain")
     doubts = exported.report.doubts
     assert "taken as water: the faces of 'Terrain' that wear water; if they are ground, set water = []" in doubts
     assert any(doubt.startswith("'North terrain' is ground and wears 'Falling water'") for doubt in doubts)
