@@ -17,7 +17,7 @@ from hulldown.geometry.errors import AssetError
 from hulldown.geometry.files import open_regular, replacing
 from hulldown.geometry.meshes import Mesh
 
-FORMAT = 7  # also raised when undersides or extreme vertices are computed in another way
+FORMAT = 8  # also raised when undersides or extreme vertices are computed in another way
 # RuntimeError: zipfile takes damaged flags for encryption. MemoryError: a header may claim any shape.
 _DAMAGE = (OSError, ValueError, EOFError, KeyError, TypeError, RuntimeError, MemoryError, zipfile.BadZipFile)
 REMEDY = "delete the file, it is made again when it is needed"

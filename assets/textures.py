@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hulldown.geometry.alpha import AlphaMap, Cutouts, Extension, Step
+from hulldown.geometry.alpha import GRADES, AlphaMap, Cutouts, Extension
 
 TEXTURE_SIZE = 1024  # texels of the longer side, by default
 ARRAYS = (
     "cut_faces", "cut_uv", "cut_maps", "cut_counts",
-    "map_texels", "map_extension", "map_smooth", "map_step_counts", "step_kinds", "step_numbers",
+    "map_texels", "map_extension", "map_smooth", "map_curve", "map_curves",
     "texel_shapes", "texel_is_byte", "texel_bytes", "texel_floats",
 )  # fmt: skip
 
@@ -24,7 +24,8 @@ def packed(cutouts: Sequence[Cutouts | None]) -> dict[str, np.ndarray]:
     number = {id(alpha): i for i, alpha in enumerate(maps)}
     place = {id(array): i for i, array in enumerate(texels)}
     used = [np.array([number[id(alpha)] for alpha in cut.maps])[cut.face_map] for cut in there]
-    steps = [step for alpha in maps for step in alpha.steps]
+    curves = list({id(alpha.curve): alpha.curve for alpha in maps if alpha.curve is not None}.values())
+    row = {id(curve): i for i, curve in enumerate(curves)}
     is_byte = [array.dtype == np.uint8 for array in texels]
     values = (
         np.concatenate([np.empty(0, np.int64), *(cut.face for cut in there)]),
@@ -34,9 +35,8 @@ def packed(cutouts: Sequence[Cutouts | None]) -> dict[str, np.ndarray]:
         np.array([place[id(alpha.texels)] for alpha in maps], np.int64),
         np.array([alpha.extension for alpha in maps], np.int64),
         np.array([alpha.smooth for alpha in maps], bool),
-        np.array([len(alpha.steps) for alpha in maps], np.int64),
-        np.array([kind for kind, _ in steps], np.int64),
-        np.array([value for _, value in steps], np.float64),
+        np.array([row.get(id(alpha.curve), -1) for alpha in maps], np.int64),
+        np.array(curves, np.float32).reshape(-1, len(GRADES)),
         np.array([array.shape for array in texels], np.int64).reshape(-1, 2),
         np.array(is_byte, bool),
         _joined([array for array, byte in zip(texels, is_byte, strict=True) if byte], np.uint8),
@@ -59,19 +59,15 @@ def unpacked(data: Mapping[str, np.ndarray]) -> list[Cutouts | None]:
     for kind, flat in ((is_byte, data["texel_bytes"]), (~is_byte, data["texel_floats"])):
         for i, array in zip(np.flatnonzero(kind), parted(flat, sizes[kind]), strict=True):
             texels[i] = array.reshape(shapes[i])
-    steps = list(zip(map(Step, data["step_kinds"].tolist()), data["step_numbers"].tolist(), strict=True))
-    ends = np.cumsum(data["map_step_counts"]).tolist()
+    columns = (data[name].tolist() for name in ("map_texels", "map_extension", "map_smooth", "map_curve"))
     maps = tuple(
-        AlphaMap(texels[which], Extension(extension), bool(smooth), tuple(steps[end - count : end]))
-        for which, extension, smooth, count, end in zip(
-            data["map_texels"].tolist(), data["map_extension"].tolist(), data["map_smooth"],
-            data["map_step_counts"].tolist(), ends, strict=True,
-        )
-    )  # fmt: skip
+        AlphaMap(texels[which], Extension(extension), smooth, data["map_curves"][row] if row >= 0 else None)
+        for which, extension, smooth, row in zip(*columns, strict=True)
+    )
     counts = data["cut_counts"].clip(0)
-    columns = (parted(data[name], counts) for name in ("cut_faces", "cut_uv", "cut_maps"))
+    cuts = (parted(data[name], counts) for name in ("cut_faces", "cut_uv", "cut_maps"))
     cutouts: list[Cutouts | None] = []
-    for given, face, uv, face_map in zip(data["cut_counts"], *columns, strict=True):
+    for given, face, uv, face_map in zip(data["cut_counts"], *cuts, strict=True):
         used, face_map = np.unique(face_map, return_inverse=True)
         kept = tuple(maps[i] for i in used)
         cutouts.append(None if given < 0 else Cutouts(face, uv, face_map.reshape(-1), kept))

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt8
 
-from hulldown.geometry.color import linear_from_srgb
-
 HIDES = 0.5  # opacity from which a point is a hit, for masks and nearest hits
 NEGLIGIBLE = 1e-3  # faces this close to opaque or clear need no lookups
 ROUNDING = 1e-3  # texels by which rounding may move a lookup beyond a face's edge
+GRADES = np.linspace(0.0, 1.0, 16 * 255 + 1, dtype=np.float32)  # texel values at which curves are sampled
 
 
 class Extension(IntEnum):
@@ -22,24 +21,6 @@ class Extension(IntEnum):
     REPEAT = 0
     EXTEND = 1
     CLIP = 2
-
-
-class Step(IntEnum):
-    """An operation of a material on a texel's value; each is monotone."""
-
-    MULTIPLY = 0
-    ADD = 1
-    GREATER = 2
-    LESS = 3
-    ROUND = 4
-    MINIMUM = 5
-    MAXIMUM = 6
-    POWER = 7
-    FLOOR = 8
-    LINEAR = 9  # from sRGB, which Cycles undoes after it has interpolated
-
-
-Steps = tuple[tuple[Step, float], ...]
 
 
 class Cut(IntEnum):
@@ -62,8 +43,8 @@ class AlphaMap:
         How the image continues beyond its edges.
     smooth
         Whether values between texels are interpolated; the nearest counts if not.
-    steps
-        What is done with a value, one step after the other, each with its number, in float32.
+    curve
+        (g,) monotone: the opacity, from 0 to 1, at interpolated values of `GRADES`; None: the values themselves.
 
     Examples
     --------
@@ -75,7 +56,7 @@ class AlphaMap:
     texels: np.ndarray
     extension: Extension = Extension.REPEAT
     smooth: bool = True
-    steps: Steps = ()
+    curve: Float32[np.ndarray, " g"] | None = None
 
     def __post_init__(self) -> None:
         if self.texels.ndim != 2 or not self.texels.size or self.texels.dtype not in (np.uint8, np.float32):
@@ -110,7 +91,9 @@ class AlphaMap:
         return values
 
     def _graded(self, values: Float32[np.ndarray, "..."]) -> Float32[np.ndarray, "..."]:
-        return np.clip(stepped(values, self.steps), np.float32(0.0), np.float32(1.0))
+        if self.curve is None:
+            return np.clip(values, np.float32(0.0), np.float32(1.0))
+        return np.interp(values, GRADES, self.curve).astype(np.float32)
 
     def graded_texels(self) -> Float32[np.ndarray, "h w"]:
         """Opacity at the middle of every texel."""
@@ -121,22 +104,13 @@ class AlphaMap:
         return float(self._graded(np.zeros(1, dtype=np.float32))[0])
 
 
-def stepped(values: Float32[np.ndarray, "..."], steps: Sequence[tuple[Step, float]]) -> Float32[np.ndarray, "..."]:
-    """Apply steps to values."""
-    for step, number in steps:
-        values = _STEP[step](values, np.float32(number))
-    return values
+def fewer_texels(alpha: AlphaMap, longest: int) -> UInt8[np.ndarray, "h w"]:
+    """Texels of a smaller map of the same mean opacity whose longer side is `longest`.
 
-
-def fewer_texels(texels: np.ndarray, steps: Steps, longest: int) -> tuple[np.ndarray, Steps]:
-    """Shrink texels so that the longer side is at most `most`, by mean opacity; also return the steps that remain.
-
-    The steps come before the mean: so that the share of the surface that is opaque stays the same.
+    The curve comes before the mean, so that the share of the surface that is opaque stays the same.
     """
-    height, width = texels.shape
-    if max(height, width) <= longest:
-        return texels, steps
-    opacity = np.clip(stepped(_unit(texels), steps), np.float32(0.0), np.float32(1.0)).astype(np.float64)
+    opacity = alpha.graded_texels().astype(np.float64)
+    height, width = opacity.shape
     for axis in (0, 1):
         wanted = max(1, round(opacity.shape[axis] * longest / max(height, width)))
         sums = np.insert(np.cumsum(opacity, axis=axis), 0, 0.0, axis=axis)
@@ -145,35 +119,17 @@ def fewer_texels(texels: np.ndarray, steps: Steps, longest: int) -> tuple[np.nda
         part = np.expand_dims(ends - at, 1 - axis)
         reached = np.take(sums, at, axis) + part * np.take(opacity, at, axis)
         opacity = np.diff(reached, axis=axis) * wanted / opacity.shape[axis]
-    return np.rint(opacity * 255.0).astype(np.uint8), ()
+    return np.rint(opacity * 255.0).astype(np.uint8)
 
 
 def _unit(texels: np.ndarray) -> Float32[np.ndarray, "..."]:
     return texels * np.float32(1.0 / 255.0) if texels.dtype == np.uint8 else texels
 
 
-def _linear(values: Float32[np.ndarray, "..."], _: np.float32) -> Float32[np.ndarray, "..."]:
-    return linear_from_srgb(values).astype(np.float32)
-
-
-_STEP: dict[Step, Callable[[np.ndarray, np.float32], np.ndarray]] = {
-    Step.MULTIPLY: lambda x, n: x * n,
-    Step.ADD: lambda x, n: x + n,
-    Step.GREATER: lambda x, n: (x > n).astype(np.float32),
-    Step.LESS: lambda x, n: (x < n).astype(np.float32),
-    Step.ROUND: lambda x, n: np.floor(x + np.float32(0.5)),
-    Step.MINIMUM: np.minimum,
-    Step.MAXIMUM: np.maximum,
-    Step.POWER: lambda x, n: np.maximum(x, np.float32(0.0)) ** n,
-    Step.FLOOR: lambda x, _: np.floor(x),
-    Step.LINEAR: _linear,
-}
-
-
 class Footprints:
     """Count marked texels in any rectangle of a texture, exactly, by summed areas.
 
-    An interpolated value lies between those of its four texels, and steps keep that order; so where all texels of a
+    An interpolated value lies between those of its four texels, and curves are monotone; so where all texels of a
     stretch are above a threshold, all that is looked up there is.
 
     Parameters

@@ -139,6 +139,16 @@ def glow_added(tree):
     return tree.add("AddShader", tree.black, tree.add("BsdfTransparent").outputs[0]).outputs[0]
 
 
+def both_ways(tree):
+    alpha = tree.alpha()
+    return tree.through(tree.maths("MULTIPLY", alpha, tree.maths("SUBTRACT", 1.0, alpha)))
+
+
+def squared(tree):
+    alpha = tree.alpha()
+    return tree.through(tree.maths("MULTIPLY", alpha, alpha))
+
+
 def ramp(tree):
     node = tree.add("ValToRGB", tree.alpha())
     node.color_ramp.elements[0].position, node.color_ramp.elements[1].position = 0.4, 0.5
@@ -181,6 +191,8 @@ def cards():
     card("flipped", lambda t: t.through(t.alpha()), uv=(QUAD[1], QUAD[0], QUAD[3], QUAD[2]))
     card("degenerate", lambda t: t.through(t.alpha()), uv=((0.3, 0.2),) * 4)
     card("two textures", lambda t: t.through(t.maths("MULTIPLY", t.alpha(), t.color("data"))))
+    card("both ways", both_ways)
+    card("squared", squared)
     card("ramp", ramp)
     card("noise", noise)
     card("lost image", lambda t: t.through(t.alpha("lost")))

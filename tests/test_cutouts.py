@@ -8,7 +8,7 @@ import pytest
 from hulldown.assets.textures import packed, unpacked
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import World
-from hulldown.geometry.alpha import AlphaMap, Cut, Cutouts, Extension, Step, fewer_texels
+from hulldown.geometry.alpha import GRADES, AlphaMap, Cut, Cutouts, Extension, fewer_texels
 from hulldown.geometry.cutouts import caster_of
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh, merge
@@ -20,6 +20,7 @@ SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]])
 HALVES = np.array([[0, 1, 2], [0, 2, 3]])
 CORNERS = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
 CHECKS = AlphaMap((np.indices((4, 4)).sum(axis=0) % 2 * 255).astype(np.uint8), smooth=False)
+HARD = (GRADES > 0.4).astype(np.float32)
 SOFT = AlphaMap(np.random.default_rng(0).integers(0, 256, (8, 8)).astype(np.uint8))
 
 
@@ -95,7 +96,7 @@ def test_a_ray_along_a_card_ends():
 def test_a_face_classed_as_opaque_or_clear_is_so_at_every_point(extension: Extension, smooth: bool):
     rng = np.random.default_rng(3)
     texels = np.repeat(np.repeat(rng.integers(0, 2, (3, 5)) * 255, 4, axis=0), 4, axis=1).astype(np.uint8)
-    alpha = AlphaMap(texels, extension, smooth, ((Step.GREATER, 0.4),))
+    alpha = AlphaMap(texels, extension, smooth, HARD)
     low = rng.uniform(-1.5, 1.5, (400, 1, 2))
     uv = (low + rng.uniform(0, 0.4, (400, 3, 2))).astype(np.float32)
     cuts = Cutouts(np.arange(400), uv, np.zeros(400, int), (alpha,)).cuts()
@@ -110,9 +111,9 @@ def test_what_is_exactly_at_the_threshold():
     half = np.full((1, 1), 0.5, dtype=np.float32)
     origins, along, _ = through(5)
     assert caster_of(card(AlphaMap(half))).occluded(origins, along).all()
-    assert caster_of(card(AlphaMap(half, steps=((Step.ROUND, 0.0),)))).occluded(origins, along).all()
-    for step in (Step.GREATER, Step.LESS):
-        assert not caster_of(card(AlphaMap(half, steps=((step, 0.5),)))).occluded(origins, along).any()
+    for curve, hides in ((GRADES >= 0.5, True), (GRADES > 0.5, False), (GRADES < 0.5, False)):
+        alpha = AlphaMap(half, curve=curve.astype(np.float32))
+        assert (caster_of(card(alpha)).occluded(origins, along) == hides).all()
 
 
 def test_flipped_and_degenerate_coordinates():
@@ -163,7 +164,7 @@ def test_boxes_touch_a_card_where_it_hides():
 
 
 def test_bundles_keep_holes_and_every_texture_once():
-    stepped = AlphaMap(SOFT.texels, Extension.CLIP, smooth=False, steps=((Step.GREATER, 0.3), (Step.MULTIPLY, 0.5)))
+    stepped = AlphaMap(SOFT.texels, Extension.CLIP, smooth=False, curve=0.5 * HARD)
     both, _ = merge([card(SOFT), card(stepped)])
     plain, floats = Mesh(SQUARE, HALVES), card(AlphaMap(np.full((2, 3), 0.25, dtype=np.float32)))
     found = unpacked(packed([mesh.cutouts for mesh in (both, plain, floats)]))
@@ -174,7 +175,8 @@ def test_bundles_keep_holes_and_every_texture_once():
         for field in ("face", "uv", "face_map"):
             np.testing.assert_array_equal(getattr(kept, field), getattr(mesh.cutouts, field))
         for was, now in zip(mesh.cutouts.maps, kept.maps, strict=True):
-            assert (now.extension, now.smooth, now.steps) == (was.extension, was.smooth, was.steps)
+            assert (now.extension, now.smooth, now.curve is None) == (was.extension, was.smooth, was.curve is None)
+            np.testing.assert_array_equal(now.curve, was.curve)
             np.testing.assert_array_equal(now.texels, was.texels)
     assert found[0] is not None
     assert found[0].maps[0].texels is found[0].maps[1].texels
@@ -182,12 +184,10 @@ def test_bundles_keep_holes_and_every_texture_once():
 
 @pytest.mark.parametrize(("longest", "shape"), [(8, (8, 8)), (5, (5, 5)), (1, (1, 1))])
 def test_fewer_texels_have_the_same_mean_opacity(longest: int, shape: tuple[int, int]):
-    steps = ((Step.GREATER, 0.4),)
-    texels, left = fewer_texels(SOFT.texels, steps, longest)
+    alpha = replace(SOFT, curve=HARD)
+    texels = fewer_texels(alpha, longest)
     assert texels.shape == shape
-    assert left == (steps if longest == 8 else ())
-    small, whole = AlphaMap(texels, steps=left).graded_texels(), replace(SOFT, steps=steps).graded_texels()
-    assert small.mean() == pytest.approx(whole.mean(), abs=1 / 255)
+    assert AlphaMap(texels).graded_texels().mean() == pytest.approx(alpha.graded_texels().mean(), abs=1 / 255)
 
 
 def test_a_vehicle_is_seen_through_its_net():

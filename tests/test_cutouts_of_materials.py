@@ -17,7 +17,15 @@ from hulldown.reading.report import FileReport
 
 STEP, PIXELS = 1.2, 50  # as in cutout_blends.py
 # A lookup is exact; what is baked, and the luminance of colors between texels, is off by little.
-LOOSE = {"colored": 0.02, "red": 0.002, "mirror": 0.02, "two textures": 0.02, "ramp": 0.1, "noise": 0.02}
+LOOSE = {
+    "colored": 0.02,
+    "red": 0.002,
+    "mirror": 0.02,
+    "two textures": 0.02,
+    "both ways": 0.02,
+    "ramp": 0.1,
+    "noise": 0.02,
+}
 EXACT = 2e-3
 FEW = 0.02  # of the pixels: where a threshold lies between two roundings
 BY_CHANCE = ("principled alpha",)  # where Principled is half opaque, Cycles lets a ray through or not

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float32, Int
 
-from hulldown.geometry.alpha import AlphaMap, Cutouts, Extension, fewer_texels
+from hulldown.geometry.alpha import GRADES, AlphaMap, Cutouts, Extension, fewer_texels
 from hulldown.reading.blender.coordinates import coordinates
 from hulldown.reading.blender.surfaces.bake import baked
-from hulldown.reading.blender.surfaces.opacity import IDENTITY, Affine, Lookup, NotUnderstoodError, Value, opacity_of
+from hulldown.reading.blender.surfaces.opacity import IDENTITY, Affine, NotUnderstoodError, Value, opacity_of
 from hulldown.reading.blender.surfaces.texels import texels
 
 EXTENSION = {"REPEAT": Extension.REPEAT, "EXTEND": Extension.EXTEND, "CLIP": Extension.CLIP}
@@ -39,7 +39,7 @@ class CutoutReader:
     def __init__(self, longest: int) -> None:
         self._longest = longest
         self._cutters: dict[int, Cutter | None] = {}
-        self._texels: dict[Any, tuple[np.ndarray, Any]] = {}
+        self._texels: dict[Any, np.ndarray] = {}
         self.doubts: list[str] = []
 
     def bake(self, materials: Iterable[Any]) -> None:
@@ -94,30 +94,25 @@ class CutoutReader:
 
     def _cut(self, value: Value) -> Cutter | None:
         if value.lookup is None:
-            if value.constant >= 1.0:
+            if value.curve >= 1.0:
                 return None
-            texel = np.full((1, 1), np.clip(value.constant, 0.0, 1.0), dtype=np.float32)
-            return Cutter(AlphaMap(texel, Extension.EXTEND, smooth=False), "", IDENTITY)
+            return Cutter(AlphaMap(value.curve.reshape(1, 1), Extension.EXTEND, smooth=False), "", IDENTITY)
         found = value.lookup
         image = found.node.image
         if image is None or (not image.has_data and not _load(image)):
             return None  # Cycles paints it pink; the report says that it is missing
-        values, steps = self._values(found, value)
-        alpha = AlphaMap(values, EXTENSION[found.node.extension], found.node.interpolation != "Closest", steps)
-        return Cutter(alpha, found.layer, found.image_from_uv)
-
-    def _values(self, found: Lookup, value: Value) -> tuple[np.ndarray, Any]:
-        image, alpha_used = found.node.image.original, found.node.outputs["Alpha"].is_linked
-        key = (image.as_pointer(), found.channel, alpha_used)
+        key = (image.original.as_pointer(), found.channel, found.node.outputs["Alpha"].is_linked)
         if key not in self._texels:
-            self._texels[key] = texels(image, found.channel, alpha_used=alpha_used)
-        values, before = self._texels[key]
-        if max(values.shape) <= self._longest:
-            return values, (*before, *value.steps)
-        small = (*key, value.steps)
-        if small not in self._texels:
-            self._texels[small] = fewer_texels(values, (*before, *value.steps), self._longest)
-        return self._texels[small]
+            self._texels[key] = texels(image.original, found.channel, alpha_used=key[-1])
+        curve = None if (value.curve == GRADES).all() else value.curve
+        smooth = found.node.interpolation != "Closest"
+        alpha = AlphaMap(self._texels[key], EXTENSION[found.node.extension], smooth, curve)
+        if max(alpha.texels.shape) > self._longest:
+            small = (*key, value.curve.tobytes())
+            if small not in self._texels:
+                self._texels[small] = fewer_texels(alpha, self._longest)
+            alpha = replace(alpha, texels=self._texels[small], curve=None)
+        return Cutter(alpha, found.layer, found.image_from_uv)
 
 
 def _load(image: Any) -> bool:

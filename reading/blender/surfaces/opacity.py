@@ -1,4 +1,4 @@
-"""Opacity of a material as one image lookup and steps on its value, from the node tree.
+"""Opacity of a material as a curve over the values of one image lookup, from the node tree.
 
 Cycles lets a ray through what Transparent BSDFs leave of a surface. All other shaders stop it, whatever they do with
 light. So the opacity of a surface is 1 for those and 0 for Transparent, Principled has its own, and mixes mix it.
@@ -8,15 +8,16 @@ A lookup takes 0.2 ms of CPU time and keeps every texel where a texture repeats;
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from mathutils import Euler, Matrix
 
-from hulldown.geometry.alpha import Step, stepped
-from hulldown.geometry.color import LUMINANCE
+from hulldown.geometry.alpha import GRADES
+from hulldown.geometry.color import LUMINANCE, linear_from_srgb
 from hulldown.reading.blender.surfaces.nodes import Stack, material_output, source
+from hulldown.reading.blender.surfaces.texels import is_curved
 
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 Affine = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -36,43 +37,49 @@ class Lookup:
     image_from_uv: Affine
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False, slots=True)
 class Value:
-    """Steps on a lookup's value, or a constant."""
+    """A number at every texel value of `GRADES`, or, without a lookup, one number."""
 
     lookup: Lookup | None
-    steps: tuple[tuple[Step, float], ...] = ()
-    constant: float = 0.0
-
-    def then(self, step: Step, number: float = 0.0) -> Value:
-        """The value with a step more."""
-        if self.lookup is not None:
-            return replace(self, steps=(*self.steps, (step, float(number))))
-        texel = np.full((1, 1), self.constant, dtype=np.float32)
-        return constant(float(stepped(texel, [(step, number)])[0, 0]))
-
-    def clamped(self) -> Value:
-        """Within 0 and 1."""
-        return self.then(Step.MAXIMUM, 0.0).then(Step.MINIMUM, 1.0) if self.steps or self.lookup is None else self
+    curve: np.ndarray
 
 
 def constant(number: float) -> Value:
     """The same value everywhere."""
-    return Value(None, (), float(number))
+    return Value(None, np.array(number, dtype=np.float32))
 
 
 def opacity_of(material: Any) -> Value:
-    """The opacity of a material.
+    """The opacity of a material, from 0 to 1.
 
     Raises
     ------
     NotUnderstoodError
-        If it is more than steps on one lookup.
+        If it isn't a monotone function of one lookup.
     """
     output = material_output(material)
     if not output or not output.inputs["Surface"].is_linked:
         return constant(1.0)
-    return _shader(output.inputs["Surface"], ())
+    value = _clamped(_shader(output.inputs["Surface"], ()))
+    if value.lookup and not ((np.diff(value.curve) >= 0.0).all() or (np.diff(value.curve) <= 0.0).all()):
+        raise NotUnderstoodError("a texture's values in both directions")
+    return value
+
+
+def _of(function: Callable[..., np.ndarray], *values: Value) -> Value:
+    """A function of values."""
+    lookups = {value.lookup for value in values if value.lookup}
+    if len(lookups) > 1:
+        raise NotUnderstoodError("two textures")
+    curve = np.asarray(function(*(value.curve for value in values)), dtype=np.float32)
+    if (curve == curve.flat[0]).all():
+        return constant(float(curve.flat[0]))
+    return Value(lookups.pop(), curve)
+
+
+def _clamped(value: Value) -> Value:
+    return _of(lambda x: np.clip(x, 0.0, 1.0), value)
 
 
 def _shader(socket: Any, stack: Stack) -> Value:
@@ -82,15 +89,14 @@ def _shader(socket: Any, stack: Stack) -> Value:
     node, stack = found[0].node, found[1]
     kind = node.bl_idname
     if kind == "ShaderNodeBsdfTransparent":
-        return _minus(constant(1.0), _value(node.inputs["Color"], stack))
+        return _of(lambda color: 1.0 - color, _value(node.inputs["Color"], stack))
     if kind == "ShaderNodeBsdfPrincipled":
-        return _value(node.inputs["Alpha"], stack).clamped()
+        return _clamped(_value(node.inputs["Alpha"], stack))
     if kind == "ShaderNodeMixShader":
-        share = _value(node.inputs[0], stack).clamped()
+        share = _clamped(_value(node.inputs[0], stack))
         return _mixed(share, lambda: _shader(node.inputs[1], stack), lambda: _shader(node.inputs[2], stack))
     if kind == "ShaderNodeAddShader":
-        both = [_shader(below, stack) for below in node.inputs]
-        return _plus(_plus(both[0], both[1]), constant(-1.0)).clamped()
+        return _clamped(_of(lambda a, b: a + b - 1.0, *(_shader(below, stack) for below in node.inputs)))
     return constant(1.0)
 
 
@@ -114,77 +120,40 @@ def _own(socket: Any) -> float:
     return float(np.dot(LUMINANCE, value[:3])) if hasattr(value, "__len__") else float(value)
 
 
-def _plus(a: Value, b: Value) -> Value:
-    if b.lookup is None:
-        return a.then(Step.ADD, b.constant)
-    if a.lookup is None:
-        return b.then(Step.ADD, a.constant)
-    raise NotUnderstoodError("two textures")
-
-
-def _minus(a: Value, b: Value) -> Value:
-    return _plus(a, b.then(Step.MULTIPLY, -1.0))
-
-
-def _times(a: Value, b: Value) -> Value:
-    if b.lookup is None:
-        return a.then(Step.MULTIPLY, b.constant)
-    if a.lookup is None:
-        return b.then(Step.MULTIPLY, a.constant)
-    raise NotUnderstoodError("two textures")
-
-
 def _mixed(share: Value, first: Callable[[], Value], second: Callable[[], Value]) -> Value:
     """(1 - share) first + share second; a side without a share isn't evaluated."""
-    if share.lookup is None and share.constant in (0.0, 1.0):
-        return second() if share.constant else first()
-    a, b = first(), second()
-    if a == b:
-        return a
-    if a.lookup is None and b.lookup is None:
-        if (a.constant, b.constant) == (0.0, 1.0):
-            return share
-        return _plus(_times(share, constant(b.constant - a.constant)), a)
-    return _plus(_times(_minus(constant(1.0), share), a), _times(share, b))
+    if share.lookup is None and share.curve in (0.0, 1.0):
+        return second() if share.curve else first()
+    return _of(lambda s, a, b: a + s * (b - a), share, first(), second())
+
+
+def _divided(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The quotient; 0 where there is none, as in Cycles."""
+    return np.where(b == 0.0, 0.0, a / np.where(b == 0.0, 1.0, b))
+
+
+_MATH: dict[str, Callable[..., np.ndarray]] = {
+    "ADD": np.add,
+    "SUBTRACT": np.subtract,
+    "MULTIPLY": np.multiply,
+    "MULTIPLY_ADD": lambda a, b, c: a * b + c,
+    "DIVIDE": _divided,
+    "GREATER_THAN": np.greater,
+    "LESS_THAN": np.less,
+    "MINIMUM": np.minimum,
+    "MAXIMUM": np.maximum,
+    "ROUND": lambda a: np.floor(a + np.float32(0.5)),
+    "FLOOR": np.floor,
+    "CEIL": np.ceil,
+    "POWER": lambda a, b: np.maximum(a, 0.0) ** b,
+}
 
 
 def _math(node: Any, _: Any, stack: Stack) -> Value:
-    inputs = [_value(socket, stack) for socket in node.inputs if socket.enabled]
-    a, b = inputs[0], inputs[1] if len(inputs) > 1 else constant(0.0)
-    fixed = b.constant if b.lookup is None else None
-    operation = node.operation
-    if operation == "ADD":
-        value = _plus(a, b)
-    elif operation == "SUBTRACT":
-        value = _minus(a, b)
-    elif operation == "MULTIPLY":
-        value = _times(a, b)
-    elif operation == "MULTIPLY_ADD":
-        value = _plus(_times(a, b), inputs[2])
-    elif operation == "DIVIDE" and fixed:
-        value = a.then(Step.MULTIPLY, 1.0 / fixed)
-    elif operation == "ROUND":
-        value = a.then(Step.ROUND)
-    elif operation == "CEIL":
-        value = a.then(Step.MULTIPLY, -1.0).then(Step.FLOOR).then(Step.MULTIPLY, -1.0)
-    elif operation == "FLOOR":
-        value = a.then(Step.FLOOR)
-    elif operation in _COMPARED and fixed is not None:
-        value = a.then(_COMPARED[operation], fixed)
-    elif operation in _TURNED and a.lookup is None:
-        value = b.then(_TURNED[operation], a.constant)
-    else:
+    if node.operation not in _MATH:
         raise NotUnderstoodError(f"the node {node.name!r}")
-    return value.clamped() if node.use_clamp else value
-
-
-_COMPARED = {
-    "GREATER_THAN": Step.GREATER, "LESS_THAN": Step.LESS, "MINIMUM": Step.MINIMUM, "MAXIMUM": Step.MAXIMUM,
-    "POWER": Step.POWER,
-}  # fmt: skip
-_TURNED = {
-    "GREATER_THAN": Step.LESS, "LESS_THAN": Step.GREATER, "MINIMUM": Step.MINIMUM, "MAXIMUM": Step.MAXIMUM,
-}  # fmt: skip
+    value = _of(_MATH[node.operation], *(_value(socket, stack) for socket in node.inputs if socket.enabled))
+    return _clamped(value) if node.use_clamp else value
 
 
 def _mix(node: Any, _: Any, stack: Stack) -> Value:
@@ -194,39 +163,32 @@ def _mix(node: Any, _: Any, stack: Stack) -> Value:
     share, a, b = [socket for socket in node.inputs if socket.enabled]
     weight = _value(share, stack)
     if node.clamp_factor:
-        weight = weight.clamped()
+        weight = _clamped(weight)
     if colors and node.blend_type == "MULTIPLY":
         first = _value(a, stack)
-        value = _mixed(weight, lambda: first, lambda: _times(first, _value(b, stack)))
+        value = _mixed(weight, lambda: first, lambda: _of(np.multiply, first, _value(b, stack)))
     else:
         value = _mixed(weight, lambda: _value(a, stack), lambda: _value(b, stack))
-    return value.clamped() if colors and node.clamp_result else value
+    return _clamped(value) if colors and node.clamp_result else value
 
 
 def _map_range(node: Any, _: Any, stack: Stack) -> Value:
-    given = {socket.name: socket for socket in node.inputs if socket.enabled}
-    ends = [_value(given[name], stack) for name in ("From Min", "From Max", "To Min", "To Max") if name in given]
-    if node.data_type != "FLOAT" or node.interpolation_type != "LINEAR" or any(end.lookup for end in ends):
+    if node.data_type != "FLOAT" or node.interpolation_type != "LINEAR":
         raise NotUnderstoodError(f"the node {node.name!r}")
-    a, b, c, d = (end.constant for end in ends)
-    if a == b:
-        return constant(c)
-    share = _times(_plus(_value(given["Value"], stack), constant(-a)), constant(1.0 / (b - a)))
-    if node.clamp:
-        share = share.then(Step.MAXIMUM, 0.0).then(Step.MINIMUM, 1.0)
-    return _plus(_times(share, constant(d - c)), constant(c))
+    value, low, high, *to = (_value(socket, stack) for socket in node.inputs if socket.enabled)
+    share = _of(lambda x, a, b: _divided(x - a, b - a), value, low, high)
+    return _of(lambda s, c, d: c + s * (d - c), _clamped(share) if node.clamp else share, *to)
 
 
 def _clamp(node: Any, _: Any, stack: Stack) -> Value:
-    value, low, high = (_value(socket, stack) for socket in node.inputs)
-    if low.lookup or high.lookup or node.clamp_type != "MINMAX":
+    if node.clamp_type != "MINMAX":
         raise NotUnderstoodError(f"the node {node.name!r}")
-    return value.then(Step.MAXIMUM, low.constant).then(Step.MINIMUM, high.constant)
+    return _of(np.clip, *(_value(socket, stack) for socket in node.inputs))
 
 
 def _invert(node: Any, _: Any, stack: Stack) -> Value:
     color = _value(node.inputs["Color"], stack)
-    return _mixed(_value(node.inputs["Fac"], stack), lambda: color, lambda: _minus(constant(1.0), color))
+    return _mixed(_value(node.inputs["Fac"], stack), lambda: color, lambda: _of(lambda c: 1.0 - c, color))
 
 
 def _channel(node: Any, output: Any, stack: Stack) -> Value:
@@ -239,20 +201,22 @@ def _channel(node: Any, output: Any, stack: Stack) -> Value:
     below, around = found
     if mode != "RGB" or below.node.bl_idname != "ShaderNodeTexImage" or below.name != "Color":
         raise NotUnderstoodError(f"the node {node.name!r}")
-    return Value(_lookup(below.node, ("red", "green", "blue")[list(node.outputs).index(output)], around))
+    return _lookup(below.node, ("red", "green", "blue")[list(node.outputs).index(output)], around)
 
 
 def _image(node: Any, output: Any, stack: Stack) -> Value:
-    return Value(_lookup(node, "alpha" if output.name == "Alpha" else "gray", stack))
+    return _lookup(node, "alpha" if output.name == "Alpha" else "gray", stack)
 
 
-def _lookup(node: Any, channel: str, stack: Stack) -> Lookup:
+def _lookup(node: Any, channel: str, stack: Stack) -> Value:
     image = node.image
     if image is not None and image.source not in ("FILE", "GENERATED"):
         raise NotUnderstoodError(f"an image that is a {image.source.lower()}")
     if node.projection != "FLAT" or node.extension == "MIRROR" or _is_mapped(node):
         raise NotUnderstoodError(f"the projection of the node {node.name!r}")
-    return Lookup(node, channel, *_coordinates(node.inputs["Vector"], stack))
+    curved = image is not None and is_curved(image, channel)
+    curve = linear_from_srgb(GRADES).astype(np.float32) if curved else GRADES
+    return Value(Lookup(node, channel, *_coordinates(node.inputs["Vector"], stack)), curve)
 
 
 def _is_mapped(node: Any) -> bool:

@@ -7,14 +7,18 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.geometry.alpha import Step, Steps, stepped
-from hulldown.geometry.color import LUMINANCE, srgb_from_linear
+from hulldown.geometry.color import LUMINANCE, linear_from_srgb, srgb_from_linear
 
 MOST_PIXELS = 1 << 26  # read at once; of larger images Blender makes a smaller one first
 
 
-def texels(image: Any, channel: str, *, alpha_used: bool) -> tuple[np.ndarray, Steps]:
-    """Texels of a channel, in 255ths where the file has bytes, and the steps that lead to the value.
+def is_curved(image: Any, channel: str) -> bool:
+    """Whether texels of a channel are sRGB values, which Cycles makes linear after it has interpolated."""
+    return channel != "alpha" and image.colorspace_settings.name == "sRGB"
+
+
+def texels(image: Any, channel: str, *, alpha_used: bool) -> np.ndarray:
+    """Texels of a channel, in 255ths where the file has bytes, and in sRGB if `is_curved`.
 
     Parameters
     ----------
@@ -26,27 +30,26 @@ def texels(image: Any, channel: str, *, alpha_used: bool) -> tuple[np.ndarray, S
         Whether the image node's alpha is used too; if not, Cycles leaves colors multiplied by it.
     """
     if image.alpha_mode == "NONE" and channel == "alpha":
-        return np.full((1, 1), 255, np.uint8), ()
+        return np.full((1, 1), 255, np.uint8)
     pixels = _pixels(image)
     if channel == "alpha":
-        return _stored(pixels[..., 3], image), ()
+        return _stored(pixels[..., 3], image)
     is_data = image.colorspace_settings.is_data or image.colorspace_settings.name in ("Non-Color", "Raw")
     color = pixels[..., :3]
     if not is_data and not alpha_used and image.alpha_mode in ("STRAIGHT", "PREMUL") and not image.is_float:
         color = color * pixels[..., 3:]
-    # Cycles interpolates sRGB values before it makes them linear; Blender's floats are linear.
-    curved = image.colorspace_settings.name == "sRGB"
-    if curved and image.is_float:
+    curved = is_curved(image, channel)
+    if curved and image.is_float:  # Blender's floats are linear
         color = srgb_from_linear(color)
     if channel != "gray":
         value = color[..., ("red", "green", "blue").index(channel)]
     elif (color == color[..., :1]).all():
         value = color[..., 0]
     else:
-        linear = stepped(color, [(Step.LINEAR, 0.0)]) if curved else color
+        linear = linear_from_srgb(color).astype(np.float32) if curved else color
         value = linear @ LUMINANCE.astype(np.float32)
         value = srgb_from_linear(value) if curved else value
-    return _stored(value, image), ((Step.LINEAR, 0.0),) if curved else ()
+    return _stored(value, image)
 
 
 def _pixels(image: Any) -> np.ndarray:
