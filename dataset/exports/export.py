@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from hulldown.dataset.exports.clipping import clipped_boxes, refuse_all
 from hulldown.dataset.exports.layouts import coco, dota, huggingface, kitti, voc, webdataset, yolo
 from hulldown.dataset.exports.shares import Shares, check_sound
 from hulldown.dataset.exports.split import SPLITS, share_out
+from hulldown.dataset.oriented import ground_corners, visible_corners
 from hulldown.dataset.records import by_image, read_usable
 from hulldown.dataset.store.seals import changed
 from hulldown.dataset.store.unfinished import all_or_nothing
@@ -24,12 +26,12 @@ from hulldown.geometry.terminal import shown
 LAYOUTS: Mapping[str, Callable[[Shares, Path], None]] = {
     "coco": coco.write,
     "yolo": yolo.write,
-    "rfdetr-yolo": yolo.write_for_rfdetr,
-    "yolo-obb": yolo.write_oriented,
-    "yolo-obb-ground": yolo.write_ground,
+    "rfdetr-yolo": partial(yolo.write, split_first=True),
+    "yolo-obb": partial(yolo.write, corners_of=visible_corners),
+    "yolo-obb-ground": partial(yolo.write, corners_of=ground_corners),
     "yolo-pose": yolo.write_pose,
-    "dota": dota.write,
-    "dota-ground": dota.write_ground,
+    "dota": partial(dota.write, corners_of=visible_corners),
+    "dota-ground": partial(dota.write, corners_of=ground_corners),
     "voc": voc.write,
     "kitti": kitti.write,
     "huggingface": huggingface.write,

@@ -16,6 +16,8 @@ from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.files import open_regular
 
+VAL_NAMES = {"train": "train", "valid": "val", "test": "test"}  # what most layouts call the splits
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Item:
@@ -35,6 +37,11 @@ class Item:
     labels: Sequence[Mapping[str, Any]]
     name: str
     picture: Path
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the picture in pixels."""
+        return self.image["width"], self.image["height"]
 
     @property
     def stem(self) -> str:

@@ -11,17 +11,14 @@ from __future__ import annotations
 from pathlib import Path
 
 from hulldown.dataset.exports.layouts.yolo import CornersOf
-from hulldown.dataset.exports.shares import Shares
-from hulldown.dataset.oriented import ground_corners, visible_corners
-
-FOLDERS = {"train": "train", "valid": "val", "test": "test"}
+from hulldown.dataset.exports.shares import VAL_NAMES, Shares
 
 
-def write(shares: Shares, out: Path, *, corners_of: CornersOf = visible_corners) -> None:
+def write(shares: Shares, out: Path, *, corners_of: CornersOf) -> None:
     """Write ``train/images``, ``train/labelTxt`` and so on; crowds are difficult, blanks in class names hyphens."""
     names = {number: "-".join(name.split()) for number, name in shares.class_names.items()}
     for split, items in shares:
-        pictures, texts = (out / FOLDERS[split] / name for name in ("images", "labelTxt"))
+        pictures, texts = (out / VAL_NAMES[split] / name for name in ("images", "labelTxt"))
         pictures.mkdir(parents=True)
         texts.mkdir()
         for item in items:
@@ -31,8 +28,3 @@ def write(shares: Shares, out: Path, *, corners_of: CornersOf = visible_corners)
                 corners = " ".join(f"{n:.4f}" for n in corners_of(label, item.image).ravel())
                 lines.append(f"{corners} {names[label['category_id']]} {int(label.get('iscrowd', 0))}\n")
             (texts / f"{item.stem}.txt").write_text("".join(lines), encoding="utf-8")
-
-
-def write_ground(shares: Shares, out: Path) -> None:
-    """Write as `write`, with the ground under each vehicle, front first."""
-    write(shares, out, corners_of=ground_corners)

@@ -18,9 +18,8 @@ import numpy as np
 
 from hulldown.annotate.known import number as number_of
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.dataset.exports.shares import Shares
+from hulldown.dataset.exports.shares import VAL_NAMES, Shares
 
-LISTS = {"train": "train", "valid": "val", "test": "test"}
 UNKNOWN = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)  # KITTI's values for an unknown 3D box
 UNKNOWN_ALPHA = -10.0
 SEEN_WHOLE, SEEN_HALF = 0.95, 0.5  # visible fractions from which a label is "fully visible" and "partly occluded"
@@ -40,7 +39,7 @@ def write(shares: Shares, out: Path) -> None:
         folder.mkdir(parents=True)
     names, number, without, curved = shares.class_names, 0, 0, 0
     for split, items in shares:
-        with (lists / f"{LISTS[split]}.txt").open("w", encoding="utf-8") as stems:
+        with (lists / f"{VAL_NAMES[split]}.txt").open("w", encoding="utf-8") as stems:
             for item in items:
                 stem = f"{number:06d}"  # its readers number files so
                 number += 1

@@ -14,9 +14,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from hulldown.annotate.known import number
-from hulldown.dataset.exports.shares import Item, Shares
+from hulldown.dataset.exports.shares import VAL_NAMES, Item, Shares
 
-LISTS = {"train": "train", "valid": "val", "test": "test"}
 TRUNCATED, OCCLUDED = 0.0, 0.95  # truncated above the first; occluded below the second
 
 
@@ -30,7 +29,7 @@ def write(shares: Shares, out: Path) -> None:
         folder.mkdir(parents=True)
     names = shares.class_names
     for split, items in shares:
-        with (lists / f"{LISTS[split]}.txt").open("w", encoding="utf-8") as stems:
+        with (lists / f"{VAL_NAMES[split]}.txt").open("w", encoding="utf-8") as stems:
             for item in items:
                 item.link(pictures)
                 stems.write(f"{item.stem}\n")
@@ -42,7 +41,7 @@ def write(shares: Shares, out: Path) -> None:
 def _annotation(item: Item, names: Mapping[int, str]) -> ElementTree.Element:
     root = ElementTree.Element("annotation")
     _with(root, folder="JPEGImages", filename=item.name)
-    width, height = item.image["width"], item.image["height"]
+    width, height = item.size
     _with(ElementTree.SubElement(root, "size"), width=width, height=height, depth=3)
     _with(root, segmented=0)
     for label in item.labels:

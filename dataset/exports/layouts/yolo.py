@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -19,35 +20,30 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.annotate.outlines import bridged
-from hulldown.dataset.exports.shares import Item, Shares, rings_of
-from hulldown.dataset.oriented import ground_corners, visible_corners
+from hulldown.dataset.exports.shares import VAL_NAMES, Item, Shares, rings_of
 from hulldown.geometry.errors import DatasetError
 
 CornersOf: TypeAlias = Callable[[Mapping[str, Any], Mapping[str, Any]], Float[np.ndarray, "4 2"]]
 
 
-def write(shares: Shares, out: Path) -> None:
-    """Write ``images/train``, ``labels/train``, and so on, as Ultralytics reads them."""
-    _write(shares, out, _lines)
+def write(shares: Shares, out: Path, *, corners_of: CornersOf | None = None, split_first: bool = False) -> None:
+    """Write ``images/train``, ``labels/train``, and so on, as Ultralytics reads them.
 
-
-def write_for_rfdetr(shares: Shares, out: Path) -> None:
-    """Write ``train/images``, ``train/labels``, and so on, as RF-DETR and Roboflow read them."""
-    _write(shares, out, _lines, split_first=True)
-
-
-def write_oriented(shares: Shares, out: Path) -> None:
-    """Write as `write`, with the corners of the smallest rectangle around each vehicle's visible mask."""
-    _write(shares, out, partial(_corner_lines, corners_of=visible_corners))
-
-
-def write_ground(shares: Shares, out: Path) -> None:
-    """Write as `write`, with the corners of the ground under each vehicle, front first."""
-    _write(shares, out, partial(_corner_lines, corners_of=ground_corners))
+    Parameters
+    ----------
+    shares, out
+        The dataset, and an empty folder.
+    corners_of
+        The corners of a label's oriented box, which are written; None: boxes or polygons.
+    split_first
+        Write ``train/images``, ``train/labels``, and so on, as RF-DETR and Roboflow read them.
+    """
+    lines = _lines if corners_of is None else partial(_corner_lines, corners_of=corners_of)
+    _write(shares, out, lines, split_first=split_first)
 
 
 def write_pose(shares: Shares, out: Path) -> None:
-    """Write as `write`, with boxes and keypoints: x, y, and COCO's v of each.
+    """Write ``images/train`` and so on, with boxes and keypoints: x, y, and COCO's v of each.
 
     Raises
     ------
@@ -65,38 +61,32 @@ def write_pose(shares: Shares, out: Path) -> None:
     _write(shares, out, partial(_pose_lines, keypoints=len(names)), more=more)
 
 
-def label_lines(
-    annotations: Sequence[Mapping[str, Any]], numbers: Mapping[int, int], width: int, height: int
-) -> list[str]:
+def _lines(item: Item, numbers: Mapping[int, int]) -> list[str]:
     """One line for each label, in shares of the image; crowds are left out, as YOLO has none.
 
     Class, center, and size of its box; or, if any label has polygons, class and corners for all, since readers
     expect one or the other in a file. Several polygons are bridged into one.
     """
-    labels = [annotation for annotation in annotations if not annotation.get("iscrowd")]
+    labels = [label for label in item.labels if not label.get("iscrowd")]
     outlined = any(isinstance(label.get("segmentation"), list) and label["segmentation"] for label in labels)
+    width, height = item.size
     lines = []
     for label in labels:
         x, y, w, h = label["bbox"]
         if outlined:
             corners = bridged([np.reshape(ring, (-1, 2)) for ring in rings_of(label)])
-            numbers_of_label = (corners / [width, height]).ravel()
+            numbers_of_label = (corners / item.size).ravel()
         else:
             numbers_of_label = np.array([(x + w / 2) / width, (y + h / 2) / height, w / width, h / height])
         lines.append(_line(numbers[label["category_id"]], numbers_of_label))
     return lines
 
 
-def _lines(item: Item, numbers: Mapping[int, int]) -> list[str]:
-    return label_lines(item.labels, numbers, item.image["width"], item.image["height"])
-
-
 def _corner_lines(item: Item, numbers: Mapping[int, int], *, corners_of: CornersOf) -> list[str]:
-    size = np.array([item.image["width"], item.image["height"]])
     lines = []
     for label in item.labels:
         if not label.get("iscrowd"):
-            shares = corners_of(label, item.image) / size
+            shares = corners_of(label, item.image) / item.size
             if (np.ptp(shares, axis=0) > 1.0).any():  # Ultralytics leaves out pictures with labels larger than they
                 shares = shares.clip(0.0, 1.0)
             lines.append(_line(numbers[label["category_id"]], shares.ravel()))
@@ -105,11 +95,10 @@ def _corner_lines(item: Item, numbers: Mapping[int, int], *, corners_of: Corners
 
 def _pose_lines(item: Item, numbers: Mapping[int, int], *, keypoints: int) -> list[str]:
     labels = [{**label, "segmentation": []} for label in item.labels if not label.get("iscrowd")]
-    size = item.image["width"], item.image["height"]
     lines = []
-    for line, label in zip(label_lines(labels, numbers, *size), labels, strict=True):
+    for line, label in zip(_lines(replace(item, labels=labels), numbers), labels, strict=True):
         points = np.reshape(label.get("keypoints") or np.zeros(3 * keypoints), (-1, 3))
-        lines.append(" ".join([line, *(f"{x:.9f} {y:.9f} {v:.0f}" for x, y, v in points / [*size, 1])]))
+        lines.append(" ".join([line, *(f"{x:.9f} {y:.9f} {v:.0f}" for x, y, v in points / [*item.size, 1])]))
     return lines
 
 
@@ -137,8 +126,7 @@ def _write(
             item.link(out / pictures)
             text = "".join(f"{line}\n" for line in lines(item, numbers))
             (out / texts / f"{item.stem}.txt").write_text(text, encoding="utf-8")
-    key = {"train": "train", "valid": "val", "test": "test"}
-    data = [f"{key[split]}: {pictures.as_posix()}" for split, pictures in folders.items()]
+    data = [f"{VAL_NAMES[split]}: {pictures.as_posix()}" for split, pictures in folders.items()]
     # Every JSON string is a YAML string.
     names = [json.dumps(shares.class_names[category["id"]]) for category in shares.categories]
     data += [*more, "names:", *(f"  {number}: {name}" for number, name in enumerate(names))]
