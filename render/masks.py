@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from jaxtyping import Bool
 from rich.markup import escape
 from rich.table import Table
 
-from hulldown.annotate.masks import mask_box
+from hulldown.annotate.masks import decode, iou, mask_box
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.records import Finding
 from hulldown.dataset.store.document import read_coco
@@ -22,7 +23,6 @@ from hulldown.dataset.store.entries import is_box
 from hulldown.dataset.store.runs import find_run
 from hulldown.dataset.verification.look import appearance
 from hulldown.dataset.verification.planned import not_annotated
-from hulldown.dataset.verification.verify import compare
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import DatasetError, HulldownError
 from hulldown.planning.plan_file import Plan, read_plan
@@ -54,7 +54,8 @@ class MaskRow:
     pixels
         Pixels of the rendered visible mask.
     box_error
-        Largest distance of the annotated box's sides from those of the whole rendered vehicle, in pixels.
+        Largest distance of the annotated box's sides from those of the whole rendered vehicle, in pixels; inf if it has
+        no pixel.
     outside
         Pixels that the rendered vehicle reaches beyond the annotated box.
     mask_iou
@@ -151,7 +152,7 @@ def verify_masks(
                 findings.append(not_annotated(names[image_id], target.category, target.vehicle))
                 continue
             try:
-                measured = _measured(names[image_id], target.vehicle, label, row_masks.alone[i], row_masks.visible[i])
+                measured = compared(names[image_id], target.vehicle, label, row_masks.alone[i], row_masks.visible[i])
             except ValueError as error:
                 where = f"{names[image_id]}, {target.vehicle}"
                 problem = f"annotation {label_id} cannot be held against a mask: {error}"
@@ -182,27 +183,31 @@ def _intruder(folder: Path, name: str, row: Row, assets: RenderAssets) -> Findin
     return Finding("warning", name, problem, look.outline)
 
 
-def _measured(
+def compared(
     name: str,
     vehicle: str,
     label: Mapping[str, Any],
     alone: Bool[np.ndarray, "h w"],
     visible: Bool[np.ndarray, "h w"],
 ) -> MaskRow:
-    bbox = label.get("bbox")
-    if not is_box(bbox):
-        raise ValueError(f"bbox {bbox!r} is not [x, y, width, height]")
-    result = compare(bbox, alone, segmentation=label.get("segmentation"), visible=visible)
-    outside = _outside(bbox, alone)
-    return MaskRow(name, vehicle, int(visible.sum()), result.box_error, outside, result.mask_iou)
+    """Compare a label with masks of its vehicle, alone and with its occluders.
 
-
-def _outside(bbox: Sequence[float], alone: Bool[np.ndarray, "h w"]) -> float:
-    rendered = mask_box(alone)
-    if rendered is None:
-        return 0.0
-    low, size = np.array(bbox[:2]), np.array(bbox[2:])
-    return float(max((low - rendered[:2]).max(), (rendered[:2] + rendered[2:] - low - size).max(), 0.0))
+    Raises
+    ------
+    ValueError
+        If its box or its mask is damaged.
+    """
+    if not is_box(label.get("bbox")):
+        raise ValueError(f"bbox {label.get('bbox')!r} is not [x, y, width, height]")
+    box_error, outside, rendered = math.inf, 0.0, mask_box(alone)
+    if rendered is not None:
+        box = np.array(label["bbox"])
+        beyond = np.append(box[:2] - rendered[:2], (rendered[:2] + rendered[2:]) - (box[:2] + box[2:]))
+        box_error, outside = float(np.abs(beyond).max()), float(max(beyond.max(), 0.0))
+    height, width = visible.shape
+    mask = label.get("segmentation")
+    overlap = iou(decode(mask, width, height), visible) if mask else math.nan
+    return MaskRow(name, vehicle, int(visible.sum()), box_error, outside, overlap)
 
 
 def _judged(row: MaskRow, area: Any) -> Finding | None:

@@ -1,18 +1,22 @@
 """A dataset's annotations against masks; with a stand-in for Cycles."""
 
 import json
+import math
 
 import numpy as np
 import pytest
 
-from hulldown.annotate.masks import decode
+from hulldown.annotate.masks import decode, encode
 from hulldown.dataset.verification.verify import verify
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.row import PlannedVehicle
 from hulldown.render.jobs import mask_job
-from hulldown.render.masks import RowMasks, verify_masks
+from hulldown.render.masks import RowMasks, compared, verify_masks
 from hulldown.render.supervisor import Engine, render_plan
 from hulldown.tests.render_plans import ASSETS, make_row, write_plan
+
+MASK = np.zeros((24, 32), dtype=bool)
+MASK[4:10, 5:15] = True
 
 
 def as_annotated(coco, monkeypatch, labels=2):
@@ -89,3 +93,17 @@ def test_masks_do_not_know_of_weather(tmp_path, kind):
     output = tmp_path / "mask.npy"
     assert covered.weather is not None
     assert mask_job(covered, ASSETS, output) == mask_job(clear, ASSETS, output)
+
+
+def test_box_and_mask_are_measured():
+    found = compared("1.png", "cube", {"bbox": [5.2, 4.0, 10.0, 6.4], "segmentation": encode(MASK)}, MASK, MASK)
+    assert (found.pixels, found.box_error, found.outside) == (60, pytest.approx(0.4), pytest.approx(0.2))
+    assert found.mask_iou == 1.0
+    half = MASK.copy()
+    half[:7] = False
+    assert compared("1.png", "cube", {"bbox": [5, 4, 10, 6], "segmentation": encode(MASK)}, MASK, half).mask_iou == 0.5
+    assert math.isnan(compared("1.png", "cube", {"bbox": [5, 4, 10, 6]}, MASK, MASK).mask_iou)
+
+
+def test_a_label_of_a_vehicle_without_a_pixel_is_far_off():
+    assert compared("1.png", "cube", {"bbox": [5, 4, 10, 6]}, MASK & False, MASK & False).box_error == math.inf

@@ -1,6 +1,5 @@
 import hashlib
 import json
-import math
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from hulldown.annotate.masks import encode
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.verification import check_pictures
 from hulldown.dataset.verification.planned import image_record, label_records
-from hulldown.dataset.verification.verify import Finding, compare, verify
+from hulldown.dataset.verification.verify import Finding, verify
 from hulldown.geometry.errors import ConfigError, DatasetError
 from hulldown.planning.row import decode_row
 from hulldown.tests.plan_lines import POSE, VEHICLE, line, row, write_lines
@@ -230,19 +229,3 @@ def test_an_interrupted_run_is_said_to_be_one(dataset):
     assert [str(f) for f in findings] == [
         "warning: annotations.json: is not there yet: the run has not been closed; render again to finish it"
     ]
-
-
-def test_compare_measures_box_and_mask():
-    found = compare([5.2, 4.0, 10.0, 6.4], MASK, segmentation=encode(MASK), visible=MASK)
-    assert found.box_error == pytest.approx(0.4)
-    assert found.mask_iou == 1.0
-    half = MASK.copy()
-    half[:7] = False
-    assert compare([5, 4, 10, 6], MASK, segmentation=encode(MASK), visible=half).mask_iou == 0.5
-    assert math.isnan(compare([5, 4, 10, 6], MASK).mask_iou)
-
-
-@pytest.mark.parametrize(("bbox", "mask", "error"), [(None, MASK, math.inf), ([5, 4, 10, 6], MASK & False, math.inf)])
-def test_compare_with_one_of_the_two_missing(bbox, mask, error):
-    assert compare(bbox, mask).box_error == error
-    assert compare(None, MASK & False).box_error == 0.0

@@ -1,31 +1,24 @@
-"""Verify a dataset: records, files, boxes, and masks; and compare annotations with rendered masks."""
+"""Verify a dataset: records, files, boxes, and masks."""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import json
-import math
 import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from jaxtyping import Bool
-from numpy.typing import ArrayLike
 from pycocotools.coco import COCO
 
-from hulldown.annotate.masks import decode, iou, mask_box
 from hulldown.dataset.records import Finding, check_annotations, check_categories, check_images, check_runs, check_seals
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, read_coco
 from hulldown.dataset.store.journal import is_cut_off
 from hulldown.dataset.verification.check_pictures import Look, check_pictures
 from hulldown.dataset.verification.check_skies import sky_check
 from hulldown.dataset.verification.planned import check_planned
-from hulldown.geometry.arrays import checked
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.terminal import reading_status, shown
 from hulldown.planning.plan_file import Plan, read_plan
@@ -110,61 +103,6 @@ def _findings(
     if not fast:
         yield from check_seals(coco)
     yield from check_pictures(folder, coco, fast=fast, look=look, progress=progress)
-
-
-@dataclass(frozen=True, slots=True)
-class MaskComparison:
-    """The differences between an annotation and rendered masks.
-
-    Parameters
-    ----------
-    box_error
-        Largest distance in pixels between a side of the annotated box and of the rendered mask's; inf where one of
-        them is missing.
-    mask_iou
-        Overlap of annotated and rendered visible mask; nan where the annotation has no mask.
-    """
-
-    box_error: float
-    mask_iou: float
-
-
-def compare(
-    bbox: ArrayLike | None,
-    alone: Bool[np.ndarray, "h w"],
-    *,
-    segmentation: Any = None,
-    visible: Bool[np.ndarray, "h w"] | None = None,
-) -> MaskComparison:
-    """Compare an annotation with rendered masks.
-
-    Parameters
-    ----------
-    bbox
-        xywh of the annotated box; None if it has none.
-    alone
-        The rendered mask of the vehicle without occluders, which the box must contain.
-    segmentation
-        The annotated visible mask in COCO's form; None if there is none.
-    visible
-        The rendered visible mask.
-
-    Raises
-    ------
-    ValueError
-        If the segmentation is invalid.
-    """
-    rendered = mask_box(alone)
-    if bbox is None or rendered is None:
-        box_error = 0.0 if bbox is None and rendered is None else math.inf
-    else:
-        box = checked(bbox, "bbox", (4,))
-        low, high = rendered[:2] - box[:2], rendered[:2] + rendered[2:] - box[:2] - box[2:]
-        box_error = float(max(np.abs(low).max(), np.abs(high).max()))
-    if not segmentation or visible is None:
-        return MaskComparison(box_error, math.nan)
-    height, width = visible.shape
-    return MaskComparison(box_error, iou(decode(segmentation, width, height), visible))
 
 
 def _check_loading(path: Path) -> Iterator[Finding]:
