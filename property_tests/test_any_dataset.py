@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import shutil
 import tempfile
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any
 
 import orjson
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -22,66 +21,16 @@ from hulldown.dataset.exports.export import export
 from hulldown.dataset.join import join
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.dataset.verification.verify import verify
-from hulldown.geometry.errors import HulldownError
+from hulldown.property_tests.any_values import MANY, containers, refusal, values_of
 
-# 20,000 inputs in the thorough profile.
-MANY = settings(max_examples=settings.default.max_examples * (10 if settings.default.max_examples >= 2000 else 1))
 KEYS = (
-    *(
-        "id",
-        "file_name",
-        "width",
-        "height",
-        "image_id",
-        "category_id",
-        "bbox",
-        "segmentation",
-        "area",
-        "iscrowd",
-        "name",
-    ),
+    *("id", "file_name", "width", "height", "image_id", "category_id", "bbox", "segmentation", "area", "iscrowd"),
     *("bbox_amodal", "visible_fraction", "world_from_vehicle", "picture_sha256", "record_sha256", "world_from_camera"),
     *("hulldown_runs", "key", "image_offset", "annotation_offset", "prefix", "images", "annotations", "run", "merged"),
-    *("line_sha256", "counts", "size", "hdri", "weather", "scenery", "position"),
+    *("name", "line_sha256", "counts", "size", "hdri", "weather", "scenery", "position"),
 )
-odd = st.sampled_from(
-    [
-        *(
-            None,
-            True,
-            -1,
-            0,
-            1,
-            2,
-            2**31,
-            2**53,
-            1e308,
-            -0.0,
-            0.5,
-            "",
-            "x",
-            "../x",
-            "/x",
-            "images/1.png",
-            ".",
-            "a" * 9999,
-        ),
-        *(
-            "images/./1.png",
-            ".unfinished/1.png",
-            "CON",
-            "\x1b[31m",
-            "\ud7ff",
-            [],
-            {},
-            [[]],
-            [1, 2, 3, 4],
-            {"size": [6, 8]},
-        ),
-        *([[0, 0, 4, 0, 4, 4]], {"size": [6, 8], "counts": [48]}, {"size": [6, 8], "counts": "0T1"}, [1e308] * 4),
-    ]
-)
-values = odd | st.integers(-(2**63), 2**63 - 1) | st.floats(allow_nan=False, allow_infinity=False) | st.text(max_size=5)
+masks = ([[0, 0, 4, 0, 4, 4]], *({"size": [6, 8], **counts} for counts in ({}, {"counts": [48]}, {"counts": "0T1"})))
+values = values_of(".", "CON", *masks)
 change = st.tuples(
     st.integers(0, 2**16), st.sampled_from(KEYS), values, st.sampled_from(["set", "drop", "put", "twice"])
 )
@@ -114,17 +63,10 @@ def copied(sound: Path) -> Iterator[Path]:
         yield Path(shutil.copytree(sound, Path(top) / "d"))
 
 
-def objects(value: Any) -> list[Any]:
-    """Every object and list in a JSON value, itself included."""
-    inner = list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else []
-    mine = [value] if isinstance(value, (dict, list)) else []
-    return mine + [found for each in inner for found in objects(each)]
-
-
 def changed(value: Any, changes: list[tuple[int, str, Any, str]]) -> Any:
     """A JSON value with other values, keys and items in it."""
     for at, key, new, how in changes:
-        found = objects(value)
+        found = containers(value)
         if not found:
             return value
         place = found[at % len(found)]
@@ -140,17 +82,6 @@ def changed(value: Any, changes: list[tuple[int, str, Any, str]]) -> Any:
         elif place:
             place[at % len(place)] = copy.deepcopy(new)
     return value
-
-
-def refusal(use: Callable[[], object]) -> str:
-    """What a user is told of a mistake in a file; any other error is one of the program, and not caught."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        try:
-            use()
-        except HulldownError as error:
-            return str(error)
-    return ""
 
 
 def used(folder: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import json
 import tempfile
-from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -13,11 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hulldown.dataset.store.runs import plan_key
-from hulldown.geometry.errors import ConfigError, HulldownError
+from hulldown.geometry.errors import ConfigError
 from hulldown.planning.check import check_rows
 from hulldown.planning.config.schema import Config
 from hulldown.planning.loading import load_planned_library, refuse_changed
@@ -27,13 +26,12 @@ from hulldown.planning.preview import Artist
 from hulldown.planning.row import Row
 from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
+from hulldown.property_tests.any_values import MANY, containers, refusal, values_of
 from hulldown.render.jobs import RenderAssets, SceneryFile, VehicleFile, mask_job, render_job
 from hulldown.render.messages import Settings
 from hulldown.render.remaining import Outline
 from hulldown.tests.planning_assets import hills, small_assets, small_config
 
-# 20,000 inputs in the thorough profile.
-MANY = settings(max_examples=settings.default.max_examples * (10 if settings.default.max_examples >= 2000 else 1))
 ALL = small_assets(distractors=True)
 ASSETS = replace(
     ALL,
@@ -72,13 +70,11 @@ FILES = RenderAssets(
     hdris={name: Path(f"{name}.exr") for name in ASSETS.hdris},
 )
 SETTINGS = Settings(samples=1, denoise=False, adaptive_threshold=0.0, bounces=0)
-odd = st.sampled_from([
-    *(None, True, -1, 0, 1, 2, 179.9999, 180, 2**31, 2**53 + 2, 2**63, 10**400, 1e308, -1e300, -0.0, 5e-324, 0.5, 1e9),
-    *("", "x", "../x", "/x", "images/1.png", "images/./1.png", ".unfinished/1.png", "\x1b[31m", "\ud7ff", "a" * 9999),
-    *([], {}, [[]], [1, 2, 3, 4], [0, 0, 0, 0], [1e308] * 4, [[1e308] * 4] * 4, np.eye(4).tolist(), {"turret": 1e308}),
-    *({"visibility_m": 0}, {"visibility_m": 1e-300}, "hills", "bare", "leo", "t72", "gun", "noon"),
-])  # fmt: skip
-values = odd | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(max_size=5)
+values = st.integers() | values_of(
+    *(179.9999, 180, 2**53 + 2, 2**63, 10**400, -1e300, 5e-324, 1e9, [0, 0, 0, 0], [[1e308] * 4] * 4),
+    np.eye(4).tolist(),
+    *({"turret": 1e308}, {"visibility_m": 0}, {"visibility_m": 1e-300}, "hills", "bare", "leo", "t72", "gun", "noon"),
+)
 KEYS = ("left_out", "rejected", "companions", "vehicle", "bbox", "images", "config", "seed", "sceneries", "gun", "x")
 change = st.tuples(
     *(st.integers(0, 4), st.integers(0, 2**16), st.integers(0, 2**16)),
@@ -104,16 +100,9 @@ def planner_of(header: str) -> Planner | None:
     return Planner(config, ASSETS) if names_of(config) == NAMES else None
 
 
-def objects(value: Any) -> list[Any]:
-    """Every object and list in a JSON value, itself included."""
-    inner = list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else []
-    mine = [value] if isinstance(value, (dict, list)) and value else []
-    return mine + [found for each in inner for found in objects(each)]
-
-
 def change_line(line: dict[str, Any], at: int, which: int, key: str, new: Any, how: str) -> None:
     """Another value, key or scale somewhere in a line."""
-    place = (found := objects(line) or [line])[at % len(found)]
+    place = (found := [each for each in containers(line) if each] or [line])[at % len(found)]
     keys = list(place) if isinstance(place, dict) else list(range(len(place)))
     one = keys[which % len(keys)] if keys else key
     if how == "put" and isinstance(place, dict):
@@ -124,15 +113,6 @@ def change_line(line: dict[str, Any], at: int, which: int, key: str, new: Any, h
         place[one] *= 1.0 + 1e-6 * which
     elif keys or isinstance(place, dict):
         place[one] = copy.deepcopy(new)  # it may be changed itself
-
-
-def refusal(use: Callable[..., object], *arguments: object) -> str:
-    """What a user is told of a mistake in a file; any other error is one of the program, and not caught."""
-    try:
-        use(*arguments)
-    except HulldownError as error:
-        return str(error)
-    return ""
 
 
 def job_of(row: Row, plan: Path) -> None:
