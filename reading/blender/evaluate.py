@@ -17,6 +17,7 @@ from hulldown.assets.textures import TEXTURE_SIZE
 from hulldown.geometry.errors import AssetError
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply
+from hulldown.reading.blender.arrays import read
 from hulldown.reading.blender.capture import OUR_CAMERA, visit_render
 from hulldown.reading.blender.duplicates import Duplicate
 from hulldown.reading.blender.poses import Poses
@@ -317,8 +318,7 @@ def _is_clear(drawn: Any) -> bool:
     """Whether all materials of its faces are transparent."""
     dressed = [slot.material for slot in drawn.material_slots]
     if drawn.type == "MESH" and len(dressed) > 1:
-        worn = np.empty(len(drawn.data.polygons), np.int32)
-        drawn.data.polygons.foreach_get("material_index", worn)
+        worn = read(drawn.data.polygons, "material_index", np.int32)
         dressed = [dressed[i] for i in np.unique(np.minimum(worn, len(dressed) - 1)).tolist()]
     return any(dressed) and all(material is not None and is_clear(material) for material in dressed)
 
@@ -328,19 +328,15 @@ def _faces(drawn: Any, cutouts: CutoutReader) -> Mesh | None:
     data.calc_loop_triangles()
     if not len(data.loop_triangles):
         return None
-    vertices = np.empty(3 * len(data.vertices), np.float32)
-    data.vertices.foreach_get("co", vertices)
-    faces = np.empty(3 * len(data.loop_triangles), np.int32)
-    data.loop_triangles.foreach_get("vertices", faces)
+    vertices = read(data.vertices, "co", np.float32, 3)
+    faces = read(data.loop_triangles, "vertices", np.int32, 3)
     holes = cutouts.cutouts(data, [slot.material for slot in drawn.material_slots])
     return Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), drawn.name, holes)
 
 
 def _wearing(data: Any, slots: Sequence[int], count: int) -> Bool[np.ndarray, " f"]:
     """Triangles of a mesh of `count` materials that use these slots."""
-    worn = np.empty(len(data.loop_triangles), np.int32)
-    data.loop_triangles.foreach_get("material_index", worn)
-    return np.isin(np.minimum(worn, count - 1), slots)
+    return np.isin(np.minimum(read(data.loop_triangles, "material_index", np.int32), count - 1), slots)
 
 
 def why_unseen(drawn: Any, depsgraph: Any) -> str | None:

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from hulldown.reading.blender.arrays import read
+
 # By type of attribute: the property of its elements, how they are stored, how many numbers each.
 STORED = {
     "FLOAT": ("value", np.float32, 1),
@@ -32,16 +34,12 @@ def content_of(mesh: Any) -> object:
     if mesh.library or mesh.override_library or mesh.keys():
         return mesh
     stored = hashlib.sha256()
-    start = np.empty(len(mesh.polygons), np.int32)
-    mesh.polygons.foreach_get("loop_start", start)
-    stored.update(start.tobytes())
+    stored.update(read(mesh.polygons, "loop_start", np.int32).tobytes())
     kinds = []
     for attribute in sorted(mesh.attributes, key=lambda attribute: str(attribute.name)):
         if attribute.data_type not in STORED:
             return mesh
-        name, dtype, width = STORED[attribute.data_type]
-        values = np.empty(width * len(attribute.data), dtype)
-        attribute.data.foreach_get(name, values)
+        values = read(attribute.data, *STORED[attribute.data_type])
         stored.update(values.tobytes())
         kinds.append((attribute.name, attribute.domain, attribute.data_type, len(values)))
     own_space = None if mesh.use_auto_texspace else (*mesh.texspace_location, *mesh.texspace_size)

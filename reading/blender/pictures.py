@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from hulldown.assets.skylight import level_irradiance
 from hulldown.geometry.errors import AssetError
+from hulldown.reading.blender.arrays import pixels
 from hulldown.reading.export import Job
 from hulldown.reading.skies.backdrop import backdrop, shows_land, small_map
 from hulldown.reading.skies.hdri import MAP_NAME, MAP_ROWS, MENDED_NAME, mend
@@ -26,14 +27,14 @@ def read_picture(job: Job) -> dict[str, Any]:
     """
     image = bpy.data.images.load(str(Path(job.path).resolve()))
     try:
-        pixels, notes = mend(_pixels(image))
+        radiance, notes = mend(_radiance(image))
     finally:
         bpy.data.images.remove(image)
-    np.save(job.file(MAP_NAME), small_map(pixels, rows=MAP_ROWS).astype(np.float32))
+    np.save(job.file(MAP_NAME), small_map(radiance, rows=MAP_ROWS).astype(np.float32))
     if notes:
-        _write(pixels, str(job.file(MENDED_NAME)))
-    irradiance = level_irradiance(pixels).tolist()
-    small = small_map(pixels)
+        _write(radiance, str(job.file(MENDED_NAME)))
+    irradiance = level_irradiance(radiance).tolist()
+    small = small_map(radiance)
     horizon_deg, misfits = backdrop(small)
     return {
         "notes": list(notes),
@@ -44,23 +45,19 @@ def read_picture(job: Job) -> dict[str, Any]:
     }
 
 
-def _pixels(image: Any) -> Float[np.ndarray, "h w 3"]:
+def _radiance(image: Any) -> Float[np.ndarray, "h w 3"]:
     """Radiance in linear Rec. 709, converted from the file's color space; the first row is the lowest."""
-    width, height = image.size
-    if not width * height or not image.channels:
+    if not all(image.size) or not image.channels:
         what = "it has several layers" if image.type == "MULTILAYER" else "damaged, or of an unknown kind"
         raise AssetError(f"Blender cannot read this picture ({what})", remedy="save it again, or leave it out")
-    flat = np.empty(width * height * image.channels, dtype=np.float32)
-    image.pixels.foreach_get(flat)
-    pixels = flat.reshape(height, width, image.channels)
-    return pixels[..., :3] if image.channels >= 3 else np.repeat(pixels[..., :1], 3, axis=2)
+    return pixels(image)[..., :3]
 
 
-def _write(pixels: Float[np.ndarray, "h w 3"], path: str) -> None:
-    height, width = pixels.shape[:2]
+def _write(radiance: Float[np.ndarray, "h w 3"], path: str) -> None:
+    height, width = radiance.shape[:2]
     image = bpy.data.images.new("mended", width, height, float_buffer=True, is_data=True)
     full = np.ones((height, width, 4), dtype=np.float32)
-    full[..., :3] = pixels
+    full[..., :3] = radiance
     image.pixels.foreach_set(full.ravel())
     image.filepath_raw, image.file_format = path, "OPEN_EXR"
     image.save()

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.geometry.meshes import Mesh
+from hulldown.reading.blender.arrays import read
 from hulldown.reading.scenery.hair import hair_mesh
 
 # Blender's numbers of curve types. Cycles draws Bezier curves and NURBS as splines through their points too.
@@ -24,17 +25,14 @@ def curves_mesh(curves: Any, name: str) -> Mesh | None:
     ValueError
         If a coordinate is no number.
     """
-    count = len(curves.points)
-    points, radii = np.empty(3 * count, np.float32), np.full(count, BARE_RADIUS, np.float32)
-    first = np.empty(len(curves.curves), np.int32)
-    curves.points.foreach_get("position", points)
-    curves.curves.foreach_get("first_point_index", first)
+    points = read(curves.points, "position", np.float32, 3).reshape(-1, 3)
+    first = read(curves.curves, "first_point_index", np.int32)
+    radii, kind = np.full(len(points), BARE_RADIUS, np.float32), np.full(len(first), CATMULL_ROM)
     if "radius" in curves.attributes:
-        curves.points.foreach_get("radius", radii)
-    kind = np.full(len(first), CATMULL_ROM, np.int32)
+        radii = read(curves.points, "radius", np.float32)
     if "curve_type" in curves.attributes:
-        curves.attributes["curve_type"].data.foreach_get("value", kind)
-    return hair_mesh(points.reshape(-1, 3).astype(float), radii.astype(float), first, kind == POLY, name)
+        kind = read(curves.attributes["curve_type"].data, "value", np.int32)
+    return hair_mesh(points.astype(float), radii.astype(float), first, kind == POLY, name)
 
 
 def strand_systems(drawn: Any) -> list[Any]:

@@ -14,6 +14,7 @@ from PIL import Image
 
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.blender.buildings import add_buildings
+from hulldown.reading.blender.surfaces.nodes import add_math
 from hulldown.reading.confinement.landlock import asset_folders, is_inside
 from hulldown.reading.options import Options
 from hulldown.reading.scenery.buildings import read_buildings
@@ -90,9 +91,9 @@ def _by_slope(tree: Any) -> Any:
         noise = nodes.new("ShaderNodeTexNoise")
         noise.inputs["Scale"].default_value, noise.inputs["Detail"].default_value = scale, 5.0
         link(place, noise.inputs["Vector"])
-        uneven = _math(tree, "MULTIPLY_ADD", noise.outputs["Factor"], 0.06, uneven)
-        factor = _math(tree, "MULTIPLY_ADD", noise.outputs["Factor"], 2.0 * depth, 1.0 - depth)
-        brightness = factor if brightness is None else _math(tree, "MULTIPLY", brightness, factor)
+        uneven = add_math(tree, "MULTIPLY_ADD", noise.outputs["Factor"], 0.06, uneven)
+        factor = add_math(tree, "MULTIPLY_ADD", noise.outputs["Factor"], 2.0 * depth, 1.0 - depth)
+        brightness = factor if brightness is None else add_math(tree, "MULTIPLY", brightness, factor)
     ramp = nodes.new("ShaderNodeValToRGB")
     for k, (at, color) in enumerate(SLOPES):
         stop = ramp.color_ramp.elements[k] if k < 2 else ramp.color_ramp.elements.new(1.0)
@@ -103,17 +104,6 @@ def _by_slope(tree: Any) -> Any:
     link(ramp.outputs["Color"], scaled.inputs[0])
     link(brightness, scaled.inputs["Scale"])
     return scaled.outputs[0]
-
-
-def _math(tree: Any, operation: str, *values: Any) -> Any:
-    node = tree.nodes.new("ShaderNodeMath")
-    node.operation = operation
-    for socket, value in zip(node.inputs, values, strict=False):
-        if isinstance(value, float):
-            socket.default_value = value
-        else:
-            tree.links.new(value, socket)
-    return node.outputs[0]
 
 
 def _over(tree: Any, below: Any, picture: UInt8[np.ndarray, "h w 4"], low: list[float], high: list[float]) -> Any:

@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 
 from hulldown.geometry.alpha import AlphaMap, Extension
-from hulldown.reading.blender.coordinates import coordinates
+from hulldown.reading.blender.arrays import coordinates, pixels
 from hulldown.reading.blender.surfaces.nodes import material_output, upstream
 from hulldown.reading.blender.surfaces.opacity import NotUnderstoodError
 from hulldown.reading.blender.surfaces.opacity_nodes import show_opacity
@@ -138,10 +138,8 @@ def _render(material: Any, layer: str, low: np.ndarray, high: np.ndarray, size: 
             bpy.ops.render.render(write_still=True, scene=scene.name)
             image = bpy.data.images.load(str(path))
             image.colorspace_settings.name = "Non-Color"
-            flat = np.empty(width * height * image.channels, dtype=np.float32)
-            image.pixels.foreach_get(flat)
+            return pixels(image)[..., 0].clip(0.0, 1.0)
     finally:
         if image is not None:
             bpy.data.images.remove(image)
         bpy.data.batch_remove([plane, camera, mesh, lens, scene])
-    return flat.reshape(height, width, -1)[..., 0].clip(0.0, 1.0)

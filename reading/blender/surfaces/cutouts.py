@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float32, Int
 
 from hulldown.geometry.alpha import GRADES, AlphaMap, Cutouts, Extension, fewer_texels
-from hulldown.reading.blender.coordinates import coordinates
+from hulldown.reading.blender.arrays import coordinates, read
 from hulldown.reading.blender.surfaces.bake import baked
 from hulldown.reading.blender.surfaces.opacity import IDENTITY, Affine, NotUnderstoodError, Value, opacity_of
 from hulldown.reading.blender.surfaces.texels import texels
@@ -66,17 +66,12 @@ class CutoutReader:
         cutters = [self._cutter(material) if material else None for material in materials]
         if not any(cutters):
             return None
-        triangles = data.loop_triangles
-        slot = np.empty(len(triangles), dtype=np.int32)
-        triangles.foreach_get("material_index", slot)
-        slot = slot.clip(0, len(materials) - 1)
+        slot = read(data.loop_triangles, "material_index", np.int32).clip(0, len(materials) - 1)
         kept = [cutter for cutter in dict.fromkeys(cutters) if cutter is not None]
         face = np.flatnonzero(np.array([cutter is not None for cutter in cutters])[slot])
         if not len(face):
             return None
-        loops = np.empty(3 * len(triangles), dtype=np.int32)
-        triangles.foreach_get("loops", loops)
-        corners = loops.reshape(-1, 3)[face]
+        corners = read(data.loop_triangles, "loops", np.int32, 3).reshape(-1, 3)[face]
         maps = list(dict.fromkeys(cutter.alpha for cutter in kept))
         uv, face_map = np.empty((len(face), 3, 2), dtype=np.float32), np.empty(len(face), dtype=np.int64)
         for number, cutter in enumerate(cutters):

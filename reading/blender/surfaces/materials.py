@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.geometry.color import linear_from_srgb
+from hulldown.reading.blender.arrays import coordinates, pixels, read
 from hulldown.reading.blender.surfaces.nodes import Stack, source
 from hulldown.reading.blender.surfaces.shaders import is_clear, surface_shaders
 from hulldown.reading.roles import Piece
@@ -82,9 +83,7 @@ def _areas(mesh: Any) -> dict[Any, float]:
     """The area of each material's faces, in the mesh's own units."""
     if not len(mesh.materials):
         return {}
-    worn, area = np.empty(len(mesh.polygons), np.int32), np.empty(len(mesh.polygons), np.float32)
-    mesh.polygons.foreach_get("material_index", worn)
-    mesh.polygons.foreach_get("area", area)
+    worn, area = read(mesh.polygons, "material_index", np.int32), read(mesh.polygons, "area", np.float32)
     sums = np.bincount(worn.clip(0, len(mesh.materials) - 1), weights=area, minlength=len(mesh.materials))
     found: dict[Any, float] = defaultdict(float)
     for material, one in zip(mesh.materials, sums.tolist(), strict=True):
@@ -219,26 +218,21 @@ class _MeanColors:
 
 def _uv_samples(mesh: Any, material: Any, layer: str) -> tuple[Float[np.ndarray, "k 2"], float]:
     """Points on a UV map, evenly over the faces of a mesh that wear a material, and the area of those faces."""
-    uv = mesh.uv_layers.get(layer) if layer else next((one for one in mesh.uv_layers if one.active_render), None)
+    uv = coordinates(mesh, layer)
     slots = [i for i, worn in enumerate(mesh.materials) if worn == material]
     if uv is None or not slots:
         return np.empty((0, 2)), 0.0
     mesh.calc_loop_triangles()
-    n = len(mesh.loop_triangles)
-    loops, area, slot = np.empty(3 * n, np.int32), np.empty(n, np.float32), np.empty(n, np.int32)
-    for name, out in (("loops", loops), ("area", area), ("material_index", slot)):
-        mesh.loop_triangles.foreach_get(name, out)
-    flat = np.empty(2 * len(uv.uv), np.float32)
-    uv.uv.foreach_get("vector", flat)
+    triangles = mesh.loop_triangles
+    area, slot = read(triangles, "area", np.float32), read(triangles, "material_index", np.int32)
     weight = np.where(np.isin(slot.clip(0, len(mesh.materials) - 1), slots), area, 0.0).astype(np.float64)
     total = float(weight.sum())
     if not total > 0.0:
         return np.empty((0, 2)), 0.0
     draws = np.random.default_rng(0)
-    chosen = draws.choice(n, SAMPLES, p=weight / total)
-    corners = flat.reshape(-1, 2)[loops.reshape(-1, 3)[chosen]]
-    points = np.einsum("kc,kcd->kd", draws.dirichlet(np.ones(3), SAMPLES), corners)
-    return np.nan_to_num(points, nan=0.0, posinf=0.0, neginf=0.0), total
+    chosen = draws.choice(len(triangles), SAMPLES, p=weight / total)
+    corners = uv[read(triangles, "loops", np.int32, 3).reshape(-1, 3)[chosen]]
+    return np.einsum("kc,kcd->kd", draws.dirichlet(np.ones(3), SAMPLES), corners), total
 
 
 def _three(value: Any) -> Float[np.ndarray, "3"]:
@@ -249,19 +243,12 @@ def _texels(image: Any) -> Float[np.ndarray, "h w 3"]:
     """Of an image, in linear light; those that are transparent have the mean of the others."""
     if not all(image.size):
         return np.full((1, 1, 3), GRAY)
-    small = image.copy()
-    try:
-        small.scale(*(min(side, SIDE) for side in image.size))
-        width, height = small.size
-        flat = np.empty(width * height * small.channels, dtype=np.float32)
-        small.pixels.foreach_get(flat)
-    finally:
-        bpy.data.images.remove(small)
-    pixels = flat.reshape(height, width, -1).astype(np.float64)
-    color = pixels[..., :3] if pixels.shape[2] >= 3 else np.repeat(pixels[..., :1], 3, axis=2)
+    width, height = image.size
+    rgba = pixels(image, (min(width, SIDE), min(height, SIDE))).astype(np.float64)
+    color = rgba[..., :3]
     if image.colorspace_settings.name == "sRGB" and not image.is_float:
         color = linear_from_srgb(color)
     color = np.nan_to_num(color, nan=GRAY).clip(0.0, 1.0)
-    if pixels.shape[2] == 4 and (opaque := pixels[..., 3] > 0.5).any():
+    if (opaque := rgba[..., 3] > 0.5).any():
         color[~opaque] = color[opaque].mean(axis=0)
     return color

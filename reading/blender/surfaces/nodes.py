@@ -1,9 +1,11 @@
-"""Follow values through node trees, past reroutes, groups, and muted nodes."""
+"""Follow values through node trees, past reroutes, groups, and muted nodes, and add nodes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import Any
+
+import bpy
 
 Stack = tuple[Any, ...]  # the group nodes that a socket is inside of, the outermost first
 
@@ -31,10 +33,9 @@ def source(socket: Any, stack: Stack) -> tuple[Any, Stack] | None:
     """
     while True:
         if not socket.is_output:
-            links = [link for link in socket.links if link.is_valid and not link.is_muted]
-            if not links:
+            socket = linked(socket)
+            if socket is None:
                 return None
-            socket = links[0].from_socket
         node = socket.node
         inner: Any = None
         if node.mute:
@@ -42,7 +43,7 @@ def source(socket: Any, stack: Stack) -> tuple[Any, Stack] | None:
         elif node.bl_idname == "NodeReroute":
             inner = node.inputs[0]
         elif node.bl_idname == "ShaderNodeGroup" and node.node_tree is not None:
-            output = _group_output(node.node_tree)
+            output = group_output(node.node_tree)
             inner = output and _same(output.inputs, socket)
             stack = (*stack, node)
         elif node.bl_idname == "NodeGroupInput" and stack:
@@ -70,7 +71,13 @@ def upstream(socket: Any, stack: Stack) -> Iterator[tuple[Any, Any]]:
         ring += [found for below in at.node.inputs if below.enabled and (found := source(below, around))]
 
 
-def _group_output(tree: Any) -> Any:
+def linked(socket: Any) -> Any:
+    """The output that an input socket is directly linked to; None if there is none."""
+    return next((link.from_socket for link in socket.links if link.is_valid and not link.is_muted), None)
+
+
+def group_output(tree: Any) -> Any:
+    """The output node of a group that counts; None if there is none."""
     outputs = [node for node in tree.nodes if node.bl_idname == "NodeGroupOutput"]
     return next((node for node in outputs if node.is_active_output), outputs[0] if outputs else None)
 
@@ -78,3 +85,20 @@ def _group_output(tree: Any) -> Any:
 def _same(sockets: Any, socket: Any) -> Any:
     """The socket of the same interface item."""
     return next((other for other in sockets if other.identifier == socket.identifier), None)
+
+
+def add_math(tree: Any, operation: str, *inputs: Any, clamp: bool = False) -> Any:
+    """Add a math node with these numbers and sockets as inputs; its output."""
+    node = tree.nodes.new("ShaderNodeMath")
+    node.operation, node.use_clamp = operation, clamp
+    for socket, value in zip(node.inputs, inputs, strict=False):
+        give(tree, value, socket)
+    return node.outputs[0]
+
+
+def give(tree: Any, value: Any, socket: Any) -> None:
+    """Link an input socket to another, or set it to a number or a color."""
+    if isinstance(value, bpy.types.NodeSocket):
+        tree.links.new(value, socket)
+    else:
+        socket.default_value = value

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from hulldown.reading.blender.surfaces.nodes import material_output
+from hulldown.reading.blender.surfaces.nodes import add_math, give, group_output, linked, material_output
 
 SOCKET = "hulldown opacity"
 
@@ -23,14 +23,12 @@ def opacity_socket(material: Any) -> Any:
 
 def _opacity(tree: Any, socket: Any, made: dict[Any, Any]) -> Any:
     """Opacity of the shader linked to an input socket."""
-    links = [link for link in socket.links if link.is_valid and not link.is_muted]
-    if not links:
+    given = linked(socket)
+    if given is None:
         return 1.0
-    given = links[0].from_socket
-    node = given.node
     key = (tree.as_pointer(), given.as_pointer())
     if key not in made:
-        made[key] = _of_output(tree, node, given, made)
+        made[key] = _of_output(tree, given.node, given, made)
     return made[key]
 
 
@@ -42,7 +40,7 @@ def _of_output(tree: Any, node: Any, given: Any, made: dict[Any, Any]) -> Any:
     if kind == "NodeReroute":
         return _opacity(tree, node.inputs[0], made)
     if kind == "ShaderNodeBsdfTransparent":
-        return _math(tree, "SUBTRACT", 1.0, _gray(tree, node.inputs["Color"]))
+        return add_math(tree, "SUBTRACT", 1.0, _gray(tree, node.inputs["Color"]))
     if kind == "ShaderNodeBsdfPrincipled":
         return _clamped(tree, _own(node.inputs["Alpha"]))
     if kind == "ShaderNodeMixShader":
@@ -50,10 +48,10 @@ def _of_output(tree: Any, node: Any, given: Any, made: dict[Any, Any]) -> Any:
         first, second = _opacity(tree, node.inputs[1], made), _opacity(tree, node.inputs[2], made)
         if first == second == 1.0:
             return 1.0
-        return _math(tree, "MULTIPLY_ADD", share, _math(tree, "SUBTRACT", second, first), first)
+        return add_math(tree, "MULTIPLY_ADD", share, add_math(tree, "SUBTRACT", second, first), first)
     if kind == "ShaderNodeAddShader":
         first, second = (_opacity(tree, below, made) for below in node.inputs)
-        return _clamped(tree, _math(tree, "ADD", _math(tree, "ADD", first, second), -1.0))
+        return _clamped(tree, add_math(tree, "ADD", add_math(tree, "ADD", first, second), -1.0))
     if kind == "ShaderNodeGroup" and node.node_tree is not None:
         return _of_group(tree, node, given, made)
     if kind == "NodeGroupInput":
@@ -63,7 +61,7 @@ def _of_output(tree: Any, node: Any, given: Any, made: dict[Any, Any]) -> Any:
 
 def _of_group(tree: Any, node: Any, given: Any, made: dict[Any, Any]) -> Any:
     inner = node.node_tree
-    end = next((n for n in inner.nodes if n.bl_idname == "NodeGroupOutput" and n.is_active_output), None)
+    end = group_output(inner)
     if end is None:
         return 1.0
     name = f"{SOCKET} of {given.identifier}"
@@ -71,11 +69,11 @@ def _of_group(tree: Any, node: Any, given: Any, made: dict[Any, Any]) -> Any:
         below = next(socket for socket in end.inputs if socket.identifier == given.identifier)
         opacity = _opacity(inner, below, made)
         _interface(inner, name, "OUTPUT", end)
-        _link(inner, opacity, end.inputs[name])
+        give(inner, opacity, end.inputs[name])
     for shader in [socket for socket in node.inputs if socket.type == "SHADER"]:
         wanted = node.inputs.get(f"{SOCKET} of {shader.identifier}")
         if wanted is not None and not wanted.is_linked:
-            _link(tree, _opacity(tree, shader, made), wanted)
+            give(tree, _opacity(tree, shader, made), wanted)
     return node.outputs[name]
 
 
@@ -88,39 +86,20 @@ def _interface(tree: Any, name: str, way: str, node: Any) -> Any:
 
 def _own(socket: Any) -> Any:
     """The source of a socket's value: the linked output, or its number."""
-    links = [link for link in socket.links if link.is_valid and not link.is_muted]
-    return links[0].from_socket if links else socket.default_value
+    found = linked(socket)
+    return socket.default_value if found is None else found
 
 
 def _gray(tree: Any, socket: Any) -> Any:
     to_gray = tree.nodes.new("ShaderNodeRGBToBW")
-    value = _own(socket)
-    if socket.is_linked:
-        tree.links.new(value, to_gray.inputs[0])
-    else:
-        to_gray.inputs[0].default_value = value
+    give(tree, _own(socket), to_gray.inputs[0])
     return to_gray.outputs[0]
 
 
 def _clamped(tree: Any, value: Any) -> Any:
     if isinstance(value, float):
         return min(max(value, 0.0), 1.0)
-    return _math(tree, "ADD", value, 0.0, clamp=True)
-
-
-def _math(tree: Any, operation: str, *inputs: Any, clamp: bool = False) -> Any:
-    node = tree.nodes.new("ShaderNodeMath")
-    node.operation, node.use_clamp = operation, clamp
-    for socket, value in zip(node.inputs, inputs, strict=False):
-        _link(tree, value, socket)
-    return node.outputs[0]
-
-
-def _link(tree: Any, value: Any, socket: Any) -> None:
-    if isinstance(value, float):
-        socket.default_value = value
-    else:
-        tree.links.new(value, socket)
+    return add_math(tree, "ADD", value, 0.0, clamp=True)
 
 
 def show_opacity(material: Any, *, hard: bool, strength: Any = None) -> None:
@@ -144,12 +123,12 @@ def show_opacity(material: Any, *, hard: bool, strength: Any = None) -> None:
     glow.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
     shader = glow.outputs[0]
     if not hard:
-        _link(tree, opacity, glow.inputs["Strength"])
+        give(tree, opacity, glow.inputs["Strength"])
     else:
         tree.links.new(strength(tree), glow.inputs["Strength"])
         if opacity != 1.0:
             mix, through = tree.nodes.new("ShaderNodeMixShader"), tree.nodes.new("ShaderNodeBsdfTransparent")
-            _link(tree, _math(tree, "SUBTRACT", 1.0, _math(tree, "LESS_THAN", opacity, 0.5)), mix.inputs[0])
+            give(tree, add_math(tree, "SUBTRACT", 1.0, add_math(tree, "LESS_THAN", opacity, 0.5)), mix.inputs[0])
             tree.links.new(through.outputs[0], mix.inputs[1])
             tree.links.new(shader, mix.inputs[2])
             shader = mix.outputs[0]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import bpy
 import numpy as np
 
 from hulldown.geometry.color import LUMINANCE, linear_from_srgb, srgb_from_linear
+from hulldown.reading.blender.arrays import pixels
 
 MOST_PIXELS = 1 << 26  # read at once; of larger images Blender makes a smaller one first
 
@@ -31,13 +31,15 @@ def texels(image: Any, channel: str, *, alpha_used: bool) -> np.ndarray:
     """
     if image.alpha_mode == "NONE" and channel == "alpha":
         return np.full((1, 1), 255, np.uint8)
-    pixels = _pixels(image)
+    width, height = image.size
+    share = min(1.0, (MOST_PIXELS / (width * height)) ** 0.5)
+    rgba = pixels(image, (int(width * share), int(height * share)))
     if channel == "alpha":
-        return _stored(pixels[..., 3], image)
+        return _stored(rgba[..., 3], image)
     is_data = image.colorspace_settings.is_data or image.colorspace_settings.name in ("Non-Color", "Raw")
-    color = pixels[..., :3]
+    color = rgba[..., :3]
     if not is_data and not alpha_used and image.alpha_mode in ("STRAIGHT", "PREMUL") and not image.is_float:
-        color = color * pixels[..., 3:]
+        color = color * rgba[..., 3:]
     curved = is_curved(image, channel)
     if curved and image.is_float:  # Blender's floats are linear
         color = srgb_from_linear(color)
@@ -50,26 +52,6 @@ def texels(image: Any, channel: str, *, alpha_used: bool) -> np.ndarray:
         value = linear @ LUMINANCE.astype(np.float32)
         value = srgb_from_linear(value) if curved else value
     return _stored(value, image)
-
-
-def _pixels(image: Any) -> np.ndarray:
-    width, height = image.size
-    shrunk = None
-    if width * height > MOST_PIXELS:
-        share = (MOST_PIXELS / (width * height)) ** 0.5
-        shrunk = image = image.copy()
-        width, height = int(width * share), int(height * share)
-        image.scale(width, height)
-    flat = np.empty(width * height * image.channels, dtype=np.float32)
-    image.pixels.foreach_get(flat)
-    pixels = flat.reshape(height, width, image.channels)
-    if shrunk is not None:
-        bpy.data.images.remove(shrunk)
-    if image.channels == 4:
-        return pixels
-    full = np.ones((height, width, 4), dtype=np.float32)
-    full[..., :3] = pixels[..., : 3 if pixels.shape[2] == 3 else 1]
-    return full
 
 
 def _stored(values: np.ndarray, image: Any) -> np.ndarray:

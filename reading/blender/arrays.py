@@ -1,0 +1,55 @@
+"""Blender's data as arrays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+from jaxtyping import Float, Float32
+from numpy.typing import DTypeLike
+
+
+def read(elements: Any, name: str, dtype: DTypeLike, width: int = 1) -> np.ndarray:
+    """A property of all elements of a collection, `width` numbers each, one after the other."""
+    values = np.empty(width * len(elements), dtype=dtype)
+    elements.foreach_get(name, values)
+    return values
+
+
+def coordinates(mesh: Any, layer: str) -> Float[np.ndarray, "k 2"] | None:
+    """Texture coordinates of each face corner, 0 in place of NaN; None if there is no such layer.
+
+    Parameters
+    ----------
+    mesh
+        Of Blender.
+    layer
+        Its name; "" for the one that is rendered.
+    """
+    layers = mesh.uv_layers
+    found = layers.get(layer) if layer else next((each for each in layers if each.active_render), None)
+    if found is None:
+        return None
+    flat = read(found.uv, "vector", np.float32, 2)
+    return np.where(np.isfinite(flat), flat, 0.0).reshape(-1, 2).astype(np.float64)
+
+
+def pixels(image: Any, size: tuple[int, int] | None = None) -> Float32[np.ndarray, "h w 4"]:
+    """Pixels of an image, resized to a width and height; the first row is the lowest."""
+    if size and size != tuple(image.size):
+        resized = image.copy()
+        try:
+            resized.scale(*size)
+            return pixels(resized)
+        finally:
+            bpy.data.images.remove(resized)
+    width, height = image.size
+    flat = np.empty(width * height * image.channels, dtype=np.float32)
+    image.pixels.foreach_get(flat)
+    found = flat.reshape(height, width, image.channels)
+    if image.channels == 4:
+        return found
+    full = np.ones((height, width, 4), dtype=np.float32)
+    full[..., :3] = found[..., : 3 if image.channels == 3 else 1]
+    return full
