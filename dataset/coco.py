@@ -53,7 +53,7 @@ class CocoDataset:
         self.folder = folder
         self._lock = lock
         self._made = made
-        self._images = len(document.images)
+        self._images = len(document.images.rows)
         self._length = journal.length
         self._journal = journal
         self._document = document
@@ -105,12 +105,12 @@ class CocoDataset:
 
     def __len__(self) -> int:
         """Number of images in the dataset, including those from other sources."""
-        return len(self._document.images)
+        return len(self._document.images.rows)
 
     @property
     def grown(self) -> bool:
         """Whether an image was appended since it was opened."""
-        return len(self._document.images) > self._images
+        return len(self._document.images.rows) > self._images
 
     def finished(self, file_name: str) -> bool:
         """Whether the dataset has an image of that name."""
@@ -118,7 +118,7 @@ class CocoDataset:
 
     def images(self) -> Iterator[tuple[int, str]]:
         """Id and file name of each image."""
-        for image_id, record in self._document.images:
+        for image_id, record in self._document.images.rows:
             yield image_id, str(orjson.loads(record).get("file_name"))
 
     def check_free(self, file_name: str, image_id: int, annotation_ids: range) -> None:
@@ -130,11 +130,11 @@ class CocoDataset:
             Naming the first.
         """
         document = self._document
-        if image_id in document.image_ids:
+        if image_id in document.images.ids:
             what = f"image {image_id} ({next(name for i, name in self.images() if i == image_id)!r})"
-            following = document.next_image_id
-        elif (taken := next((i for i in annotation_ids if i in document.annotation_ids), None)) is not None:
-            what, following = f"annotation {taken}", document.next_annotation_id
+            following = document.images.highest + 1
+        elif (taken := next((i for i in annotation_ids if i in document.annotations.ids), None)) is not None:
+            what, following = f"annotation {taken}", document.annotations.highest + 1
         else:
             return
         raise DatasetError(
@@ -145,7 +145,7 @@ class CocoDataset:
 
     def missing(self) -> int:
         """Number of images reserved for a plan and not in the dataset."""
-        ids = np.fromiter(self._document.image_ids, dtype=np.int64, count=len(self._document.image_ids))
+        ids = np.array([*self._document.images.ids], dtype=np.int64)
         runs = self._document.runs.values()
         return sum(run.images - int(np.count_nonzero(run.has_image(ids))) for run in runs)
 
@@ -186,11 +186,11 @@ class CocoDataset:
         document = self._document
         if (known := document.runs.get(key)) is not None:
             return known
-        empty = not document.images and not document.runs and not _has_files(self.folder / "images")
+        empty = not document.images.rows and not document.runs and not _has_files(self.folder / "images")
         run = Run(
             key=key,
-            image_offset=document.next_image_id - 1,
-            annotation_offset=document.next_annotation_id - 1,
+            image_offset=document.images.highest,
+            annotation_offset=document.annotations.highest,
             prefix="" if empty else f"{len(document.runs) + 1}-{key[:8]}-",
             images=images,
             annotations=annotations,
@@ -241,16 +241,16 @@ class CocoDataset:
         seals = record.get(PICTURE_KEY) is not None
         if self.finished(record["file_name"]):
             raise ValueError(f"image: file_name: {record['file_name']!r} is in the dataset already")
-        image_id = free_id(record, "image", document.next_image_id, document.image_ids)
+        image_id = free_id(record, "image", document.images.highest + 1, document.images.ids)
         categories: list[dict[str, Any]] = []
         records: list[dict[str, Any]] = []
         used: set[int] = set()
-        next_id = document.next_annotation_id
+        next_id = document.annotations.highest + 1
         for i, annotation in enumerate(annotations):
             name = f"annotations[{i}]"
             plain = plain_json(annotation, name)
             check_annotation(plain, name)
-            annotation_id = free_id(plain, name, next_id, document.annotation_ids, used)
+            annotation_id = free_id(plain, name, next_id, document.annotations.ids, used)
             used.add(annotation_id)
             next_id = max(next_id, annotation_id + 1)
             category_id = self._category_id(new_category(plain.pop("category")), categories)

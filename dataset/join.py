@@ -156,7 +156,7 @@ def _in(target: CocoDataset, run: Run) -> Run:
 def _moves(parts: Sequence[Part], target: CocoDataset) -> Iterator[_Move]:
     for part in parts:
         runs = [(run, _in(target, run)) for run in part.document.runs.values()]
-        for index, (image_id, record) in enumerate(part.document.images):
+        for index, (image_id, record) in enumerate(part.document.images.rows):
             old = orjson.loads(record)["file_name"]
             own_runs = next((pair for pair in runs if pair[0].owns(image_id, old)), None)
             if own_runs is None:
@@ -222,8 +222,8 @@ def _check(moves: Sequence[_Move], target: CocoDataset) -> None:
 def _records(move: _Move) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """An image and its annotations as records of the dataset."""
     document = move.part.document
-    image = loaded(document.images[move.index])
-    boxes = [loaded(document.annotations[i]) for i in move.part.boxes.get(image["id"], ())]
+    image = loaded(document.images.rows[move.index])
+    boxes = [loaded(document.annotations.rows[i]) for i in move.part.boxes.get(image["id"], ())]
     names = {category["id"]: category["name"] for category in document.categories}
     if move.image_id is None:
         del image["id"]

@@ -67,7 +67,7 @@ def read_part(folder: Path, target: Path, allowed: Sequence[Path] = ()) -> Part:
             raise DatasetError(
                 f"has {key!r}, which joining would lose", path=folder, remedy="join the other parts into this one"
             )
-    images, annotations = document.images, document.annotations
+    images, annotations = document.images.rows, document.annotations.rows
     for kind, records in (("image", images), ("annotation", annotations)):
         # Appending seals records anew, so a broken seal would become valid.
         if (spoilt := next((i for i, _ in filter(_is_broken, records)), None)) is not None:
@@ -75,15 +75,15 @@ def read_part(folder: Path, target: Path, allowed: Sequence[Path] = ()) -> Part:
             raise DatasetError(problem, path=folder, remedy="check it with `hulldown verify`")
     check_usable(folder, document.categories, map(loaded, images), map(loaded, annotations))
     for what, n, unique in (
-        ("image ids", len(images), document.image_ids),
+        ("image ids", len(images), document.images.ids),
         ("file names", len(images), document.file_names),
-        ("annotation ids", len(annotations), document.annotation_ids),
+        ("annotation ids", len(annotations), document.annotations.ids),
     ):
         if len(unique) < n:
             raise DatasetError(f"{what} aren't unique", path=folder, remedy="check it with `hulldown verify`")
     boxes: dict[int, list[int]] = {}
     for i, record in enumerate(map(loaded, annotations)):
-        if record["image_id"] not in document.image_ids:
+        if record["image_id"] not in document.images.ids:
             problem = f"annotation {record['id']}: image {record['image_id']} does not exist"
             raise DatasetError(problem, path=folder, remedy="check it with `hulldown verify`")
         boxes.setdefault(record["image_id"], []).append(i)

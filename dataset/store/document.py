@@ -6,9 +6,10 @@ dictionaries would.
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -28,6 +29,37 @@ ANNOTATIONS_NAME = "annotations.json"
 JOURNAL_NAME = "journal.jsonl"
 COCO_NAME = "_annotations.coco.json"  # of RF-DETR and Roboflow, in every split's folder
 LINE_KEYS = {"categories", "run", "image", "annotations", "merged"}  # all keys of a journal's lines
+
+
+@dataclass(slots=True)
+class Records:
+    """Records of a kind as JSON in the order of the file, each with its id.
+
+    Parameters
+    ----------
+    rows
+        Ids and records.
+    ids
+        All ids.
+    highest
+        The highest id that is used or reserved; at least 0, as pycocotools takes 0 for unmatched.
+    """
+
+    rows: list[tuple[int, bytes]] = field(default_factory=list)
+    ids: set[int] = field(default_factory=set)
+    highest: int = 0
+
+    def add(self, record: Mapping[str, Any]) -> None:
+        """Add a record."""
+        # Copied, since orjson's result keeps its buffer of several kilobytes.
+        self.rows.append((record["id"], bytes(memoryview(orjson.dumps(record)))))
+        self.ids.add(record["id"])
+        self.highest = max(self.highest, record["id"])
+
+    def ordered(self, offsets: Iterable[int]) -> Iterator[bytes]:
+        """Records, those above the lowest offset by id, so the order in which images were finished doesn't matter."""
+        lowest = min(offsets, default=math.inf)
+        return (record for _, record in sorted(self.rows, key=lambda row: max(row[0], lowest)))
 
 
 class Document:
@@ -55,39 +87,28 @@ class Document:
         for record in self.categories:
             # The first of two with the same name, so that reopening doesn't change the choice.
             self.category_ids.setdefault(str(record.get("name")), _id(record, "category", path))
-        self.images: list[tuple[int, bytes]] = []
-        self.annotations: list[tuple[int, bytes]] = []
+        self.images, self.annotations = Records(), Records()
         self.file_names: set[str] = set()
         self.runs: dict[str, Run] = {}
         self.pending = 0
-        self._reserved = (0, 0)
-        for record in images:
-            self.images.append((_id(record, "image", path), _dumped(record, "an image", path)))
-            self.file_names.add(place_of(str(record.get("file_name"))))
-        for record in annotations:
-            self.annotations.append((_id(record, "annotation", path), _dumped(record, "an annotation", path)))
-        self.image_ids = {i for i, _ in self.images}
-        self.annotation_ids = {i for i, _ in self.annotations}
-        self.highest_image_id = max(self.image_ids, default=0)
-        self.highest_annotation_id = max(self.annotation_ids, default=0)
+        try:
+            for record in images:
+                _id(record, "image", path)
+                self.images.add(record)
+                self.file_names.add(place_of(str(record.get("file_name"))))
+            for record in annotations:
+                _id(record, "annotation", path)
+                self.annotations.add(record)
+            orjson.dumps([head, self.categories])
+        except TypeError as error:
+            raise _unusable(path, f"a record cannot be written again ({error})") from None
         info = head.get("info")
         try:
             for run in info.get("hulldown_runs", []) if isinstance(info, dict) else []:
                 self._add_run(run)
         except (KeyError, TypeError, AttributeError, ValueError) as error:
             raise _unusable(path, f"'info' has 'hulldown_runs' that are not as they were written ({error})") from None
-        _dumped([head, self.categories], "what is beside images and annotations", path)
         self.head = head
-
-    @property
-    def next_image_id(self) -> int:
-        """The lowest id above all used or reserved ones; at least 1."""
-        return max(self.highest_image_id, self._reserved[0], 0) + 1
-
-    @property
-    def next_annotation_id(self) -> int:
-        """The lowest id above all used or reserved ones; at least 1 (pycocotools takes 0 for unmatched)."""
-        return max(self.highest_annotation_id, self._reserved[1], 0) + 1
 
     def apply(self, line: Mapping[str, Any]) -> None:
         """Apply a line of the journal.
@@ -108,22 +129,15 @@ class Document:
             raise TypeError(f"ids of {image['file_name']!r}")
         self.pending += 1
         self.file_names.add(place)
-        self.images.append((image["id"], _kept(image)))
-        self.image_ids.add(image["id"])
-        self.highest_image_id = max(self.highest_image_id, image["id"])
+        self.images.add(image)
         for annotation in line["annotations"]:
-            self.annotations.append((annotation["id"], _kept(annotation)))
-            self.annotation_ids.add(annotation["id"])
-            self.highest_annotation_id = max(self.highest_annotation_id, annotation["id"])
+            self.annotations.add(annotation)
 
     def to_dict(self) -> dict[str, Any]:
         """The whole as one COCO dictionary, in the order it is written."""
-        return {
-            **self._head(),
-            "categories": self.categories,
-            "images": [orjson.loads(record) for record in self._ordered(self.images, "image_offset")],
-            "annotations": [orjson.loads(record) for record in self._ordered(self.annotations, "annotation_offset")],
-        }
+        head, *records = self._parts()
+        images, annotations = ([orjson.loads(record) for record in of_kind] for of_kind in records)
+        return {**head, "images": images, "annotations": annotations}
 
     def write(self, path: Path) -> None:
         """Replace the file at `path` in one step, one record a line.
@@ -134,26 +148,18 @@ class Document:
             If it cannot be written; the file is then as it was.
         """
         with replaced(path) as file:
-            write_coco(
-                file,
-                {**self._head(), "categories": self.categories},
-                self._ordered(self.images, "image_offset"),
-                self._ordered(self.annotations, "annotation_offset"),
-            )
+            write_coco(file, *self._parts())
 
-    def _head(self) -> dict[str, Any]:
-        info = self.head.get("info", {})
-        if not self.runs or not isinstance(info, dict):
-            return self.head
-        runs = [asdict(run) for run in self.runs.values()]
-        return {**self.head, "info": {**rendered_info(), **info, "hulldown_runs": runs}}
-
-    def _ordered(self, records: list[tuple[int, bytes]], offset: str) -> Iterable[bytes]:
-        """Records in order, those of runs by id, so the order in which images were finished doesn't matter."""
-        if not self.runs:
-            return (record for _, record in records)
-        first = min(getattr(run, offset) for run in self.runs.values())
-        return (record for _, record in sorted(records, key=lambda record: max(record[0], first)))
+    def _parts(self) -> tuple[dict[str, Any], Iterator[bytes], Iterator[bytes]]:
+        """All but the records, images, and annotations, in the order they're written."""
+        head, runs = self.head, self.runs.values()
+        if runs and isinstance(info := head.get("info", {}), dict):
+            head = {**head, "info": {**rendered_info(), **info, "hulldown_runs": [asdict(run) for run in runs]}}
+        return (
+            {**head, "categories": self.categories},
+            self.images.ordered(run.image_offset for run in runs),
+            self.annotations.ordered(run.annotation_offset for run in runs),
+        )
 
     def _add_category(self, category: dict[str, Any]) -> None:
         known = self.category_ids.setdefault(category["name"], category["id"])
@@ -170,11 +176,8 @@ class Document:
         new = Run(**record)
         if (run := self.runs.setdefault(new.key, new)) != new:
             raise ValueError(f"two records of what is set aside for {new.key!r}")
-        images, annotations = self._reserved
-        self._reserved = (
-            max(images, run.image_offset + run.images),
-            max(annotations, run.annotation_offset + run.annotations),
-        )
+        self.images.highest = max(self.images.highest, run.image_offset + run.images)
+        self.annotations.highest = max(self.annotations.highest, run.annotation_offset + run.annotations)
 
 
 def read_document(folder: Path) -> Document:
@@ -297,23 +300,11 @@ def _objects(coco: dict[str, Any], key: str, path: Path) -> list[dict[str, Any]]
     return records
 
 
-def _dumped(value: Any, what: str, path: Path) -> bytes:
-    try:
-        return _kept(value)
-    except TypeError as error:
-        raise _unusable(path, f"{what} cannot be written again ({error})") from None
-
-
 def _id(record: Mapping[str, Any], kind: str, path: Path) -> int:
     value = record.get("id")
-    if not isinstance(value, int) or isinstance(value, bool):
+    if type(value) is not int:
         raise _unusable(path, f"{kind} id {value!r} is not a whole number")
     return value
-
-
-def _kept(value: Any) -> bytes:
-    # Copied, since orjson's result keeps its buffer of several kilobytes.
-    return bytes(memoryview(orjson.dumps(value)))
 
 
 def _unusable(path: Path, what: str) -> DatasetError:
