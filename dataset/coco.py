@@ -16,7 +16,6 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
-import orjson
 from filelock import FileLock, Timeout
 
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document
@@ -53,7 +52,7 @@ class CocoDataset:
         self.folder = folder
         self._lock = lock
         self._made = made
-        self._images = len(document.images.rows)
+        self._images = len(document.images)
         self._length = journal.length
         self._journal = journal
         self._document = document
@@ -105,12 +104,12 @@ class CocoDataset:
 
     def __len__(self) -> int:
         """Number of images in the dataset, including those from other sources."""
-        return len(self._document.images.rows)
+        return len(self._document.images)
 
     @property
     def grown(self) -> bool:
         """Whether an image was appended since it was opened."""
-        return len(self._document.images.rows) > self._images
+        return len(self._document.images) > self._images
 
     def finished(self, file_name: str) -> bool:
         """Whether the dataset has an image of that name."""
@@ -118,8 +117,7 @@ class CocoDataset:
 
     def images(self) -> Iterator[tuple[int, str]]:
         """Id and file name of each image."""
-        for image_id, record in self._document.images.rows:
-            yield image_id, str(orjson.loads(record).get("file_name"))
+        return ((record["id"], str(record.get("file_name"))) for record in self._document.images)
 
     def check_free(self, file_name: str, image_id: int, annotation_ids: range) -> None:
         """Refuse ids reserved for an image to be appended if other records have them after a manual edit.
@@ -186,7 +184,7 @@ class CocoDataset:
         document = self._document
         if (known := document.runs.get(key)) is not None:
             return known
-        empty = not document.images.rows and not document.runs and not _has_files(self.folder / "images")
+        empty = not document.images.ids and not document.runs and not _has_files(self.folder / "images")
         run = Run(
             key=key,
             image_offset=document.images.highest,

@@ -13,14 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-import orjson
-
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.failures import read_failures, write_failures
-from hulldown.dataset.part import Part, loaded, read_part
 from hulldown.dataset.provenance import add_provenance, read_provenance
+from hulldown.dataset.records import check_usable
+from hulldown.dataset.store.document import Document, check_is_dataset, read_document
 from hulldown.dataset.store.pictures import confined, own_picture, place
 from hulldown.dataset.store.runs import Run
+from hulldown.dataset.store.seals import broken
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.terminal import shown
 
@@ -47,11 +47,22 @@ class Joined:
     missing: int
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class _Part:
+    """A dataset to be joined, with its annotations' indices by image id, and its plans by key."""
+
+    folder: Path
+    document: Document
+    boxes: dict[int, list[int]]
+    provenance: dict[str, dict[str, Any]]
+    failures: list[dict[str, Any]]
+
+
 @dataclass(frozen=True, slots=True)
 class _Move:
     """An image of a part, its new name, and for a planned one its id and the runs of part and dataset."""
 
-    part: Part
+    part: _Part
     index: int
     old_name: str
     name: str
@@ -102,7 +113,7 @@ def join(
     """
     folder = Path(dataset)
     allowed = [Path(path) for path in allow_links]
-    read = [read_part(Path(part), folder, allowed) for part in parts]
+    read = [_read_part(Path(part), folder, allowed) for part in parts]
     target = CocoDataset.open(folder)
     try:
         for part in read:
@@ -132,7 +143,47 @@ def join(
         return Joined(len(left), len(moves) - len(left), len(unmade), target.missing())
 
 
-def _failures(parts: Sequence[Part], target: CocoDataset) -> dict[str, dict[str, Any]]:
+def _read_part(folder: Path, target: Path, allowed: Sequence[Path]) -> _Part:
+    """Read a part for the dataset in `target`; refuse it if records would be lost."""
+    check_is_dataset(folder)
+    if target.exists() and folder.samefile(target):
+        raise DatasetError("is a part of itself", path=folder, remedy="name the other parts only")
+    document = read_document(folder)
+    for key, value in document.head.items():
+        if key != "info" and value:
+            raise DatasetError(
+                f"has {key!r}, which joining would lose", path=folder, remedy="join the other parts into this one"
+            )
+    images, annotations = document.images, document.annotations
+    for kind, records in (("image", images), ("annotation", annotations)):
+        # Appending seals records anew, so a broken seal would become valid.
+        if (spoilt := next((record["id"] for record in records if broken(record)), None)) is not None:
+            problem = f"{kind} {spoilt} is not as it was recorded"
+            raise DatasetError(problem, path=folder, remedy="check it with `hulldown verify`")
+    check_usable(folder, document.categories, images, annotations)
+    for what, n, unique in (
+        ("image ids", len(images), images.ids),
+        ("file names", len(images), document.file_names),
+        ("annotation ids", len(annotations), annotations.ids),
+    ):
+        if len(unique) < n:
+            raise DatasetError(f"{what} aren't unique", path=folder, remedy="check it with `hulldown verify`")
+    boxes: dict[int, list[int]] = {}
+    for i, record in enumerate(annotations):
+        if record["image_id"] not in images.ids:
+            problem = f"annotation {record['id']}: image {record['image_id']} does not exist"
+            raise DatasetError(problem, path=folder, remedy="check it with `hulldown verify`")
+        boxes.setdefault(record["image_id"], []).append(i)
+    for name in sorted(document.file_names):
+        try:
+            own_picture(folder, name, allowed)
+        except OSError as error:
+            problem = "is missing" if isinstance(error, FileNotFoundError) else f"cannot be used ({error.strerror})"
+            raise DatasetError(problem, path=folder / name, remedy="render or copy this part again") from error
+    return _Part(folder, document, boxes, read_provenance(folder), read_failures(folder))
+
+
+def _failures(parts: Sequence[_Part], target: CocoDataset) -> dict[str, dict[str, Any]]:
     """Failed images of dataset and parts, by their name in the dataset."""
     latest = {line["file_name"]: line for line in read_failures(target.folder)}
     for part in parts:
@@ -142,7 +193,7 @@ def _failures(parts: Sequence[Part], target: CocoDataset) -> dict[str, dict[str,
     return latest
 
 
-def _provenance(part: Part, target: CocoDataset) -> dict[str, dict[str, Any]]:
+def _provenance(part: _Part, target: CocoDataset) -> dict[str, dict[str, Any]]:
     """A part's provenance, for the dataset's."""
     runs = {key: _in(target, run) for key, run in part.document.runs.items() if key in part.provenance}
     return {key: {**part.provenance[key], "first_image_id": run.image_offset + 1} for key, run in runs.items()}
@@ -153,11 +204,11 @@ def _in(target: CocoDataset, run: Run) -> Run:
     return target.run(run.key, images=run.images, annotations=run.annotations)
 
 
-def _moves(parts: Sequence[Part], target: CocoDataset) -> Iterator[_Move]:
+def _moves(parts: Sequence[_Part], target: CocoDataset) -> Iterator[_Move]:
     for part in parts:
         runs = [(run, _in(target, run)) for run in part.document.runs.values()]
-        for index, (image_id, record) in enumerate(part.document.images.rows):
-            old = orjson.loads(record)["file_name"]
+        for index, record in enumerate(part.document.images):
+            image_id, old = record["id"], record["file_name"]
             own_runs = next((pair for pair in runs if pair[0].owns(image_id, old)), None)
             if own_runs is None:
                 yield _Move(part, index, old, old)
@@ -222,8 +273,8 @@ def _check(moves: Sequence[_Move], target: CocoDataset) -> None:
 def _records(move: _Move) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """An image and its annotations as records of the dataset."""
     document = move.part.document
-    image = loaded(document.images.rows[move.index])
-    boxes = [loaded(document.annotations.rows[i]) for i in move.part.boxes.get(image["id"], ())]
+    image = document.images[move.index]
+    boxes = [document.annotations[i] for i in move.part.boxes.get(image["id"], ())]
     names = {category["id"]: category["name"] for category in document.categories}
     if move.image_id is None:
         del image["id"]
@@ -239,7 +290,7 @@ def _records(move: _Move) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     return {**image, "file_name": move.name}, boxes
 
 
-def _new_name(part: Part, target: CocoDataset, name: str) -> str:
+def _new_name(part: _Part, target: CocoDataset, name: str) -> str:
     """The dataset's name for a part's failed image, which has no id."""
     runs = sorted(part.document.runs.values(), key=lambda run: -len(run.prefix))
     run = next((run for run in runs if PurePosixPath(name).name.startswith(run.prefix)), None)

@@ -49,6 +49,15 @@ class Records:
     ids: set[int] = field(default_factory=set)
     highest: int = 0
 
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __getitem__(self, i: int) -> dict[str, Any]:
+        return orjson.loads(self.rows[i][1])
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        return (orjson.loads(record) for _, record in self.rows)
+
     def add(self, record: Mapping[str, Any]) -> None:
         """Add a record."""
         # Copied, since orjson's result keeps its buffer of several kilobytes.
