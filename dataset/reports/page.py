@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
-from typing import ClassVar, TypeAlias
+from typing import TypeAlias
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -23,7 +23,6 @@ GENERATOR = "hulldown"
 class Words:
     """A paragraph."""
 
-    kind: ClassVar[str] = "words"
     text: str
     warning: bool = False
 
@@ -32,7 +31,6 @@ class Words:
 class Items:
     """A list of sentences."""
 
-    kind: ClassVar[str] = "items"
     texts: Sequence[str]
 
 
@@ -52,7 +50,6 @@ class Table:
         Values of each row by which a click on its name filters the thumbnails.
     """
 
-    kind: ClassVar[str] = "table"
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
     title: str = ""
@@ -64,7 +61,6 @@ class Table:
 class Chart:
     """A chart with a description; `name` is its file's, if it has one next to the page."""
 
-    kind: ClassVar[str] = "chart"
     svg: bytes
     words: str
     name: str = ""
@@ -79,7 +75,6 @@ class Chart:
 class Charts:
     """Charts side by side, as far as there is room."""
 
-    kind: ClassVar[str] = "charts"
     charts: Sequence[Chart]
 
 
@@ -87,7 +82,6 @@ class Charts:
 class Link:
     """A paragraph with a link to a file next to the page."""
 
-    kind: ClassVar[str] = "link"
     text: str
     to: str
 
@@ -171,7 +165,6 @@ class Gallery:
         Other orders: keys of `Tile.numbers`, with titles.
     """
 
-    kind: ClassVar[str] = "gallery"
     tiles: Sequence[Tile]
     facets: Sequence[Facet]
     orders: Mapping[str, str] = field(default_factory=dict)
