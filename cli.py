@@ -14,7 +14,7 @@ import dataclasses
 import errno
 import io
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.markup import escape
@@ -26,6 +26,7 @@ import hulldown.verbs.study
 import hulldown.verbs.training
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.terminal import STDERR, say
+from hulldown.verbs.arguments import add_verb
 from hulldown.verbs.terminal import (
     DONE,
     FOUND,
@@ -122,15 +123,6 @@ def parser() -> argparse.ArgumentParser:
     )
     subparsers = command.add_subparsers(required=True, metavar="VERB")
 
-    def verb(
-        name: str, run: Callable[[argparse.Namespace], int], does: str, more: str, *, resumes: bool = False
-    ) -> argparse.ArgumentParser:
-        sub = subparsers.add_parser(name, help=does, description=f"{does[0].upper()}{does[1:]}. {more}")
-        sub.set_defaults(run=run, resumes=resumes)
-        if name not in ("init", "preview", "augment", "study", "demo"):
-            sub.add_argument("--json", action="store_true", help="machine-readable result on stdout")
-        return sub
-
     for stage in (
         hulldown.verbs.planning,
         hulldown.verbs.rendering,
@@ -138,16 +130,13 @@ def parser() -> argparse.ArgumentParser:
         hulldown.verbs.training,
         hulldown.verbs.study,
     ):
-        stage.add(verb)
-    verb("doctor", _doctor, "check this machine", "Reads nothing, writes nothing.")
+        stage.add(subparsers)
+    add_verb(subparsers, "doctor", _doctor, "check this machine", "Reads nothing, writes nothing.")
 
-    sub = verb(
-        "demo",
-        _demo,
-        "run all verbs on a small example",
-        "Writes a project, a plan, a dataset of 12 images, a contact sheet.",
-        resumes=True,
-    )
+    sub = add_verb(
+        subparsers, "demo", _demo, "run all verbs on a small example",
+        "Writes a project, a plan, a dataset of 12 images, a contact sheet.", resumes=True, json=False,
+    )  # fmt: skip
     sub.add_argument(
         "-o", "--output", type=Path, default=Path("hulldown-demo"), metavar="DIR", help="default: hulldown-demo"
     )

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.terminal import reading_status, warn
@@ -15,18 +15,40 @@ from hulldown.geometry.terminal import reading_status, warn
 if TYPE_CHECKING:
     from hulldown.reading.confinement.watch import ReadLimits
 
+Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 Value = TypeVar("Value")
 
 
-@runtime_checkable
-class AddVerb(Protocol):
-    """Adds a verb to the command."""
+def add_verb(
+    verbs: Subparsers,
+    name: str,
+    run: Callable[[argparse.Namespace], int],
+    does: str,
+    more: str,
+    *,
+    resumes: bool = False,
+    json: bool = True,
+) -> argparse.ArgumentParser:
+    """Add a verb, or a step of one, and return its parser.
 
-    def __call__(
-        self, name: str, run: Callable[[argparse.Namespace], int], does: str, more: str, *, resumes: bool = False
-    ) -> argparse.ArgumentParser:
-        """Return its parser; `resumes`: the same command continues after a stop."""
-        ...
+    Parameters
+    ----------
+    verbs
+        The verbs.
+    name, run
+        The verb and its function, which returns the exit code.
+    does, more
+        Its help, and what follows that in its description.
+    resumes
+        Whether the same command continues after a stop.
+    json
+        Whether it has ``--json``.
+    """
+    sub = verbs.add_parser(name, help=does, description=f"{does[0].upper()}{does[1:]}. {more}")
+    sub.set_defaults(run=run, resumes=resumes)
+    if json:
+        sub.add_argument("--json", action="store_true", help="machine-readable result on stdout")
+    return sub
 
 
 def argument(

@@ -12,7 +12,7 @@ from typing import Any
 
 from hulldown.geometry.terminal import say
 from hulldown.render.cluster.scheduler import Scheduler, needing_dask
-from hulldown.verbs.arguments import AddVerb, at_least_one, port
+from hulldown.verbs.arguments import Subparsers, add_verb, at_least_one, port
 from hulldown.verbs.terminal import DONE, print_json
 
 
@@ -73,10 +73,10 @@ def _cluster(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def add(verb: AddVerb) -> None:
+def add(verbs: Subparsers) -> None:
     """Add this verb to the command."""
-    sub = verb(
-        "cluster", _cluster, "start a Dask cluster on this machine",
+    sub = add_verb(
+        verbs, "cluster", _cluster, "start a Dask cluster on this machine",
         "Starts a scheduler and workers for `hulldown render --scheduler` and `hulldown study run --scheduler`, until "
         "Ctrl-C; writes nothing.",
     )  # fmt: skip

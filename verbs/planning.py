@@ -12,10 +12,11 @@ from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.files import make_room
 from hulldown.geometry.terminal import progress_bar, reading_status, say, warn
 from hulldown.verbs.arguments import (
-    AddVerb,
+    Subparsers,
     add_cache,
     add_planned,
     add_read_limits,
+    add_verb,
     at_least_one,
     picture_name,
     planned_assets,
@@ -127,18 +128,10 @@ def _plan(arguments: argparse.Namespace) -> int:
     output = arguments.output
     if output is None:
         raise HulldownError("-o is missing", remedy="name the file to write, such as -o plan.jsonl")
-    with progress_bar("planning") as advance:
-        made = plan(
-            Config.read(arguments.config),
-            output,
-            workers=arguments.workers,
-            strict=arguments.strict,
-            more_of=arguments.more_of,
-            poses=arguments.poses,
-            cache=arguments.cache,
-            limits=read_limits(arguments),
-            progress=advance,
-        )
+    made = plan(
+        Config.read(arguments.config), output, workers=arguments.workers, strict=arguments.strict,
+        more_of=arguments.more_of, poses=arguments.poses, cache=arguments.cache, limits=read_limits(arguments),
+    )  # fmt: skip
     if arguments.json:
         print_json(made.summary.to_json())
     else:
@@ -193,15 +186,13 @@ def _passes(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def add(verb: AddVerb) -> None:
+def add(verbs: Subparsers) -> None:
     """Add these verbs to the command."""
-    sub = verb(
-        "init",
-        _init,
-        "start a project",
+    sub = add_verb(
+        verbs, "init", _init, "start a project",
         "Writes hulldown.toml, commented, and demo vehicles, sceneries, HDRIs; or a config of your own files.",
-        resumes=True,
-    )
+        resumes=True, json=False,
+    )  # fmt: skip
     sub.add_argument("folder", type=Path, metavar="DIR", help="folder to write; existing files are kept")
     sub.add_argument("--seed", type=int, default=0, help="seed of the demo assets (default: 0)")
     one_of = sub.add_mutually_exclusive_group()
@@ -220,8 +211,8 @@ def add(verb: AddVerb) -> None:
     )  # fmt: skip
     add_read_limits(sub)
 
-    sub = verb(
-        "inspect", _inspect, "show how asset files are read",
+    sub = add_verb(
+        verbs, "inspect", _inspect, "show how asset files are read",
         "Reads .blend, .glb, .gltf, .fbx, .obj, .tif, .exr or .hdr files, or configs and what they list, with their "
         "options; writes a table of each, and with -o a picture of vehicles and sceneries from four sides.",
     )  # fmt: skip
@@ -236,8 +227,8 @@ def add(verb: AddVerb) -> None:
     sub.add_argument("--strict", action="store_true", help="refuse files with missing textures or libraries")
     add_read_limits(sub)
 
-    sub = verb(
-        "plan", _plan, "plan every pose of a dataset",
+    sub = add_verb(
+        verbs, "plan", _plan, "plan every pose of a dataset",
         "Reads a config and its assets; writes PLAN, one line an image, and a picture of its statistics next to it.",
         resumes=True,
     )  # fmt: skip
@@ -261,14 +252,21 @@ def add(verb: AddVerb) -> None:
     add_cache(sub, "the config's; with --check .hulldown-cache next to the plan")
     add_read_limits(sub)
 
-    sub = verb(
-        "check", _check, "compare a plan with its config",
+    sub = add_verb(
+        verbs, "check", _check, "compare a plan with its config",
         "Reads a plan and the assets it names; plans again, and prints a line for each field that differs.",
     )  # fmt: skip
     sub.add_argument("plan", type=Path, metavar="PLAN")
     add_planned(sub)
 
-    sub = verb("preview", _preview, "shade a plan without Blender", "Reads a plan; writes a contact sheet with boxes.")
+    sub = add_verb(
+        verbs,
+        "preview",
+        _preview,
+        "shade a plan without Blender",
+        "Reads a plan; writes a contact sheet with boxes.",
+        json=False,
+    )
     sub.add_argument("plan", type=Path, metavar="PLAN")
     sub.add_argument(
         "-o", "--output", type=picture_name, metavar="PNG", help="default: PLAN.preview.png, next to the plan"
@@ -276,8 +274,8 @@ def add(verb: AddVerb) -> None:
     sub.add_argument("--count", type=at_least_one, default=24, help="number of images, an even selection (default: 24)")
     add_planned(sub)
 
-    sub = verb(
-        "passes", _passes, "depth, normals, instances, and more of a plan's images",
+    sub = add_verb(
+        verbs, "passes", _passes, "depth, normals, instances, and more of a plan's images",
         "Reads a plan and its assets; writes arrays and pictures of each image, and COCO panoptic; without Blender.",
         resumes=True,
     )  # fmt: skip

@@ -10,9 +10,10 @@ from typing import Any
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.terminal import progress_bar, say, warn
 from hulldown.verbs.arguments import (
-    AddVerb,
+    Subparsers,
     add_allow_links,
     add_planned,
+    add_verb,
     at_least_one,
     at_least_zero,
     fraction,
@@ -77,8 +78,7 @@ def _scheduler(arguments: argparse.Namespace) -> Any:
 def _join(arguments: argparse.Namespace) -> int:
     from hulldown.dataset.join import join
 
-    with progress_bar("joining") as advance:
-        joined = join(arguments.parts, arguments.output, allow_links=arguments.allow_links, progress=advance)
+    joined = join(arguments.parts, arguments.output, allow_links=arguments.allow_links)
     if arguments.json:
         print_json(dataclasses.asdict(joined))
     say(f"{joined.added} images added, {joined.already} were there; next: hulldown verify {arguments.output}")
@@ -96,10 +96,7 @@ def _verify(arguments: argparse.Namespace) -> int:
 
     if arguments.masks and not arguments.plan:
         raise HulldownError("--masks needs --plan, whose poses are rendered again")
-    with progress_bar("checking") as advance:
-        findings = verify(
-            arguments.dataset, arguments.plan, fast=arguments.fast, cache=arguments.cache, progress=advance
-        )
+    findings = verify(arguments.dataset, arguments.plan, fast=arguments.fast, cache=arguments.cache)
     checked = 0
     if arguments.masks:
         from hulldown.render.masks import verify_masks
@@ -137,18 +134,10 @@ def _export(arguments: argparse.Namespace) -> int:
         max_truncated_fraction=arguments.max_truncated_fraction,
         below=arguments.below,
     )
-    with progress_bar("linking images") as advance:
-        counts = export(
-            arguments.dataset,
-            arguments.output,
-            layout=arguments.format,
-            fractions=arguments.split,
-            polygons_within=arguments.polygons,
-            floors=floors,
-            clip=arguments.clip,
-            allow_links=arguments.allow_links,
-            progress=advance,
-        )
+    counts = export(
+        arguments.dataset, arguments.output, layout=arguments.format, fractions=arguments.split,
+        polygons_within=arguments.polygons, floors=floors, clip=arguments.clip, allow_links=arguments.allow_links,
+    )  # fmt: skip
     if arguments.json:
         print_json(counts)
     say(f"wrote {arguments.output}: " + ", ".join(f"{n} {name}" for name, n in counts.items()))
@@ -178,10 +167,8 @@ def _report(arguments: argparse.Namespace) -> int:
             from hulldown.training.features import load_encoder
 
             encode = load_encoder(arguments.features)
-        with progress_bar("comparing") as advance:
-            comparison = compare(dataset, photographs, pixels=source.is_dir(), encode=encode, progress=advance)
-    with progress_bar("thumbnails") as advance:
-        write_report(dataset, arguments.output, most=arguments.images, comparison=comparison, progress=advance)
+        comparison = compare(dataset, photographs, pixels=source.is_dir(), encode=encode)
+    write_report(dataset, arguments.output, most=arguments.images, comparison=comparison)
     if comparison:
         if arguments.json:
             print_json(comparison.to_json())
@@ -195,10 +182,10 @@ def _report(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def add(verb: AddVerb) -> None:
+def add(verbs: Subparsers) -> None:
     """Add these verbs to the command."""
-    sub = verb(
-        "render", _render, "render a plan with Blender Cycles",
+    sub = add_verb(
+        verbs, "render", _render, "render a plan with Blender Cycles",
         "Reads a plan and the assets it names; writes images, annotations.json and a journal. Resumes by itself.",
         resumes=True,
     )  # fmt: skip
@@ -224,8 +211,8 @@ def add(verb: AddVerb) -> None:
     )  # fmt: skip
     add_planned(sub)
 
-    sub = verb(
-        "join", _join, "put parts of a dataset together",
+    sub = add_verb(
+        verbs, "join", _join, "put parts of a dataset together",
         "Reads datasets, such as the shares of a plan from several machines; appends missing images to DATASET, "
         "pictures as hard links if the disk allows. Join again when there are more images.",
         resumes=True,
@@ -234,8 +221,8 @@ def add(verb: AddVerb) -> None:
     sub.add_argument("-o", "--output", type=Path, metavar="DATASET", required=True, help="the target, made if missing")
     add_allow_links(sub)
 
-    sub = verb(
-        "verify", _verify, "check a dataset",
+    sub = add_verb(
+        verbs, "verify", _verify, "check a dataset",
         "Reads a dataset; prints problems of records, images, and boxes. Exit code 1 if there are any.",
     )  # fmt: skip
     sub.add_argument("dataset", type=Path, metavar="DATASET")
@@ -244,8 +231,8 @@ def add(verb: AddVerb) -> None:
     sub.add_argument("--masks", type=at_least_one, metavar="N", help="render N masks and compare (needs --plan)")
     add_planned(sub)
 
-    sub = verb(
-        "report", _report, "show a dataset or a plan as a page",
+    sub = add_verb(
+        verbs, "report", _report, "show a dataset or a plan as a page",
         "Reads a dataset's folder or a plan; writes one page with tables, charts, maps and thumbnails that filter.",
     )  # fmt: skip
     sub.add_argument("source", type=Path, metavar="DATASET|PLAN")
@@ -265,8 +252,8 @@ def add(verb: AddVerb) -> None:
     )  # fmt: skip
     add_planned(sub)
 
-    sub = verb(
-        "export", _export, "split a dataset for training",
+    sub = add_verb(
+        verbs, "export", _export, "split a dataset for training",
         "Reads a dataset; writes train, valid and test; shots of one position stay together.",
     )  # fmt: skip
     sub.add_argument("dataset", type=Path, metavar="DATASET")

@@ -12,7 +12,7 @@ from typing import Any
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.files import make_room, replacing
 from hulldown.geometry.terminal import progress_bar, progress_bars, say, warn
-from hulldown.verbs.arguments import AddVerb
+from hulldown.verbs.arguments import Subparsers, add_verb
 from hulldown.verbs.cluster import add_scheduler, scheduler_of, training_workers
 from hulldown.verbs.terminal import DONE, FOUND, STDOUT, print_json
 
@@ -133,14 +133,20 @@ def _report(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def add(verb: AddVerb) -> None:
+def add(verbs: Subparsers) -> None:
     """Add this verb to the command."""
     does = "measure the worth of synthetic images when photographs are few"
-    study = verb("study", _report, does, "Trains one detector after the other, as the paper does, and compares them.")
+    study = add_verb(
+        verbs,
+        "study",
+        _report,
+        does,
+        "Trains one detector after the other, as the paper does, and compares them.",
+        json=False,
+    )
     steps = study.add_subparsers(required=True, metavar="STEP")
 
-    sub = steps.add_parser("init", help="write a config", description="Writes a commented config of a study.")
-    sub.set_defaults(run=_init, resumes=False)
+    sub = add_verb(steps, "init", _init, "write a config", "It's commented.", json=False)
     for key, text in {
         "real": "photographs to train on", "synthetic": "rendered images to train on",
         "test": "photographs to test on",
@@ -149,12 +155,12 @@ def add(verb: AddVerb) -> None:
     sub.add_argument("--valid", type=Path, metavar="DIR", help="photographs to choose confidence thresholds on")
     sub.add_argument("-o", "--output", type=Path, metavar="CONFIG", required=True, help="such as study.toml")
 
-    sub = steps.add_parser(
-        "run", help="train and evaluate the unfinished runs",
-        description="Reads a config and its datasets; writes a folder of runs. The same command continues after a "
-        "stop and skips finished runs; failed runs are listed with reasons.",
+    sub = add_verb(
+        steps, "run", _run, "train and evaluate the unfinished runs",
+        "Reads a config and its datasets; writes a folder of runs. The same command continues after a stop and skips "
+        "finished runs; failed runs are listed with reasons.",
+        resumes=True,
     )  # fmt: skip
-    sub.set_defaults(run=_run, resumes=True)
     sub.add_argument("config", type=Path, metavar="CONFIG", help="see docs/study.md")
     sub.add_argument("-o", "--output", type=Path, metavar="STUDY", required=True, help="the study's folder")
     sub.add_argument("--dry-run", action="store_true", help="show runs, draws, and hours; write nothing")
@@ -165,12 +171,9 @@ def add(verb: AddVerb) -> None:
     add_scheduler(
         sub, "train on the workers of a Dask cluster, which see all these folders: tcp://HOST:8786, or its .json file"
     )
-    sub.add_argument("--json", action="store_true", help="machine-readable result on stdout")
 
-    sub = steps.add_parser(
-        "report", help="compare the arms",
-        description="Reads a study, finished or not; writes report.html, report.json, and charts into it.",
+    sub = add_verb(
+        steps, "report", _report, "compare the arms",
+        "Reads a study, finished or not; writes report.html, report.json, and charts into it.",
     )  # fmt: skip
-    sub.set_defaults(run=_report, resumes=False)
     sub.add_argument("study", type=Path, metavar="STUDY", help="folder of `hulldown study run`")
-    sub.add_argument("--json", action="store_true", help="machine-readable result on stdout")

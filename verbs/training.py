@@ -9,7 +9,8 @@ from pathlib import Path
 from hulldown.geometry.files import make_room
 from hulldown.geometry.terminal import progress_bar, progress_bars, say, warn
 from hulldown.verbs.arguments import (
-    AddVerb,
+    Subparsers,
+    add_verb,
     at_least_one,
     fractions,
     named_folder,
@@ -75,11 +76,10 @@ def _train(arguments: argparse.Namespace) -> int:
 def _predict(arguments: argparse.Namespace) -> int:
     from hulldown.training.predict import predict
 
-    with progress_bar("predicting") as advance:
-        done = predict(
-            arguments.detector, arguments.pictures, arguments.output, drawn=arguments.draw,
-            threshold=arguments.threshold, device=arguments.device, batch=arguments.batch, progress=advance,
-        )  # fmt: skip
+    done = predict(
+        arguments.detector, arguments.pictures, arguments.output, drawn=arguments.draw,
+        threshold=arguments.threshold, device=arguments.device, batch=arguments.batch,
+    )  # fmt: skip
     pictures = arguments.pictures[0]
     if done.unknown:
         warn(f"{pictures} has no class {', '.join(done.unknown)}: detections of it count as false positives")
@@ -110,16 +110,10 @@ def _export_model(arguments: argparse.Namespace) -> int:
 def _evaluate(arguments: argparse.Namespace) -> int:
     from hulldown.training.evaluation.report import evaluate_files
 
-    with progress_bar("evaluating") as advance:
-        found = evaluate_files(
-            arguments.dataset,
-            arguments.predictions,
-            arguments.output,
-            threshold=arguments.threshold,
-            iou=arguments.iou,
-            validation=arguments.validation or (),
-            progress=advance,
-        )
+    found = evaluate_files(
+        arguments.dataset, arguments.predictions, arguments.output, threshold=arguments.threshold, iou=arguments.iou,
+        validation=arguments.validation or (),
+    )  # fmt: skip
     if arguments.json:
         print_json(found)
     for name, one in found.get("runs", {found.get("predictions"): found}).items():
@@ -134,10 +128,10 @@ def _figure(value: float | None) -> str:
     return "undefined" if value is None else f"{value:.3f}"
 
 
-def add(verb: AddVerb) -> None:
+def add(verbs: Subparsers) -> None:
     """Add these verbs to the command."""
-    sub = verb(
-        "subset", _subset, "make nested subsets of a dataset",
+    sub = add_verb(
+        verbs, "subset", _subset, "make nested subsets of a dataset",
         "Reads a dataset; writes OUT/100, OUT/50 and so on, each within the larger ones, pictures as hard links.",
     )  # fmt: skip
     sub.add_argument("dataset", type=Path, metavar="DATASET")
@@ -149,9 +143,10 @@ def add(verb: AddVerb) -> None:
     sub.add_argument("--seed", type=int, default=0, help="seed of the selection (default: 0)")
     sub.add_argument("--stratified", action="store_true", help="keep the proportion of classes in each")
 
-    sub = verb(
-        "augment", _augment, "show augmented pictures of a dataset",
+    sub = add_verb(
+        verbs, "augment", _augment, "show augmented pictures of a dataset",
         "Reads a dataset; writes a sheet: in each row a picture as it is and eight times augmented, with its boxes.",
+        json=False,
     )  # fmt: skip
     sub.add_argument("dataset", type=Path, metavar="DATASET")
     sub.add_argument("-o", "--output", type=picture_name, metavar="PNG", required=True)
@@ -159,8 +154,8 @@ def add(verb: AddVerb) -> None:
     sub.add_argument("--rows", type=at_least_one, default=6, help="number of pictures, an even selection (default: 6)")
     sub.add_argument("--config", type=Path, metavar="TOML", help="config of a training with [augmentation]")
 
-    sub = verb(
-        "train", _train, "train a detector under a fixed budget",
+    sub = add_verb(
+        verbs, "train", _train, "train a detector under a fixed budget",
         "Reads datasets; writes RUN with weights, metrics, config, and draws. Other settings are the config's, "
         "or the model's defaults. The same command continues a stopped run.",
         resumes=True,
@@ -195,8 +190,8 @@ def add(verb: AddVerb) -> None:
     sub.add_argument("--device", default="auto", choices=("auto", "cpu", "gpu"), help="default: auto, GPUs if any")
     sub.add_argument("--workers", type=int, help="processes that augment pictures (default: one per core but one)")
 
-    sub = verb(
-        "predict", _predict, "detect in pictures, a video, or a dataset",
+    sub = add_verb(
+        verbs, "predict", _predict, "detect in pictures, a video, or a dataset",
         "Reads a run or weights, and pictures; writes COCO results. The same command continues after a stop.",
         resumes=True,
     )  # fmt: skip
@@ -214,15 +209,15 @@ def add(verb: AddVerb) -> None:
         help="least score of drawn and counted detections (default: 0.5); the results have all",
     )  # fmt: skip
 
-    sub = verb(
-        "export_model", _export_model, "write a detector as ONNX",
+    sub = add_verb(
+        verbs, "export_model", _export_model, "write a detector as ONNX",
         "Reads a run or weights; writes an ONNX file, whose metadata name classes, input, and output.",
     )  # fmt: skip
     sub.add_argument("detector", type=Path, metavar="RUN", help="folder of a finished training, or a file of weights")
     sub.add_argument("-o", "--output", type=Path, metavar="MODEL", required=True, help="an .onnx file")
 
-    sub = verb(
-        "evaluate", _evaluate, "evaluate detections, with intervals and causes of errors",
+    sub = add_verb(
+        verbs, "evaluate", _evaluate, "evaluate detections, with intervals and causes of errors",
         "Reads a dataset and COCO results of any detector; writes report.html and report.json. Several files of "
         "results are compared with the first.",
     )  # fmt: skip

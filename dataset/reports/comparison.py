@@ -21,6 +21,7 @@ from hulldown.dataset.table import Dataset
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.errors import DatasetError
+from hulldown.geometry.terminal import shown
 
 SPLITS = 40  # random halves of the photographs
 MOST_PICTURES = 500  # most measured pictures, spread evenly
@@ -245,7 +246,7 @@ def compare(
     encode
         Features (n, d) of RGB pictures for `coverage`, such as `training.features.load_encoder` returns.
     progress
-        Called with (pictures measured, all).
+        Called with (pictures measured, all); None: a bar in a terminal or notebook.
 
     Raises
     ------
@@ -261,14 +262,14 @@ def compare(
     files = [path for name in photographs.file_names if (path := _inside(folder, name)) is not None]
     if pixels and files:
         dataset_rows, photograph_rows = spread(len(dataset.images), MOST_PICTURES), spread(len(files), MOST_PICTURES)
-        total = len(dataset_rows) + len(photograph_rows)
         own_pictures, pictures = [], []
-        for done, i in enumerate(dataset_rows.tolist()):
-            own_pictures.append(_small(np.asarray(dataset.picture(i, labels=False).convert("RGB"))))
-            _tell(progress, done, total)
-        for done, i in enumerate(photograph_rows.tolist(), start=len(dataset_rows)):
-            pictures.append(_small(read_pixels(files[i])))
-            _tell(progress, done, total)
+        with shown("comparing", progress) as advance:
+            for done, i in enumerate([*dataset_rows.tolist(), *photograph_rows.tolist()], start=1):
+                if done <= len(dataset_rows):
+                    own_pictures.append(_small(np.asarray(dataset.picture(i, labels=False).convert("RGB"))))
+                else:
+                    pictures.append(_small(read_pixels(files[i])))
+                advance(done, len(dataset_rows) + len(photograph_rows))
         own, wanted = own | _looks_of(own_pictures), wanted | _looks_of(pictures)
         if encode is not None and len(pictures) < FEWEST:
             notes.append(f"Coverage needs {FEWEST} photographs; there are {len(pictures)}.")
@@ -396,8 +397,3 @@ def _inside(folder: Path, name: str) -> Path | None:
     """A picture of a COCO file; None if it's missing, or outside of the file's folder."""
     path = folder / name
     return path if name and path.is_file() and path.resolve().is_relative_to(folder.resolve()) else None
-
-
-def _tell(progress: Callable[[int, int], None] | None, done: int, total: int) -> None:
-    if progress is not None:
-        progress(done + 1, total)

@@ -38,6 +38,7 @@ from hulldown.dataset.table import Dataset, Image
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.files import replace_file
+from hulldown.geometry.terminal import shown
 
 MOST = 1_000  # thumbnails on a page: some 15 MB
 THUMBNAIL_WIDTH = 320  # pixels of a thumbnail
@@ -67,7 +68,7 @@ def write_report(
     comparison
         A comparison with photographs, shown first.
     progress
-        Called with (done, all) after each thumbnail.
+        Called with (done, all) after each thumbnail; None: a bar in a terminal or notebook.
 
     Raises
     ------
@@ -80,13 +81,12 @@ def write_report(
     _refuse_foreign(path)
     chosen = spread(len(dataset.images), most)
     tiles = []
-    for done, i in enumerate(chosen.tolist(), start=1):
-        tiles.append(_tile(dataset, i))
-        if progress is not None:
-            progress(done, len(chosen))
-    counts = _counts(dataset)
+    with shown("thumbnails", progress) as advance:
+        for done, i in enumerate(chosen.tolist(), start=1):
+            tiles.append(_tile(dataset, i))
+            advance(done, len(chosen))
     first = [comparison.section()] if comparison else []
-    sections = [*first, _looks(dataset, tiles), counts, *_charts(dataset), *_maps(dataset)]
+    sections = [*first, _looks(dataset, tiles), _counts(dataset), *_charts(dataset), *_maps(dataset)]
     text = page(f"Dataset {dataset.name}", sections)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
