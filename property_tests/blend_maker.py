@@ -232,23 +232,23 @@ EXTRAS = {
 # ---- files
 
 
-def make(said, path):
+def make(recipe, path):
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)  # five times as quick as all of its settings
-    made = [add(part) for part in said["objects"]]
-    for child, parent in said["parents"] if made else []:
+    made = [add(part) for part in recipe["objects"]]
+    for child, parent in recipe["parents"] if made else []:
         attempt(lambda c=child, p=parent: setattr(made[c % len(made)], "parent", made[p % len(made)]))
     scene = bpy.context.scene
-    scene.unit_settings.scale_length = said["unit"]
-    scene.frame_set(said["frame"])
+    scene.unit_settings.scale_length = recipe["unit"]
+    scene.frame_set(recipe["frame"])
     attempt(lambda: bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=False))
 
 
-def damage(path, said):
+def damage(path, recipe):
     """Change some bytes at places given as shares of the file's length, or cut its end off."""
     data = bytearray(path.read_bytes())
-    for place, value in said["bytes"]:
+    for place, value in recipe["bytes"]:
         data[int(place * (len(data) - 1))] = value
-    path.write_bytes(data[: max(1, round(said["keep"] * len(data)))])
+    path.write_bytes(data[: max(1, round(recipe["keep"] * len(data)))])
 
 
 def main():

@@ -127,9 +127,9 @@ def job_of(row: Row, plan: Path) -> None:
 def used(path: Path) -> None:
     """All that is done with a plan up to Blender."""
     opened: list[Plan] = []
-    said = [refusal(lambda: opened.append(read_plan(path)))]
-    said += [line for plan in opened for line in all_uses(plan, path)]
-    assert all("\n" not in line and len(line) < 5000 for line in said)
+    messages = [refusal(lambda: opened.append(read_plan(path)))]
+    messages += [line for plan in opened for line in all_uses(plan, path)]
+    assert all("\n" not in line and len(line) < 5000 for line in messages)
 
 
 def all_uses(plan: Plan, path: Path) -> list[str]:

@@ -50,11 +50,11 @@ class Reader:
         try:
             child.stdin.write(json.dumps(message) + "\n")
             child.stdin.flush()
-            said = child.stdout.readline()
-            if said == "reading\n":
-                reached, said = "ended", child.stdout.readline()
-            if said:
-                return json.loads(said)
+            line = child.stdout.readline()
+            if line == "reading\n":
+                reached, line = "ended", child.stdout.readline()
+            if line:
+                return json.loads(line)
         except BrokenPipeError:
             pass
         finally:

@@ -75,9 +75,9 @@ def test_every_class_gets_exactly_its_images_and_its_models_share_them(given_bud
         if v >= 0:
             images[budget.vehicles[v]] += shots
     for name, n in wanted.items():
-        mine = [images[v] for v in categories if categories[v] == name]
-        assert sum(mine) == n
-        assert max(mine) - min(mine) <= 1
+        counts = [images[v] for v in categories if categories[v] == name]
+        assert sum(counts) == n
+        assert max(counts) - min(counts) <= 1
     targets = sum(wanted.values())
     assert p.shots[p.background].sum() == budget.backgrounds == budget.n_images - targets
     assert abs(budget.backgrounds - section.background_share * budget.n_images) <= 0.5 + 1e-9

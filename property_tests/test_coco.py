@@ -161,9 +161,9 @@ def test_any_shares_joined_in_any_order_are_the_whole(
         folder = Path(name)
         parts = [folder / str(k) for k in range(4)]
         for k, part in enumerate(parts):
-            mine = [i for i, k_of_i in enumerate(owner) if k_of_i == k]
-            shuffle.shuffle(mine)
-            render_share(part, len(owner), mine)
+            own_rows = [i for i, k_of_i in enumerate(owner) if k_of_i == k]
+            shuffle.shuffle(own_rows)
+            render_share(part, len(owner), own_rows)
         for group in (order[:at_once], order[at_once:]):
             join([parts[k] for k in group], folder / "joined")
         render_share(folder / "whole", len(owner), list(range(len(owner))))

@@ -67,16 +67,18 @@ def drawn(parts: dict[str, Mesh], pose: np.ndarray | None = None, **hidden: bool
     return result
 
 
-def read(parts: dict[str, Mesh], pose: np.ndarray | None = None, *, said: str = "z", **options: object) -> BuiltVehicle:
+def read(
+    parts: dict[str, Mesh], pose: np.ndarray | None = None, *, stated: str = "z", **options: object
+) -> BuiltVehicle:
     found = drawn(parts, pose)
     for i, piece in enumerate(found.pieces):  # bounds as the file says
-        points = apply(meters_from_file(1.0, said), found.meshes[i].vertices)
+        points = apply(meters_from_file(1.0, stated), found.meshes[i].vertices)
         found.pieces[i] = Piece(
             piece.data, piece.chain, i, piece.pose, np.stack([points.min(axis=0), points.max(axis=0)]), piece.faces
         )
     given = Options(**options)
     return build_vehicle(
-        "v", found.meshes, stand_upright(found, unit=1.0, stated_up=said, up=given.up), found.markers, options=given
+        "v", found.meshes, stand_upright(found, unit=1.0, stated_up=stated, up=given.up), found.markers, options=given
     )
 
 
@@ -87,15 +89,15 @@ def turned(rotation: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("axis", UPS)
-@pytest.mark.parametrize("said", ["z", "y"])
+@pytest.mark.parametrize("stated", ["z", "y"])
 @pytest.mark.parametrize("parts", [TANK, CAR])
-def test_wheels_say_what_is_up_and_overruling_the_file_is_a_doubt(parts: dict, axis: str, said: str) -> None:
+def test_wheels_say_what_is_up_and_overruling_the_file_is_a_doubt(parts: dict, axis: str, stated: str) -> None:
     pose = np.linalg.inv(up_matrix(axis))
-    built = read(parts, pose, said=said)
+    built = read(parts, pose, stated=stated)
     assert np.allclose((built.shape.vehicle_from_file @ pose)[2, :3], [0, 0, 1], atol=1e-9)
-    doubts = [d for d in built.doubts if f'set up = "{said}"' in d]
+    doubts = [d for d in built.doubts if f'set up = "{stated}"' in d]
     # y is what OBJ files have by habit; six wheels and more leave no doubt but which of two ways they are turned.
-    assert len(doubts) == (said == "z" and axis != said and (parts is CAR or axis == "-z"))
+    assert len(doubts) == (stated == "z" and axis != stated and (parts is CAR or axis == "-z"))
     assert all(d.startswith(f"{axis} is taken to be up") for d in doubts)
 
 
@@ -212,7 +214,7 @@ STUDIO = Mesh(
 
 
 @pytest.mark.parametrize(
-    ("name", "mesh", "hidden", "said"),
+    ("name", "mesh", "hidden", "reasons"),
     [
         ("Cube", box((2, 2, 2), (0, 0, 1.0)), True, ()),
         ("Cube", box((2, 2, 2), (0, 0, -0.2)), False, ("reaches below the wheels",)),
@@ -226,7 +228,7 @@ STUDIO = Mesh(
 )
 @pytest.mark.parametrize("yaw", [0.0, 33.0])
 def test_what_two_signs_show_to_be_no_part_is_left_out(
-    name: str, mesh: Mesh, hidden: bool, said: tuple, yaw: float
+    name: str, mesh: Mesh, hidden: bool, reasons: tuple, yaw: float
 ) -> None:
     found = drawn(TANK | {name: mesh}, turned(rotation_z(np.radians(yaw))), **{name: hidden})
     upright = stand_upright(found, unit=1.0, stated_up="z", up=None)
@@ -234,8 +236,8 @@ def test_what_two_signs_show_to_be_no_part_is_left_out(
     assert [r.use for r in built.roles] == ["vehicle"] * len(TANK) + ["dropped"]
     assert np.allclose(built.shape.size_xyz, read(TANK).shape.size_xyz, atol=1e-6)
     keeps = [d for d in built.doubts if d.startswith(f"{name!r}: ")]
-    assert len(keeps) == len(said)
-    assert all(what in keeps[0] and f'set keep = ["{name}"]' in keeps[0] for what in said)
+    assert len(keeps) == len(reasons)
+    assert all(what in keeps[0] and f'set keep = ["{name}"]' in keeps[0] for what in reasons)
     kept = build_vehicle("v", found.meshes, upright, (), options=Options(keep=(name,)))
     assert all(r.use == "vehicle" for r in kept.roles)
 

@@ -73,13 +73,15 @@ def read(exporter: Exporter, blend: Path, tmp_path: Path) -> Callable[..., bool]
     """Reads through the cache and says whether the file had to be exported."""
 
     def run(path: Path = blend, kind: str = "vehicle", **options: object) -> bool:
-        before, said = len(exporter.read), []
-        exported, digest = cached(path, tmp_path / "cache", kind=kind, options=Options(**options), progress=said.append)
+        before, lines = len(exporter.read), []
+        exported, digest = cached(
+            path, tmp_path / "cache", kind=kind, options=Options(**options), progress=lines.append
+        )
         assert len(digest) == 64
         assert exported.bundle.is_file()
         assert exported.report.path == str(path)
         new = len(exporter.read) > before
-        assert said == [str(path)] * new
+        assert lines == [str(path)] * new
         return new
 
     return run

@@ -104,9 +104,9 @@ def test_every_changed_field_is_found(made, planner, tmp_path, whose):
         findings = check_rows(edited(made, tmp_path / "plan.jsonl", change), planner)
         for i, key in some.items():
             name = f"number of {key}" if key in ("companions", "distractors") else key
-            mine = f"image {i}: {f'{whose}[0].' if whose else ''}{name} is "
+            prefix = f"image {i}: {f'{whose}[0].' if whose else ''}{name} is "
             wanted = "its poses give" if key in FOLLOWS else "planned is"
-            assert any(line.startswith(mine) and wanted in line for line in findings), (mine, findings)
+            assert any(line.startswith(prefix) and wanted in line for line in findings), (prefix, findings)
         assert {int(line.split()[1].rstrip(":")) for line in findings} == set(some)
 
 

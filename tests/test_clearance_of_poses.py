@@ -76,9 +76,9 @@ def test_tilted_boxes_are_apart_exactly_if_some_sampled_point_is_not_shared():
     poses = rigid(
         rotation_about(_unit(rng.normal(size=(400, 3))), rng.uniform(-3, 3, 400)), rng.uniform(-4, 4, (400, 3))
     )
-    mine, other = (compose(at, rigid(np.eye(3), [0, 0, up])) for at, up in ((poses, 0.75), (np.eye(4), 1.0)))
+    first, second = (compose(at, rigid(np.eye(3), [0, 0, up])) for at, up in ((poses, 0.75), (np.eye(4), 1.0)))
     half = np.tile(np.array([3.0, 1.0, 2.0]) / 2, (400, 1))
-    clear = ~boxes_touch(np.tile(SIZE / 2, (400, 1)), half, compose(invert_rigid(mine), other))
+    clear = ~boxes_touch(np.tile(SIZE / 2, (400, 1)), half, compose(invert_rigid(first), second))
     # Points of the second box, seen from the first: one inside proves contact, none nearly disproves it.
     points = np.stack(np.meshgrid(*(np.linspace(a, b, 21) for a, b in ((-1.5, 1.5), (-0.5, 0.5), (0, 2)))), -1)
     seen = np.einsum("nji,npj->npi", poses[:, :3, :3], points.reshape(1, -1, 3) - poses[:, None, :3, 3])

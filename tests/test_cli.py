@@ -52,8 +52,8 @@ def test_help_says_what_a_verb_reads_and_writes(verb, capsys):
     with pytest.raises(SystemExit) as stop:
         cli.main([verb, "--help"])
     assert stop.value.code == 0
-    said = capsys.readouterr().out.lower()
-    assert "reads" in said or "writes" in said
+    printed = capsys.readouterr().out.lower()
+    assert "reads" in printed or "writes" in printed
 
 
 @pytest.mark.parametrize(
@@ -106,16 +106,16 @@ def test_an_argument_out_of_range_is_refused(words, expected, run):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected"),
     [(["export", "d", "-o", "out"], "nothing was written"), (["join", "d", "-o", "out"], "goes on from here")],
 )
-def test_stopping_says_what_is_left(words, said, monkeypatch, capsys):
+def test_stopping_says_what_is_left(words, expected, monkeypatch, capsys):
     def stopped(*_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(hulldown.verbs.rendering, f"_{words[0]}", stopped)
     assert cli.main(words) == 130
-    assert said in capsys.readouterr().err
+    assert expected in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("flags", "seconds"), [([], None), (["--image-timeout", "7.5"], 7.5)])
@@ -155,8 +155,8 @@ def test_a_warning_is_one_line_too(tmp_path):
 @pytest.mark.blender
 def test_doctor_speaks_json_wherever_the_user_is(tmp_path):
     (tmp_path / "render").mkdir()
-    for mine in ("render/__init__.py", "bpy.py"):
-        (tmp_path / mine).write_text("raise RuntimeError('not what was meant')")
+    for shadow in ("render/__init__.py", "bpy.py"):
+        (tmp_path / shadow).write_text("raise RuntimeError('not what was meant')")
     ran = run_apart("doctor", "--json", cwd=tmp_path)
     found = json.loads(ran.stdout)
     assert found["blender"].startswith("5.0")
@@ -250,9 +250,9 @@ def test_names_cannot_steer_the_terminal(console, capsys):
     table.add_row("\x1b]0;title\x07")
     for shown in ("\x1b[2Jtank\x9b31m", "tank\b\b\b", "a\u202eb\u2066c", table):
         console.print(shown, soft_wrap=True)
-    said = "".join(capsys.readouterr())
-    assert not [c for c in said if c != "\n" and unicodedata.category(c).startswith("C")]
-    assert "\\x1b[2Jtank\\x9b31m" in said
+    printed = "".join(capsys.readouterr())
+    assert not [c for c in printed if c != "\n" and unicodedata.category(c).startswith("C")]
+    assert "\\x1b[2Jtank\\x9b31m" in printed
 
 
 def test_a_message_of_any_length_is_one_line(monkeypatch, capsys):
@@ -261,7 +261,7 @@ def test_a_message_of_any_length_is_one_line(monkeypatch, capsys):
 
     monkeypatch.setattr(cli, "_doctor", fail)
     assert cli.main(["doctor"]) == 2
-    said = capsys.readouterr().err
-    assert len(said) < 3000
-    assert said.count("\n") == 1
-    assert "second line" in said
+    printed = capsys.readouterr().err
+    assert len(printed) < 3000
+    assert printed.count("\n") == 1
+    assert "second line" in printed

@@ -55,7 +55,7 @@ class Course:
     """Renders a plan on a cluster, does something once when some pictures are there, and keeps what is said."""
 
     def __init__(self, folder, plan, address, *, at=0, act=None):
-        self.said, self.workers, self._at, self._act = [], set(), at, act
+        self.lines, self.workers, self._at, self._act = [], set(), at, act
         self.output = folder
         scheduler = Scheduler(address)
         self.report = render_plan(plan, folder, progress=self._show, engine=Engine(scheduler=scheduler, device="cpu"))
@@ -63,14 +63,14 @@ class Course:
     def _show(self, progress):
         self.workers.add(progress.workers)
         if progress.line:
-            self.said.append(progress.line)
+            self.lines.append(progress.line)
         if self._act is not None and progress.finished >= self._at:
             act, self._act = self._act, None
             act()
 
     def line(self, *words):
         """The one line that says all of these."""
-        (line,) = (line for line in self.said if all(word in line for word in words))
+        (line,) = (line for line in self.lines if all(word in line for word in words))
         return line
 
 
@@ -215,16 +215,16 @@ def test_workers_that_cannot_render_are_named_and_the_others_go_on(folder, nodes
         nodes.add(largest_file=4096),
     ]
     nodes.wait()
-    said = []
-    with Cluster(Scheduler(nodes.address), "render", refusal, (versions("bpy"), False), say=said.append) as workers:
-        while sum("is not used" in line for line in said) < 2:
+    lines = []
+    with Cluster(Scheduler(nodes.address), "render", refusal, (versions("bpy"), False), say=lines.append) as workers:
+        while sum("is not used" in line for line in lines) < 2:
             workers.look()
             time.sleep(0.1)
     course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address)
     for worker in bad:
         worker.kill()
-    assert any("it has no bpy" in line for line in said)
-    assert any("it has hulldown " in line for line in said)
+    assert any("it has no bpy" in line for line in lines)
+    assert any("it has hulldown " in line for line in lines)
     assert_same(folder / "whole", tmp_path / "d")
     assert not course.report.failed
 

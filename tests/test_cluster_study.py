@@ -57,7 +57,7 @@ def report_of(out):
 def test_a_study_that_loses_a_worker_reports_as_one_on_this_machine(study, tmp_path, monkeypatch):
     for name in NANNYS:
         monkeypatch.delenv(name, raising=False)
-    out, said, lost = tmp_path / "out", [], []
+    out, lines, lost = tmp_path / "out", [], []
     run_study(study, tmp_path / "here", options=OPTIONS)
     with cluster(tmp_path / "nodes") as nodes:  # a killed worker is missed at once
         victim = nodes.add(resources="train=1", environment=AS_A_NANNY_DOES)
@@ -70,10 +70,10 @@ def test_a_study_that_loses_a_worker_reports_as_one_on_this_machine(study, tmp_p
             lost.extend(begun)
 
         threading.Thread(target=lose, daemon=True).start()
-        with training_workers(Scheduler(nodes.address), say=said.append) as launch:
+        with training_workers(Scheduler(nodes.address), say=lines.append) as launch:
             done = run_study(study, out, options=OPTIONS, launch=launch, at_once=2)
     assert (len(done.finished), done.failed, len(lost)) == (2, {}, 1)
-    assert sum("is gone; others do its tasks" in line for line in said) == 1
+    assert sum("is gone; others do its tasks" in line for line in lines) == 1
     assert tree(out) == tree(tmp_path / "here")
     assert report_of(out) == report_of(tmp_path / "here")
 

@@ -22,8 +22,8 @@ def nodes(tmp_path_factory):
 
 @pytest.fixture
 def workers(nodes):
-    said = []
-    with Cluster(Scheduler(nodes.address), "render", no_refusal, (), say=said.append) as made:
+    lines = []
+    with Cluster(Scheduler(nodes.address), "render", no_refusal, (), say=lines.append) as made:
         until(lambda: made.look() and len(made.fit) == 2)
         yield made
 

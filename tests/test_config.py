@@ -47,9 +47,9 @@ def test_defaults_are_the_papers(read):
 
 
 def test_the_template_says_the_defaults_and_nothing_else(read):
-    said = tomllib.loads(bare_text())
-    said["assets"] = {"hdris": ["hdris/*.exr"], **tomllib.loads(MINIMAL)["assets"]}
-    assert Config.of(said).model_dump() == read(MINIMAL).model_dump()
+    values = tomllib.loads(bare_text())
+    values["assets"] = {"hdris": ["hdris/*.exr"], **tomllib.loads(MINIMAL)["assets"]}
+    assert Config.of(values).model_dump() == read(MINIMAL).model_dump()
 
 
 def test_the_template_mentions_every_key():
@@ -155,12 +155,12 @@ WRONG = [  # what is added, the key that is named, and what is said of it
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("extra", "key", "said"), WRONG)
-def test_a_wrong_value_is_named_with_what_is_allowed(read, tmp_path, extra, key, said):
+@pytest.mark.parametrize(("extra", "key", "problem"), WRONG)
+def test_a_wrong_value_is_named_with_what_is_allowed(read, tmp_path, extra, key, problem):
     with pytest.raises(ConfigError) as caught:
         read(MINIMAL + extra)
     assert str(caught.value).startswith(f"{tmp_path / 'config.toml'}: {key}")
-    assert said in str(caught.value)
+    assert problem in str(caught.value)
 
 
 TANK, HILLS, COUNT = 'category = "tank"', 'path = "hills.blend"', "images_per_class = 140"

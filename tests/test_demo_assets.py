@@ -197,8 +197,8 @@ def test_distractors_are_read_as_meant(distractors, name, tmp_path):
     from hulldown.assets.bundle import load_vehicle
     from hulldown.reading.export import export
 
-    said = {key: value for key, value in DISTRACTORS[name].items() if key in ("forward", "turret", "gun")}
-    exported = export(distractors / "distractors" / f"{name}.blend", tmp_path, options=Options(**said))
+    options = {key: value for key, value in DISTRACTORS[name].items() if key in ("forward", "turret", "gun")}
+    exported = export(distractors / "distractors" / f"{name}.blend", tmp_path, options=Options(**options))
     shape = load_vehicle(exported.bundle)
     assert (np.array([3.5, 1.7, 1.4]) < shape.size_xyz).all()
     assert (shape.size_xyz < np.array([11.0, 4.0, 4.5])).all()
@@ -232,9 +232,9 @@ for name in sys.argv[2:]:
 """
     names = ("sky_noon", "sky_evening")
     assert set(names) < set(SKIES)
-    said = [json.loads(line[4:]) for line in _child("-c", code, tmp_path, *names).splitlines() if line[:4] == "SKY "]
-    assert len(said) == len(names)
-    for light, rise, column, wanted_light, wanted_rise in said:
+    lights = [json.loads(line[4:]) for line in _child("-c", code, tmp_path, *names).splitlines() if line[:4] == "SKY "]
+    assert len(lights) == len(names)
+    for light, rise, column, wanted_light, wanted_rise in lights:
         assert light == pytest.approx(wanted_light, rel=0.02)
         assert rise == pytest.approx(wanted_rise, abs=1.0)
         assert column == pytest.approx(0.5, abs=0.01)

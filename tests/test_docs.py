@@ -164,6 +164,6 @@ def test_every_link_leads_somewhere(page):
 
 
 def test_make_help_lists_every_target():
-    said = subprocess.run(["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    printed = subprocess.run(["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     for target in ("setup", "browser", "demo", "test", "check", "bench", "thorough", "clean", "help"):
-        assert f"make {target} " in said
+        assert f"make {target} " in printed

@@ -252,9 +252,9 @@ def test_the_command_writes_and_prints_the_report(scene, tmp_path, capsys):
 )
 def test_a_mistake_is_one_line_and_leaves_nothing(scene, tmp_path, capsys, name, words):
     assert main(["evaluate", str(scene), str(scene / name), "-o", str(tmp_path / "r")]) == 2
-    said = capsys.readouterr().err
-    assert words in said
-    assert said.count("\n") == 1
+    printed = capsys.readouterr().err
+    assert words in printed
+    assert printed.count("\n") == 1
     assert not (tmp_path / "r").exists()
 
 

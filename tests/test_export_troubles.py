@@ -47,13 +47,13 @@ def test_nothing_that_is_rendered_says_what_hides_it(messy: Messy) -> None:
 
 def test_what_is_read_otherwise_than_rendered_is_said(messy: Messy) -> None:
     doubts = "\n".join(messy.exported["odd_ones"].report.doubts)
-    for said in (
+    for words in (
         "only the scene 'Scene' is read, not 'Other'",
         "only the view layer 'ViewLayer' is read, not 'Second'",
         "'Hull' is subdivided adaptively",
         "'Rough' is displaced by its material 'rough'",
     ):
-        assert said in doubts
+        assert words in doubts
     rows = {row.name: row for row in messy.exported["odd_ones"].report.rows}
     assert rows["Strands"].why == "hair is no part of a vehicle"
     furry = [(row.use, row.why) for row in messy.exported["odd_ones"].report.rows if row.name == "Furry"]

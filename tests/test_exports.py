@@ -113,9 +113,9 @@ def labels(dataset):
     names = {category["id"]: category["name"] for category in coco["categories"]}
     found = {}
     for image in coco["images"]:
-        mine = [one for one in coco["annotations"] if one["image_id"] == image["id"]]
+        labels = [one for one in coco["annotations"] if one["image_id"] == image["id"]]
         content = (dataset / image["file_name"]).read_bytes()
-        found[content] = [(names[one["category_id"]], one["bbox"], one["iscrowd"]) for one in mine]
+        found[content] = [(names[one["category_id"]], one["bbox"], one["iscrowd"]) for one in labels]
     return found
 
 
@@ -130,8 +130,8 @@ def compare(labels, found, *, crowds=True, atol=1e-3):
     for content, boxes in found:
         wanted = [(name, corners(box)) for name, box, crowd in labels[content] if crowds or not crowd]
         assert [name for name, _ in boxes] == [name for name, _ in wanted]
-        for (_, mine), (_, true) in zip(boxes, wanted, strict=True):
-            np.testing.assert_allclose(mine, true, rtol=0, atol=atol)
+        for (_, found_box), (_, true) in zip(boxes, wanted, strict=True):
+            np.testing.assert_allclose(found_box, true, rtol=0, atol=atol)
         seen[content] = True
     assert len(seen) == len(labels)
 
@@ -142,10 +142,10 @@ def test_pycocotools_reads_coco(exported, labels, capsys, within):
     for split in ("train", "valid", "test"):
         coco = COCO(str(out / split / "_annotations.coco.json"))
         for image in coco.loadImgs(coco.getImgIds()):
-            mine = coco.loadAnns(coco.getAnnIds(imgIds=[image["id"]]))
+            annotations = coco.loadAnns(coco.getAnnIds(imgIds=[image["id"]]))
             content = (out / split / image["file_name"]).read_bytes()
-            found.append((content, [(coco.cats[a["category_id"]]["name"], corners(a["bbox"])) for a in mine]))
-            for annotation in mine:
+            found.append((content, [(coco.cats[a["category_id"]]["name"], corners(a["bbox"])) for a in annotations]))
+            for annotation in annotations:
                 if annotation["segmentation"]:
                     true = mask_of((image["id"] - 1) % 3)
                     shown = coco.annToMask(annotation).astype(bool)

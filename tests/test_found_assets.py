@@ -80,7 +80,7 @@ def test_a_folder_becomes_a_config_with_what_was_found_as_comments(
 
 
 @pytest.mark.parametrize(
-    ("files", "said"),
+    ("files", "problem"),
     [
         ({}, "mine: holds no .blend, .glb, .gltf, .fbx, .obj, .tif, .tiff, .exr, .hdr file; name the folder"),
         ({"readme.txt": b"x"}, "mine: holds no .blend"),
@@ -89,7 +89,7 @@ def test_a_folder_becomes_a_config_with_what_was_found_as_comments(
     ],
 )
 def test_nothing_found_is_one_line_and_nothing_is_written(
-    files: dict[str, bytes] | None, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    files: dict[str, bytes] | None, problem: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
@@ -99,7 +99,7 @@ def test_nothing_found_is_one_line_and_nothing_is_written(
             (Path("mine") / name).write_bytes(content)
     assert cli.main(["init", "project", "--from", "mine"]) == 2
     *bar, line = capsys.readouterr().err.splitlines()
-    assert line.startswith(f"hulldown: {said}")
+    assert line.startswith(f"hulldown: {problem}")
     assert len(bar) <= 1  # of progress, where files were read
     assert not Path("project").exists()
 

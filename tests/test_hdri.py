@@ -97,13 +97,13 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_every_compression_of_blender_and_radiance_is_read(files: Path, tmp_path: Path) -> None:
     paths = sorted(files.glob("sky*"))
     assert len(paths) > 15
-    said: list[str] = []
-    read = read_hdris(paths, tmp_path / "cache", progress=said.append)
+    lines: list[str] = []
+    read = read_hdris(paths, tmp_path / "cache", progress=lines.append)
     assert [hdri.path for hdri in read] == paths
     assert all(hdri.notes == () for hdri in read)
-    assert said == [str(path) for path in paths]
-    assert read_hdris(paths, tmp_path / "cache", progress=said.append) == read
-    assert len(said) == len(paths), "read once"
+    assert lines == [str(path) for path in paths]
+    assert read_hdris(paths, tmp_path / "cache", progress=lines.append) == read
+    assert len(lines) == len(paths), "read once"
 
 
 @pytest.mark.blender

@@ -114,10 +114,10 @@ def test_what_is_wrong_with_a_config_is_one_line(
     if "sky.hdr" in text:
         Path("sky.hdr").write_bytes(SKY)
     assert cli.main(["inspect", "hulldown.toml"]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.startswith(line)
-    assert said.err.count("\n") == 1
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith(line)
+    assert printed.err.count("\n") == 1
 
 
 def test_a_config_that_is_not_there_says_how_to_get_one() -> None:

@@ -211,8 +211,8 @@ def test_reading_them_writes_nothing_with_the_list_alone(
     before = cleaned(blends)
     exported = export(blends / "blends" / f"{case}.blend", tmp_path, kind="vehicle")
     assert contents(blends) == before
-    said = [doubt for doubt in exported.report.doubts if "is left out, since its cache is no part" in doubt]
-    assert len(said) == (case in ("fluid", "paint"))
+    lost = [doubt for doubt in exported.report.doubts if "is left out, since its cache is no part" in doubt]
+    assert len(lost) == (case in ("fluid", "paint"))
     assert {p.name for p in tmp_path.iterdir()} == {"bundle.npz", "tidy.blend", "answer.json"}
 
 

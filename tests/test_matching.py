@@ -71,12 +71,12 @@ def assert_official(coco, found):
     labels, predictions = loaded(coco, found)
     pairs = overlapping(labels, predictions)
     for iou, (matches, ignored, seen) in official(labels, predictions).items():
-        mine = match(labels, predictions, pairs, iou=iou)
-        assert {d: int(g) for d, g in enumerate(mine.box) if g >= 0} == matches
+        matched = match(labels, predictions, pairs, iou=iou)
+        assert {d: int(g) for d, g in enumerate(matched.box) if g >= 0} == matches
         beyond = set(range(len(predictions.score))) - seen
-        assert set(np.flatnonzero(mine.ignored)) == ignored | beyond
+        assert set(np.flatnonzero(matched.ignored)) == ignored | beyond
         real = {g: d for d, g in matches.items() if not labels.crowd[g]}
-        assert {g: int(d) for g, d in enumerate(mine.detection) if d >= 0} == real
+        assert {g: int(d) for g, d in enumerate(matched.detection) if d >= 0} == real
 
 
 def test_more_than_a_hundred_detections_in_an_image():

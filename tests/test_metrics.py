@@ -122,8 +122,8 @@ def test_confusion_counts_every_label_and_every_detection_once():
 def test_ap50_on_arrays_is_the_librarys(seed):
     labels, predictions, _, matching, _ = judged(*random_case(seed))
     wanted = np.bincount(labels.label[~labels.crowd], minlength=len(predictions.class_names))
-    mine = mean_ap(predictions.score, predictions.label, matching.box >= 0, ~matching.ignored, wanted)
-    assert mine == pytest.approx(official(labels, predictions).summary["ap50"], abs=1e-12)
+    own = mean_ap(predictions.score, predictions.label, matching.box >= 0, ~matching.ignored, wanted)
+    assert own == pytest.approx(official(labels, predictions).summary["ap50"], abs=1e-12)
 
 
 def averages(labels, predictions, position, weights):
@@ -136,9 +136,9 @@ def averages(labels, predictions, position, weights):
 @pytest.mark.parametrize("seed", range(8))
 def test_average_precision_on_arrays_is_the_librarys_of_each_class(seed):
     labels, predictions = loaded(*random_case(seed, crowds=0.5))
-    mine = averages(labels, predictions, np.arange(12), np.ones((1, 12)))[0]
+    own = averages(labels, predictions, np.arange(12), np.ones((1, 12)))[0]
     theirs = official(labels, predictions)
-    assert np.allclose(mine.T, [theirs.ap, theirs.ap50, theirs.ap75], rtol=0, atol=1e-12, equal_nan=True)
+    assert np.allclose(own.T, [theirs.ap, theirs.ap50, theirs.ap75], rtol=0, atol=1e-12, equal_nan=True)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -154,9 +154,9 @@ def test_a_position_drawn_thrice_counts_as_three_images_like_it(seed):
         box["id"] = k
     repeated = [{**one, "image_id": k} for k, i in enumerate(copies, 1) for one in found if one["image_id"] == i]
     labels, predictions = loaded(coco, found)
-    mine = averages(labels, predictions, np.arange(6), np.stack([np.ones(6), times]))[1]
+    own = averages(labels, predictions, np.arange(6), np.stack([np.ones(6), times]))[1]
     theirs = official(*loaded(many, repeated))
-    assert np.allclose(mine.T, [theirs.ap, theirs.ap50, theirs.ap75], rtol=0, atol=1e-12, equal_nan=True)
+    assert np.allclose(own.T, [theirs.ap, theirs.ap50, theirs.ap75], rtol=0, atol=1e-12, equal_nan=True)
 
 
 @pytest.mark.parametrize("labels", [1, 7, 100])

@@ -131,9 +131,9 @@ def test_supervision_and_hotcoco_read_the_corners(dataset, tmp_path, ground):
     names = {category["id"]: category["name"] for category in coco["categories"]}
     wanted = {}
     for stem, image in images.items():
-        mine = [one for one in coco["annotations"] if one["image_id"] == image["id"]]
-        corners = [ground_corners(one, image) if ground else rectangle_corners(one["obb"]) for one in mine]
-        wanted[stem] = list(zip([names[one["category_id"]] for one in mine], corners, mine, strict=True))
+        labels = [one for one in coco["annotations"] if one["image_id"] == image["id"]]
+        corners = [ground_corners(one, image) if ground else rectangle_corners(one["obb"]) for one in labels]
+        wanted[stem] = list(zip([names[one["category_id"]] for one in labels], corners, labels, strict=True))
     options = {"fractions": (1.0, 0.0, 0.0)}
     suffix = "-ground" if ground else ""
     export(dataset, tmp_path / "yolo", layout="yolo-obb" + suffix, **options)
@@ -150,8 +150,8 @@ def test_supervision_and_hotcoco_read_the_corners(dataset, tmp_path, ground):
     known = {category["id"]: category["name"] for category in loaded["categories"]}
     assert len(loaded["annotations"]) == len(coco["annotations"])
     for image in loaded["images"]:
-        mine = [one for one in loaded["annotations"] if one["image_id"] == image["id"]]
-        for found, (name, corners, _) in zip(mine, wanted[image["file_name"]], strict=True):
+        labels = [one for one in loaded["annotations"] if one["image_id"] == image["id"]]
+        for found, (name, corners, _) in zip(labels, wanted[image["file_name"]], strict=True):
             assert known[found["category_id"]] == name.replace(" ", "-")
             if not ground:  # it makes rectangles of other quadrilaterals
                 np.testing.assert_allclose(

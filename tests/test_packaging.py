@@ -113,12 +113,12 @@ def test_setup_without_the_libraries_stops_with_the_line_that_installs_them(tmp_
 
 
 @pytest.mark.parametrize(
-    ("said", "remedy"),
+    ("message", "remedy"),
     [
         ("ImportError: libX11.so.6: cannot open shared object file: No such file or directory\n", libraries.INSTALL),
         ("No module named 'bpy'\n", "hulldown[blender]"),
         ("ImportError: cannot import name 'x' from 'y'\n", "None"),
     ],
 )
-def test_what_blender_lacks_has_a_remedy(said, remedy):
-    assert remedy in str(libraries.remedy_for(f"Traceback:\n{said}"))
+def test_what_blender_lacks_has_a_remedy(message, remedy):
+    assert remedy in str(libraries.remedy_for(f"Traceback:\n{message}"))

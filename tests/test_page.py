@@ -65,12 +65,12 @@ def test_text_is_shown_as_it_is(shown):
 
 
 def test_thumbnails_filter_by_every_facet_and_all_come_back(shown):
-    said = shown.find_element(By.CSS_SELECTOR, ".shown")
-    assert (visible(shown), said.text) == ([0, 1, 2, 3, 4], "5 of 5 shown")
+    counter = shown.find_element(By.CSS_SELECTOR, ".shown")
+    assert (visible(shown), counter.text) == ([0, 1, 2, 3, 4], "5 of 5 shown")
     choose(shown, "outcome", "found")
     assert visible(shown) == [2, 3, 4]
     choose(shown, "side_seen", "front")
-    assert (visible(shown), said.text) == ([2], "1 of 5 shown")
+    assert (visible(shown), counter.text) == ([2], "1 of 5 shown")
     choose(shown, "outcome", "")
     assert visible(shown) == [0, 2]
     choose(shown, "side_seen", "<none>")

@@ -122,8 +122,8 @@ def test_weights_of_an_earlier_small_model_are_one_line(run, data, tmp_path):
 
 def test_a_folder_that_is_no_run_is_one_line(data, tmp_path, capsys):
     assert main(["predict", str(tmp_path), str(data), "-o", str(tmp_path / "found.json")]) == 2
-    assert "no run.json here" in (said := capsys.readouterr().err)
-    assert said.count("\n") == 1
+    assert "no run.json here" in (printed := capsys.readouterr().err)
+    assert printed.count("\n") == 1
 
 
 @pytest.mark.parametrize(("model", "named"), [("small", "none"), ("huge", "model = 'huge'")])

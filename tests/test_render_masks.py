@@ -24,8 +24,8 @@ def as_annotated(coco, monkeypatch, labels=2):
     masks = np.array([decode(label["segmentation"], 16, 16) for label in coco["annotations"]])
 
     def shown(plan, rows, *_args, **_options):
-        mine = [masks[labels * i : labels * (i + 1)] for i in rows]
-        return [RowMasks(i, alone=of_row, visible=of_row) for i, of_row in zip(rows, mine, strict=True)]
+        groups = [masks[labels * i : labels * (i + 1)] for i in rows]
+        return [RowMasks(i, alone=of_row, visible=of_row) for i, of_row in zip(rows, groups, strict=True)]
 
     monkeypatch.setattr("hulldown.render.masks.cycles_masks", shown)
 

@@ -16,10 +16,10 @@ class Work:
     def __init__(self, folder, how):
         self.how, self.memory = how, folder / "memory"
         self.memory.mkdir()
-        self.done, self.failed, self.said, self.pids, self.restarts = [], {}, [], {}, 0
+        self.done, self.failed, self.lines, self.pids, self.restarts = [], {}, [], {}, 0
 
     def run(self, folder, blender, **options):
-        with Pool(folder / "logs", blender=blender, device="cpu", say=self.said.append, **options) as pool:
+        with Pool(folder / "logs", blender=blender, device="cpu", say=self.lines.append, **options) as pool:
             for job, outcome in pool.results(range(len(self.how)), self.message):
                 self.restarts += outcome.restarts
                 if outcome.reasons:
@@ -71,7 +71,7 @@ def test_three_failures_give_a_job_up_and_the_others_go_on(tmp_path, blender, ho
     assert list(work.failed) == [1]
     assert len(work.failed[1]) == 3
     assert all(reason in r for r in work.failed[1])
-    assert sum(reason in line for line in work.said) == 3  # none is repeated in silence
+    assert sum(reason in line for line in work.lines) == 3  # none is repeated in silence
     assert work.restarts == (0 if how == "fail" else 3)
 
 
@@ -89,7 +89,7 @@ def test_a_crash_costs_one_attempt_and_a_restart(tmp_path, blender):
     assert sorted(work.done) == [0, 1, 2]
     assert work.failed == {}
     assert work.restarts == 2
-    assert any("it is started again" in line for line in work.said)
+    assert any("it is started again" in line for line in work.lines)
 
 
 def test_a_worker_that_grew_is_replaced_between_jobs_without_blame(tmp_path, blender):

@@ -157,7 +157,7 @@ def test_plans_without_a_sensor_are_what_they_were():
 
 
 @pytest.mark.parametrize(
-    ("said", "expected"),
+    ("values", "expected"),
     [
         ({"preset": "dslr"}, "preset"),
         ({"blur_px": -1}, "from|blur_px"),
@@ -166,6 +166,6 @@ def test_plans_without_a_sensor_are_what_they_were():
         ({"gain": 0.5}, "gain"),
     ],
 )
-def test_wrong_sensors_are_refused(said, expected):
+def test_wrong_sensors_are_refused(values, expected):
     with pytest.raises(ConfigError, match=expected):
-        Config.of({**MINIMAL, "sensor": said})
+        Config.of({**MINIMAL, "sensor": values})

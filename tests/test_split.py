@@ -68,9 +68,9 @@ def test_every_class_has_its_share_in_every_split(dataset):
     images, boxes = grouped(dataset)
     split_of = share_out(images, boxes, fractions=(0.7, 0.2, 0.1))
     for category, total in ((1, 200), (2, 100), (None, 20)):
-        mine = [split_of[i] for i, found in boxes.items() if (found[0]["category_id"] if found else None) == category]
+        splits = [split_of[i] for i, found in boxes.items() if (found[0]["category_id"] if found else None) == category]
         for split, share in zip(SPLITS, (0.7, 0.2, 0.1), strict=True):
-            assert abs(mine.count(split) - share * total) <= 5  # one position
+            assert abs(splits.count(split) - share * total) <= 5  # one position
 
 
 def shared_out(classes_of_images, **options):

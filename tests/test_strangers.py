@@ -212,10 +212,10 @@ def test_a_vehicle_of_glass_is_a_doubt(read):
 
 
 def test_a_white_vehicle_may_have_lost_its_textures(read):
-    said = {name: [d for d in read[name].report.doubts if "white or light gray" in d] for name in read}
-    assert [len(said[name]) for name in ("max", "plain", "atlas", "pivots", "white")] == [0, 0, 0, 1, 1]
-    assert "'Diffuse.png'" in said["white"][0]
-    assert "beside it" not in said["pivots"][0]
+    doubts = {name: [d for d in read[name].report.doubts if "white or light gray" in d] for name in read}
+    assert [len(doubts[name]) for name in ("max", "plain", "atlas", "pivots", "white")] == [0, 0, 0, 1, 1]
+    assert "'Diffuse.png'" in doubts["white"][0]
+    assert "beside it" not in doubts["pivots"][0]
 
 
 def test_a_texture_is_found_near_the_file_where_only_one_can_be_meant(read):
@@ -337,7 +337,7 @@ def test_a_tire_and_its_rim_are_one_wheel(read):
 
 
 @pytest.mark.parametrize(
-    ("entry", "said"),
+    ("entry", "problem"),
     [
         (
             {"name": "suv", "category": "car"},
@@ -347,7 +347,7 @@ def test_a_tire_and_its_rim_are_one_wheel(read):
         ({"name": "suv", "category": "car", "scale": 0.001, "allow_missing": True}, ""),
     ],
 )
-def test_a_vehicle_of_odd_size_or_without_its_textures_is_refused_unless_allowed(tmp_path, entry, said):
+def test_a_vehicle_of_odd_size_or_without_its_textures_is_refused_unless_allowed(tmp_path, entry, problem):
     big = {name: part.copy().apply_scale(1000) for name, part in CAR.items()}
     write_obj(tmp_path / "cars/suv.obj", big, {"*": "tire"}, MOVED)
     write_obj(tmp_path / "land/land.obj", {"Terrain": hills()}, {"*": "body"}, "")
@@ -357,8 +357,8 @@ def test_a_vehicle_of_odd_size_or_without_its_textures_is_refused_unless_allowed
     vehicles = [{"path": "cars/suv.obj", **entry, "name": name} for name in ("suv", "twin")]
     assets = {"hdris": ["sky.hdr"], "vehicles": vehicles, "sceneries": [{"path": "land/land.obj"}]}
     config = Config.of({"assets": assets, "budget": {"images_per_class": 1}}, path=tmp_path / "hulldown.toml")
-    if said:
-        with pytest.raises(HulldownError, match=said):
+    if problem:
+        with pytest.raises(HulldownError, match=problem):
             load_library(config)
     else:
         load_library(config)

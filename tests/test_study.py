@@ -150,9 +150,9 @@ def test_matched_loses_no_draw_of_the_real_arm_and_pretrain_takes_the_synthetic_
     real, matched, pretrain = (
         arm_draws(StudyRun(arm, 0.1, 1, arm), photographs, 9, 40) for arm in ("real", "matched", "pretrain")
     )
-    mine = matched.source == 0
-    assert (matched.image[mine] == real.image).all()
-    assert (matched.seed[mine] == real.seed).all()
+    photographed = matched.source == 0
+    assert (matched.image[photographed] == real.image).all()
+    assert (matched.seed[photographed] == real.seed).all()
     assert pretrain.source.tolist() == [1] * 20 + [0] * 20
     assert (pretrain.image[20:] == real.image[20:]).all()
 
@@ -237,12 +237,12 @@ def test_two_places_run_two_runs_at_once_and_a_bug_stops_both(pictures, tmp_path
 def test_a_run_in_a_process_of_its_own_finishes(pictures, tmp_path):
     study = settled(pictures, tmp_path, arms=["real"], fractions=[1.0])
     [run] = study.manifest.runs
-    said = []
+    steps = []
     # A worker of its own: what the run's process is forked into must not wait for a lock of its parent's.
-    done = run_study(study, tmp_path / "out", options=RunOptions("cpu", 1), progress=lambda *told: said.append(told))
+    done = run_study(study, tmp_path / "out", options=RunOptions("cpu", 1), progress=lambda *told: steps.append(told))
     assert done.finished == (run.name,)
-    assert (f"{run.name} (1 of 1): training", 6, 6) in said
-    assert (f"{run.name} (1 of 1): looking at test", 8, 8) in said
+    assert (f"{run.name} (1 of 1): training", 6, 6) in steps
+    assert (f"{run.name} (1 of 1): looking at test", 8, 8) in steps
 
 
 @pytest.mark.thorough
@@ -359,14 +359,14 @@ def test_a_named_arm_draws_as_its_base_and_is_trained_otherwise(pictures, tmp_pa
     assert study.draws[mixed.folder] == study.draws[fast.folder]
     assert (mixed.settings.warmup, fast.settings.warmup) == (0.02, 0.5)
     assert fast.settings.model_copy(update={"warmup": 0.02}) == mixed.settings
-    for wrong, said in (("seed = 3", "seed"), ("warmup = 7", "warmup"), ("nothing = 1", "nothing")):
+    for wrong, key in (("seed = 3", "seed"), ("warmup = 7", "warmup"), ("nothing = 1", "nothing")):
         path.write_text(text.replace("train.warmup = 0.5", f"train.{wrong}"))
-        with pytest.raises(HulldownError, match=said):
+        with pytest.raises(HulldownError, match=key):
             load_study(path)
 
 
 def test_a_dry_run_warns_of_equal_shares_and_of_arms_without_photographs(pictures, tmp_path):
     keys = {"fractions": [1.0, 0.99], "train": SMALL | {"budget": 1}, "seeds": list(range(4))}
-    said = settled(pictures, tmp_path, **keys).warnings
-    assert any("seed 0: 100 % and 99 % are the same 16 photographs" in line for line in said)
-    assert any("mixed-100-seed" in line and "no photograph" in line for line in said)
+    warned = settled(pictures, tmp_path, **keys).warnings
+    assert any("seed 0: 100 % and 99 % are the same 16 photographs" in line for line in warned)
+    assert any("mixed-100-seed" in line and "no photograph" in line for line in warned)

@@ -36,12 +36,12 @@ def test_subsets_of_the_paper_are_nested_datasets_with_linked_pictures(tmp_path)
     assert write_subsets(dataset, tmp_path / "out") == {"100": 420, "50": 210, "25": 105, "10": 42, "5": 21}
     larger = names(dataset)
     for name in ("100", "50", "25", "10", "5"):
-        mine = names(tmp_path / "out" / name)
-        assert mine <= larger
-        larger = mine
+        subset = names(tmp_path / "out" / name)
+        assert subset <= larger
+        larger = subset
         coco = read_usable(tmp_path / "out" / name)
         assert {a["image_id"] for a in coco["annotations"]} == {image["id"] for image in coco["images"]}
-        for file_name in mine:
+        for file_name in subset:
             assert (tmp_path / "out" / name / file_name).samefile(dataset / file_name)
 
 
