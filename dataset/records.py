@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -18,7 +17,7 @@ from hulldown.dataset.exports.clipping import ROUNDED, SLIGHT, beyond
 from hulldown.dataset.oriented import is_rectangle
 from hulldown.dataset.space import check_space
 from hulldown.dataset.store.document import read_coco
-from hulldown.dataset.store.entries import is_box
+from hulldown.dataset.store.entries import are_numbers, is_box
 from hulldown.dataset.store.names import place_of
 from hulldown.dataset.store.runs import runs_of
 from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, broken
@@ -89,8 +88,9 @@ def by_image(
     """The annotations of each image by its id, in order; without those of other images."""
     of_image: dict[int, list[Mapping[str, Any]]] = {image["id"]: [] for image in images}
     for annotation in annotations:
-        if annotation["image_id"] in of_image:
-            of_image[annotation["image_id"]].append(annotation)
+        image_id = annotation.get("image_id")
+        if isinstance(image_id, int) and image_id in of_image:
+            of_image[image_id].append(annotation)
     return of_image
 
 
@@ -189,35 +189,27 @@ def check_annotations(coco: Mapping[str, Any]) -> Iterator[Finding]:
         if image.get("background") is True and not annotation.get("iscrowd"):
             yield Finding("error", where, "is a label on a background, an image without targets")
         problems = list(_box_problems(annotation.get("bbox"), image))
-        yield from (Finding("error", where, problem) for problem in problems)
-        if not problems:
-            yield from _slightly_outside(where, annotation, image)
         if not problems:
             key = (image_id, category_id if known else None, *annotation["bbox"])
             if key in seen:
                 repeated.setdefault(_name(image), []).append(annotation["id"])
             seen.add(key)
-            yield from (Finding("error", where, problem) for problem in _mask_problems(annotation, image))
-            yield from (Finding("error", where, problem) for problem in _fraction_problems(annotation))
-            points = _keypoint_problems(annotation, categories[category_id] if known else {}, image)
-            yield from (Finding("error", where, problem) for problem in points)
-            yield from _ghosts(where, annotation)
-        yield from (Finding("error", where, problem) for problem in check_space(annotation))
+            yield from _hints(where, annotation, image)
+            problems += _fraction_problems(annotation)
+            if not any(_size_problems(image)):
+                problems += _mask_problems(annotation, image)
+                problems += _keypoint_problems(annotation, categories[category_id] if known else {}, image)
+        problems += check_space(annotation)
+        yield from (Finding("error", where, problem) for problem in problems)
     for name, ids in repeated.items():
         such = "annotation" if len(ids) == 1 else f"{len(ids)} annotations, such as"
         yield Finding("warning", f"{name}: {such} {ids[0]}", "repeats class and box of another one in the same image")
 
 
-def _slightly_outside(where: str, annotation: Mapping[str, Any], image: Mapping[str, Any]) -> Iterator[Finding]:
-    if any(_size_problems(image)):
-        return
-    by = beyond(annotation["bbox"], image["width"], image["height"])
-    if by > ROUNDED:
+def _hints(where: str, annotation: Mapping[str, Any], image: Mapping[str, Any]) -> Iterator[Finding]:
+    """Find boxes slightly outside of their image, and full labels of targets hidden by haze."""
+    if not any(_size_problems(image)) and (by := beyond(annotation["bbox"], image["width"], image["height"])) > ROUNDED:
         yield Finding("warning", where, f"its bbox leaves its image by {by:.4g} px, and is clipped when it's used", by)
-
-
-def _ghosts(where: str, annotation: Mapping[str, Any]) -> Iterator[Finding]:
-    """Find full labels of targets hidden by haze."""
     left = annotation.get("air_contrast")
     if isinstance(left, int | float) and 0.0 <= left < GHOST and not annotation.get("iscrowd"):
         problem = f"is a ghost: the air leaves {100.0 * left:.1f} % of its contrast"
@@ -279,15 +271,13 @@ def _box_problems(bbox: Any, image: Mapping[str, Any]) -> Iterator[str]:
         return
     if min(bbox[2:]) <= 0:
         yield f"bbox {bbox} has no area"
-    width, height = image.get("width"), image.get("height")
-    if not isinstance(width, int) or not isinstance(height, int):
-        return
-    if beyond(bbox, width, height) > (ROUNDED if PICTURE_KEY in image else SLIGHT):
-        yield f"bbox {bbox} leaves its image of {width} x {height}"
+    limit = ROUNDED if PICTURE_KEY in image else SLIGHT
+    if not any(_size_problems(image)) and beyond(bbox, image["width"], image["height"]) > limit:
+        yield f"bbox {bbox} leaves its image of {image['width']} x {image['height']}"
 
 
 def _mask_problems(annotation: Mapping[str, Any], image: Mapping[str, Any]) -> Iterator[str]:
-    if not annotation.get("segmentation") or any(_size_problems(image)):
+    if not annotation.get("segmentation"):
         return
     try:
         pixels, box = extent(annotation["segmentation"], image["width"], image["height"])
@@ -314,9 +304,9 @@ def _keypoint_problems(
 ) -> Iterator[str]:
     """Find keypoints with a wrong number, outside of their image, or with a wrong count."""
     keypoints, names = annotation.get("keypoints"), category.get("keypoints")
-    if keypoints is None or any(_size_problems(image)):
+    if keypoints is None:
         return
-    if not isinstance(keypoints, list) or not all(isinstance(n, int | float) and math.isfinite(n) for n in keypoints):
+    if not are_numbers(keypoints):
         yield "keypoints are no list of numbers"
     elif not isinstance(names, list) or len(keypoints) != 3 * len(names):
         yield f"keypoints has {len(keypoints)} numbers, its category has {len(names or ())} keypoints"

@@ -49,11 +49,12 @@ def check_annotation(record: Mapping[str, Any], name: str) -> None:
 
 def is_box(value: Any) -> TypeGuard[list[float]]:
     """Whether this is [x, y, width, height], finite; width and height may be below 0."""
-    return (
-        isinstance(value, list)
-        and len(value) == 4
-        and all(isinstance(n, int | float) and math.isfinite(n) for n in value)
-    )
+    return are_numbers(value) and len(value) == 4
+
+
+def are_numbers(value: Any) -> TypeGuard[list[float]]:
+    """Whether this is a list of finite numbers."""
+    return isinstance(value, list) and all(isinstance(n, int | float) and math.isfinite(n) for n in value)
 
 
 def new_category(name: str) -> dict[str, Any]:

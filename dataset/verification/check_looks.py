@@ -46,13 +46,11 @@ def check_looks(
         labels.append(annotation)
         masks.append(mask)
     looks: list[Appearance] = []
-    for k, (label, mask) in enumerate(zip(labels, masks, strict=True)):
+    covering = sum(masks, np.zeros((height, width), dtype=np.uint16))  # labels of each pixel
+    for label, mask in zip(labels, masks, strict=True):
         if label.get("iscrowd"):
             continue
-        other_masks = np.zeros_like(mask)
-        for companion in (*masks[:k], *masks[k + 1 :]):
-            other_masks |= companion
-        if (look := appearance(pixels, mask, other_masks)) is None:
+        if (look := appearance(pixels, mask, covering > mask)) is None:
             continue
         looks.append(look)
         yield from _label_problems(f"{name}: annotation {label['id']}", look)

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, UInt8
 
 from hulldown.dataset.picture_files import DECODERS, UPRIGHT, read_picture, size_problem
-from hulldown.dataset.records import Finding
+from hulldown.dataset.records import Finding, by_image
 from hulldown.dataset.store.names import place_of
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.dataset.verification.check_looks import check_looks, is_rendered
@@ -29,9 +29,9 @@ def check_pictures(
     folder: Path,
     coco: Mapping[str, Any],
     *,
-    fast: bool = False,
-    look: Look | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    fast: bool,
+    look: Look | None,
+    progress: Callable[[int, int], None],
 ) -> Iterator[Finding]:
     """Find problems with a dataset's picture files.
 
@@ -49,10 +49,7 @@ def check_pictures(
         Called with (done, all) after each image.
     """
     images = coco["images"]
-    labels: dict[int, list[Mapping[str, Any]]] = {}
-    for annotation in coco["annotations"]:
-        if isinstance(image_id := annotation.get("image_id"), int):
-            labels.setdefault(image_id, []).append(annotation)
+    labels = by_image(images, coco["annotations"])
     contents: dict[str, str] = {}
     digests: list[str | None] = []
     hashes: list[Bool[np.ndarray, "256"] | None] = []
@@ -60,9 +57,7 @@ def check_pictures(
         # Chunks, so that a million results are not queued up.
         for start in range(0, len(images), 1024):
             chunk = images[start : start + 1024]
-            results = pool.map(
-                lambda image: _check(folder, image, labels.get(image["id"], []), fast=fast, look=look), chunk
-            )
+            results = pool.map(lambda image: _check(folder, image, labels[image["id"]], fast=fast, look=look), chunk)
             for done, (image, (findings, found, hashed)) in enumerate(
                 zip(chunk, results, strict=True), start=start + 1
             ):
@@ -72,8 +67,7 @@ def check_pictures(
                 name = str(image.get("file_name"))
                 if found is not None and (second := contents.setdefault(found, name)) != name:
                     yield Finding("warning", name, f"is the same picture as {second}")
-                if progress is not None:
-                    progress(done, len(images))
+                progress(done, len(images))
     for i, j in near_duplicates(hashes, hashes).tolist():
         first, second = str(images[i].get("file_name")), str(images[j].get("file_name"))
         if i > j and digests[i] != digests[j]:

@@ -7,7 +7,7 @@ import io
 import json
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +16,12 @@ from pycocotools.coco import COCO
 from hulldown.dataset.records import Finding, check_annotations, check_categories, check_images, check_runs, check_seals
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, read_coco
 from hulldown.dataset.store.journal import is_cut_off
-from hulldown.dataset.verification.check_pictures import Look, check_pictures
+from hulldown.dataset.verification.check_pictures import check_pictures
 from hulldown.dataset.verification.check_skies import sky_check
 from hulldown.dataset.verification.planned import check_planned
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.terminal import reading_status, shown
-from hulldown.planning.plan_file import Plan, read_plan
+from hulldown.planning.plan_file import read_plan
 
 
 def verify(
@@ -67,42 +67,29 @@ def verify(
     """
     folder = Path(dataset)
     coco = read_coco(folder)
-    look, findings = (None, []) if plan is None or fast else _sky_check(read_plan(plan), coco, cache)
-    with shown("checking", progress) as advance:
-        return [*findings, *_findings(folder, coco, plan, fast, look, advance)]
-
-
-def _sky_check(plan: Plan, coco: Mapping[str, Any], cache: Path | None) -> tuple[Look | None, list[Finding]]:
-    """The check of skies, or a warning that the plan's assets can't be read."""
-    try:
-        with reading_status():
-            return sky_check(plan, coco, cache=cache), []
-    except HulldownError as error:
-        return None, [Finding("warning", plan.path.name, f"skies are not looked at: {error}")]
-
-
-def _findings(
-    folder: Path,
-    coco: Mapping[str, Any],
-    plan: str | os.PathLike[str] | None,
-    fast: bool,
-    look: Look | None,
-    progress: Callable[[int, int], None],
-) -> Iterator[Finding]:
-    yield from check_categories(coco["categories"])
-    yield from check_images(coco["images"])
-    yield from check_annotations(coco)
-    yield from check_runs(coco)
+    findings, look = [], None
+    if plan is not None and not fast:
+        planned = read_plan(plan)
+        try:
+            with reading_status():
+                look = sky_check(planned, coco, cache=cache)
+        except HulldownError as error:
+            findings.append(Finding("warning", planned.path.name, f"skies are not looked at: {error}"))
+    findings += check_categories(coco["categories"])
+    findings += check_images(coco["images"])
+    findings += check_annotations(coco)
+    findings += check_runs(coco)
     if plan is not None:
-        yield from check_planned(coco, Path(plan))
-    yield from _check_loading(folder / ANNOTATIONS_NAME)
+        findings += check_planned(coco, Path(plan))
+    findings += _check_loading(folder / ANNOTATIONS_NAME)
     if is_cut_off(folder / JOURNAL_NAME):
-        yield Finding(
-            "warning", JOURNAL_NAME, "its last line is cut off: its image is not in the dataset; render again"
-        )
+        problem = "its last line is cut off: its image is not in the dataset; render again"
+        findings.append(Finding("warning", JOURNAL_NAME, problem))
     if not fast:
-        yield from check_seals(coco)
-    yield from check_pictures(folder, coco, fast=fast, look=look, progress=progress)
+        findings += check_seals(coco)
+    with shown("checking", progress) as advance:
+        findings += check_pictures(folder, coco, fast=fast, look=look, progress=advance)
+    return findings
 
 
 def _check_loading(path: Path) -> Iterator[Finding]:
