@@ -14,10 +14,8 @@ import orjson
 
 from hulldown.dataset.store.seals import LINE_KEY, line_is_broken, seal_line
 from hulldown.geometry.errors import DatasetError
-from hulldown.geometry.files import open_regular, replacing, sync_folder
+from hulldown.geometry.files import open_in_place, open_regular, replacing, sync_folder
 
-CLOSED = -1
-NO_LINK = getattr(os, "O_NOFOLLOW", 0)  # Windows has none
 MERGED = b'{"merged":true}\n'  # everything above this line is in annotations.json
 JOURNAL_OPTIONS = orjson.OPT_APPEND_NEWLINE | orjson.OPT_SERIALIZE_NUMPY
 
@@ -46,7 +44,7 @@ class Journal:
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
-            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | NO_LINK, 0o666)
+            self._file = open_in_place(path)
         except OSError as error:
             raise DatasetError(
                 f"cannot be written to ({error.strerror})", path=path, remedy="put the file itself there, writable"
@@ -57,8 +55,7 @@ class Journal:
                 f"{path}: the last line was cut off while it was written; that one record is dropped",
                 stacklevel=2,
             )
-            os.ftruncate(self._file, self.length)
-            os.fsync(self._file)
+            self.truncate(self.length)
         sync_folder(path.parent)
 
     def append(self, record: Mapping[str, Any]) -> None:
@@ -73,15 +70,15 @@ class Journal:
         DatasetError
             If the disk is full or the file can't be written; a partial line is removed.
         """
-        if self._file == CLOSED:
+        if self._file.closed:
             raise ValueError(f"{self.path}: expected an open journal, got a closed one")
         try:
-            written = os.write(self._file, line)
+            written = 0
             while written < len(line):
-                written += os.write(self._file, line[written:])
-            os.fsync(self._file)
+                written += os.write(self._file.fileno(), line[written:])
+            os.fsync(self._file.fileno())
         except OSError as error:
-            os.ftruncate(self._file, self.length)
+            self._file.truncate(self.length)
             raise DatasetError(
                 f"the finished image could not be recorded ({error.strerror})",
                 path=self.path,
@@ -91,16 +88,13 @@ class Journal:
 
     def truncate(self, length: int) -> None:
         """Remove everything after the first `length` bytes."""
-        os.ftruncate(self._file, length)
-        os.fsync(self._file)
+        self._file.truncate(length)
+        os.fsync(self._file.fileno())
         self.length = length
 
     def close(self) -> None:
         """Close the file. Closing twice is harmless."""
-        if self._file != CLOSED:
-            # The descriptor may become another file's at once.
-            os.close(self._file)
-            self._file = CLOSED
+        self._file.close()
 
 
 def read_journal(path: Path) -> Iterator[dict[str, Any]]:
