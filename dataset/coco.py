@@ -19,9 +19,8 @@ import numpy as np
 from filelock import FileLock, Timeout
 
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document
-from hulldown.dataset.store.entries import check_annotation, check_image, free_id, new_category, plain_json
+from hulldown.dataset.store.entries import check_annotation, check_image, free_id, new_category, place_of, plain_json
 from hulldown.dataset.store.journal import MERGED, Journal
-from hulldown.dataset.store.names import place_of
 from hulldown.dataset.store.runs import Run
 from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, sealed
 from hulldown.geometry.errors import DatasetError

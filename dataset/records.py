@@ -17,8 +17,7 @@ from hulldown.dataset.exports.clipping import ROUNDED, SLIGHT, beyond
 from hulldown.dataset.oriented import is_rectangle
 from hulldown.dataset.space import check_space
 from hulldown.dataset.store.document import read_coco
-from hulldown.dataset.store.entries import are_numbers, is_box
-from hulldown.dataset.store.names import place_of
+from hulldown.dataset.store.entries import are_numbers, is_box, place_of
 from hulldown.dataset.store.runs import runs_of
 from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, broken
 from hulldown.geometry.errors import DatasetError, shortened

@@ -119,16 +119,9 @@ def export(
     if polygons_within is not None:
         for image_id, image_labels in labels.items():
             labels[image_id] = [_outlined(label, sizes[image_id], polygons_within) for label in image_labels]
-    done = 0
-
-    def tick() -> None:
-        nonlocal done
-        done += 1
-        advance(done, len(images))
-
     head = {key: value for key, value in document.items() if key not in ("images", "annotations")}
     with shown("linking images", progress) as advance, all_or_nothing(Path(out)) as unfinished:
-        LAYOUTS[layout](Shares(folder, head, images, labels, split_of, allowed, tick), unfinished)
+        LAYOUTS[layout](Shares(folder, head, images, labels, split_of, allowed, advance), unfinished)
     return {split: sum(part == split for part in split_of.values()) for split in SPLITS}
 
 

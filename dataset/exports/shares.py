@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -69,8 +70,8 @@ class Shares:
         Image id -> one of `SPLITS`.
     allowed
         Folders outside the dataset that symbolic links may lead to.
-    tick
-        Called after each image.
+    progress
+        Called with (done, all) after each image.
     """
 
     folder: Path
@@ -79,13 +80,13 @@ class Shares:
     labels: Mapping[int, Sequence[Mapping[str, Any]]]
     split_of: Mapping[int, str]
     allowed: Sequence[Path]
-    tick: Callable[[], None]
+    progress: Callable[[int, int], None]
 
     def __iter__(self) -> Iterator[tuple[str, Iterator[Item]]]:
         """Each split with its items, in the order of the dataset."""
-        names = flat_names(self.images)
+        names, done = flat_names(self.images), count(1)
         for split in SPLITS:
-            yield split, self._items(split, names)
+            yield split, self._items(split, names, done)
 
     @property
     def categories(self) -> list[Mapping[str, Any]]:
@@ -93,23 +94,17 @@ class Shares:
         return sorted(self.head["categories"], key=lambda category: category["id"])
 
     @property
-    def class_numbers(self) -> dict[int, int]:
-        """Category id -> number from 0, in the order of the ids."""
-        return {category["id"]: number for number, category in enumerate(self.categories)}
-
-    @property
     def class_names(self) -> dict[int, str]:
-        """Category id -> name."""
+        """Category id -> name, in the order of the ids."""
         return {category["id"]: str(category["name"]) for category in self.categories}
 
-    def _items(self, split: str, names: Mapping[int, str]) -> Iterator[Item]:
+    def _items(self, split: str, names: Mapping[int, str], done: Iterator[int]) -> Iterator[Item]:
         for image in self.images:
             key = image["id"]
-            if self.split_of[key] != split:
-                continue
-            picture = own_picture(self.folder, image["file_name"], self.allowed)
-            yield Item(image, self.labels[key], names[key], picture)
-            self.tick()
+            if self.split_of[key] == split:
+                picture = own_picture(self.folder, image["file_name"], self.allowed)
+                yield Item(image, self.labels[key], names[key], picture)
+                self.progress(next(done), len(self.images))
 
 
 def check_sound(folder: Path, images: Sequence[Mapping[str, Any]], allowed: Sequence[Path]) -> None:

@@ -17,9 +17,9 @@ from typing import Any
 
 import orjson
 
+from hulldown.dataset.store.entries import place_of
 from hulldown.dataset.store.foreign import foreign_reader
 from hulldown.dataset.store.journal import last_merged, read_journal, replaced
-from hulldown.dataset.store.names import place_of
 from hulldown.dataset.store.record_lines import OtherLayoutError, read_by_line, write_coco
 from hulldown.dataset.store.runs import Run
 from hulldown.geometry.errors import DatasetError

@@ -1,14 +1,32 @@
-"""Check records to be appended, and make them plain JSON."""
+"""Check records to be appended and the names of their pictures, and make them plain JSON."""
 
 from __future__ import annotations
 
 import math
+import posixpath
 from collections.abc import Mapping
 from typing import Any, TypeGuard
 
 import numpy as np
 
-from hulldown.dataset.store.names import is_free
+from hulldown.geometry.files import stays_inside
+
+# The dataset's own files: pictures with these names would be removed or overwritten.
+RESERVED = (
+    *("annotations.json", "journal.jsonl", "failures.jsonl", "provenance.json", "logs"),
+    *(".unfinished", ".hulldown.lock"),
+)
+
+
+def place_of(file_name: str) -> str:
+    """The normal form of a name: ``images/./1.png`` and ``images//1.png`` are the same file.
+
+    Examples
+    --------
+    >>> place_of("images/./1.png"), place_of("images//1.png")
+    ('images/1.png', 'images/1.png')
+    """
+    return posixpath.normpath(file_name)
 
 
 def plain_json(value: Any, name: str) -> Any:
@@ -29,7 +47,8 @@ def plain_json(value: Any, name: str) -> Any:
 def check_image(record: Mapping[str, Any]) -> None:
     """Refuse an image whose file name leaves the dataset or whose size isn't positive."""
     name = record.get("file_name")
-    if not is_free(name):
+    first = place_of(name).casefold().split("/")[0] if stays_inside(name) else "."
+    if first == "." or first in RESERVED:
         raise ValueError(f"image: file_name: expected a path inside the dataset that is free, got {name!r:.120}")
     for key in ("width", "height"):
         size = record.get(key)

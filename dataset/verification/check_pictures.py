@@ -14,7 +14,7 @@ from jaxtyping import Bool, UInt8
 
 from hulldown.dataset.picture_files import DECODERS, UPRIGHT, read_picture, size_problem
 from hulldown.dataset.records import Finding, by_image
-from hulldown.dataset.store.names import place_of
+from hulldown.dataset.store.entries import place_of
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.dataset.verification.check_looks import check_looks, is_rendered
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash

@@ -115,7 +115,7 @@ def _write(
     split_first: bool = False,
     more: Sequence[str] = (),
 ) -> None:
-    numbers = shares.class_numbers
+    numbers = {category_id: number for number, category_id in enumerate(shares.class_names)}
     folders = {}
     for split, items in shares:
         pictures, texts = (Path(split, kind) if split_first else Path(kind, split) for kind in ("images", "labels"))
@@ -128,6 +128,6 @@ def _write(
             (out / texts / f"{item.stem}.txt").write_text(text, encoding="utf-8")
     data = [f"{VAL_NAMES[split]}: {pictures.as_posix()}" for split, pictures in folders.items()]
     # Every JSON string is a YAML string.
-    names = [json.dumps(shares.class_names[category["id"]]) for category in shares.categories]
+    names = [json.dumps(name) for name in shares.class_names.values()]
     data += [*more, "names:", *(f"  {number}: {name}" for number, name in enumerate(names))]
     (out / "data.yaml").write_text("\n".join(data) + "\n", encoding="utf-8")
