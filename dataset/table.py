@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ from hulldown.geometry.errors import DatasetError, HulldownError
 from hulldown.planning.plan_file import Plan
 
 Columns = dict[str, Shaped[np.ndarray, " n"]]
+CONDITIONS = {"scenery": "scenery", "hdri": "HDRI", "weather": "weather"}  # columns that name an image's, with titles
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -227,7 +227,6 @@ class Dataset:
         index = np.array([i for i, _ in rows], dtype=np.int64)
         boxes = np.array([label.bbox for _, label in rows], dtype=np.float64).reshape(-1, 4)
         numbers = numbers_of([label.record for _, label in rows], [image.record for image in self.images], index)
-        sides = np.array([*SIDES, ""])[sides_of(numbers["azimuth"])]
         return {
             "image": index,
             "id": np.array([label.id for _, label in rows], dtype=np.int64),
@@ -237,33 +236,25 @@ class Dataset:
             "crowd": np.array([label.crowd for _, label in rows], dtype=bool),
             **{scale.name: numbers[scale.name] for scale in SCALES},
             "azimuth": numbers["azimuth"],
-            "side": sides,
+            "side": np.array([*SIDES, ""])[sides_of(numbers["azimuth"])],
             "vehicle": np.array([name_of(label.record.get("vehicle")) or "" for _, label in rows], dtype=str),
-            **{
-                name: column[index] for name, column in self.of_images.items() if name in ("scenery", "hdri", "weather")
-            },
+            **{key: self.of_images[key][index] for key in CONDITIONS},
         }
 
     @cached_property
     def of_images(self) -> Columns:
         """A table of images, like `labels`."""
         records = [image.record for image in self.images]
+        weather = [weather_of(record["weather"]) if "weather" in record else None for record in records]
+        scalars = (("id", np.int64), ("file_name", str), ("width", np.int64), ("height", np.int64))
+        numbers = ("position", "fov_x_deg", "strength")
         return {
-            "id": np.array([image.id for image in self.images], dtype=np.int64),
-            "file_name": np.array([image.file_name for image in self.images], dtype=str),
-            "width": np.array([image.width for image in self.images], dtype=np.int64),
-            "height": np.array([image.height for image in self.images], dtype=np.int64),
+            **{key: np.array([getattr(image, key) for image in self.images], dtype=kind) for key, kind in scalars},
             "labels": np.array([len(image.labels) for image in self.images], dtype=np.int64),
-            "position": np.array([number(record.get("position")) for record in records], dtype=np.float64),
-            "fov_x_deg": np.array([number(record.get("fov_x_deg")) for record in records], dtype=np.float64),
-            "strength": np.array([number(record.get("strength")) for record in records], dtype=np.float64),
-            **{
-                name: np.array([name_of(record.get(name)) or "" for record in records], dtype=str)
-                for name in ("scenery", "hdri")
-            },
-            "weather": np.array(
-                [(weather_of(record["weather"]) or "") if "weather" in record else "" for record in records], dtype=str
-            ),
+            **{key: np.array([number(record.get(key)) for record in records], dtype=np.float64) for key in numbers},
+            "scenery": np.array([name_of(record.get("scenery")) or "" for record in records], dtype=str),
+            "hdri": np.array([name_of(record.get("hdri")) or "" for record in records], dtype=str),
+            "weather": np.array([kind or "" for kind in weather], dtype=str),
         }
 
 
@@ -279,8 +270,8 @@ def _image(record: Mapping[str, Any], labels: Sequence[Mapping[str, Any]], names
                 names[label["category_id"]],
                 np.array(label["bbox"], dtype=np.float64),
                 bool(label.get("iscrowd", 0)),
-                number(label.get("visible_fraction", math.nan)),
-                number(label.get("truncated_fraction", math.nan)),
+                number(label.get("visible_fraction")),
+                number(label.get("truncated_fraction")),
                 label,
             )
             for label in labels

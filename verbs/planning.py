@@ -84,32 +84,24 @@ def _inspect(arguments: argparse.Namespace) -> int:
     inspected: list[Inspected] = []
     reports: list[FileReport | SkyReport] = []
     for path in arguments.files:
-        if path.suffix.lower() in HDRI_SUFFIXES:
-            with reading_status() as progress:
-                progress(str(path))
-                sky = inspect_sky(path, limits=limits)
-            reports.append(sky)
-            if not arguments.json:
-                show_table(sky.table())
-                show_list(sky.lines())
-            continue
+        new: list[FileReport | SkyReport]
         with reading_status() as progress:
-            shared = {
-                "strict": arguments.strict,
-                "pictures": bool(arguments.output),
-                "progress": progress,
-                "limits": limits,
-            }
-            if path in configs:
-                found = inspect_config(configs[path], **shared)
+            if path.suffix.lower() in HDRI_SUFFIXES:
+                progress(str(path))
+                new = [inspect_sky(path, limits=limits)]
             else:
-                found = [inspect(path, kind=arguments.kind, **shared)]
+                options = {"strict": arguments.strict, "pictures": bool(arguments.output), "limits": limits}
+                if path in configs:
+                    found = inspect_config(configs[path], **options, progress=progress)
+                else:
+                    found = [inspect(path, kind=arguments.kind, **options, progress=progress)]
+                inspected += found
+                new = [one.report for one in found]
+        reports += new
         if not arguments.json:
-            for one in found:
-                show_table(one.report.table())
-                show_list(one.report.notes())
-        inspected += found
-        reports += [one.report for one in found]
+            for report in new:
+                show_table(report.table())
+                show_list(report.lines() if isinstance(report, SkyReport) else report.notes())
     if arguments.output and inspected:
         say(f"wrote {', '.join(map(str, write_pictures(inspected, arguments.output)))}")
     if arguments.json:

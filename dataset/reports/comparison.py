@@ -55,11 +55,7 @@ BOXES = (
     Feature("y", "box center from top to bottom", "camera.framing or camera.like"),
     Feature("aspect", "box width / height", "camera.elevation_deg or camera.like", log=True),
     Feature("cut", "boxes that the frame cuts off", "camera.truncated_fraction or camera.like"),
-    Feature(
-        "count",
-        "boxes in a picture",
-        "placement.vehicles_per_image, budget.background_share, or camera.like",
-    ),
+    Feature("count", "boxes in a picture", "placement.vehicles_per_image, budget.background_share, or camera.like"),
 )
 LOOKS = (
     Feature("brightness", "brightness (mean luma)", "light.exposure and light.exposure_error_ev"),
@@ -209,11 +205,13 @@ class Comparison:
             ]
             for compared in self.features
         ]
-        charts = []
-        for compared in self.features:
-            words = f"{compared.feature.title}: this dataset and the photographs"
-            svg = two_histograms(compared.feature.title, compared.edges, compared.shares, log=compared.feature.log)
-            charts.append(Chart(svg, words))
+        charts = [
+            Chart(
+                two_histograms(compared.feature.title, compared.edges, compared.shares, log=compared.feature.log),
+                f"{compared.feature.title}: this dataset and the photographs",
+            )
+            for compared in self.features
+        ]
         summary = (
             "Distance is Kolmogorov-Smirnov's, 0 to 1. The floor is what 95 % of random splits of the photographs into "
             "halves keep to."
@@ -280,15 +278,9 @@ def compare(
     if len(photographs.file_names) < 4:
         notes.append("Fewer than four photographs: what chance explains isn't known.")
     features = [
-        Compared(
-            feature,
-            own[feature.name][0],
-            wanted[feature.name][0],
-            distance(own[feature.name][0], wanted[feature.name][0]),
-            _floor(*wanted[feature.name]),
-        )
+        Compared(feature, own[name][0], wanted[name][0], distance(own[name][0], wanted[name][0]), _floor(*wanted[name]))
         for feature in (*BOXES, *LOOKS)
-        if feature.name in own and len(own[feature.name][0]) and len(wanted[feature.name][0])
+        if (name := feature.name) in own and len(own[name][0]) and len(wanted[name][0])
     ]
     return Comparison(photographs.path, tuple(features), tuple(notes), coverage)
 
@@ -344,17 +336,12 @@ def spectral_slope(luma: Float[np.ndarray, "h w"]) -> float:
 
 
 def _boxes_of(photographs: Photographs) -> Values:
-    image = photographs.image
-    center, pictures = photographs.center, np.arange(len(photographs.file_names))
-    return {
-        # Rounded, so that a box has the same value however it was computed.
-        "height": (photographs.height.round(9), image),
-        "x": (center[:, 0].round(9), image),
-        "y": (center[:, 1].round(9), image),
-        "aspect": (photographs.aspect.round(9), image),
-        "cut": (photographs.cut.any(axis=1).astype(np.float64), image),
-        "count": (photographs.count.astype(np.float64), pictures),
-    }
+    x, y = photographs.center.T
+    cut = photographs.cut.any(axis=1)
+    columns = {"height": photographs.height, "x": x, "y": y, "aspect": photographs.aspect, "cut": cut}
+    # Rounded, so that a box has the same value however it was computed.
+    values = {name: (column.astype(np.float64).round(9), photographs.image) for name, column in columns.items()}
+    return values | {"count": (photographs.count.astype(np.float64), np.arange(len(photographs.file_names)))}
 
 
 def _looks_of(pictures: Sequence[UInt8[np.ndarray, "h w 3"]]) -> Values:

@@ -34,7 +34,7 @@ from hulldown.dataset.reports.page import (
     Words,
     page,
 )
-from hulldown.dataset.table import Dataset, Image
+from hulldown.dataset.table import CONDITIONS, Dataset, Image
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.files import replace_file
@@ -134,11 +134,7 @@ def _charts(dataset: Dataset) -> list[Section]:
     if len(sizes):
         centers = np.stack([labels["x"] + labels["width"] / 2, labels["y"] + labels["height"] / 2], axis=1)
         charts.append(Chart(places_in_pictures(centers / sizes), "label positions"))
-    light = [
-        Chart(shares(title, images[key]), title)
-        for key, title in (("scenery", "scenery"), ("hdri", "HDRI"), ("weather", "weather"))
-        if (images[key] != "").any()
-    ]
+    light = [Chart(shares(title, images[key]), title) for key, title in CONDITIONS.items() if (images[key] != "").any()]
     if np.isfinite(images["strength"]).any():
         light.append(Chart(histogram("strength of light", images["strength"]), "strength of light"))
     sections = [Section("Labels", [Charts(charts)])] if charts else []
@@ -165,21 +161,12 @@ def _maps(dataset: Dataset) -> list[Section]:
 
 
 def _looks(dataset: Dataset, tiles: Sequence[Tile]) -> Section:
-    shown = len(tiles)
-    legend = (
-        []
-        if shown == len(dataset.images)
-        else [Words(f"{shown:,} images, an even selection of {len(dataset.images):,}.")]
-    )
-    rest = [
-        Facet(key, title, sorted(set(dataset.of_images[key].tolist()) - {""}))
-        for key, title in (("scenery", "scenery"), ("hdri", "HDRI"), ("weather", "weather"))
-    ]
-    vehicles = sorted(set(dataset.labels["vehicle"].tolist()) - {""})
+    shown, every = len(tiles), len(dataset.images)
+    legend = [Words(f"{shown:,} images, an even selection of {every:,}.")] if shown < every else []
     facets = [
         Facet("class", "class", [*dataset.categories.values(), "none"]),
-        Facet("vehicle", "vehicle", vehicles),
-        *rest,
+        Facet("vehicle", "vehicle", _names(dataset.labels["vehicle"])),
+        *(Facet(key, title, _names(dataset.of_images[key])) for key, title in CONDITIONS.items()),
         *(Facet(scale.name, scale.title, scale.bins) for scale in ORDERS),
         Facet("side", "side seen", SIDES),
     ]
@@ -193,18 +180,18 @@ def _tile(dataset: Dataset, i: int) -> Tile:
     rows = np.flatnonzero(labels["image"] == i)
     values: dict[str, str | Sequence[str]] = {"class": _names(labels["category"][rows]) or "none"}
     values |= {key: _names(labels[key][rows]) for key in ("vehicle", "side")}
-    values |= {key: str(images[key][i]) for key in ("scenery", "hdri", "weather")}
+    conditions = {key: str(images[key][i]) for key in CONDITIONS}
     for scale in ORDERS:
         bins = bins_of(labels[scale.name][rows], scale)
         values[scale.name] = [scale.bins[b] for b in np.unique(bins[bins >= 0])]
     numbers = {scale.name: float(labels[scale.name][rows[0]]) for scale in ORDERS} if len(rows) else {}
     lines = [image.file_name]
     lines += [", ".join(_about(dataset, row)) for row in rows.tolist()] or ["no labels"]
-    lines.append(", ".join(each for each in (str(images[key][i]) for key in ("scenery", "hdri", "weather")) if each))
+    lines.append(", ".join(filter(None, conditions.values())))
     return Tile(
         _thumbnail(dataset.picture(i, labels=False)),
         [each for each in lines if each],
-        values,
+        values | conditions,
         numbers,
         _overlay(image, dataset),
     )
