@@ -72,7 +72,7 @@ class PosedParts:
         camera_from_vehicle[:, :, 3] = product(camera_axes, apart[:, :, None])[:, :, 0]
         if not angles.any():
             return np.broadcast_to(camera_from_vehicle[:, None], (*angles.shape, 3, 4))
-        return compose(camera_from_vehicle[:, None], self.shape.vehicle_from_turned(angles)[:, :, :3])
+        return compose(camera_from_vehicle[:, None], self.shape.vehicle_from_parts(angles)[:, :, :3])
 
 
 def move(

@@ -91,19 +91,16 @@ class VehicleShape:
     ) -> Float[np.ndarray, "... p 4 4"]:
         """Poses of articulated parts relative to rest: (p, 4, 4), or (n, p, 4, 4) for n articulations or their angles.
 
+        A row's bits depend on that row alone.
+
         Raises
         ------
         ValueError
             If it names a part that the vehicle doesn't have.
         """
         if isinstance(articulation, Mapping):
-            return self.vehicle_from_turned(self.angles([articulation]))[0]
-        if isinstance(articulation, np.ndarray):
-            return self.vehicle_from_turned(articulation)
-        return self.vehicle_from_turned(self.angles(articulation))
-
-    def vehicle_from_turned(self, angles: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "n p 4 4"]:
-        """`vehicle_from_parts` for angles as `angles` gives them; a row's bits depend on that row alone."""
+            return self.vehicle_from_parts([articulation])[0]
+        angles = articulation if isinstance(articulation, np.ndarray) else self.angles(articulation)
         poses = np.zeros((*angles.shape, 4, 4))
         poses[:] = np.eye(4)
         affine = poses[:, :, :3]
