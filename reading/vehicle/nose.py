@@ -22,7 +22,7 @@ AXLES = 5  # of a vehicle on wheels; more are under tracks
 TUBE = 5.0  # a launching tube is longer than this many times its width
 RISE = np.radians(10.0)  # and raised by more than this: lower ones may lie over the cab for the road
 TILTED = np.cos(np.radians(25.0))  # a barrel is along the vehicle within this
-ELEVATED = np.cos(np.radians(65.0))  # the same for what is named a gun, which may be raised
+ELEVATED = np.cos(np.radians(65.0))  # the same for guns by name, which may be raised
 NAMED_LONG = 0.4  # of half the vehicle's length: what is named a gun is at least as long
 GUN_LINE = 2.0  # and a vehicle without wheels or a mirror plane lies along one this many times as long as wide
 TUBES_ALIKE = 0.8  # of the longest's length: another gun like it
@@ -56,15 +56,8 @@ class Forward:
     doubt: str = ""
 
 
-def find_forward(
-    solids: Solids,
-    wheels: Wheels | None,
-    names: Sequence[str],
-    *,
-    gun: Sequence[bool],
-    default: float,
-) -> Forward:
-    """Find the direction of the nose, in a frame with z up.
+def find_forward(solids: Solids, wheels: Wheels | None, names: Sequence[str], *, gun: Sequence[bool]) -> Forward:
+    """Find the direction of the nose, in a frame with z up; without any sign, toward +x.
 
     Parameters
     ----------
@@ -76,8 +69,6 @@ def find_forward(
         Name of each piece.
     gun
         Whether each piece is named a gun.
-    default
-        Radians: the end to use without any sign.
     """
     line, why = _line(solids, wheels, gun)
     ahead = np.array([np.cos(line), np.sin(line), 0.0])
@@ -88,7 +79,7 @@ def find_forward(
         middle = np.array([*((centers.min(axis=0) + centers.max(axis=0)) / 2)[:2], middle[2]])
     reach = np.abs((solids.bounds.reshape(-1, 3) - middle) @ ahead)
     half = max(float(np.percentile(reach, 98)), 1e-12)
-    barrel = gun_barrel(solids, ahead, middle, half, gun)
+    barrel = gun_barrel(solids, ahead, middle, half)
     votes = _votes(solids, names, (solids.center - middle) @ ahead / half)
     raised = rising(solids, ahead, 2 * half, np.asarray(gun, bool)[solids.piece]) if any(gun) else 0.0
     shape = _shape_votes(solids, wheels, ahead, middle)
@@ -117,7 +108,7 @@ def find_forward(
         (named, "names of what is in front and behind", ""),
         (raised, "its gun rises there", "" if raised in others else ONE_CLUE),
         (float(np.sign(total)), "its shape", BY_SHAPE if alone else ""),
-        (1.0 if np.cos(line - default) >= 0 else -1.0, NOT_FOUND, NOT_FOUND),
+        (1.0 if np.cos(line) >= 0 else -1.0, NOT_FOUND, NOT_FOUND),
     )
     toward, why_sign, doubt = next(clue for clue in clues if clue[0])
     angle = line if toward > 0 else line + np.pi
@@ -194,11 +185,7 @@ def _mirror_line(solids: Solids) -> tuple[float, str]:
 
 
 def gun_barrel(
-    solids: Solids,
-    ahead: Float[np.ndarray, "3"],
-    middle: Float[np.ndarray, "3"],
-    half: float,
-    named: Sequence[bool],
+    solids: Solids, ahead: Float[np.ndarray, "3"], middle: Float[np.ndarray, "3"], half: float
 ) -> int | None:
     """The solid of a gun's barrel: long, slender, along the vehicle, above its lower third, with a free end.
 
@@ -206,8 +193,6 @@ def gun_barrel(
     ----------
     solids, ahead, middle, half
         The vehicle's solids, the horizontal unit vector along it (either way), its middle, and half its length.
-    named
-        Whether each piece is named a gun; such a barrel may be shorter.
     """
     if not len(solids):
         return None
@@ -217,9 +202,8 @@ def gun_barrel(
     off = solids.center - middle
     sideways = off @ across
     width = float(np.ptp((solids.bounds.reshape(-1, 3) - middle) @ across))
-    is_named = np.asarray(named, bool)[solids.piece]
-    along = np.abs(axis @ ahead) > np.where(is_named, ELEVATED, TILTED)
-    slender = (length > SLENDER * solids.size[:, 1]) & (length > np.where(is_named, 0.25, 0.4) * half)
+    along = np.abs(axis @ ahead) > TILTED
+    slender = (length > SLENDER * solids.size[:, 1]) & (length > 0.4 * half)
     thick = solids.size[:, 2] > 0.4 * solids.size[:, 1]
     high_up = solids.center[:, 2] > low + 0.33 * (high - low)
     # The free end: nothing else of the vehicle is around its outer half.
@@ -229,18 +213,13 @@ def gun_barrel(
     fits = along & slender & thick & high_up & free & middle_line
     if not fits.any():
         return None
-    return int(np.argmax(np.where(fits, length * (1 + is_named), 0)))
+    return int(np.argmax(np.where(fits, length, 0.0)))
 
 
 def _muzzle_end(solids: Solids, ahead: Float[np.ndarray, "3"], half: float, named: Sequence[bool]) -> tuple[float, int]:
     """The end at which the longest piece named gun protrudes from the rest, and that piece; (0, -1) if none does.
 
     A gun on a hull reaches back over all of it, and its mesh has a mantlet or a brake, so that no barrel is found.
-
-    Parameters
-    ----------
-    solids, ahead, half, named
-        As of `gun_barrel`.
     """
     across = np.cross([0.0, 0.0, 1.0], ahead)
     corners = solids.bounds[:, [[0, 0], [0, 1], [1, 0], [1, 1]], [0, 1]]  # (n, 4, 2) seen from above

@@ -91,7 +91,7 @@ def by_shape(
     wide = np.ptp(bounds[:, :, 0], axis=1) < 0.9 * (high - low)[0]
     body = bounds[wide] if wide.any() else bounds
     middle = (body[:, 0].min(axis=0) + body[:, 1].max(axis=0)) / 2
-    barrel = gun_barrel(solids, np.array([1.0, 0, 0]), middle, float((high - low)[0]) / 2, [False] * len(pieces))
+    barrel = gun_barrel(solids, np.array([1.0, 0, 0]), middle, float((high - low)[0]) / 2)
     if barrel is None:
         return {}, []
     piece = int(solids.piece[barrel])

@@ -102,7 +102,7 @@ def heading(
     if forward is None:
         names = [upright.pieces[i].name for i in kept]
         gun = [_named_gun(upright.pieces[i]) for i in kept]
-        found = find_forward(solids, wheels, names, gun=gun, default=0.0)
+        found = find_forward(solids, wheels, names, gun=gun)
     else:
         found = Forward(_angle(forward), "as the config says")
     if yaw_deg:
