@@ -6,8 +6,6 @@ import math
 import re
 from collections.abc import Sequence
 
-import numpy as np
-
 from hulldown.reading.options import Options
 from hulldown.reading.report import Missing, Row
 from hulldown.reading.roles import Piece, Role
@@ -118,7 +116,7 @@ def scenery_doubts(
         if role.use == "obstacle" and role.why.startswith("by shape"):
             doubts.append(f"{piece.name!r} isn't used as ground: it's {role.why.removeprefix('by shape: ')}")
     grounds = [piece for piece, role in used if role.use == "ground"]
-    if grounds and 0 < (main := max(grounds, key=lambda p: float(np.prod(np.ptp(p.bounds, axis=0)[:2])))).level < LEVEL:
+    if grounds and 0 < (main := max(grounds, key=lambda p: p.area)).level < LEVEL:
         doubts.append(
             f"{main.name!r} is ground, and {100 * (1 - main.level):.0f} % of it is steep: if buildings are part of it, "
             "vehicles are placed on their roofs; make them objects of their own in Blender"
@@ -169,21 +167,19 @@ def _proposed_ground(among: Sequence[Piece]) -> str:
     able = [piece for piece in among if not (piece.hair or piece.scattered)]
     if not able:
         return "name what is to be ground in this scenery's `ground`"
-    widest = max(
-        able, key=lambda piece: (piece.level >= LEVEL, float(np.prod((piece.bounds[1] - piece.bounds[0])[:2])))
-    )
+    widest = max(able, key=lambda piece: (piece.level >= LEVEL, piece.area))
     families: dict[str, list[Piece]] = {}
     for piece in able:
         families.setdefault(re.split(r"\d", piece.name, maxsplit=1)[0].rstrip("_- .") or piece.name, []).append(piece)
-    stem, family = max(families.items(), key=lambda one: sum(_level_area(piece) for piece in one[1]))
-    if len(family) > MOST and sum(map(_level_area, family)) > _level_area(widest):
+    stem, family = max(families.items(), key=lambda one: _level_area(one[1]))
+    if len(family) > MOST and _level_area(family) > _level_area([widest]):
         return f"if it is the {len(family)} pieces {stem}..., give this scenery ground = {as_key([stem + '*'])}"
     return f"if it is {widest.name!r}, give this scenery ground = {as_key([widest.name])}"
 
 
-def _level_area(piece: Piece) -> float:
-    """Square meters of a piece seen from above that are nearly level."""
-    return float(piece.level * np.prod((piece.bounds[1] - piece.bounds[0])[:2]))
+def _level_area(pieces: Sequence[Piece]) -> float:
+    """Square meters of pieces seen from above that are nearly level."""
+    return sum(piece.level * piece.area for piece in pieces)
 
 
 def _missing(missing: Sequence[Missing]) -> list[str]:

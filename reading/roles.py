@@ -104,6 +104,16 @@ class Piece:
         """Name of the drawn object."""
         return self.chain[0].name
 
+    @property
+    def size(self) -> Float[np.ndarray, "3"]:
+        """Extents of its bounds, in meters."""
+        return self.bounds[1] - self.bounds[0]
+
+    @property
+    def area(self) -> float:
+        """Square meters of its bounds, seen from above."""
+        return float(self.size[0] * self.size[1])
+
 
 @dataclass(frozen=True, slots=True)
 class Role:
@@ -127,7 +137,7 @@ def vehicle_roles(pieces: Sequence[Piece], *, keep: Sequence[str] = (), drop: Se
     open_ = [i for i, role in enumerate(roles) if role is None]
     doubtful = [i for i in open_ if _stage_name(pieces[i]) or _is_sheet(pieces[i])]
     # Certain pieces give the vehicle's size. The others are judged from the smallest up; kept ones are added.
-    doubtful.sort(key=lambda i: _footprint(pieces[i].bounds))
+    doubtful.sort(key=lambda i: pieces[i].area)
     sure = set(open_) - set(doubtful)
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for bounds in [p.bounds for i, p in enumerate(pieces) if i in sure or _kept(roles[i])]:
@@ -178,19 +188,13 @@ def _stage_name(piece: Piece) -> tuple[str, str] | None:
             return name, pattern
     # Many meshes are named "Plane", or "truck_Plane" by exporters, after the primitive they were made from.
     named = [word for word in words(piece.name) if not word.isdigit()]
-    if named and set(named) <= set(PRIMITIVES) and _is_thin(piece):
+    if named and set(named) <= set(PRIMITIVES) and piece.size.min() <= THIN * piece.size.max():
         return piece.name, named[0]
     return None
 
 
-def _is_thin(piece: Piece) -> bool:
-    extent = piece.bounds[1] - piece.bounds[0]
-    return bool(extent.min() <= THIN * extent.max())
-
-
 def _is_sheet(piece: Piece) -> bool:
-    extent = piece.bounds[1] - piece.bounds[0]
-    return bool(extent[2] <= FLAT * max(extent[:2]))
+    return bool(piece.size[2] <= FLAT * max(piece.size[:2]))
 
 
 def _vehicle_by_place(piece: Piece, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> Role | None:
@@ -203,11 +207,7 @@ def _vehicle_by_place(piece: Piece, low: Float[np.ndarray, "3"], high: Float[np.
             return Role("dropped", f"{named[0]!r} says {named[1]!r} and reaches {out:.1f} m beyond the rest")
         if under:
             return Role("dropped", f"{named[0]!r} says {named[1]!r} and lies at the underside of the rest")
-    larger = _footprint(piece.bounds) / max(float(np.prod(high[:2] - low[:2])), 1e-12)
+    larger = piece.area / max(float(np.prod(high[:2] - low[:2])), 1e-12)
     if under and larger > MUCH_LARGER and _is_sheet(piece):
         return Role("dropped", f"a flat sheet {larger:.0f} times as large as the rest, lying under it")
     return None
-
-
-def _footprint(bounds: Float[np.ndarray, "2 3"]) -> float:
-    return float(np.prod((bounds[1] - bounds[0])[:2]))

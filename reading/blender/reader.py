@@ -173,7 +173,7 @@ def _rows(drawn: Evaluated, uses: Sequence[str], roles: Sequence[Role]) -> tuple
             reason,
             len(pieces),
             pieces[0].faces,
-            xyz(np.max([p.bounds[1] - p.bounds[0] for p in pieces], axis=0)),
+            xyz(np.max([p.size for p in pieces], axis=0)),
         )
         for (name, use, reason), pieces in groups.items()
     ]

@@ -45,7 +45,7 @@ def level_share(mesh: Mesh, meters_from_mesh: Float[np.ndarray, "4 4"]) -> tuple
 
 def is_wide_and_level(piece: Piece, *, least: float) -> bool:
     """Whether a piece is at least `width` meters wide, no higher than wide, and mostly level."""
-    length, width, height = piece.bounds[1] - piece.bounds[0]
+    length, width, height = piece.size
     return bool(min(length, width) >= least and height <= max(length, width) and piece.level >= LEVEL)
 
 
@@ -74,18 +74,15 @@ def ground_by_shape(pieces: Sequence[Piece], among: Sequence[int], solid: Sequen
     taken: list[int] = []
     for i in able:
         over = max((_overlap(pieces[i].bounds, pieces[j].bounds) for j in taken), default=0.0)
-        if over < 0.5 * _area(pieces[i].bounds) and _carries(pieces[i], rest):
+        if over < 0.5 * pieces[i].area and _carries(pieces[i], rest):
             taken.append(i)
-    covered = sum(_area(pieces[i].bounds) for i in taken)
+    covered = sum(pieces[i].area for i in taken)
     return taken if covered >= COVERED * extent[0] * extent[1] else []
 
 
 def _may_be_ground(piece: Piece, least: float) -> bool:
-    size = piece.bounds[1] - piece.bounds[0]
-    low = size[2] <= FLATTEST_GROUND * max(size[:2])
-    return bool(
-        low and piece.level >= GROUND_LEVEL and not (piece.scattered or piece.clear) and size[0] * size[1] >= least
-    )
+    low = piece.size[2] <= FLATTEST_GROUND * max(piece.size[:2])
+    return bool(low and piece.level >= GROUND_LEVEL and not (piece.scattered or piece.clear) and piece.area >= least)
 
 
 def _carries(piece: Piece, rest: Float[np.ndarray, "n 2 3"]) -> bool:
@@ -120,8 +117,7 @@ def sheets_between(
 
 def _is_sheet(piece: Piece, least: float) -> bool:
     """Whether a piece is a single wide flat sheet, not one of many scattered ones."""
-    size = piece.bounds[1] - piece.bounds[0]
-    flat = size[2] <= FLAT * max(size[:2]) and piece.filled >= FILLED
+    flat = piece.size[2] <= FLAT * max(piece.size[:2]) and piece.filled >= FILLED
     return bool(flat and is_wide_and_level(piece, least=least) and not piece.scattered)
 
 
@@ -133,11 +129,11 @@ def sunken(among: Sequence[int], pieces: Sequence[Piece]) -> list[tuple[int, flo
     """
     if not among:
         return []
-    main = pieces[max(among, key=lambda i: _area(pieces[i].bounds))].bounds
+    main = pieces[max(among, key=lambda i: pieces[i].area)].bounds
     found = []
     for i in among:
         below = float(main[0, 2] - pieces[i].bounds[1, 2])
-        if below > FAR_BELOW and _overlap(pieces[i].bounds, main) > 0.9 * _area(pieces[i].bounds):
+        if below > FAR_BELOW and _overlap(pieces[i].bounds, main) > 0.9 * pieces[i].area:
             found.append((i, below))
     return found
 
@@ -153,7 +149,7 @@ def canopies(
     for i in among:
         above = float(pieces[i].bounds[:, 2].mean() - whole[:, 2].mean())
         covered = _overlap(pieces[i].bounds, whole)
-        if _is_sheet(pieces[i], SHEET) and above > 0.0 and covered > COVERED * _area(whole):
+        if _is_sheet(pieces[i], SHEET) and above > 0.0 and covered > COVERED * _overlap(whole, whole):
             found.append((i, above))
     return found
 
@@ -170,7 +166,7 @@ def lawns(among: Sequence[int], pieces: Sequence[Piece], ground: Sequence[Float[
     found = []
     for i in among:
         level = lowest - DROWNED <= pieces[i].bounds[0, 2] and pieces[i].bounds[1, 2] <= highest + DROWNED
-        if level and _is_sheet(pieces[i], SHEET) and _area(pieces[i].bounds) > COVERED * extent[0] * extent[1]:
+        if level and _is_sheet(pieces[i], SHEET) and pieces[i].area > COVERED * extent[0] * extent[1]:
             found.append(i)
     return found
 
@@ -186,10 +182,6 @@ def enclosing(pieces: Sequence[Piece]) -> Piece | None:
     inside = (others[:, 0, :2] >= bounds[largest, 0, :2]).all() and (others[:, 1] <= bounds[largest, 1]).all()
     high = size[largest, 2] > FLATTEST_GROUND * max(size[largest, :2])
     return pieces[largest] if inside and high and pieces[largest].level < GROUND_LEVEL else None
-
-
-def _area(bounds: Float[np.ndarray, "2 3"]) -> float:
-    return float(np.prod((bounds[1] - bounds[0])[:2]))
 
 
 def _overlap(a: Float[np.ndarray, "2 3"], b: Float[np.ndarray, "2 3"]) -> float:
