@@ -224,27 +224,25 @@ def _may_read(file: Path, asset: Path) -> bool:
     return bool(unconfined()) or is_inside(file, asset_folders(asset))
 
 
-def _print_of(file: Path, asset: Path) -> list[Any] | None:
-    """Size, time, and content of a file that an asset refers to; None if it can't be read."""
+def _print_of(file: Path, asset: Path, *, known: list[Any] | None = None) -> list[Any] | None:
+    """Size, time, and content of a file that an asset refers to; None if it can't be read.
+
+    A file of the known size and time has the known content.
+    """
     if not _may_read(file, asset):
         return None
     try:
         stat = file.stat()
+        if known and known[:2] == [stat.st_size, stat.st_mtime_ns]:
+            return known
         return [stat.st_size, stat.st_mtime_ns, sha256(file)]
     except OSError:
         return None
 
 
 def _unchanged(file: Path, was: list[Any] | None, asset: Path) -> bool:
-    if not _may_read(file, asset):
-        return was is None
-    try:
-        stat = file.stat()
-        if was is None:
-            return not file.is_file()
-        return [stat.st_size, stat.st_mtime_ns] == was[:2] or (stat.st_size == was[0] and sha256(file) == was[2])
-    except OSError:
-        return was is None
+    now = _print_of(file, asset, known=was)
+    return now is was if now is None or was is None else now[2] == was[2]
 
 
 def sha256(path: Path) -> str:

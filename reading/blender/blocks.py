@@ -8,6 +8,7 @@ Blender's source/blender/blenloader_core: BLO_core_blend_header.hh and BLO_core_
 from __future__ import annotations
 
 import gzip
+import os
 import re
 import struct
 from collections.abc import Iterator
@@ -83,21 +84,21 @@ def blocks(file: BinaryIO) -> Iterator[tuple[bytes, int, bytes]]:
     if header[7:9].isdigit():  # since 5.0: its own size, and a format of blocks with sizes of 64 bits
         offset = int(header[7:9])
         _exactly(file, offset - 12)
-        head, order = struct.Struct("<4siQqq"), (3,)
+        head, size_at = struct.Struct("<4siQqq"), 3
     else:
         little = "<" if header[8:9] == b"v" else ">"
         head = struct.Struct(little + ("4siQii" if header[7:8] == b"-" else "4siIii"))
-        order = (1,)
+        size_at = 1
     while True:
         fields = head.unpack(_exactly(file, head.size))
-        code, size = fields[0], fields[order[0]]
+        code, size = fields[0], fields[size_at]
         offset += head.size
         if code == b"ENDB" or size < 0:
             return
         if code in OPENED and size <= LONGEST:
             yield code, offset, _exactly(file, size)
         else:
-            _skip(file, size)
+            file.seek(size, os.SEEK_CUR)
         offset += size
 
 
@@ -106,11 +107,3 @@ def _exactly(file: BinaryIO, size: int) -> bytes:
     if len(data) < size:
         raise EOFError
     return data
-
-
-def _skip(file: BinaryIO, size: int) -> None:
-    while size > 0:
-        skipped = len(file.read(min(size, LONGEST)))
-        if not skipped:
-            raise EOFError
-        size -= skipped

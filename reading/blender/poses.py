@@ -115,10 +115,10 @@ class Poses:
 
 def own_poses(originals: Sequence[Any]) -> Float[np.ndarray, "n 4 4"]:
     """`world_from_object` of objects without parents or constraints, that need not be evaluated."""
-    exact = _bases(originals)
-    seen = np.array([original.matrix_basis for original in originals], np.float64).reshape(-1, 4, 4)
-    apart, largest = (np.abs(those).max(axis=(1, 2)) for those in (exact - seen, np.concatenate([exact, seen], axis=2)))
-    return np.where((apart <= AGREE * largest)[:, None, None], exact, seen)
+    seen = (np.array(original.matrix_basis, np.float64) for original in originals)
+    return np.array(
+        [_agreed(own, float(np.abs(own).max()), at) for own, at in zip(_bases(originals), seen, strict=True)]
+    )
 
 
 def _span(outer: np.ndarray, outer_size: float, inner_size: float) -> float:
@@ -127,8 +127,9 @@ def _span(outer: np.ndarray, outer_size: float, inner_size: float) -> float:
 
 def _agreed(exact: np.ndarray | None, size: float, seen: np.ndarray) -> np.ndarray:
     # NaN agrees with nothing.
-    agrees = exact is not None and np.abs(exact - seen).max() <= AGREE * max(size, float(np.abs(seen).max()))
-    return exact if exact is not None and agrees else seen
+    if exact is not None and np.abs(exact - seen).max() <= AGREE * max(size, float(np.abs(seen).max())):
+        return exact
+    return seen
 
 
 def _bases(objects: Sequence[Any]) -> Float[np.ndarray, "n 4 4"]:

@@ -80,7 +80,7 @@ def read_elevations(path: Path, *, area: Sequence[float] | None, scale: float | 
         stored = raster.read(band, window=((top, bottom), (left, right)), masked=True)
         z = stored.astype(np.float64).filled(np.nan) * raster.scales[band - 1] + raster.offsets[band - 1]
         row, column = np.mgrid[top:bottom, left:right] + 0.5
-        x, y = _applied(raster.transform, column, row)
+        x, y = raster.transform * (column, row)
         south_up = raster.transform.determinant > 0
         wkt, unit = raster.crs.to_wkt() if raster.crs else "", raster.units[band - 1]
     doubts: list[str] = []
@@ -206,7 +206,7 @@ def _window(raster: Any, area: Sequence[float] | None, path: Path) -> tuple[tupl
         return (0, raster.height), (0, raster.width)
     west, south, east, north = area
     corners = np.array([west, west, east, east]), np.array([south, north, south, north])
-    cells = np.stack(_applied(~raster.transform, *corners))
+    cells = np.stack(~raster.transform * corners)
     low = np.maximum(np.ceil(cells.min(axis=1) - 0.5), 0)
     high = np.minimum(np.floor(cells.max(axis=1) + 0.5), (raster.width, raster.height))
     if (high - low < 2).any():
@@ -217,14 +217,6 @@ def _window(raster: Any, area: Sequence[float] | None, path: Path) -> tuple[tupl
             remedy=f"the whole of it is area = [{west}, {south}, {east}, {north}]",
         )
     return (int(low[1]), int(high[1])), (int(low[0]), int(high[0]))
-
-
-def _applied(
-    transform: Any, x: Float[np.ndarray, "*n"], y: Float[np.ndarray, "*n"]
-) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
-    """Coordinates after a raster's affine transform."""
-    a, b, c, d, e, f = tuple(transform)[:6]
-    return a * x + b * y + c, d * x + e * y + f
 
 
 def _in_meters(
