@@ -2,7 +2,7 @@
 
     supervisor -> remaining, session, jobs -> pool -> process     in the caller: remaining rows, and their workers
         blender/worker -> renderer -> scene, light, cycles, film   in separate processes
-    cluster_pool -> cluster -> node -> pool                  on a Dask cluster, in place of a pool: see docs/cluster.md
+    cluster_pool -> workers -> node -> process               on a Dask cluster, in place of a pool: see docs/cluster.md
     annotations, pictures                                    records and pictures for the dataset
     masks                                                    annotations compared with Cycles' own masks
 

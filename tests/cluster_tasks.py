@@ -3,11 +3,28 @@
 import time
 from pathlib import Path
 
+from distributed import get_worker
+
 from hulldown.render.cluster.workers import Answer, wanted
 
 
 def no_refusal():
     return ""
+
+
+def other_code():
+    return "has another version"
+
+
+def address_unless(refused):
+    """Answer with the worker's address; one of them is refused."""
+    address = str(get_worker().address)
+    return "is slow" if address == refused else Answer(address)
+
+
+def fails(reason):
+    """Fail on each worker."""
+    return Answer(f"{reason} on {get_worker().address}", has_failed=True)
 
 
 def until_unwanted(folder):
@@ -21,8 +38,11 @@ def until_unwanted(folder):
 
 
 def with_contents(digest, *contents):
-    """Lack a content that wasn't sent."""
-    return Answer(b"".join(contents)) if contents else Answer(lacking=(digest,))
+    """Lack a content that wasn't sent; with it, take as long as an image."""
+    if not contents:
+        return Answer(lacking=(digest,))
+    time.sleep(0.5)
+    return Answer(b"".join(contents))
 
 
 def slow_at_first(folder):

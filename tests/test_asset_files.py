@@ -24,7 +24,7 @@ def textured(tmp_path):
     for path, content in ((blend, b"grass"), (texture, b"brown")):
         path.parent.mkdir()
         path.write_bytes(content)
-    asset = AssetNote(note(blend), (note(texture),), (str(blend.parent),))
+    asset = AssetNote(note(blend), (note(texture),))
     return asset, AssetCache(tmp_path / "sent", "plan")
 
 
@@ -52,7 +52,6 @@ def test_what_is_sent_has_the_clients_relative_paths(textured):
     assert place.read_bytes() == b"grass"
     assert (place.parent / "../textures/bark.png").read_bytes() == b"brown"
     assert place.is_relative_to(cache.tree)
-    assert cache.readable(asset) == [cache.tree]
     assert AssetCache(cache.contents, "plan").place(asset) == place
 
 
@@ -117,20 +116,20 @@ def test_a_blend_does_not_choose_which_files_are_sent(curious):
     assert [file.path for file in asset.references] == [str(folder / "bark.png")]
 
 
-def test_a_blend_does_not_choose_what_its_blender_may_read(curious, tmp_path):
+def test_a_blend_does_not_choose_what_its_blender_may_read(curious):
     """The folder of each file that it named was opened to it, and the one around that."""
     assets, folder, secret = curious
-    asset = ClientFiles(assets).asset(str(folder / "void.blend"))
-    readable = AssetCache(tmp_path / "sent", "plan").readable(asset)
-    assert readable
+    readable = ClientFiles(assets).readable
+    assert str(folder) in readable
     assert not any(secret.is_relative_to(path) for path in readable)
 
 
 def test_folders_that_the_user_adds_are_sent_from(curious, monkeypatch):
     assets, folder, secret = curious
     monkeypatch.setenv("HULLDOWN_READ", str(secret.parent))
-    asset = ClientFiles(assets).asset(str(folder / "void.blend"))
-    assert str(secret) in {file.path for file in asset.references}
+    files = ClientFiles(assets)
+    assert str(secret) in {file.path for file in files.asset(str(folder / "void.blend")).references}
+    assert str(secret) in files.readable
 
 
 @pytest.mark.parametrize("change", [lambda sky: sky.write_bytes(b"other light"), lambda sky: sky.unlink()])

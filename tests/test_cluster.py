@@ -18,13 +18,11 @@ from pathlib import Path
 import psutil
 import pytest
 
-from hulldown.geometry.code import versions
+from hulldown.dataset.failures import read_failures
 from hulldown.geometry.errors import HulldownError
 from hulldown.reading.cache import sha256
 from hulldown.reading.confinement.landlock import abi
-from hulldown.render.cluster.node import refusal
 from hulldown.render.cluster.scheduler import Scheduler
-from hulldown.render.cluster.workers import Cluster
 from hulldown.render.process import Limits
 from hulldown.render.supervisor import Engine, render_plan
 from hulldown.tests.blender_plans import IMAGES, make_worlds, plan_in
@@ -215,16 +213,11 @@ def test_workers_that_cannot_render_are_named_and_the_others_go_on(folder, nodes
         nodes.add(largest_file=4096),
     ]
     nodes.wait()
-    lines = []
-    with Cluster(Scheduler(nodes.address), "render", refusal, (versions("bpy"), False), say=lines.append) as workers:
-        while sum("is not used" in line for line in lines) < 2:
-            workers.look()
-            time.sleep(0.1)
     course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address)
     for worker in bad:
         worker.kill()
-    assert any("it has no bpy" in line for line in lines)
-    assert any("it has hulldown " in line for line in lines)
+    assert course.line("is not used: it has no bpy")
+    assert course.line("is not used: it has hulldown ")
     assert_same(folder / "whole", tmp_path / "d")
     assert not course.report.failed
 
@@ -278,8 +271,9 @@ def test_a_row_that_cannot_be_rendered_is_given_up_as_on_one_machine(folder, nod
     whole = render_plan(plan, tmp_path / "whole", engine=Engine(device="cpu"))
     course = Course(tmp_path / "d", plan, nodes.address)
     assert course.report.failed == whole.failed == ("images/00000002.png",)
-    for name in ("annotations.json", "failures.jsonl"):
-        assert (tmp_path / "d" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+    assert (tmp_path / "d/annotations.json").read_bytes() == (tmp_path / "whole/annotations.json").read_bytes()
+    (local,), (elsewhere,) = read_failures(tmp_path / "whole"), read_failures(tmp_path / "d")
+    assert elsewhere == {**local, "reasons": 2 * local["reasons"]}  # of two workers
 
 
 @pytest.mark.thorough

@@ -2,6 +2,7 @@
 
 import contextlib
 import time
+from functools import partial
 
 import pytest
 
@@ -9,7 +10,15 @@ from hulldown.geometry.errors import AssetError, HulldownError
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.cluster.workers import Cluster
 from hulldown.tests.certificates import certificates, needs_openssl
-from hulldown.tests.cluster_tasks import no_refusal, slow_at_first, until_unwanted, with_contents
+from hulldown.tests.cluster_tasks import (
+    address_unless,
+    fails,
+    no_refusal,
+    other_code,
+    slow_at_first,
+    until_unwanted,
+    with_contents,
+)
 from hulldown.tests.clusters import cluster
 
 
@@ -22,9 +31,7 @@ def nodes(tmp_path_factory):
 
 @pytest.fixture
 def workers(nodes):
-    lines = []
-    with Cluster(Scheduler(nodes.address), "render", no_refusal, (), say=lines.append) as made:
-        until(lambda: made.look() and len(made.fit) == 2)
+    with Cluster(Scheduler(nodes.address), "render", no_refusal, say=lambda line: None) as made:
         yield made
 
 
@@ -52,7 +59,7 @@ def test_a_task_learns_that_nobody_waits_for_it(workers, tmp_path, leave):
         return left == ["stops"]
 
     with contextlib.suppress(HulldownError):
-        assert not list(workers.results([str(tmp_path)], until_unwanted, str, stopping=stopping))
+        assert not list(workers.run([str(tmp_path)], until_unwanted, str, lost=None, stopping=stopping))
     until((tmp_path / "ended").exists)
 
 
@@ -63,8 +70,8 @@ def test_contents_are_sent_once_and_shared(workers):
         read.append(digest)
         return digest.encode()
 
-    found = workers.results(range(3), with_contents, lambda job: "0" * 64, stopping=never, content=content)
-    assert [answer.value for _, answer in found] == [b"0" * 64] * 3
+    found = workers.run(range(3), with_contents, lambda job: "0" * 64, lost=None, stopping=never, content=content)
+    assert [results for _, results in found] == [[b"0" * 64]] * 3
     assert 1 <= len(read) <= 2
 
 
@@ -73,24 +80,40 @@ def test_a_content_that_cannot_be_read_ends_the_run(workers):
         raise AssetError("was changed during the render")
 
     with pytest.raises(AssetError, match="changed"):
-        list(workers.results([0], with_contents, lambda job: "1" * 64, stopping=never, content=content))
+        list(workers.run([0], with_contents, lambda job: "1" * 64, lost=None, stopping=never, content=content))
 
 
-def test_a_refused_worker_gets_no_tasks_and_when_all_are_the_run_ends(workers):
-    one, other = sorted(workers.fit)
-    workers.refuse(one, "is slow")
-    assert workers.fit == {other}
-    workers.refuse(other, "is slow too")
-    with pytest.raises(HulldownError, match="is slow too"):
-        workers.look()
+def test_a_refused_worker_gets_no_tasks_and_when_all_are_the_run_ends(workers, nodes):
+    run = partial(workers.run, range(8), address_unless, lost=None, stopping=never)
+    one, other = sorted(workers.client.scheduler_info()["workers"])
+    assert [results for _, results in run(order=lambda job: one)] == [[other]] * 8
+    assert workers.working == 1
+    with pytest.raises(HulldownError, match=f"{other}: is refused, as all workers are: it is slow"):
+        list(run(order=lambda job: other))
+
+
+def test_a_worker_without_the_clients_code_is_refused_before_it_reads_the_task(nodes):
+    lines = []
+    with (
+        Cluster(Scheduler(nodes.address), "render", other_code, say=lines.append) as workers,
+        pytest.raises(HulldownError, match="all workers are: it has another version"),
+    ):
+        list(workers.run([0], with_contents, str, lost=None, stopping=never))
+    assert sum("is not used: it has another version" in line for line in lines) == 2
+
+
+def test_the_results_of_all_workers_that_fail_are_kept(workers):
+    ((_, results),) = workers.run(["it fails"], fails, str, lost=None, stopping=never)
+    assert sorted(results) == [
+        f"it fails on {address}" for address in sorted(workers.client.scheduler_info()["workers"])
+    ]
 
 
 def test_a_task_whose_workers_are_all_gone_is_done_by_the_next(tmp_path):
     with (
         cluster(tmp_path / "nodes", 1) as nodes,
-        Cluster(Scheduler(nodes.address), "render", no_refusal, (), say=lambda line: None) as workers,
+        Cluster(Scheduler(nodes.address), "render", no_refusal, say=lambda line: None) as workers,
     ):
-        until(lambda: workers.look() and workers.fit)
         killed = []
 
         def kill():
@@ -99,8 +122,8 @@ def test_a_task_whose_workers_are_all_gone_is_done_by_the_next(tmp_path):
                 nodes.add()
             return False
 
-        ((job, answer),) = workers.results([tmp_path], slow_at_first, str, stopping=kill)
-        assert (job, answer.value, killed) == (tmp_path, "second", [None])
+        ((job, results),) = workers.run([tmp_path], slow_at_first, str, lost=None, stopping=kill)
+        assert (job, results, killed) == (tmp_path, ["second"], [None])
 
 
 @needs_openssl
@@ -109,16 +132,16 @@ def test_tasks_go_over_tls_and_nobody_comes_in_without_a_certificate(tmp_path):
     with cluster(tmp_path / "nodes", 1, tls=options) as nodes:
         assert nodes.address.startswith("tls://")
         with pytest.raises(HulldownError, match="no Dask scheduler answers there"):
-            Cluster(Scheduler(nodes.address), "render", no_refusal, (), say=lambda line: None)
-        with Cluster(Scheduler(nodes.address, **files), "render", no_refusal, (), say=lambda line: None) as workers:
-            found = workers.results(["data"], with_contents, str, stopping=never, content=str.encode)
-            assert [answer.value for _, answer in found] == [b"data"]
+            Cluster(Scheduler(nodes.address), "render", no_refusal, say=lambda line: None)
+        with Cluster(Scheduler(nodes.address, **files), "render", no_refusal, say=lambda line: None) as workers:
+            found = workers.run(["data"], with_contents, str, lost=None, stopping=never, content=str.encode)
+            assert [results for _, results in found] == [[b"data"]]
 
 
 def test_a_lost_scheduler_ends_the_run_in_one_line(tmp_path):
     with (
         cluster(tmp_path / "nodes", 1) as nodes,
-        Cluster(Scheduler(nodes.address), "render", no_refusal, (), say=lambda line: None) as workers,
+        Cluster(Scheduler(nodes.address), "render", no_refusal, say=lambda line: None) as workers,
         pytest.raises(HulldownError, match=r"^tcp://.*: the scheduler is out of reach; start one, .* which continues$"),
     ):
-        list(workers.results([""], with_contents, str, stopping=nodes.scheduler.kill))
+        list(workers.run([""], with_contents, str, lost=None, stopping=nodes.scheduler.kill))

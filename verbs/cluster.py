@@ -7,6 +7,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +46,7 @@ def training_workers(scheduler: Any, *, say: Callable[[str], None] = say) -> Ite
         from hulldown.render.cluster.workers import Cluster
     from hulldown.training.study.elsewhere import PACKAGES, RESOURCE, launch_on
 
-    with Cluster(scheduler, RESOURCE, difference, (versions(*PACKAGES),), say=say) as cluster:
+    with Cluster(scheduler, RESOURCE, partial(difference, versions(*PACKAGES)), say=say) as cluster:
         yield launch_on(cluster, _train_here)
 
 
@@ -54,8 +55,7 @@ def _train_here(order: Any) -> Any:
     from hulldown.render.cluster.workers import Answer, wanted
     from hulldown.training.study.elsewhere import run_here, unseen
 
-    refused = unseen(order)
-    return Answer(refused=refused) if refused else Answer(run_here(order, wanted()))
+    return unseen(order) or Answer(run_here(order, wanted()))
 
 
 def _cluster(arguments: argparse.Namespace) -> int:

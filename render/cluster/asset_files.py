@@ -41,11 +41,10 @@ class FileNote:
 
 @dataclass(frozen=True, slots=True)
 class AssetNote:
-    """A file named in jobs, the files that it refers to, and the folders that Blender may read for it."""
+    """A file named in jobs, and the files that it refers to."""
 
     file: FileNote
     references: tuple[FileNote, ...] = ()
-    folders: tuple[str, ...] = ()
 
     @property
     def files(self) -> tuple[FileNote, ...]:
@@ -65,21 +64,23 @@ class ClientFiles:
     ----------
     key
         A hash of contents and paths.
+    readable
+        Paths that Blender may read where a worker has the files at the same paths, as on one machine.
     """
 
     def __init__(self, assets: RenderAssets) -> None:
         self._notes: dict[Path, FileNote] = {}
         self._assets: dict[str, AssetNote] = {}
-        named: list[tuple[Path, Sequence[str], list[Path]]] = []
-        named += [(file.tidy, file.files, file.readable) for file in assets.vehicles.values()]
-        named += [(file.path, file.files, file.readable) for file in assets.sceneries.values()]
-        named += [(path, (), []) for path in assets.hdris.values()]
-        for path, files, folders in named:
+        named: list[tuple[Path, Sequence[str]]] = []
+        named += [(file.tidy, file.files) for file in assets.vehicles.values()]
+        named += [(file.path, file.files) for file in assets.sceneries.values()]
+        named += [(path, ()) for path in assets.hdris.values()]
+        for path, files in named:
             path = path.resolve()
             referred = references(files, path, assets.readable)
-            self._assets[str(path)] = AssetNote(
-                self._note(path), tuple(map(self._note, referred)), tuple(map(str, folders))
-            )
+            self._assets[str(path)] = AssetNote(self._note(path), tuple(map(self._note, referred)))
+        added = [path for path in self._notes if not any(map(path.is_relative_to, assets.readable))]
+        self.readable = tuple(map(str, (*assets.readable, *added)))
         self._by_hash = {note.sha256: note for note in self._notes.values()}
         listed = sorted(f"{note.sha256} {note.path}" for note in self._notes.values())
         self.key = hashlib.sha256("\0".join(listed).encode("utf-8", "surrogateescape")).hexdigest()
@@ -175,14 +176,6 @@ class AssetCache:
         if self.is_in_place(asset):
             return []
         return [file.sha256 for file in asset.files if self._source(file) is None]
-
-    def readable(self, asset: AssetNote) -> list[Path]:
-        """Folders that Blender must read for an asset at the path by `place`."""
-        if not self.is_in_place(asset):
-            return [self.tree]
-        folders = [Path(folder) for folder in asset.folders]
-        files = [Path(file.path) for file in asset.files]
-        return [*folders, *(file for file in files if not any(map(file.is_relative_to, folders)))]
 
     def place(self, asset: AssetNote) -> Path:
         """The path of a complete asset on this machine.

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from types import TracebackType
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from hulldown.geometry.code import versions
 from hulldown.render.cluster.asset_files import ClientFiles
-from hulldown.render.cluster.node import Order, refusal, render_row
+from hulldown.render.cluster.node import Order, Setting, refusal, render_row
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.cluster.workers import Cluster
 from hulldown.render.jobs import RenderAssets
@@ -19,7 +20,7 @@ AT_ONCE = 2  # tasks per worker: the current and the next one
 LOST = "its workers were lost, the last ones while they had nothing else to do"
 
 
-class ClusterPool:
+class ClusterPool(Cluster):
     """The workers of a Dask cluster. Leaving it as a context cancels waiting tasks.
 
     Parameters
@@ -28,14 +29,8 @@ class ClusterPool:
         The cluster's scheduler.
     assets
         The plan's files.
-    device
-        A device for `render.blender.cycles.choose_device`.
-    limits
-        Limits of time, memory, and attempts.
-    say
-        Called with messages for the user.
-    stopping
-        Called several times a second; true: stop now.
+    device, limits, say, stopping
+        As of `render.pool.Pool`.
     require_confinement
         Whether to refuse workers that can't confine Blender.
 
@@ -56,49 +51,30 @@ class ClusterPool:
         stopping: Callable[[], bool],
         require_confinement: bool = False,
     ) -> None:
-        self._device, self._limits, self._say, self._stopping = device, limits, say, stopping
-        self._files = ClientFiles(assets)
-        self._cluster = Cluster(
-            scheduler, RESOURCE, refusal, (versions("bpy"), require_confinement), at_once=AT_ONCE, say=say
+        self._stopping, self._files = stopping, ClientFiles(assets)
+        self._setting = Setting(self._files.key, self._files.readable, device, limits)
+        super().__init__(
+            scheduler, RESOURCE, partial(refusal, versions("bpy"), require_confinement), at_once=AT_ONCE, say=say
         )
-
-    @property
-    def working(self) -> int:
-        """Number of workers that get rows."""
-        return len(self._cluster.fit)
 
     def results(
         self, jobs: Sequence[int], message: Callable[[int], Mapping[str, Any]]
     ) -> Iterator[tuple[int, Outcome]]:
         """Do all jobs; parameters and errors as of `render.pool.Pool.results`."""
-        left, unconfined = len(jobs), set[str]()
+        left = len(jobs)
 
         def order(job: int) -> Order:
-            job_message = message(job)
-            named = {
-                job_message["scenery"]["path"],
-                job_message["light"]["hdri"],
-                *(vehicle["tidy"] for vehicle in job_message["vehicles"]),
-            }
-            assets = tuple(self._files.asset(path) for path in sorted(named))
-            return Order(job_message, assets, self._files.key, self._device, self._limits)
+            own = message(job)
+            named = {own["scenery"]["path"], own["light"]["hdri"], *(vehicle["tidy"] for vehicle in own["vehicles"])}
+            return Order(own, tuple(self._files.asset(path) for path in sorted(named)), self._setting)
 
-        answers = self._cluster.results(jobs, render_row, order, stopping=self._stopping, content=self._files.content)
-        for job, answer in answers:
-            outcome = answer.value if answer else Outcome(reasons=(LOST,))
-            why = outcome.confinement
-            if answer and why not in unconfined and why.startswith("none"):
-                unconfined.add(why)
-                self._say(f"{answer.worker}: Blender is not confined there, {why}; see docs/safety.md")
+        for job, outcomes in self.run(
+            jobs, render_row, order,
+            lost=Outcome(reasons=(LOST,)), stopping=self._stopping, content=self._files.content,
+        ):  # fmt: skip
             left -= 1
-            yield job, outcome
+            reasons = [reason for outcome in outcomes for reason in outcome.reasons] if outcomes[-1].reasons else []
+            restarts = sum(outcome.restarts for outcome in outcomes)
+            yield job, replace(outcomes[-1], reasons=tuple(reasons), restarts=restarts)
         if left:
             raise Stopped
-
-    def __enter__(self) -> ClusterPool:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._cluster.__exit__(kind, error, trace)

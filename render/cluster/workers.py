@@ -1,28 +1,25 @@
 """Run tasks on the workers of a Dask cluster, for images and trainings alike.
 
-Dask schedules tasks, reassigns those of a lost worker, and moves data. This module excludes workers that can't
-do the tasks.
+Dask moves code and data, and reports lost workers. This module chooses a worker for each task, and excludes workers
+that can't do the tasks.
 """
 
 from __future__ import annotations
 
 import contextlib
 import logging
+import pickle
 import threading
 import time
-import uuid
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from dataclasses import dataclass, field
-from itertools import islice
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Self, TypeVar
 from weakref import WeakValueDictionary
 
-from distributed import Client, Future, KilledWorker, Security, get_worker
-from distributed.comm import CommClosedError
+from distributed import Client, Future, KilledWorker, Security, as_completed, get_worker
 from distributed.worker import thread_state
 
 from hulldown.geometry.errors import HulldownError
@@ -31,7 +28,6 @@ from hulldown.render.cluster.scheduler import Scheduler
 GONE_S = 15.0  # longest time without a scheduler
 LOOK_S = 1.0  # interval of the client's checks for workers
 POLL_S = 0.05
-GATHER_S = 60.0  # for a result over the network, before it's requested again
 LOSSES = 3  # workers lost during a task before it's tried alone
 STRIKES = 3  # tasks that only this worker fails at, before it's excluded
 
@@ -50,45 +46,24 @@ class Answer:
         Whether another worker should try it.
     lacking
         SHA-256 of contents that the worker needs first.
-    refused
-        Reason why this worker can't do any task; empty if it can.
     lines
         Messages for the user.
-    worker
-        Address of the worker.
     """
 
     value: Any = None
     has_failed: bool = False
     lacking: tuple[str, ...] = ()
-    refused: str = ""
     lines: tuple[str, ...] = ()
-    worker: str = field(default_factory=lambda: str(get_worker().address))
 
 
 @dataclass(eq=False, slots=True)
 class _Task(Generic[Job]):
-    """An unfinished job.
-
-    Parameters
-    ----------
-    job
-        The caller's job.
-    failed_on
-        Workers that failed at it.
-    contents
-        Data for its next worker.
-    losses
-        Number of workers lost during it.
-    is_suspect
-        Whether it's tried alone, since it may crash workers.
-    """
+    """An unfinished job, the results of workers that failed at it, the number of lost ones, and data sent for it."""
 
     job: Job
-    failed_on: list[str] = field(default_factory=list)
-    contents: list[Future] = field(default_factory=list)
+    failed: dict[str, Any] = field(default_factory=dict)
     losses: int = 0
-    is_suspect: bool = False
+    contents: tuple[Future, ...] = ()  # deleted from the cluster's memory with the last of these
 
 
 class Cluster:
@@ -101,9 +76,7 @@ class Cluster:
     resource
         A resource that each task needs: ``dask worker --resources "NAME=1"``.
     refusal
-        Called on each new worker with `about`; returns the reason why it can't do tasks, empty if it can.
-    about
-        The client's data for `refusal`.
+        Called on a worker before each task; returns the reason why it can't do tasks, empty if it can.
     at_once
         Tasks sent to each worker: a running one, and waiting ones.
     say
@@ -119,52 +92,56 @@ class Cluster:
         self,
         scheduler: Scheduler,
         resource: str,
-        refusal: Callable[..., str],
-        about: tuple[Any, ...],
+        refusal: Callable[[], str],
         *,
         at_once: int = 1,
         say: Callable[[str], None],
     ) -> None:
-        self._address, self._resource, self._at_once, self._say = scheduler.address, resource, at_once, say
-        self._refusal, self._about = refusal, about
+        self._address, self._resource, self._refusal = scheduler.address, resource, refusal
+        self._at_once, self._say = at_once, say
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # this module reports problems itself
         self.client = _connect(scheduler)
-        self._lock = threading.RLock()
-        self._reached, self._looked = time.monotonic(), 0.0
-        self._fit: set[str] = set()
+        self._lock = threading.Lock()
+        self._looked, self._told = 0.0, -1
+        self._there: set[str] = set()  # workers with the resource
         self._refused: dict[str, str] = {}
-        self._asked: dict[str, Future] = {}
-        self._told = -1
-        self._strikes: dict[str, int] = {}
-        self._tasks: dict[Future, frozenset[str]] = {}  # allowed workers of each
+        self._strikes = Counter[str]()
+        self._tasks: dict[Future, str] = {}  # the worker of each
         self._contents: WeakValueDictionary[str, Future] = WeakValueDictionary()
         if "dashboard" in self.client.scheduler_info()["services"]:
             self._say(f"dashboard: {self.client.dashboard_link}")
 
     @property
-    def fit(self) -> frozenset[str]:
-        """Addresses of accepted workers."""
-        return frozenset(self._fit)
+    def working(self) -> int:
+        """Number of workers that get tasks."""
+        return len(self._fit)
 
-    def results(
+    @property
+    def _fit(self) -> set[str]:
+        return self._there - self._refused.keys()
+
+    def run(
         self,
         jobs: Iterable[Job],
         function: Callable[..., Answer],
         order: Callable[[Job], Any],
         *,
+        lost: Any,
         stopping: Callable[[], bool],
         content: Callable[[str], bytes] = lambda digest: b"",
-    ) -> Iterator[tuple[Job, Answer | None]]:
-        """Run jobs on the workers; yields each with its answer when it ends, None if its workers were lost.
+    ) -> Iterator[tuple[Job, list[Any]]]:
+        """Run jobs on the workers; yields each when it ends, with the results of workers that failed, and the last one.
 
         Parameters
         ----------
         jobs
             Any objects.
         function
-            Called on a worker with an order, and contents that it lacked; returns an `Answer`.
+            Called on a worker with an order, and contents that it lacked.
         order
             Function from a job to its order.
+        lost
+            The last result of a job during which workers are lost again and again.
         stopping
             Called several times a second; true: end early.
         content
@@ -175,99 +152,93 @@ class Cluster:
         HulldownError
             If the scheduler is lost, or there are workers and all are refused.
         """
-        new = map(_Task, jobs)  # lazily, for any number of jobs
-        waiting, suspects = deque(islice(new, 1)), deque[_Task[Job]]()
-        running: dict[Future, _Task[Job]] = {}
+        waiting, running = deque(map(_Task, jobs)), dict[Future, _Task[Job]]()
+        ended = as_completed(loop=self.client.loop, with_results=True, raise_errors=False)
+
+        def submit(task: _Task[Job], worker: str, *contents: Future) -> None:
+            future = self.client.submit(
+                _do, self._refusal, pickle.dumps((function, order(task.job))), *contents,
+                workers=[worker], allow_other_workers=False, resources={self._resource: 1}, pure=False,
+            )  # fmt: skip
+            self._tasks[future], running[future], task.contents = worker, task, contents
+            ended.add(future)
+
         try:
-            while (waiting or suspects or running) and not stopping():
+            while (waiting or running) and not stopping():
                 with self._lock:
-                    is_connected = self.look()
-                    while is_connected and waiting and len(self._tasks) < self._at_once * len(self._fit):
-                        task = waiting.popleft()
-                        running[self._submit(function, order(task.job), task)] = task
-                        if not waiting:
-                            waiting.extend(islice(new, 1))
-                    if is_connected and self._fit and suspects and not self._tasks and not waiting:
-                        task = suspects.popleft()
-                        running[self._submit(function, order(task.job), task)] = task
-                ended = [future for future in running if future.done()]
-                for future in ended:
-                    task = running.pop(future)
-                    answer: Answer | None = None
-                    try:
-                        answer = future.result(timeout=GATHER_S)
-                    except TimeoutError:
-                        running[future] = task
+                    is_connected = self._look()
+                    while is_connected and waiting and (worker := self._place(waiting[0])):
+                        submit(waiting.popleft(), worker)
+                gone = [future for future in running if self._tasks[future] not in self._there or future.cancelled()]
+                self._cancel(gone)  # Dask would wait for the lost worker
+                batch = [*ended.next_batch(block=False), *((future, CancelledError()) for future in gone)]
+                for future, result in batch:
+                    if future not in running:
                         continue
-                    except CancelledError:  # its workers, contents, or scheduler are gone
-                        task.losses += 1
-                    except KilledWorker:  # Dask has tried it on several workers
-                        task.losses = LOSSES
-                    self._tasks.pop(future, None)
-                    task.contents = []
-                    if answer is None and task.losses < LOSSES and not task.is_suspect:
-                        waiting.appendleft(task)
-                    elif answer is None and not task.is_suspect:
-                        task.is_suspect = True
-                        suspects.append(task)
-                    elif answer is None or self._is_final(answer, task, content):
-                        yield task.job, answer
+                    task, worker = running.pop(future), self._tasks.pop(future)
+                    if isinstance(result, Answer) and result.lacking:
+                        submit(task, worker, *self._sent(result.lacking, content, worker))
+                        continue
+                    with self._lock:
+                        results = self._results(task, worker, result, lost)
+                    if results:
+                        yield task.job, results
+                    elif task.failed or task.losses == LOSSES:
+                        waiting.append(task)
                     else:
                         waiting.appendleft(task)
-                if not ended:
+                if not batch:
                     time.sleep(POLL_S)
         finally:
-            self.cancel(running)
+            for future in running:
+                del self._tasks[future]
+            self._cancel(running)
 
-    def _submit(self, function: Callable[..., Answer], order: Any, task: _Task[Any]) -> Future:
-        workers = self.fit - set(task.failed_on) or self.fit
-        future = self.client.submit(
-            function,
-            order,
-            *task.contents,
-            key=f"hulldown-{uuid.uuid4().hex}",
-            workers=sorted(workers),
-            allow_other_workers=False,
-            resources={self._resource: 1},
-            pure=False,
-        )
-        self._tasks[future] = workers
-        return future
+    def _place(self, task: _Task[Any]) -> str | None:
+        """The least busy worker with room for a task, preferably one that hasn't failed at it; None: not yet."""
+        load = Counter(self._tasks.values())
+        if load and task.losses == LOSSES:
+            return None  # it may crash workers, so it's tried alone
+        workers = sorted(self._fit - task.failed.keys() or self._fit)
+        return min((each for each in workers if load[each] < self._at_once), key=load.__getitem__, default=None)
 
-    def _is_final(self, answer: Answer, task: _Task[Any], content: Callable[[str], bytes]) -> bool:
-        """Whether a task is done; otherwise prepare its next attempt."""
-        with self._lock:
-            for line in answer.lines:
-                self._say(f"{answer.worker}: {line}")
-            if answer.refused:
-                self.refuse(answer.worker, answer.refused)
-                return False
-            if answer.lacking:
-                futures = (self._content(digest, content, answer.worker) for digest in answer.lacking)
-                task.contents = [future for future in futures if future is not None]
-                return False
-            if answer.has_failed:
-                task.failed_on.append(answer.worker)
-                return len(task.failed_on) > 1 or not self._fit - {answer.worker}
-            for address in task.failed_on:
-                self._strikes[address] = self._strikes.get(address, 0) + 1
-                if self._strikes[address] == STRIKES:
-                    self.refuse(address, f"has failed at {STRIKES} images that others could render")
-            return True
+    def _results(self, task: _Task[Any], worker: str, result: Any, lost: Any) -> list[Any]:
+        """All results of a task that has ended; empty if it must be tried again."""
+        if isinstance(result, tuple):  # of a failed task: type, error, and traceback
+            result = result[1]
+        if isinstance(result, CancelledError | KilledWorker):  # its worker, contents, or scheduler are gone
+            task.losses += 1
+            return [*task.failed.values(), lost] if task.losses > LOSSES else []
+        if not isinstance(result, Answer):
+            kind = "" if isinstance(result, HulldownError | OSError) else f"{type(result).__name__}: "
+            self._refuse(worker, result if isinstance(result, str) else f"fails: {kind}{result}")
+            return []
+        for line in result.lines:
+            self._say(f"{worker}: {line}")
+        results = [*task.failed.values(), result.value]
+        if result.has_failed:
+            task.failed[worker] = result.value
+            return results if len(task.failed) > 1 or self._fit <= task.failed.keys() else []
+        self._strikes.update(task.failed.keys())
+        for address in task.failed:
+            if self._strikes[address] == STRIKES:
+                self._refuse(address, f"has failed at {STRIKES} images that others could render")
+        return results
 
-    def _content(self, digest: str, read: Callable[[str], bytes], worker: str) -> Future | None:
-        """A future of data in the cluster's memory, stored on a worker first; None if that worker is gone."""
-        future = self._contents.get(digest)
-        if future is None or future.status in ("cancelled", "lost", "error"):
-            key, data = f"hulldown-{digest}", read(digest)
-            try:
-                future = self.client.scatter({key: data}, workers=[worker])[key]
-            except (OSError, ValueError, KeyError, TimeoutError):
-                return None
-            self._contents[digest] = future
-        return future
+    def _sent(self, digests: Iterable[str], read: Callable[[str], bytes], worker: str) -> Iterator[Future]:
+        """Futures of data in the cluster's memory, stored on a worker first; none if that worker is gone."""
+        for digest in digests:
+            future = self._contents.get(digest)
+            if future is None or future.status in ("cancelled", "lost", "error"):
+                data = read(digest)
+                try:  # without a hash: the release of an earlier future of the same key may come later
+                    future = self.client.scatter(data, workers=[worker], hash=False)
+                except (OSError, ValueError, KeyError, TimeoutError):
+                    continue
+                self._contents[digest] = future
+            yield future
 
-    def look(self) -> bool:
+    def _look(self) -> bool:
         """Update the list of workers; return whether the scheduler can be reached.
 
         Raises
@@ -275,88 +246,55 @@ class Cluster:
         HulldownError
             If the scheduler is lost, or there are workers and all are refused.
         """
-        with self._lock:
-            if not self._is_connected():
-                return False
-            if time.monotonic() > self._looked + LOOK_S:
-                self._looked = time.monotonic()
-                with contextlib.suppress(OSError):
-                    self._count(self._workers())
-            if self._asked and self._asked.keys() == self._refused.keys():
-                address = next(reversed(self._refused))
-                raise HulldownError(f"is refused, as all workers are: it {self._refused[address]}", path=address)
-            return True
-
-    def _is_connected(self) -> bool:
-        now = time.monotonic()
-        if self.client.status == "running":
-            self._reached = now
-            return True
-        if self.client.status == "closed" or now > self._reached + GONE_S:
-            raise HulldownError(
-                "the scheduler is out of reach",
-                path=self._address,
-                remedy="start one, and run the same command with its address, which continues",
-            )
-        return False
-
-    def _workers(self) -> set[str]:
-        # Client.scheduler_info() is replaced every other second by an answer without workers.
-        workers = self.client.sync(self.client.scheduler.identity, n_workers=-1)["workers"]
-        return {address for address, about in workers.items() if about["resources"].get(self._resource, 0) >= 1}
+        if self.client.status == "closed":  # since it was out of reach for `GONE_S`
+            remedy = "start one, and run the same command with its address, which continues"
+            raise HulldownError("the scheduler is out of reach", path=self._address, remedy=remedy)
+        if self.client.status == "running" and time.monotonic() > self._looked + LOOK_S:
+            self._looked = time.monotonic()
+            with contextlib.suppress(OSError):
+                # Client.scheduler_info() is replaced every other second by an answer without workers.
+                workers = self.client.sync(self.client.scheduler.identity, n_workers=-1)["workers"]
+                self._count({at for at, about in workers.items() if about["resources"].get(self._resource, 0) >= 1})
+        return self.client.status == "running"
 
     def _count(self, there: set[str]) -> None:
         for address in self._fit - there:
             self._say(f"{address}: is gone; others do its tasks")
-        self._fit &= there
+        self._there = there
         self._refused = {address: why for address, why in self._refused.items() if address in there}
-        self._asked = {
-            address: self._asked.get(address)
-            or self.client.submit(self._refusal, *self._about, workers=[address], priority=1, pure=False)
-            for address in there
-        }
-        for address in there - self._fit - self._refused.keys():
-            if self._asked[address].done():
-                self._judge(address, self._asked[address])
-        if len(self._fit) != self._told and (self._fit or self._asked.keys() == self._refused.keys()):
-            self._told = len(self._fit)
+        if there and not self._fit:
+            address = next(reversed(self._refused))
+            raise HulldownError(f"is refused, as all workers are: it {self._refused[address]}", path=address)
+        if self.working != self._told:
+            self._told = self.working
             many = f"{self._told} workers are in use"
             self._say({0: "waiting for workers", 1: "1 worker is in use"}.get(self._told, many))
-        # Dask would wait for one of the task's lost workers.
-        self.cancel([task for task, workers in self._tasks.items() if not workers & there and not task.done()])
 
-    def _judge(self, address: str, asked: Future) -> None:
-        error = CancelledError() if asked.cancelled() else asked.exception()
-        if isinstance(error, OSError | CommClosedError | CancelledError | KilledWorker):
-            del self._asked[address]  # it's gone, or will be asked again
-        elif why := f"fails: {type(error).__name__}: {error}" if error else asked.result():
-            self.refuse(address, why)
-        else:
-            self._fit.add(address)
-
-    def refuse(self, address: str, why: str) -> None:
+    def _refuse(self, address: str, why: str) -> None:
         """Exclude a worker; `why` completes a sentence about it."""
-        with self._lock:
-            if address not in self._refused:
-                self._refused[address] = why
-                self._say(f"{address}: is not used: it {why}")
-            self._fit.discard(address)
+        if address not in self._refused:
+            self._refused[address] = why
+            self._say(f"{address}: is not used: it {why}")
 
-    def cancel(self, futures: Iterable[Future]) -> None:
+    def _cancel(self, futures: Iterable[Future]) -> None:
         """Cancel tasks; a running one notices by `wanted`."""
-        with self._lock:
-            for future in (futures := list(futures)):
-                self._tasks.pop(future, None)
-            if futures and self.client.status == "running":
-                self.client.cancel(futures, force=True)
+        if (futures := list(futures)) and self.client.status == "running":
+            self.client.cancel(futures, force=True)
 
-    def __enter__(self) -> Cluster:
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.client.close(timeout=5)
+
+
+def _do(refusal: Callable[[], str], job: bytes, *contents: bytes) -> Answer | str:
+    """Do a task on a worker, or return the reason why it can't; only the client's own code unpickles the job."""
+    if why := refusal():
+        return why
+    function, order = pickle.loads(job)
+    answer: Answer = function(order, *contents)
+    return answer
 
 
 def wanted() -> Callable[[], bool]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +20,7 @@ from hulldown.training.study.manifest import MANIFEST_NAME, RUNS_NAME, read_mani
 from hulldown.training.study.runs import Launch, Progress, RunOptions, in_a_process
 
 RESOURCE = "train"  # what `dask worker --resources "train=1"` declares
-POLL_S = 0.2
+LOST = "its workers were lost"
 LEFT_S = 60.0  # what a run gets to end whose worker is gone, until another continues it
 # Dask's nanny sets these to 1 for tasks that share a process. A run has its own, and its weights depend on them.
 NANNYS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
@@ -49,11 +48,13 @@ def launch_on(cluster: Any, function: Callable[[Order], Any]) -> Launch:
         The function that a worker calls, which calls `run_here`.
     """
 
-    def launch(study: Path, name: str, options: RunOptions, progress: Progress, stop: threading.Event) -> str | None:
+    def launch(
+        study: Path, name: str, options: RunOptions, progress: Progress, stopping: Callable[[], bool]
+    ) -> str | None:
         study = study.resolve()
         order = Order(str(study), _sha256(study / MANIFEST_NAME), name, options)
-        for _, answer in cluster.results([order], function, lambda order: order, stopping=stop.is_set):
-            return answer.value if answer else "its workers were lost"
+        for _, reasons in cluster.run([order], function, lambda order: order, lost=LOST, stopping=stopping):
+            return reasons[-1]
         return "stopped"
 
     return launch
@@ -70,21 +71,11 @@ def run_here(order: Order, wanted: Callable[[], bool]) -> str | None:
         Whether the client still waits for it; if not, the run is ended.
     """
     study = Path(order.study)
-    stop, ended = threading.Event(), threading.Event()
-
-    def watch() -> None:
-        while not ended.wait(POLL_S):
-            if not wanted():
-                stop.set()
-                return
-
-    threading.Thread(target=watch, daemon=True).start()
     environment = {key: value for key, value in os.environ.items() if not (key in NANNYS and value == "1")}
-    try:
-        _wait_for(study / RUNS_NAME / read_manifest(study).run(order.name).folder)
-        return in_a_process(study, order.name, order.options, lambda what, done, total: None, stop, environment)
-    finally:
-        ended.set()
+    _wait_for(study / RUNS_NAME / read_manifest(study).run(order.name).folder)
+    return in_a_process(
+        study, order.name, order.options, lambda what, done, total: None, lambda: not wanted(), environment
+    )
 
 
 def unseen(order: Order) -> str:

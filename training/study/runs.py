@@ -58,8 +58,8 @@ class RunOptions:
     environment: Mapping[str, str] = field(default_factory=dict)
 
 
-# Runs a run by its name; returns the reason of a failure, or None. It's stopped when the event is set.
-Launch = Callable[[Path, str, RunOptions, Progress, threading.Event], str | None]
+# Runs a run by its name; returns the reason of a failure, or None. It's stopped when the last argument returns true.
+Launch = Callable[[Path, str, RunOptions, Progress, Callable[[], bool]], str | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +196,7 @@ def _run_all(
         place = slots.get()
         try:
             # Bars of several simultaneous runs would alternate.
-            reason = launch(out, name, place, show if len(places) == 1 else lambda what, done, total: None, stop)
+            reason = launch(out, name, place, show if len(places) == 1 else lambda what, done, total: None, stop.is_set)
         finally:
             slots.put(place)
         if stop.is_set():
@@ -242,7 +242,7 @@ def in_a_process(
     name: str,
     options: RunOptions,
     progress: Progress,
-    stop: threading.Event,
+    stopping: Callable[[], bool],
     environment: Mapping[str, str] = os.environ,
 ) -> str | None:
     """Call `run_one` in a separate process, which ends with this one in any case."""
@@ -268,7 +268,7 @@ def in_a_process(
     env = {**environment, **options.environment}
     with Child(command, env=env, hear=hear, log=log) as child:
         while child.wait(POLL_S) is None:
-            if stop.is_set():
+            if stopping():
                 break
         if child.kill() == 0:
             return None
