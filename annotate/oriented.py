@@ -47,8 +47,12 @@ def mask_rectangle(segmentation: Any, width: int, height: int) -> Float[np.ndarr
     corners = _pixel_corners(segmentation, width, height)
     if not len(corners):
         return None
-    around = shapely.oriented_envelope(shapely.multipoints(corners))
-    return rectangle_of(shapely.get_coordinates(around)[:4])
+    around = shapely.get_coordinates(shapely.oriented_envelope(shapely.multipoints(corners)))[:4]
+    first, second = around[1] - around[0], around[2] - around[1]
+    sides = np.hypot(*first), np.hypot(*second)
+    along = first if sides[0] >= sides[1] else second
+    angle = (np.arctan2(along[1], along[0]) + np.pi / 2) % np.pi - np.pi / 2
+    return np.array([*around.mean(axis=0), max(sides), min(sides), angle])
 
 
 def fits(rectangle: ArrayLike, segmentation: Any, width: int, height: int) -> bool:
@@ -81,15 +85,6 @@ def _pixel_corners(segmentation: Any, width: int, height: int) -> Float[np.ndarr
     bars.append((np.minimum(left + 1, right), right, np.where(one_column, top, 0), np.where(one_column, bottom, full)))
     corners = [np.stack([bar[i], bar[j]], axis=1) for bar in bars for i in (0, 1) for j in (2, 3)]
     return np.concatenate(corners).astype(np.float64)
-
-
-def rectangle_of(corners: Float[np.ndarray, "4 2"]) -> Float[np.ndarray, "5"]:
-    """Center, width, height, and angle of a rectangle with these corners, in order around it."""
-    first, second = corners[1] - corners[0], corners[2] - corners[1]
-    sides = np.hypot(*first), np.hypot(*second)
-    along = first if sides[0] >= sides[1] else second
-    angle = (np.arctan2(along[1], along[0]) + np.pi / 2) % np.pi - np.pi / 2
-    return np.array([*corners.mean(axis=0), max(sides), min(sides), angle])
 
 
 def rectangle_corners(rectangles: ArrayLike) -> Float[np.ndarray, "... 4 2"]:

@@ -105,11 +105,6 @@ class CocoDataset:
         """Number of images in the dataset, including those from other sources."""
         return len(self._document.images)
 
-    @property
-    def grown(self) -> bool:
-        """Whether an image was appended since it was opened."""
-        return len(self._document.images) > self._images
-
     def finished(self, file_name: str) -> bool:
         """Whether the dataset has an image of that name."""
         return place_of(file_name) in self._document.file_names
@@ -183,12 +178,12 @@ class CocoDataset:
         document = self._document
         if (known := document.runs.get(key)) is not None:
             return known
-        empty = not document.images.ids and not document.runs and not _has_files(self.folder / "images")
+        used = document.images.ids or document.runs or any(self.folder.glob("images/*"))
         run = Run(
             key=key,
             image_offset=document.images.highest,
             annotation_offset=document.annotations.highest,
-            prefix="" if empty else f"{len(document.runs) + 1}-{key[:8]}-",
+            prefix=f"{len(document.runs) + 1}-{key[:8]}-" if used else "",
             images=images,
             annotations=annotations,
         )
@@ -290,7 +285,7 @@ class CocoDataset:
         ValueError
             If images have been appended.
         """
-        if self.grown:
+        if len(self) > self._images:
             raise ValueError(f"abandon: expected no image since the dataset was opened, got some in {self.folder}")
         if not self._lock.is_locked:
             return
@@ -333,7 +328,3 @@ class CocoDataset:
                 path=self.folder / ANNOTATIONS_NAME,
                 remedy="add them there, or write to another folder",
             )
-
-
-def _has_files(folder: Path) -> bool:
-    return folder.is_dir() and any(folder.iterdir())

@@ -175,11 +175,7 @@ def _read_part(folder: Path, target: Path, allowed: Sequence[Path]) -> _Part:
             raise DatasetError(problem, path=folder, remedy="check it with `hulldown verify`")
         boxes.setdefault(record["image_id"], []).append(i)
     for name in sorted(document.file_names):
-        try:
-            own_picture(folder, name, allowed)
-        except OSError as error:
-            problem = "is missing" if isinstance(error, FileNotFoundError) else f"cannot be used ({error.strerror})"
-            raise DatasetError(problem, path=folder / name, remedy="render or copy this part again") from error
+        own_picture(folder, name, allowed)
     return _Part(folder, document, boxes, read_provenance(folder), read_failures(folder))
 
 

@@ -11,11 +11,10 @@ from typing import Any
 
 from hulldown.dataset.exports.clipping import refuse_all
 from hulldown.dataset.exports.split import SPLITS
-from hulldown.dataset.picture_files import DECODERS, read_picture, size_problem
+from hulldown.dataset.picture_files import DECODERS, read_pixels
 from hulldown.dataset.store.pictures import LinkError, link_or_copy, own_picture
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.geometry.errors import DatasetError
-from hulldown.geometry.files import open_regular
 
 VAL_NAMES = {"train": "train", "valid": "val", "test": "test"}  # what most layouts call the splits
 
@@ -121,22 +120,17 @@ def check_sound(folder: Path, images: Sequence[Mapping[str, Any]], allowed: Sequ
     def problem(image: Mapping[str, Any]) -> str | None:
         name = image["file_name"]
         try:
-            path = own_picture(folder, name, allowed)
-            if image.get(PICTURE_KEY) is not None:
-                with open_regular(path) as file:
-                    if digest(file.read()) == image[PICTURE_KEY]:
-                        return None
-            picture = read_picture(path)
-        except FileNotFoundError:
-            return f"{name} is missing"
-        except OSError as error:
-            return f"{name} cannot be read ({error.strerror})"
+            path, recorded = own_picture(folder, name, allowed), image.get(PICTURE_KEY)
+            if recorded is not None and digest(path.read_bytes()) == recorded:
+                return None
+            read_pixels(path, (image["width"], image["height"]))
         except LinkError:
             raise
         except DatasetError as error:
             return f"{name} {error.problem}"
-        stated = (image["width"], image["height"])
-        return None if picture.size == stated else f"{name} {size_problem(picture, stated)}"
+        except OSError as error:
+            return f"{name} cannot be read ({error.strerror})"
+        return None
 
     with ThreadPoolExecutor(DECODERS) as pool:
         wrong = [message for message in pool.map(problem, images) if message is not None]

@@ -203,8 +203,9 @@ def read_document(folder: Path) -> Document:
     exists = path.exists()
     document = _read_annotations(path) if exists else Document({}, (), (), path)
     since: dict[str | int, tuple[int, dict[str, Any]]] = {}
-    for number, line in enumerate(read_journal(journal), start=1):
-        try:
+    number = 0
+    try:
+        for number, line in enumerate(read_journal(journal), start=1):
             if not line.keys() <= LINE_KEYS:
                 raise KeyError(f"keys {sorted(line)}")
             if "run" in line:
@@ -214,17 +215,18 @@ def read_document(folder: Path) -> Document:
                 key = place_of(line["image"]["file_name"]) if "image" in line else number
                 since.pop(key, None)
                 since[key] = number, line
-        except (KeyError, TypeError, ValueError) as error:
-            raise _foreign_line(journal, number) from error
+        for number, line in since.values():  # noqa: B007  the error names it
+            document.apply(line)
+    except (KeyError, TypeError, ValueError) as error:
+        raise DatasetError(
+            f"line {number} does not fit this journal and its {ANNOTATIONS_NAME}",
+            path=journal,
+            remedy="restore both files from a backup, or delete that line to give its image up",
+        ) from error
     if merged and not exists:
         warnings.warn(
             f"{path}: is missing; it is made anew from {journal.name}, without what was in it before", stacklevel=2
         )
-    for number, line in since.values():
-        try:
-            document.apply(line)
-        except (KeyError, TypeError, ValueError) as error:
-            raise _foreign_line(journal, number) from error
     return document
 
 
@@ -318,11 +320,3 @@ def _id(record: Mapping[str, Any], kind: str, path: Path) -> int:
 
 def _unusable(path: Path, what: str) -> DatasetError:
     return DatasetError(what, path=path, remedy="repair it, or restore it from a backup, or choose an empty folder")
-
-
-def _foreign_line(path: Path, number: int) -> DatasetError:
-    return DatasetError(
-        f"line {number} does not fit this journal and its {ANNOTATIONS_NAME}",
-        path=path,
-        remedy="restore both files from a backup, or delete that line to give its image up",
-    )

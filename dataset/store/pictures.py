@@ -100,15 +100,16 @@ def own_picture(folder: Path, name: str, allowed: Sequence[Path] = ()) -> Path:
     Raises
     ------
     DatasetError
-        If a link leads elsewhere.
-    OSError
-        If there is no such file.
+        If there is no such file; `LinkError` if a link leads elsewhere.
     """
-    path = folder / name
+    path, remedy = folder / name, "put it there or delete its record"
     try:
         real = path.resolve(strict=True)
-    except RuntimeError:  # before Python 3.13
-        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(path)) from None
+    except FileNotFoundError:
+        raise DatasetError("is missing", path=path, remedy=remedy) from None
+    except (OSError, RuntimeError) as error:  # before Python 3.13, a loop of links is a RuntimeError
+        reason = getattr(error, "strerror", None) or os.strerror(errno.ELOOP)
+        raise DatasetError(f"cannot be read ({reason})", path=path, remedy=remedy) from None
     if not any(real.is_relative_to(home.resolve()) for home in (folder, *allowed)):
         raise LinkError(
             f"is a link that leads out of its dataset, to {real}",
@@ -116,7 +117,7 @@ def own_picture(folder: Path, name: str, allowed: Sequence[Path] = ()) -> Path:
             remedy=f"if you trust it, allow that with --allow-links {real.parent}",
         )
     if not real.is_file():
-        raise OSError(errno.EINVAL, "it isn't a regular file", str(path))
+        raise DatasetError("cannot be read (it isn't a regular file)", path=path, remedy=remedy)
     return real
 
 
