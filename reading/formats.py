@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import stat
 from pathlib import Path
 
@@ -19,7 +18,6 @@ MAGIC = {
     b"II+\0": "geotiff",  # of more than 4 GB
     b"MM\0+": "geotiff",
 }
-LARGEST_JSON = 2**28  # bytes of a glTF's JSON, which takes some twenty times as many once it is read
 SUFFIXES = {
     ".blend": "blend",
     ".glb": "gltf",
@@ -90,11 +88,7 @@ def format_of(path: Path) -> str:
         )
     if suffix == ".obj" and b"\0" not in start:
         return "obj"
-    if suffix == ".gltf" and (version := _gltf_version(path)):
-        if version.startswith("1"):
-            raise AssetError(
-                f"is glTF {version}, which Blender does not read", path=path, remedy="convert it to glTF 2.0"
-            )
+    if suffix == ".gltf" and b"{" in start:
         return "gltf"
     if suffix == ".fbx" and start.lstrip().startswith(b";"):
         raise AssetError("is an ASCII FBX file, which Blender does not read", path=path, remedy="save it as binary FBX")
@@ -105,32 +99,3 @@ def format_of(path: Path) -> str:
         path=path,
         remedy="copy it again, or save it as .blend in Blender",
     )
-
-
-def refuse_large_json(path: Path, size: int) -> None:
-    """Raise if the JSON of a glTF file is too large to read at once.
-
-    Raises
-    ------
-    AssetError
-        Saying how large it is.
-    """
-    if size > LARGEST_JSON:
-        raise AssetError(
-            f"its JSON has {size / 2**20:,.0f} MiB, more than {LARGEST_JSON // 2**20}",
-            path=path,
-            remedy="export it as .glb, whose buffers are no JSON",
-        )
-
-
-def _gltf_version(path: Path) -> str:
-    """The version in a .gltf file, "2.0" if there is none; empty if it isn't a JSON object."""
-    refuse_large_json(path, path.stat().st_size)
-    try:
-        data = json.loads(path.read_bytes())
-    except RecursionError:
-        return "2.0"  # nested too deeply, which is said where its references are checked
-    except ValueError:
-        return ""
-    asset = data.get("asset") if isinstance(data, dict) else None
-    return str(asset.get("version", "2.0")) if isinstance(asset, dict) else "2.0" if isinstance(data, dict) else ""

@@ -70,7 +70,7 @@ def test_what_is_read_otherwise_than_rendered_is_said(messy: Messy) -> None:
         ("model.max", b"anything", "is of a format that is not read; expected one of .blend, .glb"),
         ("lfs.blend", b"version https://git-lfs.github.com/spec/v1\n", "is only a pointer to a file in Git LFS"),
         ("old.fbx", b"; FBX 6.1.0 project file\n", "is an ASCII FBX file"),
-        ("scene.gltf", b"{]", "is no .gltf file"),
+        ("scene.gltf", b"{]", "isn't readable glTF ("),
         ("model.glb", b"BLENDER17-01v0500", "is no .glb file"),
     ],
 )

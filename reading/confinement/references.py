@@ -11,10 +11,11 @@ from urllib.parse import unquote
 
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.confinement.landlock import asset_folders, is_inside
-from hulldown.reading.formats import kind_of_file, refuse_large_json
+from hulldown.reading.formats import kind_of_file
 
 AGAIN = "export it again"
 GLB_JSON = b"JSON"
+LARGEST_JSON = 2**28  # bytes of a glTF's JSON, which takes some twenty times as many once it is read
 
 
 def refuse_odd_references(path: Path, kind: str) -> None:
@@ -75,6 +76,9 @@ def _check_gltf(path: Path) -> None:
         raise AssetError(f"isn't readable glTF ({_said(error)})", path=path, remedy=AGAIN) from None
     if not isinstance(data, dict):
         raise AssetError("isn't glTF: it isn't a JSON object", path=path, remedy=AGAIN)
+    asset = data.get("asset")
+    if isinstance(asset, dict) and (version := str(asset.get("version"))).startswith("1"):
+        raise AssetError(f"is glTF {version}, which Blender does not read", path=path, remedy="convert it to glTF 2.0")
     for owner in ("buffers", "images"):
         for i, entry in _entries(data, owner):
             uri = entry.get("uri")
@@ -91,14 +95,16 @@ def _check_gltf(path: Path) -> None:
 
 def _gltf_json(path: Path) -> bytes:
     with open(path, "rb") as file:
-        if file.read(4) != b"glTF":
-            refuse_large_json(path, path.stat().st_size)
-            return path.read_bytes()
-        file.seek(12)
-        size, kind = struct.unpack("<I4s", file.read(8))
-        if kind != GLB_JSON:
-            raise ValueError("its first chunk is no JSON")
-        refuse_large_json(path, size)
+        size, start = path.stat().st_size, 0
+        if file.read(4) == b"glTF":
+            file.seek(12)
+            (size, kind), start = struct.unpack("<I4s", file.read(8)), 20
+            if kind != GLB_JSON:
+                raise ValueError("its first chunk is no JSON")
+        if size > LARGEST_JSON:
+            problem = f"its JSON has {size / 2**20:,.0f} MiB, more than {LARGEST_JSON // 2**20}"
+            raise AssetError(problem, path=path, remedy="export it as .glb, whose buffers are no JSON")
+        file.seek(start)
         return file.read(size)
 
 

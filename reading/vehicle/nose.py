@@ -77,14 +77,12 @@ def find_forward(solids: Solids, wheels: Wheels | None, names: Sequence[str], *,
     if wheels is not None:
         centers = solids.center[wheels.index]
         middle = np.array([*((centers.min(axis=0) + centers.max(axis=0)) / 2)[:2], middle[2]])
-    reach = np.abs((solids.bounds.reshape(-1, 3) - middle) @ ahead)
-    half = max(float(np.percentile(reach, 98)), 1e-12)
+    along = (solids.bounds.reshape(-1, 3) - middle) @ ahead
+    half, length = max(float(np.percentile(np.abs(along), 98)), 1e-12), float(np.ptp(along))
     barrel = gun_barrel(solids, ahead, middle, half)
     votes = _votes(solids, names, (solids.center - middle) @ ahead / half)
-    raised = rising(solids, ahead, 2 * half, np.asarray(gun, bool)[solids.piece]) if any(gun) else 0.0
-    shape = _shape_votes(solids, wheels, ahead, middle)
-    # Tubes side by side may lie behind the middle, and yet they rise ahead.
-    tubes = raised != 0 and raised == rising(solids, ahead, 2 * half, np.zeros(len(solids), bool))
+    raised = rising(solids, ahead, length, named=np.asarray(gun, bool)[solids.piece]) if any(gun) else 0.0
+    tubes, built = rising(solids, ahead, length), _shape_votes(solids, wheels, ahead, middle, length)
     gun_end, gun_why = 0.0, ""
     if barrel is not None:
         gun_end = float(np.sign((solids.center[barrel] - middle) @ ahead))
@@ -93,13 +91,14 @@ def find_forward(solids: Solids, wheels: Wheels | None, names: Sequence[str], *,
         gun_end, which = _muzzle_end(solids, ahead, half, gun)
         gun_why = f"{names[which]!r} sticks out there" if gun_end else ""
     named = float(np.sign(votes)) * (abs(votes) >= VOTE)
-    lifted = raised * tubes
+    # Tubes side by side may lie behind the middle, and yet they rise ahead.
+    lifted = raised * (raised == tubes)
     names_doubt = TUBES_CONTRADICTED if lifted * named < 0 else ""
     lifted = 0.0 if names_doubt else lifted
-    others = [end for end in (gun_end, named, *_shape_votes(solids, wheels, ahead, middle, rises=False)) if end]
-    total = sum(shape)
+    others = (gun_end, named, *built)
+    total = tubes + sum(built)
     # Two agreeing signs are as good as a name.
-    alone = abs(total) < 2 or abs(total) < len(shape)
+    alone = abs(total) < 2 or abs(total) < abs(tubes) + sum(map(abs, built))
     # In order of trust: the end of a sign (0 for neither), the reason, the doubt.
     clues = (
         (lifted, "its tubes rise there", "" if lifted in others else ONE_CLUE),
@@ -263,26 +262,26 @@ def _shape_votes(
     wheels: Wheels | None,
     ahead: Float[np.ndarray, "3"],
     middle: Float[np.ndarray, "3"],
-    *,
-    rises: bool = True,
+    length: float,
 ) -> list[float]:
-    """Signs of the nose by shape: lone axle, mirrors, raised tubes."""
-    off = solids.bounds.reshape(-1, 3) - middle
-    length = float(np.ptp(off @ ahead))
-    votes = [rising(solids, ahead, length, np.zeros(len(solids), bool))] if rises else []
-    if wheels is not None:
-        at = np.sort((solids.center[wheels.index] - middle) @ ahead)
-        radius = float(np.median(solids.radius[wheels.index]))
-        axles = [float(c.mean()) for c in np.split(at, np.flatnonzero(np.diff(at) > radius) + 1)]
-        if len(axles) == 3:
-            first, second = np.diff(axles)
-            votes.append(0.0 if max(first, second) < 1.4 * min(first, second) else np.sign(second - first))
-        if len(axles) <= AXLES:
-            votes.append(_mirrors(solids, ahead, middle, length))
-    return [vote for vote in votes if vote]
+    """Signs of the nose of a vehicle on wheels by shape: a lone axle, mirrors."""
+    if wheels is None:
+        return []
+    votes = []
+    at = np.sort((solids.center[wheels.index] - middle) @ ahead)
+    radius = float(np.median(solids.radius[wheels.index]))
+    axles = [float(c.mean()) for c in np.split(at, np.flatnonzero(np.diff(at) > radius) + 1)]
+    if len(axles) == 3:
+        first, second = np.diff(axles)
+        votes.append(0.0 if max(first, second) < 1.4 * min(first, second) else float(np.sign(second - first)))
+    if len(axles) <= AXLES:
+        votes.append(_mirrors(solids, ahead, middle, length))
+    return votes
 
 
-def rising(solids: Solids, ahead: Float[np.ndarray, "3"], length: float, named: Bool[np.ndarray, " n"]) -> float:
+def rising(
+    solids: Solids, ahead: Float[np.ndarray, "3"], length: float, *, named: Bool[np.ndarray, " n"] | bool = False
+) -> float:
     """The end to which launch tubes rise, which isn't the tail; 0 if there are none.
 
     Without a name, at least two must be parallel and alike.

@@ -193,4 +193,4 @@ def _may_aim(solids: Solids, low: Float[np.ndarray, "3"], high: Float[np.ndarray
     size = high - low
     ring = (solids.round_about >= 0) & (np.abs(solids.axle[:, 2]) > 0.99) & (2 * solids.radius > RING * size[1])
     ring &= solids.center[:, 2] > low[2] + LOW * size[2]
-    return bool(ring.any() or rising(solids, np.array([1.0, 0, 0]), size[0], np.zeros(len(solids), bool)))
+    return bool(ring.any() or rising(solids, np.array([1.0, 0, 0]), size[0]))
