@@ -17,7 +17,7 @@ from hulldown.geometry.errors import AssetError
 from hulldown.geometry.files import open_regular, replacing
 from hulldown.geometry.meshes import Mesh
 
-FORMAT = 8  # also raised when undersides or extreme vertices are computed in another way
+FORMAT = 9  # also raised when undersides or extreme vertices are computed in another way
 # RuntimeError: zipfile takes damaged flags for encryption. MemoryError: a header may claim any shape.
 _DAMAGE = (OSError, ValueError, EOFError, KeyError, TypeError, RuntimeError, MemoryError, zipfile.BadZipFile)
 REMEDY = "delete the file, it is made again when it is needed"
@@ -130,7 +130,7 @@ def _load(path: Path, kind: str, names: Iterable[str]) -> dict[str, np.ndarray]:
                 raise AssetError(f"is a bundle of a {file['kind']}, expected a {kind}", path=path)
             if missing := wanted - set(file.files):
                 raise AssetError(f"lacks {sorted(missing)}", path=path, remedy=REMEDY)
-            return {name: file[name] for name in wanted}
+            return dict(file)
     except FileNotFoundError:
         raise AssetError("does not exist", path=path) from None
     except _DAMAGE as error:
