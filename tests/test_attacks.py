@@ -143,7 +143,10 @@ def config(attack: Path, vehicles: list[Path]):
     data = {
         "assets": {
             "hdris": ["assets/sky.exr"],
-            "vehicles": [{"path": f"assets/{path.name}", "name": path.stem, "category": "tank"} for path in vehicles],
+            "vehicles": [
+                {"path": f"assets/{path.name}", "name": path.stem, "category": "box", "allow_missing": True}
+                for path in vehicles
+            ],
             "sceneries": [{"path": "assets/all/everything.blend"}],
             "cache": "out/cache",
         },
