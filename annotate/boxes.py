@@ -185,15 +185,9 @@ class VehicleBoxes:
         xywh in continuous pixels, or None if no surface counts.
         """
         pose = checked(world_from_vehicle, "world_from_vehicle", (4, 4))[None]
-        angles = self.shape.angles([articulation or {}])
-        camera_from_parts = self._parts.camera_from_parts(pose, camera.world_from_camera[None], angles)
-        lens = lenses(camera.intrinsics)
-        if lens.distorted:
-            return self._curved(camera_from_parts[0], lens, frame=frame)
-        hull = self._hull(camera_from_parts, lens.spread(1))
-        if hull.framed[0]:
-            return _xywh(hull.extremes[0])
-        return _xywh(self._surface.extremes(camera_from_parts[0], Frustum.of(lens, frame=frame)))
+        found = self.boxes(pose, camera.world_from_camera[None], camera.intrinsics, [articulation or {}])
+        box = (found.xywh if frame else found.amodal)[0]
+        return None if np.isnan(box[0]) else box
 
     def boxes(
         self,
