@@ -11,8 +11,8 @@ import pytest
 from hulldown.camera.fog import DUST_ALBEDO, even_sky, extinction
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.precipitation import drops_in_view, rain_sizes, rng_of, view_of
+from hulldown.camera.response import displayed
 from hulldown.camera.weather_kinds import KINDS, Weather, air_layers, airlight
-from hulldown.dataset.verification.sky import displayed
 from hulldown.render.messages import CameraInput, LightInput, RenderJob, SceneryInput, Settings, to_json
 from hulldown.render.process import Blender
 from hulldown.tests.blender_plans import drawn

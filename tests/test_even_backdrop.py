@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hulldown.camera.backdrop import even_color, fade
-from hulldown.dataset.verification.sky import radiance
+from hulldown.dataset.verification.check_skies import radiance
 
 
 def street():

@@ -2,9 +2,9 @@
 
 import pytest
 
+from hulldown.dataset.exports.clipping import ALL_LABELS, LabelFloors
 from hulldown.dataset.records import check_annotations
 from hulldown.dataset.store.seals import RECORD_KEY, broken, sealed
-from hulldown.dataset.verification.floors import ALL_LABELS, LabelFloors
 
 LABELS = [
     sealed({"id": 1, "bbox": [0, 0, 40, 20], "visible_fraction": 0.9, "truncated_fraction": 0.0, "iscrowd": 0}),

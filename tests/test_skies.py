@@ -11,8 +11,7 @@ from hulldown.camera.response import displayed
 from hulldown.camera.sensor import Sensor
 from hulldown.camera.world import Plane, World
 from hulldown.dataset.store.runs import Run
-from hulldown.dataset.verification.check_skies import SkyCheck
-from hulldown.dataset.verification.sky import deviation, inner, radiance
+from hulldown.dataset.verification.check_skies import SkyCheck, deviation, inner, radiance
 
 RUN = Run("a" * 64, 0, 0, "", 9, 9)
 POSE = [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 2.0], [0.0, 0.0, 0.0, 1.0]]  # looks along +x

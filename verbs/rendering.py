@@ -125,8 +125,8 @@ def _verify(arguments: argparse.Namespace) -> int:
 
 
 def _export(arguments: argparse.Namespace) -> int:
+    from hulldown.dataset.exports.clipping import LabelFloors
     from hulldown.dataset.exports.export import export
-    from hulldown.dataset.verification.floors import LabelFloors
 
     floors = LabelFloors(
         min_box_px=arguments.min_box_px,

@@ -10,7 +10,7 @@ from typing import Any
 
 from hulldown.annotate.masks import extent
 from hulldown.annotate.outlines import polygons
-from hulldown.dataset.exports.clipping import clipped_boxes, refuse_all
+from hulldown.dataset.exports.clipping import ALL_LABELS, LabelFloors, clipped_boxes, refuse_all
 from hulldown.dataset.exports.layouts import coco, dota, huggingface, kitti, voc, webdataset, yolo
 from hulldown.dataset.exports.shares import Shares, check_sound
 from hulldown.dataset.exports.split import SPLITS, share_out
@@ -18,7 +18,6 @@ from hulldown.dataset.oriented import ground_corners, visible_corners
 from hulldown.dataset.records import by_image, read_usable
 from hulldown.dataset.store.seals import changed
 from hulldown.dataset.store.unfinished import all_or_nothing
-from hulldown.dataset.verification.floors import ALL_LABELS, LabelFloors
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.terminal import shown
 

@@ -5,20 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from PIL import Image
+from scipy import ndimage
 
+from hulldown.camera import fog
+from hulldown.camera.backdrop import HIGH, even_color, fade
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
+from hulldown.camera.response import displayed, white_balance
 from hulldown.camera.sensor import Sensor
+from hulldown.camera.weather_kinds import air_layers, airlight
 from hulldown.camera.world import World
 from hulldown.dataset.records import Finding
 from hulldown.dataset.store.runs import Run, find_run, plan_key
-from hulldown.dataset.verification.sky import deviation, inner, pictured, radiance
 from hulldown.planning.loading import load_planned_library, planned_cache
 from hulldown.planning.plan_file import Plan
 from hulldown.reading.skies.hdri import sky_map
@@ -27,6 +32,8 @@ WIDTH = 96  # pixels of the small picture that is compared
 FEWEST = 40  # of its pixels must be sky
 UNLIKE = 6.0  # of 255: another sky, turn or strength; see docs/dataset.md for what was measured
 DOUBTFUL = 3.0  # of 255: wrong too, if another sky of the plan differs by less than half of that
+_ERODED = 1  # pixels around other things, such as leaves and wires that rays miss
+_SMOOTHED = 5  # pixels: a small map has no finer details
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -38,7 +45,7 @@ class SkyCheck:
     worlds
         Ground and obstacles of each scenery, by its name.
     skies
-        Equirectangular map of each HDRI, by its name; see `dataset.verification.sky.radiance`.
+        Equirectangular map of each HDRI, by its name; see `radiance`.
     run
         The plan's images in the dataset.
     """
@@ -57,12 +64,17 @@ class SkyCheck:
         try:
             height = max(1, round(WIDTH * image["height"] / image["width"]))
             along, sky, light = self._sky(image, height)
-            yaw, strength = math.radians(image["hdri_yaw_deg"]), float(image["strength"])
             weather = image["weather"]
-            visibility_m = weather["visibility_m"] if weather else None
-            kind = str(weather["kind"]) if weather else "fog"
-            horizon_deg, exposure_ev = image["horizon_deg"], float(image["exposure_ev"])
-            white_balance_k = float(image["white_balance_k"])
+            seen = partial(
+                radiance,
+                along=along,
+                yaw=math.radians(image["hdri_yaw_deg"]),
+                strength=float(image["strength"]),
+                visibility_m=weather["visibility_m"] if weather else None,
+                kind=str(weather["kind"]) if weather else "fog",
+                horizon_deg=image["horizon_deg"],
+            )
+            response = white_balance(float(image["white_balance_k"])).T * 2.0 ** float(image["exposure_ev"])
         except (KeyError, TypeError, ValueError):  # a record that was changed, which is found elsewhere
             return
         sky = inner(sky & ~_labeled(image, labels, sky.shape))
@@ -71,17 +83,7 @@ class SkyCheck:
         small = np.asarray(Image.fromarray(pixels).resize((WIDTH, height), Image.Resampling.BOX), dtype=np.float64)
 
         def differs(candidate: str) -> float:
-            seen = radiance(
-                self.skies[candidate],
-                along,
-                yaw=yaw,
-                strength=strength,
-                visibility_m=visibility_m,
-                kind=kind,
-                horizon_deg=horizon_deg,
-            )
-            expected = pictured(seen * light, exposure_ev=exposure_ev, white_balance_k=white_balance_k)
-            return deviation(small, expected, sky)
+            return deviation(small, displayed((seen(self.skies[candidate]) * light) @ response), sky)
 
         figure = differs(hdri)
         if figure > UNLIKE:
@@ -148,3 +150,72 @@ def _labeled(
         x, y, w, h = (scale * float(side) for side in label["bbox"])
         taken[max(0, int(y)) : math.ceil(y + h), max(0, int(x)) : math.ceil(x + w)] = True
     return taken
+
+
+def radiance(
+    sky: Float[np.ndarray, "m k 3"],
+    along: Float[np.ndarray, "*n 3"],
+    *,
+    yaw: float,
+    strength: float,
+    visibility_m: float | None = None,
+    kind: str = "fog",
+    horizon_deg: float | None = None,
+) -> Float[np.ndarray, "*n 3"]:
+    """Radiance of a sky along rays.
+
+    Parameters
+    ----------
+    sky
+        Equirectangular map of radiance, the zenith in the first row, +x in the middle.
+    along
+        Unit directions in the scenery's frame.
+    yaw
+        Yaw of the sky in radians, counterclockwise seen from above.
+    strength
+        Factor on its radiance.
+    visibility_m
+        Of the weather, if there is any.
+    kind
+        Of the weather.
+    horizon_deg
+        Elevation whose color continues below; None: the sky is unchanged. See `camera.backdrop`.
+    """
+    height, width = sky.shape[:2]
+    x, y, z = np.moveaxis(along, -1, 0)
+    column = (0.5 - (np.arctan2(y, x) - yaw) / (2.0 * np.pi)) * width
+    elevation = np.arctan2(z, np.hypot(x, y))
+    horizon = None if horizon_deg is None else math.radians(horizon_deg)
+    if horizon is not None:
+        elevation = np.maximum(elevation, horizon)
+    row = (0.5 - elevation / np.pi) * height
+    seen = sky[np.clip(row.astype(int), 0, height - 1), np.floor(column).astype(int) % width] * strength
+    if horizon is not None and horizon > HIGH:
+        low, high = fade(horizon)
+        share = np.clip((high - z) / (high - low), 0.0, 1.0)[..., None]
+        seen = (1.0 - share) * seen + share * even_color(sky, horizon) * strength
+    if visibility_m is None:
+        return seen
+    depth = np.zeros(along.shape[:-1])
+    for layer in air_layers(kind, visibility_m):
+        down = np.where(z > 0.0, layer.above, layer.reach)
+        with np.errstate(divide="ignore"):
+            sides = np.stack([layer.reach / np.abs(x), layer.reach / np.abs(y), down / np.abs(z)])
+        depth += layer.extinction * sides.min(axis=0)
+    clear = np.exp(-depth)[..., None]
+    return clear * seen + (1.0 - clear) * airlight(kind, fog.even_sky(sky)) * strength
+
+
+def inner(sky: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+    """Pixels of sky that aren't next to anything else."""
+    return ndimage.binary_erosion(sky, iterations=_ERODED, border_value=1)
+
+
+def deviation(
+    picture: Float[np.ndarray, "h w 3"], expected: Float[np.ndarray, "h w 3"], where: Bool[np.ndarray, "h w"]
+) -> float:
+    """Median difference from the expected sky over some pixels, in the largest channel, smoothed; of 255."""
+    difference = (picture - expected) * where[..., None]
+    share = ndimage.uniform_filter(where.astype(np.float64), _SMOOTHED)[where]
+    smooth = ndimage.uniform_filter(difference, (_SMOOTHED, _SMOOTHED, 0))[where] / share[:, None]
+    return float(np.median(np.abs(smooth).max(axis=1)))
