@@ -11,6 +11,7 @@ import numpy as np
 from PIL import Image
 
 from hulldown.geometry.color import linear_color
+from hulldown.reading.blender.add_nodes import add_node
 
 Color = str  # "#rrggbb" as a color picker shows it
 
@@ -33,15 +34,7 @@ class Graph:
 
     def add(self, kind: str, inputs: Mapping[Any, Any] | None = None, /, **settings: Any) -> Any:
         """A node with inputs set to values or linked to sockets."""
-        node = self.tree.nodes.new(f"ShaderNode{kind}")
-        for name, setting in settings.items():
-            setattr(node, name, setting)
-        for key, value in (inputs or {}).items():
-            if isinstance(value, bpy.types.NodeSocket):
-                self.tree.links.new(value, node.inputs[key])
-            else:
-                node.inputs[key].default_value = value
-        return node
+        return add_node(self.tree, kind, inputs, **settings)
 
     def noise(self, where: Any, scale: float, *, detail: float = 2.0, rough: float = 0.5, warp: float = 0.0) -> Any:
         """Fractal noise, mostly within 0.25 to 0.75."""

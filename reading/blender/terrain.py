@@ -9,12 +9,12 @@ from typing import Any
 
 import bpy
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 from PIL import Image
 
 from hulldown.geometry.errors import AssetError
+from hulldown.reading.blender.add_nodes import add_node, maths
 from hulldown.reading.blender.buildings import add_buildings
-from hulldown.reading.blender.surfaces.nodes import add_math
 from hulldown.reading.confinement.landlock import asset_folders, is_inside
 from hulldown.reading.options import Options
 from hulldown.reading.scenery.buildings import read_buildings
@@ -62,7 +62,7 @@ def open_terrain(path: Path, options: Options) -> tuple[Elevations, list[str]]:
         low, high = vertices[:, :2].min(axis=0), vertices[:, :2].max(axis=0)
         anchor = terrain.anchor[:2]
         picture = read_orthophoto(file, crs=terrain.crs, low=anchor + low, high=anchor + high)
-        color = _over(material.node_tree, color, picture, low.tolist(), high.tolist())
+        color = _over(material.node_tree, color, picture, low, high)
     material.node_tree.links.new(color, shader.inputs["Base Color"])
     if options.buildings:
         file = _beside(path, options.buildings)
@@ -82,53 +82,41 @@ def _beside(path: Path, name: str) -> Path:
 
 def _by_slope(tree: Any) -> Any:
     """A color: rock where it's steep, grass where it's level, in patches."""
-    nodes, link = tree.nodes, tree.links.new
-    normal, height = nodes.new("ShaderNodeNewGeometry"), nodes.new("ShaderNodeSeparateXYZ")
-    link(normal.outputs["Normal"], height.inputs[0])
-    place = nodes.new("ShaderNodeTexCoord").outputs["Object"]
-    brightness, uneven = None, height.outputs["Z"]
+    normal, place = (add_node(tree, kind).outputs for kind in ("NewGeometry", "TexCoord"))
+    brightness, uneven = 1.0, add_node(tree, "SeparateXYZ", {0: normal["Normal"]}).outputs["Z"]
     for scale, depth in PATCHES:
-        noise = nodes.new("ShaderNodeTexNoise")
-        noise.inputs["Scale"].default_value, noise.inputs["Detail"].default_value = scale, 5.0
-        link(place, noise.inputs["Vector"])
-        uneven = add_math(tree, "MULTIPLY_ADD", noise.outputs["Factor"], 0.06, uneven)
-        factor = add_math(tree, "MULTIPLY_ADD", noise.outputs["Factor"], 2.0 * depth, 1.0 - depth)
-        brightness = factor if brightness is None else add_math(tree, "MULTIPLY", brightness, factor)
-    ramp = nodes.new("ShaderNodeValToRGB")
+        noise = add_node(tree, "TexNoise", {"Vector": place["Object"], "Scale": scale, "Detail": 5.0}).outputs["Factor"]
+        uneven = maths(tree, "MULTIPLY_ADD", noise, 0.06, uneven)
+        brightness = maths(tree, "MULTIPLY", maths(tree, "MULTIPLY_ADD", noise, 2.0 * depth, 1.0 - depth), brightness)
+    ramp = add_node(tree, "ValToRGB", {0: uneven})
     for k, (at, color) in enumerate(SLOPES):
         stop = ramp.color_ramp.elements[k] if k < 2 else ramp.color_ramp.elements.new(1.0)
         stop.position, stop.color = at + 0.015 * len(PATCHES), (*color, 1.0)
-    link(uneven, ramp.inputs[0])
-    scaled = nodes.new("ShaderNodeVectorMath")
-    scaled.operation = "SCALE"
-    link(ramp.outputs["Color"], scaled.inputs[0])
-    link(brightness, scaled.inputs["Scale"])
-    return scaled.outputs[0]
+    inputs = {0: ramp.outputs["Color"], "Scale": brightness}
+    return add_node(tree, "VectorMath", inputs, operation="SCALE").outputs[0]
 
 
-def _over(tree: Any, below: Any, picture: UInt8[np.ndarray, "h w 4"], low: list[float], high: list[float]) -> Any:
+def _over(
+    tree: Any,
+    below: Any,
+    picture: UInt8[np.ndarray, "h w 4"],
+    low: Float[np.ndarray, "2"],
+    high: Float[np.ndarray, "2"],
+) -> Any:
     """A color: the picture over the rectangle from `low` to `high`, and `below` where the picture is transparent."""
-    nodes, link = tree.nodes, tree.links.new
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "orthophoto.png")
         Image.fromarray(picture).save(file, compress_level=1)
         image = bpy.data.images.load(str(file))
         image.pack()
     image.alpha_mode = "CHANNEL_PACKED"
-    shown = nodes.new("ShaderNodeTexImage")
-    shown.image, shown.extension = image, "EXTEND"
-    turned = nodes.new("ShaderNodeMapping")
-    for axis in range(2):
-        extent = high[axis] - low[axis]
-        turned.inputs["Scale"].default_value[axis] = 1.0 / extent
-        turned.inputs["Location"].default_value[axis] = -low[axis] / extent
-    link(nodes.new("ShaderNodeTexCoord").outputs["Object"], turned.inputs["Vector"])
-    link(turned.outputs[0], shown.inputs["Vector"])
-    mix = nodes.new("ShaderNodeMix")
-    mix.data_type = "RGBA"
-    # A mix node has sockets of one name for each type of data.
-    inputs = {socket.identifier: socket for socket in mix.inputs}
-    link(shown.outputs["Alpha"], inputs["Factor_Float"])
-    link(below, inputs["A_Color"])
-    link(shown.outputs["Color"], inputs["B_Color"])
-    return next(socket for socket in mix.outputs if socket.identifier == "Result_Color")
+    extent = np.subtract(high, low)
+    inputs = {
+        "Vector": add_node(tree, "TexCoord").outputs["Object"],
+        "Location": (*(-low / extent), 0.0),
+        "Scale": (*(1.0 / extent), 1.0),
+    }
+    turned = add_node(tree, "Mapping", inputs).outputs[0]
+    shown = add_node(tree, "TexImage", {"Vector": turned}, image=image, extension="EXTEND").outputs
+    # A mix node has sockets for each type of data: 0 is the factor, 6, 7, and the output 2 are colors.
+    return add_node(tree, "Mix", {0: shown["Alpha"], 6: below, 7: shown["Color"]}, data_type="RGBA").outputs[2]

@@ -11,9 +11,9 @@ import bpy
 import numpy as np
 
 from hulldown.camera.weather_kinds import air_layers
+from hulldown.reading.blender.add_nodes import add_node
 from hulldown.reading.blender.frames import pose
 from hulldown.render.blender.light import HdriWorld
-from hulldown.render.blender.nodes import add_node
 
 
 class Fog:

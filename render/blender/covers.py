@@ -16,8 +16,8 @@ from typing import Any
 
 import bpy
 
+from hulldown.reading.blender.add_nodes import add_node, feed, maths
 from hulldown.render import surface_weather as weather
-from hulldown.render.blender.nodes import add_node, feed, maths
 
 SHARE = "hulldown share"
 PLANE = "hulldown_above"  # property of a vehicle's objects: x, y, z, 1 of the world to meters above its underside

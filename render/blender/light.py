@@ -16,7 +16,7 @@ import numpy as np
 
 from hulldown.camera.backdrop import HIGH, even_color, fade
 from hulldown.camera.fog import DUST_LAYERS, AirLayer, even_sky
-from hulldown.render.blender.nodes import add_node, maths
+from hulldown.reading.blender.add_nodes import add_node, maths
 
 HIGHEST = math.radians(89.0)  # of what the camera sees lifted
 SKY_MAP = 1024  # columns of the map by which Cycles finds the bright parts of the sky: a texel is 0.35 degrees

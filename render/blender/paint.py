@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from hulldown.reading.blender.add_nodes import add_node, maths
 from hulldown.reading.blender.tidy_properties import UNPAINTED
 from hulldown.reading.vehicle.paintable import DARK, NEUTRAL
-from hulldown.render.blender.nodes import add_node, maths
 from hulldown.render.messages import PaintInput
 
 BASE_COLORS = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}  # by shader, the input that has it

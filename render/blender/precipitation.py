@@ -13,8 +13,8 @@ import numpy as np
 
 from hulldown.camera.precipitation import Streaks, drops_in_view, rng_of, streaks, view_of
 from hulldown.camera.weather_kinds import KINDS, Weather
+from hulldown.reading.blender.add_nodes import add_node, maths
 from hulldown.reading.blender.frames import pose
-from hulldown.render.blender.nodes import add_node, maths
 from hulldown.render.messages import CameraInput
 
 NAME = "hulldown precipitation"

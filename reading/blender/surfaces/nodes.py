@@ -1,11 +1,9 @@
-"""Follow values through node trees, past reroutes, groups, and muted nodes, and add nodes."""
+"""Follow values through node trees, past reroutes, groups, and muted nodes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import Any
-
-import bpy
 
 Stack = tuple[Any, ...]  # the group nodes that a socket is inside of, the outermost first
 
@@ -85,20 +83,3 @@ def group_output(tree: Any) -> Any:
 def _same(sockets: Any, socket: Any) -> Any:
     """The socket of the same interface item."""
     return next((other for other in sockets if other.identifier == socket.identifier), None)
-
-
-def add_math(tree: Any, operation: str, *inputs: Any, clamp: bool = False) -> Any:
-    """Add a math node with these numbers and sockets as inputs; its output."""
-    node = tree.nodes.new("ShaderNodeMath")
-    node.operation, node.use_clamp = operation, clamp
-    for socket, value in zip(node.inputs, inputs, strict=False):
-        give(tree, value, socket)
-    return node.outputs[0]
-
-
-def give(tree: Any, value: Any, socket: Any) -> None:
-    """Link an input socket to another, or set it to a number or a color."""
-    if isinstance(value, bpy.types.NodeSocket):
-        tree.links.new(value, socket)
-    else:
-        socket.default_value = value

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from hulldown.reading.blender.surfaces.nodes import add_math, give, group_output, linked, material_output
+from hulldown.reading.blender.add_nodes import add_node, feed, maths
+from hulldown.reading.blender.surfaces.nodes import group_output, linked, material_output
 
 SOCKET = "hulldown opacity"
 
@@ -40,7 +41,7 @@ def _of_output(tree: Any, node: Any, given: Any, made: dict[Any, Any]) -> Any:
     if kind == "NodeReroute":
         return _opacity(tree, node.inputs[0], made)
     if kind == "ShaderNodeBsdfTransparent":
-        return add_math(tree, "SUBTRACT", 1.0, _gray(tree, node.inputs["Color"]))
+        return maths(tree, "SUBTRACT", 1.0, add_node(tree, "RGBToBW", {0: _own(node.inputs["Color"])}).outputs[0])
     if kind == "ShaderNodeBsdfPrincipled":
         return _clamped(tree, _own(node.inputs["Alpha"]))
     if kind == "ShaderNodeMixShader":
@@ -48,10 +49,10 @@ def _of_output(tree: Any, node: Any, given: Any, made: dict[Any, Any]) -> Any:
         first, second = _opacity(tree, node.inputs[1], made), _opacity(tree, node.inputs[2], made)
         if first == second == 1.0:
             return 1.0
-        return add_math(tree, "MULTIPLY_ADD", share, add_math(tree, "SUBTRACT", second, first), first)
+        return maths(tree, "MULTIPLY_ADD", share, maths(tree, "SUBTRACT", second, first), first)
     if kind == "ShaderNodeAddShader":
         first, second = (_opacity(tree, below, made) for below in node.inputs)
-        return _clamped(tree, add_math(tree, "ADD", add_math(tree, "ADD", first, second), -1.0))
+        return _clamped(tree, maths(tree, "ADD", maths(tree, "ADD", first, second), -1.0))
     if kind == "ShaderNodeGroup" and node.node_tree is not None:
         return _of_group(tree, node, given, made)
     if kind == "NodeGroupInput":
@@ -69,11 +70,11 @@ def _of_group(tree: Any, node: Any, given: Any, made: dict[Any, Any]) -> Any:
         below = next(socket for socket in end.inputs if socket.identifier == given.identifier)
         opacity = _opacity(inner, below, made)
         _interface(inner, name, "OUTPUT", end)
-        give(inner, opacity, end.inputs[name])
+        feed(inner, end.inputs[name], opacity)
     for shader in [socket for socket in node.inputs if socket.type == "SHADER"]:
         wanted = node.inputs.get(f"{SOCKET} of {shader.identifier}")
         if wanted is not None and not wanted.is_linked:
-            give(tree, _opacity(tree, shader, made), wanted)
+            feed(tree, wanted, _opacity(tree, shader, made))
     return node.outputs[name]
 
 
@@ -90,16 +91,10 @@ def _own(socket: Any) -> Any:
     return socket.default_value if found is None else found
 
 
-def _gray(tree: Any, socket: Any) -> Any:
-    to_gray = tree.nodes.new("ShaderNodeRGBToBW")
-    give(tree, _own(socket), to_gray.inputs[0])
-    return to_gray.outputs[0]
-
-
 def _clamped(tree: Any, value: Any) -> Any:
     if isinstance(value, float):
         return min(max(value, 0.0), 1.0)
-    return add_math(tree, "ADD", value, 0.0, clamp=True)
+    return maths(tree, "ADD", value, 0.0, clamp=True)
 
 
 def show_opacity(material: Any, *, hard: bool, strength: Any = None) -> None:
@@ -119,17 +114,10 @@ def show_opacity(material: Any, *, hard: bool, strength: Any = None) -> None:
     tree = material.node_tree
     for node in [node for node in tree.nodes if node.bl_idname == "ShaderNodeOutputMaterial"]:
         tree.nodes.remove(node)
-    output, glow = tree.nodes.new("ShaderNodeOutputMaterial"), tree.nodes.new("ShaderNodeEmission")
-    glow.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+    glow = add_node(tree, "Emission", {"Color": (1.0, 1.0, 1.0, 1.0), "Strength": strength(tree) if hard else opacity})
     shader = glow.outputs[0]
-    if not hard:
-        give(tree, opacity, glow.inputs["Strength"])
-    else:
-        tree.links.new(strength(tree), glow.inputs["Strength"])
-        if opacity != 1.0:
-            mix, through = tree.nodes.new("ShaderNodeMixShader"), tree.nodes.new("ShaderNodeBsdfTransparent")
-            give(tree, add_math(tree, "SUBTRACT", 1.0, add_math(tree, "LESS_THAN", opacity, 0.5)), mix.inputs[0])
-            tree.links.new(through.outputs[0], mix.inputs[1])
-            tree.links.new(shader, mix.inputs[2])
-            shader = mix.outputs[0]
-    tree.links.new(shader, output.inputs["Surface"])
+    if hard and opacity != 1.0:
+        share = maths(tree, "SUBTRACT", 1.0, maths(tree, "LESS_THAN", opacity, 0.5))
+        through = add_node(tree, "BsdfTransparent").outputs[0]
+        shader = add_node(tree, "MixShader", {0: share, 1: through, 2: shader}).outputs[0]
+    add_node(tree, "OutputMaterial", {"Surface": shader})
