@@ -24,7 +24,7 @@ import hulldown.verbs.planning
 import hulldown.verbs.rendering
 import hulldown.verbs.study
 import hulldown.verbs.training
-from hulldown.geometry.errors import HulldownError
+from hulldown.geometry.errors import HulldownError, shortened
 from hulldown.geometry.terminal import STDERR, say
 from hulldown.verbs.arguments import add_verb
 from hulldown.verbs.terminal import (
@@ -33,13 +33,13 @@ from hulldown.verbs.terminal import (
     MISTAKE,
     STDOUT,
     STOPPED,
-    in_one_line,
     print_json,
     show_list,
     silence_stdout,
     warnings_in_one_line,
 )
 
+LONGEST_LINE = 2000  # characters of a message
 # Errors of the file system that aren't bugs: a full disk, missing rights, a file instead of a folder or the reverse.
 REFUSALS = (
     *(errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM),
@@ -57,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         with warnings_in_one_line():
             return arguments.run(arguments)
     except HulldownError as error:
-        STDERR.print(f"hulldown: {escape(in_one_line(str(error)))}", soft_wrap=True)
+        STDERR.print(f"hulldown: {escape(shortened(str(error), LONGEST_LINE))}", soft_wrap=True)
         return MISTAKE
     except KeyboardInterrupt:
         stopped = "the same command goes on from here" if arguments.resumes else "nothing was written"

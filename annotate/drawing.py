@@ -68,9 +68,11 @@ def draw(
     font = lettering(max(10, picture.height // 36))
     for annotation in annotations:
         color = _color(annotation)
-        left, top, right, bottom = _corners(annotation["bbox"], line)
-        left, top = (min(max(n, 0), size - 1) for n, size in zip((left, top), picture.size, strict=True))
-        corners = left, top, max(left, min(right, picture.width - 1)), max(top, min(bottom, picture.height - 1))
+        x, y, w, h = annotation["bbox"]
+        first, last = (x, y), (x + w, y + h)  # pixels of a line around the box, those in the picture
+        left, top = (min(max(math.floor(n) - line, 0), size - 1) for n, size in zip(first, picture.size, strict=True))
+        right, bottom = (min(math.ceil(n) - 1 + line, size - 1) for n, size in zip(last, picture.size, strict=True))
+        corners = left, top, max(left, right), max(top, bottom)
         pen.rectangle(corners, outline=color, width=line)
         points = annotation.get("keypoints") or ()
         for x, y, v in zip(points[::3], points[1::3], points[2::3], strict=False):
@@ -150,13 +152,6 @@ def _narrow(word: str, font: ImageFont.FreeTypeFont, width: int) -> list[str]:
     for letter in word:
         parts[-1:] = [parts[-1] + letter] if font.getlength(parts[-1] + letter) <= width else [parts[-1], letter]
     return parts
-
-
-def _corners(xywh: Sequence[float | int], line: int) -> tuple[int, int, int, int]:
-    """First and last pixel of an outline that lies around a box."""
-    x, y, w, h = xywh
-    left, top = math.floor(x) - line, math.floor(y) - line
-    return left, top, max(left, math.ceil(x + w) - 1 + line), max(top, math.ceil(y + h) - 1 + line)
 
 
 def _label(

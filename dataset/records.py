@@ -23,6 +23,7 @@ from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, broken
 from hulldown.geometry.errors import DatasetError, shortened
 from hulldown.geometry.files import stays_inside
 
+LISTED = 20  # findings of a kind that are printed
 MASK_OUTSIDE = 1.0  # pixels that a mask may reach beyond its box
 
 
@@ -55,16 +56,16 @@ class Finding:
         return f"{self.severity}: {self.where}: {self.problem}"
 
 
-def listed(findings: Iterable[Finding], *, most: int = 20) -> list[str]:
-    """Return findings as lines, at most `most` of each kind, and the number of further ones."""
+def listed(findings: Iterable[Finding]) -> list[str]:
+    """Return findings as lines, at most `LISTED` of each kind, and the number of further ones."""
     kinds: Counter[tuple[str, str]] = Counter()
     lines = []
     for finding in findings:
         kind = (finding.severity, re.sub(r"'[^']*'|[-+.\d]+", "", finding.problem))
         kinds[kind] += 1
-        if kinds[kind] <= most:
+        if kinds[kind] <= LISTED:
             lines.append(str(finding))
-    more = [(severity, kind, n - most) for (severity, kind), n in kinds.items() if n > most]
+    more = [(severity, kind, n - LISTED) for (severity, kind), n in kinds.items() if n > LISTED]
     return lines + [f"{severity}: and {n} more like: {' '.join(kind.split())}" for severity, kind, n in more]
 
 

@@ -33,10 +33,10 @@ class HulldownError(Exception):
         super().__init__(f"{where}{problem}{cure}")
 
 
-def shortened(text: str) -> str:
+def shortened(text: str, longest: int = LONGEST) -> str:
     """Return text as one line of limited length: names in files may contain line breaks, or a megabyte."""
     text = " ".join(text.splitlines())
-    return text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} ... {text[-LONGEST // 2 :]}"
+    return text if len(text) <= longest else f"{text[: longest // 2]} ... {text[-longest // 2 :]}"
 
 
 class AssetError(HulldownError):

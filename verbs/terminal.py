@@ -17,14 +17,7 @@ from hulldown.geometry.terminal import Terminal, warn
 
 STDOUT = Terminal(highlight=False)
 WIDEST = 10_000  # characters of a table in a file or a pipe
-LONGEST_LINE = 2000  # characters of a message
 DONE, FOUND, MISTAKE, STOPPED = 0, 1, 2, 130  # exit codes
-
-
-def in_one_line(message: str) -> str:
-    """A message without line breaks, and without its middle if it's very long."""
-    line = " ".join(message.splitlines())
-    return line if len(line) <= LONGEST_LINE else f"{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 2 :]}"
 
 
 @contextmanager

@@ -89,14 +89,12 @@ def label_records(row: Row) -> list[dict[str, Any]]:
 def _box_differs(
     name: str, box: Mapping[str, Any] | None, wanted: Mapping[str, Any], names: Mapping[int, Any]
 ) -> Iterator[Finding]:
-    what = f"{wanted['category']} {wanted['vehicle']!r}"
     if box is None:
         yield not_annotated(name, wanted["category"], wanted["vehicle"])
-        return
-    label = box.get("category_id")
-    recorded = {**box, "category": names.get(label) if isinstance(label, int) else None}
-    for finding in _differ(name, recorded, wanted):
-        yield Finding(finding.severity, name, f"{what}: {finding.problem}")
+    else:
+        label = box.get("category_id")
+        recorded = {**box, "category": names.get(label) if isinstance(label, int) else None}
+        yield from _differ(name, recorded, wanted, what=f"{wanted['category']} {wanted['vehicle']!r}: ")
 
 
 def not_annotated(name: str, category: str | None, vehicle: str) -> Finding:
@@ -104,8 +102,8 @@ def not_annotated(name: str, category: str | None, vehicle: str) -> Finding:
     return Finding("warning", name, f"{category} {vehicle!r} is planned and has no annotation")
 
 
-def _differ(name: str, recorded: Mapping[str, Any], wanted: Mapping[str, Any]) -> Iterator[Finding]:
+def _differ(name: str, recorded: Mapping[str, Any], wanted: Mapping[str, Any], *, what: str = "") -> Iterator[Finding]:
     for key, value in wanted.items():
         if recorded.get(key) != value:
             values = (repr(each)[:LONGEST] for each in (recorded.get(key), value))
-            yield Finding("error", name, "{} is {}, planned is {}".format(key, *values))
+            yield Finding("error", name, "{}{} is {}, planned is {}".format(what, key, *values))
