@@ -243,10 +243,7 @@ def _oriented(label: Mapping[str, Any], image: Mapping[str, Any]) -> list[Float[
 def _thumbnail(picture: Pictures.Image) -> bytes:
     file = io.BytesIO()
     small = picture.convert("RGB")
-    if small.width > THUMBNAIL_WIDTH:
-        small = small.resize(
-            (THUMBNAIL_WIDTH, max(1, round(small.height * THUMBNAIL_WIDTH / small.width))), Pictures.Resampling.LANCZOS
-        )
+    small.thumbnail((THUMBNAIL_WIDTH, small.height), Pictures.Resampling.LANCZOS)
     small.save(file, "JPEG", quality=QUALITY, optimize=True)
     return file.getvalue()
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import io
 import tarfile
-from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path, PurePosixPath
 
 import orjson
 
-from hulldown.dataset.exports.shares import Item, Shares
+from hulldown.dataset.exports.shares import Shares
 
 SHARD_BYTES = 512 * 2**20  # bytes; suits object storage and readers
 SHARD_IMAGES = 10_000
@@ -28,34 +28,21 @@ def write(shares: Shares, out: Path) -> None:
     """
     names = shares.class_names
     for split, items in shares:
-        for number, samples in enumerate(_shards(items)):
-            with tarfile.open(out / f"{split}-{number:06d}.tar", "w", format=tarfile.USTAR_FORMAT) as shard:
-                for item in samples:
-                    labels = [{**label, "category": names[label["category_id"]]} for label in item.labels]
-                    suffix = PurePosixPath(item.name).suffix.lower()
-                    _add(shard, f"{item.stem}{suffix}", item.picture.read_bytes())
-                    _add(shard, f"{item.stem}.json", orjson.dumps({"image": item.image, "annotations": labels}))
+        number, images, room = 0, SHARD_IMAGES, 0  # the first picture begins a shard
+        with ExitStack() as stack:
+            for item in items:
+                size = item.picture.stat().st_size
+                if images == SHARD_IMAGES or size > room:
+                    stack.close()
+                    path = out / f"{split}-{number:06d}.tar"
+                    shard = stack.enter_context(tarfile.open(path, "w", format=tarfile.USTAR_FORMAT))
+                    number, images, room = number + 1, 0, SHARD_BYTES
+                images, room = images + 1, room - size
+                labels = [{**label, "category": names[label["category_id"]]} for label in item.labels]
+                suffix = PurePosixPath(item.name).suffix.lower()
+                _add(shard, f"{item.stem}{suffix}", item.picture.read_bytes())
+                _add(shard, f"{item.stem}.json", orjson.dumps({"image": item.image, "annotations": labels}))
     (out / "categories.json").write_bytes(orjson.dumps(shares.categories))
-
-
-def _shards(items: Iterator[Item]) -> Iterator[Iterator[Item]]:
-    """Split items into runs of at most `SHARD_IMAGES` pictures and `SHARD_BYTES` bytes, at least one each."""
-    ahead = next(items, None)
-
-    def run() -> Iterator[Item]:
-        nonlocal ahead
-        images = room = 0
-        while ahead is not None:
-            size = ahead.picture.stat().st_size
-            if images and (images == SHARD_IMAGES or size > room):
-                return
-            room = (room if images else SHARD_BYTES) - size
-            images += 1
-            yield ahead
-            ahead = next(items, None)
-
-    while ahead is not None:
-        yield run()
 
 
 def _add(shard: tarfile.TarFile, name: str, content: bytes) -> None:
