@@ -15,12 +15,12 @@ from PIL import Image as Pictures
 
 from hulldown.annotate.drawing import contact_sheet, draw
 from hulldown.annotate.known import SCALES, SIDES, SIZE, name_of, number, numbers_of, sides_of, weather_of
-from hulldown.annotate.sheets import encoded, notebook_page
+from hulldown.annotate.sheets import ShownInNotebooks
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.records import by_image, read_usable
 from hulldown.dataset.verification.planned import image_record, label_records
 from hulldown.geometry.arrays import spread
-from hulldown.geometry.errors import DatasetError, HulldownError
+from hulldown.geometry.errors import DatasetError
 from hulldown.planning.plan_file import Plan
 
 Columns = dict[str, Shaped[np.ndarray, " n"]]
@@ -78,7 +78,7 @@ class Image:
     record: Mapping[str, Any]
 
 
-class Dataset:
+class Dataset(ShownInNotebooks):
     """Images with their labels, of a dataset or of a plan.
 
     Parameters
@@ -193,27 +193,14 @@ class Dataset:
     def __repr__(self) -> str:
         return f"Dataset({self.name!r}, {len(self):,} images)"
 
-    def _repr_html_(self) -> str:
-        """HTML for notebooks: the number of labels of each class, and a few pictures."""
+    def _facts(self) -> dict[str, object]:
         classes, counts = np.unique(
             [label.category for image in self.images for label in image.labels], return_counts=True
         )
         labels = {f"labels of {name}": f"{n:,}" for name, n in zip(classes.tolist(), counts.tolist(), strict=True)}
-        facts: dict[str, object] = {"images": f"{len(self):,}", **labels}
-        try:
-            picture = self._thumbnails if self.images else None
-        except HulldownError as error:
-            return notebook_page(self.name, {**facts, "no pictures": error}, None)
-        return notebook_page(self.name, facts, picture)
+        return {"images": f"{len(self):,}", **labels}
 
-    def _repr_png_(self) -> bytes | None:
-        try:
-            return encoded(self._thumbnails)
-        except HulldownError:
-            return None
-
-    @cached_property
-    def _thumbnails(self) -> Pictures.Image:
+    def _few(self) -> Pictures.Image:
         return self.sheet(count=6, columns=3, tile_width=320)
 
     @cached_property

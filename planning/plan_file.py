@@ -21,6 +21,7 @@ import numpy as np
 import orjson
 from jaxtyping import Int
 
+from hulldown.annotate.sheets import ShownInNotebooks
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import ConfigError, HulldownError
 from hulldown.geometry.files import open_in_place
@@ -40,7 +41,7 @@ _CHUNK = 1 << 24
 _BEGINNING = b'{"hulldown_plan":'
 
 
-class Plan:
+class Plan(ShownInNotebooks):
     """A plan file opened for reading: `len(plan)`, `plan[i]`, `plan[:10]`, `for row in plan`; also a path.
 
     Parameters
@@ -165,12 +166,9 @@ class Plan:
     def __repr__(self) -> str:
         return f"Plan({str(self.path)!r}, {len(self):,} images)"
 
-    def _repr_html_(self) -> str:
-        """Return the header's facts, and previews of a few images if the assets can be read."""
-        from hulldown.annotate.sheets import notebook_page
-
+    def _facts(self) -> dict[str, object]:
         header = self.header
-        facts: dict[str, object] = {
+        return {
             "images": f"{len(self):,}",
             "classes": ", ".join(header.categories),
             "vehicles": ", ".join(header.vehicles),
@@ -178,22 +176,8 @@ class Plan:
             "HDRIs": ", ".join(header.hdris),
             "seed": header.seed,
         }
-        try:
-            picture = self._thumbnails
-        except HulldownError as error:
-            return notebook_page(str(self.path), {**facts, "no previews": error}, None)
-        return notebook_page(str(self.path), facts, picture)
 
-    def _repr_png_(self) -> bytes | None:
-        from hulldown.annotate.sheets import encoded
-
-        try:
-            return encoded(self._thumbnails)
-        except HulldownError:
-            return None
-
-    @cached_property
-    def _thumbnails(self) -> Image.Image:
+    def _few(self) -> Image.Image:
         return self.preview(width=320)
 
     def _too_short(self, rows: int) -> ConfigError:
