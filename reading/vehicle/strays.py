@@ -14,11 +14,6 @@ from hulldown.reading.roles import MUCH_LARGER, UNDERSIDE, Piece
 from hulldown.reading.vehicle.axes import Wheels
 from hulldown.reading.wording import as_key, quoted
 
-# Blender's names of new meshes, and their number of vertices; None: any.
-PRIMITIVES = {
-    "cube": 8, "plane": 4, "sphere": None, "icosphere": None, "cylinder": None, "cone": None, "torus": None,
-    "suzanne": None, "monkey": None, "circle": None, "grid": None,
-}  # fmt: skip
 BELOW = 0.03  # of the vehicle's height: a tire pressed into the ground
 OUT = 0.1  # of the length of the rest
 APART = 0.02  # of the rest's length: least gap around it
@@ -75,18 +70,17 @@ def find_strays(
     # If much is below the wheels, they aren't on the ground: tracks are around them, or skirts.
     low = low if len(low) <= max(2, len(pieces) // 10) else []
     regular = [i for i in loose if _is_regular(pieces[i], points[i])]
-    unedited = [i for i, p in enumerate(pieces) if _is_primitive(p, meshes[p.mesh])]
     apart = [i for i in loose if _is_apart(i, bounds)]
     sheets = [i for i in loose if _is_sheet_beyond(i, bounds)]
     beyond = [i for i in loose if i in sheets or _is_bulk(i, bounds)]
     signs = {
         "hidden from the viewport, but rendered": hidden,
         "reaching below the wheels": low,
-        "a new mesh of Blender's, as it comes": unedited,
+        "as regular as a new mesh of Blender's": regular,
         "not touching the rest": apart,
         "a flat sheet or a bulk that sticks out of the rest": beyond,
     }
-    told = {i for some in (*signs.values(), regular) for i in some}
+    told = {i for some in signs.values() for i in some}
     backdrops = [i for i in beyond if _is_backdrop(i, points, meshes[pieces[i].mesh], bounds, told)]
     out = dict.fromkeys(backdrops, "a sheet that lies under the rest and rises beside it")
     out |= {
@@ -120,29 +114,11 @@ def find_strays(
 
 def _is_regular(piece: Piece, points: Float[np.ndarray, "v 3"]) -> bool:
     """Whether it's named like a new cube or sphere, and as wide as high."""
-    kind = _kind(piece)
+    named = [word for word in words(piece.name) if not word.isdigit()]
     off = points - points.mean(axis=0)
     moments = np.linalg.eigvalsh(off.T @ off)
     alike = bool(moments[0] > 0.9 * moments[2] > 0)
-    return alike and ((kind == "cube" and len(points) in (8, 24)) or kind in ("sphere", "icosphere"))
-
-
-def _is_primitive(piece: Piece, mesh: Mesh) -> bool:
-    """Whether it's named like a new mesh, with its shape and size, and not stretched."""
-    kind = _kind(piece)
-    if kind not in PRIMITIVES:
-        return False
-    count = PRIMITIVES[kind]
-    scale = np.linalg.norm(piece.pose[:3, :3], axis=0)
-    size = np.ptp(mesh.vertices, axis=0)
-    whole = np.abs(size[size > 0] - 2.0).max() < 1e-3
-    return bool((count is None or len(mesh.vertices) == count) and whole and np.ptp(scale) < 1e-3 * scale.max())
-
-
-def _kind(piece: Piece) -> str:
-    """The only word of its name; "" if there are more."""
-    found = [word for word in words(piece.name) if not word.isdigit()]
-    return found[0] if len(found) == 1 else ""
+    return alike and ((named == ["cube"] and len(points) in (8, 24)) or named in (["sphere"], ["icosphere"]))
 
 
 def _is_sheet_beyond(i: int, bounds: np.ndarray) -> bool:
