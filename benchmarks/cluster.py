@@ -23,7 +23,6 @@ from hulldown.render.confinement import Confinement
 from hulldown.render.jobs import RenderAssets, render_job
 from hulldown.render.messages import Settings, to_json
 from hulldown.render.pool import Pool
-from hulldown.render.process import DEFAULT_LIMITS
 from hulldown.render.remaining import sort_key
 from hulldown.render.supervisor import Engine, render_plan
 from hulldown.tests.clusters import Cluster, blenders, cluster
@@ -68,18 +67,16 @@ def overhead(plan: Plan, assets: RenderAssets, output: Path, rounds: int) -> dic
         assert not any(outcome.reasons for _, outcome in pool.results(range(len(rows)), message))
         return time.perf_counter() - began
 
+    engine = Engine(workers=WORKERS, device="cpu")
     took: dict[str, list[float]] = {"local": [], "cluster": []}
     with cluster(output / "nodes") as nodes:
         for _ in range(WORKERS):
             nodes.add(environment={SHARE_VARIABLE: str(WORKERS)})
         with (
-            Pool(
-                output / "logs",
-                device="cpu",
-                workers=WORKERS,
-                confinement=Confinement(output, assets.readable, gpu=False),
-            ) as local,
-            _pool(nodes, assets, output) as dask,
+            Pool(output / "logs", engine, confinement=Confinement(output, assets.readable)) as local,
+            ClusterPool(
+                Scheduler(nodes.address), engine, assets, say=lambda line: None, stopping=lambda: False
+            ) as dask,
         ):
             once(local), once(dask)  # everything is loaded
             for _ in range(rounds):
@@ -88,17 +85,6 @@ def overhead(plan: Plan, assets: RenderAssets, output: Path, rounds: int) -> dic
     per_second = {way: CHUNK / statistics.median(seconds) for way, seconds in took.items()}
     size = (rows[0].width, rows[0].height)
     return {"size": size, "rows": CHUNK, "seconds": took, "images_per_second": per_second}
-
-
-def _pool(nodes: Cluster, assets: RenderAssets, output: Path) -> ClusterPool:
-    return ClusterPool(
-        Scheduler(nodes.address),
-        assets,
-        device="cpu",
-        limits=DEFAULT_LIMITS,
-        say=lambda line: None,
-        stopping=lambda: False,
-    )
 
 
 def _kills(folder: Path, config: Path, n: int) -> dict[str, Any]:

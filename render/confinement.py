@@ -23,19 +23,16 @@ class Confinement:
         Folder for output, which must exist at the start.
     read
         Files and folders of its jobs.
-    gpu
-        Whether it may use graphics cards, and their drivers' kernel caches.
     """
 
     write: Path
     read: tuple[Path, ...]
-    gpu: bool = True
 
-    def of(self, command: Sequence[str]) -> list[str]:
-        """Return a command that runs `command` confined."""
+    def of(self, command: Sequence[str], *, gpu: bool) -> list[str]:
+        """Return a command that runs `command` confined; `gpu`: with graphics cards, and their kernel caches."""
         program = shutil.which(command[0]) or command[0]
-        cards = [str(card) for pattern in CARDS for card in sorted(Path("/dev").glob(pattern))] if self.gpu else []
-        caches = [Path.home() / cache for cache in DRIVER_CACHES] if self.gpu else []
+        cards = [str(card) for pattern in CARDS for card in sorted(Path("/dev").glob(pattern))] if gpu else []
+        caches = [Path.home() / cache for cache in DRIVER_CACHES] if gpu else []
         return confined([program, *command[1:]], read=self.read, write=[self.write, *caches], devices=cards)
 
     @property

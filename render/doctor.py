@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.metadata
 import importlib.util
 import json
-import os
 import platform
 import subprocess
 import sys
@@ -95,9 +94,8 @@ def _probe_blender() -> dict | str:
     """Blender's version and devices, or the reason why it didn't start."""
     # -P: modules in the working directory must not be imported.
     command = [sys.executable, "-P", "-c", PROBE]
-    environment = {**os.environ}
     try:
-        child = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+        child = subprocess.run(command, capture_output=True, text=True, timeout=300)
     except subprocess.TimeoutExpired:
         return "no answer within 300 s"
     for line in child.stdout.splitlines():

@@ -64,11 +64,6 @@ class VehicleFile:
     materials: tuple[MaterialRow, ...] = ()
     source: Path | None = None
 
-    @property
-    def readable(self) -> list[Path]:
-        """Folders that Blender may read to render it."""
-        return _readable(self.tidy, self.source)
-
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SceneryFile:
@@ -95,18 +90,9 @@ class SceneryFile:
     source: Path | None = None
 
     @property
-    def readable(self) -> list[Path]:
-        """Folders that Blender may read to render it."""
-        return _readable(self.path, self.source)
-
-    @property
     def standing(self) -> list[str]:
         """Objects planned as ground or obstacles, which are rendered whatever they or their meshes are called."""
         return sorted({*self.scenery.ground_names, *self.scenery.instance_names})
-
-
-def _readable(*files: Path | None) -> list[Path]:
-    return [folder for file in files if file is not None for folder in asset_folders(Path(os.path.normpath(file)))]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -123,8 +109,9 @@ class RenderAssets:
 
         Neither a plan's header nor an asset adds to it.
         """
-        files: list[VehicleFile | SceneryFile] = [*self.vehicles.values(), *self.sceneries.values()]
-        folders = [folder for file in files for folder in file.readable]
+        files = [file for vehicle in self.vehicles.values() for file in (vehicle.tidy, vehicle.source)]
+        files += [file for scenery in self.sceneries.values() for file in (scenery.path, scenery.source)]
+        folders = [folder for file in files if file for folder in asset_folders(Path(os.path.normpath(file)))]
         return tuple(dict.fromkeys([*folders, *self.hdris.values()]))
 
 

@@ -34,6 +34,7 @@ from hulldown.render.jobs import RenderAssets, mask_job, render_assets
 from hulldown.render.messages import to_json
 from hulldown.render.pool import Pool
 from hulldown.render.remaining import Outline
+from hulldown.render.supervisor import Engine
 
 ONE_PIXEL = 1.0  # largest difference between a box and a mask's box, whose sides are between pixel centers
 SAME = 0.99  # least IoU of masks that are equal up to float32 at their edges
@@ -249,8 +250,6 @@ def cycles_masks(
     rows: Sequence[int],
     assets: RenderAssets,
     *,
-    device: str = "auto",
-    blender: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[RowMasks]:
     """Render the masks of all vehicles in some rows of a plan, the target first, then its companions.
@@ -263,8 +262,6 @@ def cycles_masks(
         Indices of rows.
     assets
         The plan's files; see `render.jobs.render_assets`.
-    device, blender
-        As of `render.supervisor.render_plan`.
     progress
         Called with (rows done, all).
 
@@ -280,8 +277,8 @@ def cycles_masks(
         def message(index: int) -> dict[str, Any]:
             return to_json(mask_job(plan[index], assets, folder / f"{index}.npy"))
 
-        confinement = Confinement(folder, assets.readable, gpu=device != "cpu")
-        with Pool(folder / "logs", blender=blender, device=device, workers=1, confinement=confinement) as pool:
+        confinement = Confinement(folder, assets.readable)
+        with Pool(folder / "logs", Engine(workers=1), confinement=confinement) as pool:
             for index, outcome in pool.results(sorted(rows, key=lambda i: plan[i].scenery), message):
                 if outcome.reasons:
                     problem = f"the mask of image {index} cannot be rendered: {outcome.reasons[-1]}"

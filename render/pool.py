@@ -10,10 +10,13 @@ from functools import partial
 from pathlib import Path
 from threading import Event
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hulldown.render.confinement import Confinement
-from hulldown.render.process import DEFAULT_LIMITS, POLL_S, Allowance, Blender, Limits, Outcome, Stopped
+from hulldown.render.process import POLL_S, Allowance, Blender, Outcome, Stopped
+
+if TYPE_CHECKING:
+    from hulldown.render.supervisor import Engine
 
 MOST = 256  # Blenders
 
@@ -25,14 +28,8 @@ class Pool:
     ----------
     logs
         Folder for their logs.
-    blender
-        An installed Blender, or None for the bpy module of this Python.
-    device
-        A device for `render.blender.cycles.choose_device`.
-    workers
-        Number of Blenders; None: one per GPU.
-    limits
-        Limits of time, memory, and attempts.
+    engine
+        Number and kind of the Blenders, and their limits.
     say
         Called with messages for the user.
     stopping
@@ -44,24 +41,20 @@ class Pool:
     def __init__(
         self,
         logs: Path,
+        engine: Engine,
         *,
-        blender: str | None = None,
-        device: str = "auto",
-        workers: int | None = None,
-        limits: Limits = DEFAULT_LIMITS,
         say: Callable[[str], None] = lambda line: None,
         stopping: Callable[[], bool] = lambda: False,
         confinement: Confinement | None = None,
     ) -> None:
-        if workers is not None and workers < 1:
-            raise ValueError(f"workers: expected at least 1, got {workers}")
-        self._logs, self._blender, self._device = logs, blender, device
+        if engine.workers is not None and engine.workers < 1:
+            raise ValueError(f"workers: expected at least 1, got {engine.workers}")
+        self._logs, self._engine = logs, engine
         self._say, self._stopping, self._confinement = say, stopping, confinement
         self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()  # of the threads
-        self._one_per_gpu = workers is None
-        self._allowance = Allowance(limits)
+        self._allowance = Allowance(engine.limits)
         self._blenders: list[Blender] = []
-        self._grow(workers or 1)
+        self._grow(engine.workers or 1)
         self._left = Event()
         self._threads = ThreadPoolExecutor(MOST)
 
@@ -75,8 +68,8 @@ class Pool:
             self._blenders.append(
                 Blender(
                     self._logs / f"worker-{i}.log",
-                    program=self._blender,
-                    device=self._device,
+                    program=self._engine.blender,
+                    device=self._engine.device,
                     number=i,
                     allowance=self._allowance,
                     confinement=self._confinement,
@@ -117,7 +110,7 @@ class Pool:
                 raise Stopped
             for future in [future for future in running if future.done()]:
                 ended.append((running.pop(future)[1], future))
-            if self._one_per_gpu:
+            if self._engine.workers is None:
                 self._grow(self._blenders[0].devices)
                 queues += [deque[int]() for _ in range(self.working - len(queues))]
             for i in set(range(self.working)) - {i for i, _ in running.values()}:

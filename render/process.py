@@ -315,7 +315,7 @@ class Blender:
         more = self._confinement.environment if self._confinement else {}
         try:
             self._child = Child(
-                self._confinement.of(command) if self._confinement else command,
+                self._confinement.of(command, gpu=self._device != "cpu") if self._confinement else command,
                 env={**ENVIRONMENT, **os.environ, **more},
                 hear=hear,
                 log=self._log,

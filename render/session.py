@@ -65,8 +65,8 @@ class Session:
     ----------
     begun
         Whether an image was placed, or the run has ended.
-    devices
-        The devices that rendered.
+    made_by
+        Blenders, devices, and systems that rendered, and their confinements.
     restarts
         How often Blender had to be started again.
     """
@@ -84,8 +84,7 @@ class Session:
         self.rendered = self.restarts = self._failed_in_a_row = 0
         self.failed: list[str] = []
         self.begun = False
-        self.devices: set[str] = set()
-        self._blenders, self._systems, self._confinements = set[str](), set[str](), set[str]()
+        self.made_by: dict[str, list[str]] = {}
         self._limits = limits
         self._plan, self._dataset, self._remaining, self._assets = plan, dataset, remaining, assets
         self._progress = progress
@@ -135,10 +134,15 @@ class Session:
     def _take_in(self, index: int, outcome: Outcome) -> None:
         self.restarts += outcome.restarts
         if outcome.device:
-            self.devices.add(outcome.device)
-            self._blenders.add(outcome.blender)
-            self._systems.add(outcome.system)
-            self._confinements.add(outcome.confinement)
+            self.made_by = {
+                name: sorted({*self.made_by.get(name, ()), value})
+                for name, value in (
+                    ("blender", outcome.blender),
+                    ("devices", outcome.device),
+                    ("systems", outcome.system),
+                    ("confinement", outcome.confinement),
+                )
+            }
         if not outcome.reasons:
             self._done(index, outcome)
             self._failed_in_a_row = 0
@@ -161,23 +165,17 @@ class Session:
 
     def _record(self) -> None:
         """Update the plan's provenance whenever there is news."""
-        made_by = {
-            "blender": sorted(self._blenders),
-            "devices": sorted(self.devices),
-            "systems": sorted(self._systems),
-            "confinement": sorted(self._confinements),
-        }
-        if made_by == self._recorded:
+        if self.made_by == self._recorded:
             return
         entry = {
             "file": self._plan.path.name,
             "first_image_id": self._remaining.run.image_offset + 1,
             "images": len(self._plan),
-            **made_by,
+            **self.made_by,
             "plan": msgspec.to_builtins(self._plan.header),
         }
         add_provenance(self._folder, {self._remaining.run.key: entry})
-        self._recorded = made_by
+        self._recorded = self.made_by
 
     def _output(self, row: Row) -> Path:
         return self._unfinished / f"{row.index}{Path(row.file_name).suffix}"

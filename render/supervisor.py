@@ -140,27 +140,11 @@ class Engine:
             If Dask isn't installed, or no scheduler answers.
         """
         if self.scheduler is None:
-            return Pool(
-                logs,
-                blender=self.blender,
-                device=self.device,
-                workers=self.workers,
-                limits=self.limits,
-                say=session.say,
-                stopping=stopping,
-                confinement=Confinement(session.unfinished, assets.readable, gpu=self.device != "cpu"),
-            )
+            confinement = Confinement(session.unfinished, assets.readable)
+            return Pool(logs, self, say=session.say, stopping=stopping, confinement=confinement)
         with needing_dask():
             from hulldown.render.cluster.cluster_pool import ClusterPool
-        return ClusterPool(
-            self.scheduler,
-            assets,
-            device=self.device,
-            limits=self.limits,
-            say=session.say,
-            stopping=stopping,
-            require_confinement=self.require_confinement,
-        )
+        return ClusterPool(self.scheduler, self, assets, say=session.say, stopping=stopping)
 
 
 DEFAULT_ENGINE = Engine()
@@ -317,7 +301,7 @@ def render_plan(
                 raise
             # A Blender that doesn't start reports the reason itself; reasons of failed attempts are in the log.
             logged = error.path is not None and Path(error.path).is_relative_to(folder / LOGS_NAME)
-            started = session is not None and bool(session.devices)
+            started = session is not None and bool(session.made_by)
             keep_logs = had_logs or (logged and started)
             _leave_no_trace(dataset, keep_logs=keep_logs)
             if logged and not keep_logs:

@@ -8,6 +8,7 @@ from hulldown.geometry.errors import HulldownError
 from hulldown.render import process
 from hulldown.render.pool import Pool
 from hulldown.render.process import FIRST_JOBS, Limits, Stopped
+from hulldown.render.supervisor import Engine
 
 
 class Work:
@@ -18,8 +19,9 @@ class Work:
         self.memory.mkdir()
         self.done, self.failed, self.lines, self.pids, self.restarts = [], {}, [], {}, 0
 
-    def run(self, folder, blender, **options):
-        with Pool(folder / "logs", blender=blender, device="cpu", say=self.lines.append, **options) as pool:
+    def run(self, folder, blender, *, stopping=lambda: False, **options):
+        engine = Engine(blender=blender, device="cpu", **options)
+        with Pool(folder / "logs", engine, say=self.lines.append, stopping=stopping) as pool:
             for job, outcome in pool.results(range(len(self.how)), self.message):
                 self.restarts += outcome.restarts
                 if outcome.reasons:

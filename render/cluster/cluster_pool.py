@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hulldown.geometry.code import versions
 from hulldown.render.cluster.asset_files import ClientFiles
@@ -13,7 +13,10 @@ from hulldown.render.cluster.node import Order, Setting, refusal, render_row
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.cluster.workers import Cluster
 from hulldown.render.jobs import RenderAssets
-from hulldown.render.process import Limits, Outcome, Stopped
+from hulldown.render.process import Outcome, Stopped
+
+if TYPE_CHECKING:
+    from hulldown.render.supervisor import Engine
 
 RESOURCE = "render"  # declared by `dask worker --resources "render=1"`
 AT_ONCE = 2  # tasks per worker: the current and the next one
@@ -27,12 +30,12 @@ class ClusterPool(Cluster):
     ----------
     scheduler
         The cluster's scheduler.
+    engine
+        The Blenders' device and limits, and whether to refuse workers that can't confine Blender.
     assets
         The plan's files.
-    device, limits, say, stopping
+    say, stopping
         As of `render.pool.Pool`.
-    require_confinement
-        Whether to refuse workers that can't confine Blender.
 
     Raises
     ------
@@ -43,19 +46,16 @@ class ClusterPool(Cluster):
     def __init__(
         self,
         scheduler: Scheduler,
+        engine: Engine,
         assets: RenderAssets,
         *,
-        device: str,
-        limits: Limits,
         say: Callable[[str], None],
         stopping: Callable[[], bool],
-        require_confinement: bool = False,
     ) -> None:
         self._stopping, self._files = stopping, ClientFiles(assets)
-        self._setting = Setting(self._files.key, self._files.readable, device, limits)
-        super().__init__(
-            scheduler, RESOURCE, partial(refusal, versions("bpy"), require_confinement), at_once=AT_ONCE, say=say
-        )
+        self._setting = Setting(self._files.key, self._files.readable, engine.device, engine.limits)
+        refused = partial(refusal, versions("bpy"), engine.require_confinement)
+        super().__init__(scheduler, RESOURCE, refused, at_once=AT_ONCE, say=say)
 
     def results(
         self, jobs: Sequence[int], message: Callable[[int], Mapping[str, Any]]

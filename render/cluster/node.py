@@ -150,7 +150,7 @@ class OpenBlender:
             self._scratch / "logs" / "blender.log",
             device=setting.device,
             allowance=Allowance(setting.limits, max(1, int(os.environ.get(SHARE_VARIABLE, "1")))),
-            confinement=Confinement(self._pictures, read, gpu=setting.device != "cpu"),
+            confinement=Confinement(self._pictures, read),
             say=self._lines.append,
         )
         if why := landlock.unconfined():
