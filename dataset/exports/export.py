@@ -106,18 +106,18 @@ def export(
     folder = Path(dataset)
     document = read_usable(folder)
     images = document["images"]
-    sizes = {image["id"]: (image["width"], image["height"]) for image in images}
     known = {image["id"]: image for image in images}
     of_images = [label for label in document["annotations"] if label["image_id"] in known]
     labels = by_image(images, clipped_boxes(of_images, known, folder=folder, clip=clip))
     split_of = share_out(images, labels, fractions=fractions, seed=seed)
     allowed = [Path(each) for each in allow_links]
-    _check_masks(labels, sizes, folder)
+    _check_masks(images, labels, folder)
     check_sound(folder, images, allowed)
-    labels = {image_id: floors.kept(image_labels) for image_id, image_labels in labels.items()}
-    if polygons_within is not None:
-        for image_id, image_labels in labels.items():
-            labels[image_id] = [_outlined(label, sizes[image_id], polygons_within) for label in image_labels]
+    for image in images:
+        kept = floors.kept(labels[image["id"]])
+        if polygons_within is not None:
+            kept = [_outlined(label, (image["width"], image["height"]), polygons_within) for label in kept]
+        labels[image["id"]] = kept
     head = {key: value for key, value in document.items() if key not in ("images", "annotations")}
     with shown("linking images", progress) as advance, all_or_nothing(Path(out)) as unfinished:
         LAYOUTS[layout](Shares(folder, head, images, labels, split_of, allowed, advance), unfinished)
@@ -125,15 +125,15 @@ def export(
 
 
 def _check_masks(
-    labels: Mapping[int, Sequence[Mapping[str, Any]]], sizes: Mapping[int, tuple[int, int]], folder: Path
+    images: Sequence[Mapping[str, Any]], labels: Mapping[int, Sequence[Mapping[str, Any]]], folder: Path
 ) -> None:
     """Refuse unusable masks."""
     wrong = []
-    for image_id, image_labels in labels.items():
-        for label in image_labels:
+    for image in images:
+        for label in labels[image["id"]]:
             if label.get("segmentation"):
                 try:
-                    extent(label["segmentation"], *sizes[image_id])
+                    extent(label["segmentation"], image["width"], image["height"])
                 except ValueError as error:
                     wrong.append(f"annotation {label['id']}: {error}")
     refuse_all(wrong, "mask", folder)

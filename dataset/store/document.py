@@ -21,7 +21,7 @@ from hulldown.dataset.store.entries import place_of
 from hulldown.dataset.store.foreign import foreign_reader
 from hulldown.dataset.store.journal import last_merged, read_journal, replaced
 from hulldown.dataset.store.record_lines import OtherLayoutError, read_by_line, write_coco
-from hulldown.dataset.store.runs import Run
+from hulldown.dataset.store.runs import Run, runs_of
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.files import open_regular
 
@@ -111,9 +111,8 @@ class Document:
             orjson.dumps([head, self.categories])
         except TypeError as error:
             raise _unusable(path, f"a record cannot be written again ({error})") from None
-        info = head.get("info")
         try:
-            for run in info.get("hulldown_runs", []) if isinstance(info, dict) else []:
+            for run in runs_of(head):
                 self._add_run(run)
         except (KeyError, TypeError, AttributeError, ValueError) as error:
             raise _unusable(path, f"'info' has 'hulldown_runs' that are not as they were written ({error})") from None
@@ -130,7 +129,7 @@ class Document:
         for category in line.get("categories", ()):
             self._add_category(category)
         if "run" in line:
-            self._add_run(line["run"])
+            self._add_run(Run(**line["run"]))
         image = line.get("image")
         if image is None or (place := place_of(image["file_name"])) in self.file_names:
             return
@@ -181,8 +180,7 @@ class Document:
         if all(c.get("name") != category["name"] for c in self.categories):
             self.categories.append(category)
 
-    def _add_run(self, record: dict[str, Any]) -> None:
-        new = Run(**record)
+    def _add_run(self, new: Run) -> None:
         if (run := self.runs.setdefault(new.key, new)) != new:
             raise ValueError(f"two records of what is set aside for {new.key!r}")
         self.images.highest = max(self.images.highest, run.image_offset + run.images)
