@@ -149,7 +149,7 @@ def add_read_limits(sub: argparse.ArgumentParser) -> None:
 
 def add_cache(sub: argparse.ArgumentParser, where: str) -> None:
     """Add the argument for the cache."""
-    sub.add_argument("--cache", type=Path, metavar="DIR", help=f"cache of assets (default:  {where})")
+    sub.add_argument("--cache", type=Path, metavar="DIR", help=f"cache of assets (default: {where})")
 
 
 def add_planned(sub: argparse.ArgumentParser) -> None:
