@@ -9,13 +9,13 @@ import numpy as np
 from hulldown.assets.naming import VEHICLE, says
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.options import Options
-from hulldown.reading.roles import FLAT, Piece, Role, vehicle_roles
+from hulldown.reading.roles import FLAT, Piece, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
 
 BIGGEST_VEHICLE = 30.0  # meters; larger files with ground count as sceneries
 
 
-def likely_kind(pieces: Sequence[Piece], options: Options, *, roles: Sequence[Role] = ()) -> str:
+def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
     """Return "vehicle" or "scenery" by a file's contents.
 
     A scenery has ground, by name or by shape, and its other objects extend farther than a vehicle and aren't named
@@ -27,12 +27,10 @@ def likely_kind(pieces: Sequence[Piece], options: Options, *, roles: Sequence[Ro
         Everything that is drawn.
     options
         How to read the file.
-    roles
-        The result of `scenery_roles` for the pieces; computed if not given.
     """
     if not pieces:
         return "vehicle"
-    if not _ground(pieces, roles or scenery_roles(pieces, options)):
+    if not _ground(pieces, options):
         length, width, height = _extent(pieces)
         across = max(length, width)
         return "scenery" if across > BIGGEST_VEHICLE and height <= FLAT * across else "vehicle"
@@ -42,7 +40,7 @@ def likely_kind(pieces: Sequence[Piece], options: Options, *, roles: Sequence[Ro
     return "scenery" if not kept or max(_extent(kept)) > BIGGEST_VEHICLE else "vehicle"
 
 
-def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options, *, roles: Sequence[Role] = ()) -> str:
+def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> str:
     """Refuse a scenery listed as a vehicle, or a vehicle as a scenery; return a doubt if it may be intended, or "".
 
     Options that describe the file (a scale, what to keep, what is ground) override names and sizes.
@@ -55,14 +53,13 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options, *, r
     """
     if not pieces:
         return ""
-    roles = roles or scenery_roles(pieces, options)
-    ground = _ground(pieces, roles)
     if kind == "vehicle":
-        if options.scale or options.keep or options.drop or likely_kind(pieces, options, roles=roles) == "vehicle":
+        if options.scale or options.keep or options.drop or likely_kind(pieces, options) == "vehicle":
             return ""
         kept = _vehicle(pieces)
         if any(says(p.name, VEHICLE) for p in kept):
             return ""  # a tank in centimeters has tracks, which are called like ground: `doubts` names the scale
+        ground = _ground(pieces, options)
         has = f"ground ({ground[0].name!r})" if ground else "one flat sheet"
         raise AssetError(
             f"looks like a scenery but is listed as a vehicle: it contains {has}, and the rest is "
@@ -70,7 +67,7 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options, *, r
             remedy="list it under [[assets.sceneries]], or say what of it to `keep`, or its `scale`",
         )
     overrides = (options.scale, options.include, options.exclude, options.ground, options.not_ground, options.drop)
-    if any(overrides) or likely_kind(pieces, options, roles=roles) == "scenery":
+    if any(overrides) or likely_kind(pieces, options) == "scenery":
         return ""
     telling = next((p.name for p in pieces if says(p.name, VEHICLE)), None)
     longest = max(_extent(_vehicle(pieces) or pieces))
@@ -81,13 +78,13 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options, *, r
             f"looks like a vehicle but is listed as a scenery: it contains {telling!r}, and it is {longest:.1f} m long",
             remedy="list it under [[assets.vehicles]], or name its ground by `ground`",
         )
-    if not ground:
+    if not _ground(pieces, options):
         return f"it is {longest:.1f} m long, as a vehicle is; list it under [[assets.vehicles]] if it is one"
     return ""
 
 
-def _ground(pieces: Sequence[Piece], roles: Sequence[Role]) -> list[Piece]:
-    return [p for p, role in zip(pieces, roles, strict=True) if role.use == "ground"]
+def _ground(pieces: Sequence[Piece], options: Options) -> list[Piece]:
+    return [p for p, role in zip(pieces, scenery_roles(pieces, options), strict=True) if role.use == "ground"]
 
 
 def _vehicle(pieces: Sequence[Piece]) -> list[Piece]:

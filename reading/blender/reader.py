@@ -76,16 +76,15 @@ def read(job: Job) -> dict[str, Any]:
     _refuse_nothing(drawn, job.kind)
     if not drawn.dressed:
         drawn.doubts.append(BARE)
-    roles = scenery_roles(drawn.pieces, options) if job.kind != "vehicle" else []
     upright = None
     # Every solid of a scenery would be looked at; it's judged as the file has it.
-    if job.kind == "vehicle" or (not job.kind and likely_kind(drawn.pieces, options, roles=roles) == "vehicle"):
+    if job.kind == "vehicle" or (not job.kind and likely_kind(drawn.pieces, options) == "vehicle"):
         upright = stand_upright(drawn, unit=unit, stated_up=opened.up, up=options.up)
         kind = job.kind or likely_kind(upright.pieces, options)
         odd = refuse_wrong_kind(kind, upright.pieces, options) if job.kind else ""
     else:
         kind = "scenery"
-        odd = refuse_wrong_kind(kind, drawn.pieces, options, roles=roles) if job.kind else ""
+        odd = refuse_wrong_kind(kind, drawn.pieces, options) if job.kind else ""
     if kind == "vehicle":
         assert upright is not None, "a vehicle is stood upright first"
         drawn.pieces, up = upright.pieces, upright.up.axis
@@ -109,6 +108,7 @@ def read(job: Job) -> dict[str, Any]:
         doubts = (*vehicle.doubts, *more)
         found: dict[str, Any] = {"parts": vehicle.parts, "axes": vehicle.axes, "materials": materials}
     else:
+        roles = scenery_roles(drawn.pieces, options)
         scenery, wet = build_scenery(job.name, drawn, roles, meters=meters, options=options)
         scenery = replace(scenery, crs=opened.terrain.crs if opened.terrain else "")
         uses = [role.use for role in roles]
