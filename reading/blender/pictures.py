@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.assets.skylight import level_irradiance
+from hulldown.assets.skylight import SkyLight, level_irradiance
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.blender.arrays import pixels
 from hulldown.reading.export import Job
@@ -33,16 +34,10 @@ def read_picture(job: Job) -> dict[str, Any]:
     np.save(job.file(MAP_NAME), small_map(radiance, rows=MAP_ROWS).astype(np.float32))
     if notes:
         _write(radiance, str(job.file(MENDED_NAME)))
-    irradiance = level_irradiance(radiance).tolist()
+    red, green, blue = level_irradiance(radiance).tolist()
     small = small_map(radiance)
-    horizon_deg, misfits = backdrop(small)
-    return {
-        "notes": list(notes),
-        "irradiance": irradiance,
-        "horizon_deg": horizon_deg,
-        "misfits": list(misfits),
-        "shows_land": shows_land(small),
-    }
+    light = SkyLight((red, green, blue), *backdrop(small), shows_land(small))
+    return {"notes": notes, "light": asdict(light)}
 
 
 def _radiance(image: Any) -> Float[np.ndarray, "h w 3"]:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from jaxtyping import Float
 
@@ -21,7 +22,7 @@ from hulldown.reading.formats import first_bytes
 MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
 MENDED_NAME, MAP_NAME = "mended.exr", "map.npy"
 MAP_ROWS = 256  # of a map: 0.7 degrees each
-CHECKED = 6  # raised when the checks or repairs of a file change
+CHECKED = 7  # raised when the checks or repairs of a file change
 BRIGHTEST = 1e10  # of a pixel; the sun's disc has 1.6e9 cd/m2, and what is brighter is as good as infinite
 FEW = 1e-3  # of the pixels may be infinite: suns and their glare
 FEW_PIXELS = 4  # of a small picture
@@ -184,7 +185,7 @@ def _entry(path: Path, digest: str, cache: Path) -> Hdri | None:
     note = unseal(entry)
     if note is None:
         return None
-    light = SkyLight(tuple(note["irradiance"]), note["horizon_deg"], tuple(note["misfits"]), note["shows_land"])
+    light = msgspec.convert(note["light"], SkyLight)
     if not note["mended_sha256"]:
         return Hdri(path, digest, light, entry / MAP_NAME)
     return Hdri(entry / MENDED_NAME, digest, light, entry / MAP_NAME, note["mended_sha256"], tuple(note["notes"]))
