@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -41,13 +41,15 @@ class Wheels:
         Unit vectors: up from the ground, and along the axles.
     level
         Height along `up` of the ground under them.
+    places
+        Their number, where a tire and its rim are one.
     """
 
     index: Int[np.ndarray, " w"]
     up: Float[np.ndarray, "3"]
     across: Float[np.ndarray, "3"]
     level: float
-    places: int = field(default=0)
+    places: int
 
 
 def up_matrix(axis: str) -> Float[np.ndarray, "4 4"]:
