@@ -13,6 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarFormatter
 
+from hulldown.dataset.reports.page import Chart
+
 INK, SOFT, BLUE, RED, GREEN = "#1d2126", "#9aa3ab", "#0072b2", "#d55e00", "#009e73"
 COLORS = (BLUE, RED, GREEN, "#cc79a7", "#e69f00", "#56b4e9")
 LONGEST = 24  # characters of a name beside an axis
@@ -58,7 +60,7 @@ def svg(figure: Figure) -> bytes:
     return file.getvalue()
 
 
-def histogram(title: str, values: Float[np.ndarray, " n"], *, log: bool = False) -> bytes:
+def histogram(title: str, values: Float[np.ndarray, " n"], *, log: bool = False) -> Chart:
     """Histogram of the known numbers."""
     figure, axes = axes_of(3.6, 2.2)
     known = values[np.isfinite(values) & ((values > 0) | (not log))]
@@ -70,7 +72,7 @@ def histogram(title: str, values: Float[np.ndarray, " n"], *, log: bool = False)
         edges = np.linspace(low, high if high > low else low + 1.0, BINS + 1)
     axes.hist(np.clip(known, edges[0], edges[-1]), bins=edges.tolist(), color=BLUE)
     axes.set(title=title)
-    return svg(figure)
+    return Chart(svg(figure), title)
 
 
 def _log_scale(axes: Axes) -> None:
@@ -86,7 +88,7 @@ def two_histograms(
     shares: tuple[Float[np.ndarray, " b"], Float[np.ndarray, " b"]],
     *,
     log: bool = False,
-) -> bytes:
+) -> Chart:
     """Histograms of a dataset (filled) and of photographs (a line) in the same bins."""
     figure, axes = axes_of(3.6, 2.2)
     axes.stairs(100 * shares[0], edges, fill=True, color=BLUE, alpha=0.55, label="this dataset")
@@ -97,28 +99,28 @@ def two_histograms(
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(title=title, ylabel="%")
     axes.legend(fontsize=7, frameon=False)
-    return svg(figure)
+    return Chart(svg(figure), f"{title}: this dataset and the photographs")
 
 
-def azimuths(values: Float[np.ndarray, " n"]) -> bytes:
+def azimuths(values: Float[np.ndarray, " n"]) -> Chart:
     """Histogram of the side that targets are seen from, in degrees counterclockwise from straight ahead."""
     figure, axes = axes_of(3.6, 2.2)
     axes.hist(values[np.isfinite(values)], bins=np.linspace(-180.0, 180.0, BINS + 1).tolist(), color=BLUE)
     axes.set_xticks([-180, -90, 0, 90, 180], ["rear", "right", "front", "left", "rear"])
     axes.set(title="side seen")
-    return svg(figure)
+    return Chart(svg(figure), "side seen")
 
 
-def places_in_pictures(centers: Float[np.ndarray, "n 2"]) -> bytes:
+def places_in_pictures(centers: Float[np.ndarray, "n 2"]) -> Chart:
     """Positions of labels' centers, in shares of width and height."""
     figure, axes = axes_of(3.6, 2.2)
     counts, _, _ = np.histogram2d(centers[:, 1], centers[:, 0], bins=(14, 24), range=((0, 1), (0, 1)))
     axes.imshow(counts, extent=(0, 1, 1, 0), aspect="auto", cmap="Blues", interpolation="nearest")
     axes.set(title="label positions", xticks=[], yticks=[])
-    return svg(figure)
+    return Chart(svg(figure), "label positions")
 
 
-def shares(title: str, names: Shaped[np.ndarray, " n"]) -> bytes:
+def shares(title: str, names: Shaped[np.ndarray, " n"]) -> Chart:
     """Frequency of each name, most frequent first."""
     counts = Counter(name for name in names.tolist() if name).most_common()
     shown = counts[:MOST_NAMES]
@@ -127,7 +129,7 @@ def shares(title: str, names: Shaped[np.ndarray, " n"]) -> bytes:
     figure, axes = axes_of(3.6, 0.7 + 0.24 * max(len(shown), 3))
     axes.barh([short(name) for name, _ in shown][::-1], [n for _, n in shown][::-1], color=BLUE, height=0.62)
     axes.set(title=title)
-    return svg(figure)
+    return Chart(svg(figure), title)
 
 
 def differences(title: str, rows: Sequence[tuple[str, float, float, float]], *, xlabel: str = "") -> Figure:
@@ -144,7 +146,7 @@ def differences(title: str, rows: Sequence[tuple[str, float, float, float]], *, 
     return figure
 
 
-def place_map(name: str, cameras: Float[np.ndarray, "n 2"], vehicles: Float[np.ndarray, "n 2"]) -> bytes:
+def place_map(name: str, cameras: Float[np.ndarray, "n 2"], vehicles: Float[np.ndarray, "n 2"]) -> Chart:
     """Map of a scenery: each camera with a line to its target, in meters."""
     figure, axes = axes_of(4.6, 4.2)
     some = np.unique(np.linspace(0, len(cameras) - 1, min(MOST_PLACES, len(cameras))).astype(int))
@@ -155,4 +157,4 @@ def place_map(name: str, cameras: Float[np.ndarray, "n 2"], vehicles: Float[np.n
     axes.plot(vehicles[seen, 0], vehicles[seen, 1], "o", color=RED, markersize=2.5)
     axes.plot(cameras[~seen, 0], cameras[~seen, 1], "x", color=INK, markersize=3)
     axes.set(title=f"{short(name)} ({len(cameras):,} images)", aspect="equal")
-    return svg(figure)
+    return Chart(svg(figure), f"map of {name}")

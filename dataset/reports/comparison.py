@@ -16,7 +16,7 @@ from hulldown.assets.photographs import Photographs
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.reports.charts import BINS, two_histograms
 from hulldown.dataset.reports.coverage import FEWEST, Coverage, coverage_of
-from hulldown.dataset.reports.page import Block, Chart, Charts, Items, Section, Table, Words
+from hulldown.dataset.reports.page import Block, Charts, Items, Section, Table, Words
 from hulldown.dataset.table import Dataset
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.color import LUMINANCE
@@ -206,10 +206,7 @@ class Comparison:
             for compared in self.features
         ]
         charts = [
-            Chart(
-                two_histograms(compared.feature.title, compared.edges, compared.shares, log=compared.feature.log),
-                f"{compared.feature.title}: this dataset and the photographs",
-            )
+            two_histograms(compared.feature.title, compared.edges, compared.shares, log=compared.feature.log)
             for compared in self.features
         ]
         summary = (

@@ -23,7 +23,6 @@ from hulldown.dataset.reports.charts import azimuths, histogram, place_map, plac
 from hulldown.dataset.reports.comparison import Comparison
 from hulldown.dataset.reports.page import (
     GENERATOR,
-    Chart,
     Charts,
     Facet,
     Gallery,
@@ -127,16 +126,16 @@ def _charts(dataset: Dataset) -> list[Section]:
         values = labels[scale.name]
         if np.isfinite(values).any():
             title = f"{scale.title}, {scale.unit}" if scale.unit else scale.title
-            charts.append(Chart(histogram(title, values, log=scale.name in ("box_size", "distance")), title))
+            charts.append(histogram(title, values, log=scale.name in ("box_size", "distance")))
     if np.isfinite(labels["azimuth"]).any():
-        charts.append(Chart(azimuths(labels["azimuth"]), "side seen"))
+        charts.append(azimuths(labels["azimuth"]))
     sizes = np.stack([images["width"], images["height"]], axis=1)[labels["image"]]
     if len(sizes):
         centers = np.stack([labels["x"] + labels["width"] / 2, labels["y"] + labels["height"] / 2], axis=1)
-        charts.append(Chart(places_in_pictures(centers / sizes), "label positions"))
-    light = [Chart(shares(title, images[key]), title) for key, title in CONDITIONS.items() if (images[key] != "").any()]
+        charts.append(places_in_pictures(centers / sizes))
+    light = [shares(title, images[key]) for key, title in CONDITIONS.items() if (images[key] != "").any()]
     if np.isfinite(images["strength"]).any():
-        light.append(Chart(histogram("strength of light", images["strength"]), "strength of light"))
+        light.append(histogram("strength of light", images["strength"]))
     sections = [Section("Labels", [Charts(charts)])] if charts else []
     return sections + ([Section("Sceneries, light, and weather", [Charts(light)])] if light else [])
 
@@ -151,12 +150,7 @@ def _maps(dataset: Dataset) -> list[Section]:
     names = [name for name in np.unique(scenery[known]).tolist() if name]
     if not names:
         return []
-    charts = [
-        Chart(
-            place_map(name, cameras[known & (scenery == name)], vehicles[known & (scenery == name)]), f"map of {name}"
-        )
-        for name in names
-    ]
+    charts = [place_map(name, *(side[known & (scenery == name)] for side in (cameras, vehicles))) for name in names]
     return [Section("Maps", [Words("Dots are vehicles, ends of lines are cameras. Meters."), Charts(charts)])]
 
 

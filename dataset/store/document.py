@@ -283,12 +283,6 @@ def _read_annotations(path: Path) -> Document:
     except (OtherLayoutError, DatasetError, OSError):
         pass
     # Laid out by another tool, or damaged: the parser of the whole decides, and says what is wrong.
-    coco = _read_json(path)
-    images, annotations = (_objects(coco, key, path) for key in ("images", "annotations"))
-    return Document(coco, images, annotations, path)
-
-
-def _read_json(path: Path) -> dict[str, Any]:
     try:
         with open_regular(path) as file:
             coco = orjson.loads(file.read())
@@ -298,7 +292,8 @@ def _read_json(path: Path) -> dict[str, Any]:
         raise _unusable(path, f"is not valid JSON ({error})") from error
     if not isinstance(coco, dict):
         raise _unusable(path, f"is a JSON {type(coco).__name__} where a COCO object was expected")
-    return coco
+    images, annotations = (_objects(coco, key, path) for key in ("images", "annotations"))
+    return Document(coco, images, annotations, path)
 
 
 def _objects(coco: dict[str, Any], key: str, path: Path) -> list[dict[str, Any]]:
