@@ -55,7 +55,7 @@ class Exporter:
 def exporter(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Exporter:
     stand_in = Exporter()
     monkeypatch.setattr(hulldown.reading.cache, "export", stand_in)
-    sky = {"notes": [], "irradiance": [1.0, 1.0, 1.0], "horizon_deg": 0.0, "misfits": [], "shows_land": False}
+    sky = {"notes": [], "light": {"irradiance": [1.0, 1.0, 1.0]}}
     monkeypatch.setattr(hulldown.reading.skies.hdri, "ask_reader", lambda jobs, limits: [sky for _ in jobs])
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     return stand_in
