@@ -15,7 +15,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import numpy as np
 from filelock import FileLock, Timeout
 
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document
@@ -137,9 +136,8 @@ class CocoDataset:
 
     def missing(self) -> int:
         """Number of images reserved for a plan and not in the dataset."""
-        ids = np.array([*self._document.images.ids], dtype=np.int64)
-        runs = self._document.runs.values()
-        return sum(run.images - int(np.count_nonzero(run.has_image(ids))) for run in runs)
+        ids = self._document.images.ids
+        return sum(run.images - sum(map(run.has_image, ids)) for run in self._document.runs.values())
 
     def add_categories(self, records: Iterable[Mapping[str, Any]], *, keypoints: bool = False) -> None:
         """Give an id to each category with a new name; its other fields are kept.

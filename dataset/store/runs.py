@@ -55,13 +55,13 @@ class Run:
         path = PurePosixPath(file_name)
         return str(path.with_name(path.name.removeprefix(self.prefix)))
 
-    def has_image(self, image_id: Any) -> Any:
-        """Whether an image's id, or each of an array of ids, is reserved here."""
-        return (image_id > self.image_offset) & (image_id <= self.image_offset + self.images)
+    def has_image(self, image_id: int) -> bool:
+        """Whether an image's id is reserved here."""
+        return self.image_offset < image_id <= self.image_offset + self.images
 
     def owns(self, image_id: int, file_name: str) -> bool:
         """Whether an image is the plan's: its id and name are both reserved here."""
-        return bool(self.has_image(image_id)) and PurePosixPath(file_name).name.startswith(self.prefix)
+        return self.has_image(image_id) and PurePosixPath(file_name).name.startswith(self.prefix)
 
     def has_annotation(self, annotation_id: int) -> bool:
         """Whether an annotation's id is reserved here."""
