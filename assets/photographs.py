@@ -74,7 +74,7 @@ class Photographs:
         return np.bincount(self.image, minlength=len(self.file_names))
 
 
-class _Image(Struct):
+class _Record(Struct):
     id: int | str
     width: float
     height: float
@@ -94,7 +94,7 @@ class _Category(Struct):
 
 
 class _Coco(Struct):
-    images: list[_Image]
+    images: list[_Record]
     annotations: list[Any]
     categories: list[_Category]
 

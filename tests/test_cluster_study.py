@@ -16,7 +16,7 @@ from hulldown.tests.test_study import SMALL, tree, written
 from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.study import elsewhere
 from hulldown.training.study.config import load_study
-from hulldown.training.study.elsewhere import NANNYS, Order, run_here, unseen
+from hulldown.training.study.elsewhere import NANNYS, TrainingOrder, run_here, unseen
 from hulldown.training.study.manifest import settle, write_manifest
 from hulldown.training.study.report import write_report
 from hulldown.training.study.runs import RunOptions, run_study
@@ -84,7 +84,9 @@ def order(study, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     write_manifest(study, out)
-    return Order(str(out), hashlib.sha256((out / "study.json").read_bytes()).hexdigest(), "real-100-seed0", OPTIONS)
+    return TrainingOrder(
+        str(out), hashlib.sha256((out / "study.json").read_bytes()).hexdigest(), "real-100-seed0", OPTIONS
+    )
 
 
 @pytest.mark.parametrize(

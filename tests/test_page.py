@@ -8,7 +8,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select
 
-from hulldown.dataset.reports.page import Charts, Facet, Gallery, Items, Section, Table, Tile, Words, page
+from hulldown.dataset.reports.page import Charts, Facet, Gallery, Items, PageSection, Table, Tile, Words, page
 
 FACETS = [Facet("outcome", "outcome", ("missed", "found")), Facet("side_seen", "side", ("front", "rear", "<none>"))]
 
@@ -36,9 +36,11 @@ def shown(browser, tmp_path):
         page(
             "A & <B>",
             [
-                Section("Numbers", [Words("it's <i>"), Items(["a", "b"]), Table(["", "n", "m"], rows, choose=choose)]),
-                Section("Shades", [Table(["", "x"], [["a", "1"]], "more", shades=[[0.5]]), Charts([])]),
-                Section("Pictures", [Gallery(tiles(), FACETS)]),
+                PageSection(
+                    "Numbers", [Words("it's <i>"), Items(["a", "b"]), Table(["", "n", "m"], rows, choose=choose)]
+                ),
+                PageSection("Shades", [Table(["", "x"], [["a", "1"]], "more", shades=[[0.5]]), Charts([])]),
+                PageSection("Pictures", [Gallery(tiles(), FACETS)]),
             ],
         ),
         encoding="utf-8",
@@ -104,4 +106,4 @@ def test_a_page_may_not_fetch_anything(shown, tmp_path):
 
 def test_a_facet_that_tells_no_two_apart_is_left_out():
     same = [Tile(picture(), ("a",), {"outcome": "missed"})] * 2
-    assert "<select" not in page("", [Section("", [Gallery(same, FACETS)])])
+    assert "<select" not in page("", [PageSection("", [Gallery(same, FACETS)])])

@@ -16,7 +16,7 @@ from hulldown.assets.photographs import Photographs
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.reports.charts import BINS, two_histograms
 from hulldown.dataset.reports.coverage import FEWEST, Coverage, coverage_of
-from hulldown.dataset.reports.page import Block, Charts, Items, Section, Table, Words
+from hulldown.dataset.reports.page import Block, Charts, Items, PageSection, Table, Words
 from hulldown.dataset.table import Dataset
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.color import LUMINANCE
@@ -194,7 +194,7 @@ class Comparison:
             "notes": list(self.notes),
         }
 
-    def section(self) -> Section:
+    def section(self) -> PageSection:
         """The comparison as a section of a page."""
         rows = [
             [
@@ -217,7 +217,7 @@ class Comparison:
         sentences = self.sentences or ["No feature differs by more than chance among the photographs."]
         notes = [Words(note, warning=True) for note in self.notes]
         blocks: list[Block] = [Items(sentences), *notes, Words(summary), Table(header, rows), Charts(charts)]
-        return Section("Next to the photographs", blocks)
+        return PageSection("Next to the photographs", blocks)
 
 
 def compare(

@@ -79,7 +79,7 @@ class Charts:
 
 
 @dataclass(frozen=True, slots=True)
-class Link:
+class PageLink:
     """A paragraph with a link to a file next to the page."""
 
     text: str
@@ -181,17 +181,17 @@ class Gallery:
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class PageSection:
     """Blocks below a heading."""
 
     heading: str
     blocks: Sequence[Block]
 
 
-Block: TypeAlias = Words | Items | Table | Chart | Charts | Link | Gallery
+Block: TypeAlias = Words | Items | Table | Chart | Charts | PageLink | Gallery
 
 
-def page(title: str, sections: Sequence[Section], *, above: Sequence[Block] = ()) -> str:
+def page(title: str, sections: Sequence[PageSection], *, above: Sequence[Block] = ()) -> str:
     """Return a whole page; `above` is shown before the first section."""
     return _environment().get_template("page.html").render(title=title, above=above, sections=sections)
 

@@ -27,7 +27,7 @@ from hulldown.dataset.reports.page import (
     Facet,
     Gallery,
     Overlay,
-    Section,
+    PageSection,
     Table,
     Tile,
     Words,
@@ -95,7 +95,7 @@ def write_report(
         raise DatasetError(f"cannot be written ({error.strerror})", path=path, remedy=remedy) from error
 
 
-def _counts(dataset: Dataset) -> Section:
+def _counts(dataset: Dataset) -> PageSection:
     labels, images = dataset.labels, dataset.of_images
     empty = int((images["labels"] == 0).sum())
     places = len({(s, p) for s, p in zip(images["scenery"], images["position"], strict=True) if s and p == p})
@@ -116,10 +116,10 @@ def _counts(dataset: Dataset) -> Section:
         rows.append([name, f"{shown:,}", f"{of_class.sum():,}", *(f"{n:,}" for n in sizes), models])
     header = ["class", "images", "labels", *COCO_SIZES, "vehicles"]
     table = Table(header, rows, choose=[{"class": row[0]} for row in rows])
-    return Section("Contents", [Words(", ".join(facts) + "."), table])
+    return PageSection("Contents", [Words(", ".join(facts) + "."), table])
 
 
-def _charts(dataset: Dataset) -> list[Section]:
+def _charts(dataset: Dataset) -> list[PageSection]:
     labels, images = dataset.labels, dataset.of_images
     charts = []
     for scale in ORDERS:
@@ -136,11 +136,11 @@ def _charts(dataset: Dataset) -> list[Section]:
     light = [shares(title, images[key]) for key, title in CONDITIONS.items() if (images[key] != "").any()]
     if np.isfinite(images["strength"]).any():
         light.append(histogram("strength of light", images["strength"]))
-    sections = [Section("Labels", [Charts(charts)])] if charts else []
-    return sections + ([Section("Sceneries, light, and weather", [Charts(light)])] if light else [])
+    sections = [PageSection("Labels", [Charts(charts)])] if charts else []
+    return sections + ([PageSection("Sceneries, light, and weather", [Charts(light)])] if light else [])
 
 
-def _maps(dataset: Dataset) -> list[Section]:
+def _maps(dataset: Dataset) -> list[PageSection]:
     """A map of vehicles and cameras for each scenery."""
     scenery = dataset.of_images["scenery"]
     cameras = poses_of([image.record for image in dataset.images], "world_from_camera")[:, :2, 3]
@@ -151,10 +151,10 @@ def _maps(dataset: Dataset) -> list[Section]:
     if not names:
         return []
     charts = [place_map(name, *(side[known & (scenery == name)] for side in (cameras, vehicles))) for name in names]
-    return [Section("Maps", [Words("Dots are vehicles, ends of lines are cameras. Meters."), Charts(charts)])]
+    return [PageSection("Maps", [Words("Dots are vehicles, ends of lines are cameras. Meters."), Charts(charts)])]
 
 
-def _looks(dataset: Dataset, tiles: Sequence[Tile]) -> Section:
+def _looks(dataset: Dataset, tiles: Sequence[Tile]) -> PageSection:
     shown, every = len(tiles), len(dataset.images)
     legend = [Words(f"{shown:,} images, an even selection of {every:,}.")] if shown < every else []
     facets = [
@@ -165,7 +165,7 @@ def _looks(dataset: Dataset, tiles: Sequence[Tile]) -> Section:
         Facet("side", "side seen", SIDES),
     ]
     orders = {scale.name: scale.title for scale in ORDERS}
-    return Section("Images", [*legend, Gallery(tiles, facets, orders)])
+    return PageSection("Images", [*legend, Gallery(tiles, facets, orders)])
 
 
 def _tile(dataset: Dataset, i: int) -> Tile:

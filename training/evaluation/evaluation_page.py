@@ -8,7 +8,19 @@ from typing import Any
 import numpy as np
 
 from hulldown.dataset.reports.charts import LONGEST, differences, svg
-from hulldown.dataset.reports.page import Block, Chart, Charts, Gallery, Items, Link, Section, Table, Tile, Words, page
+from hulldown.dataset.reports.page import (
+    Block,
+    Chart,
+    Charts,
+    Gallery,
+    Items,
+    PageLink,
+    PageSection,
+    Table,
+    Tile,
+    Words,
+    page,
+)
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.cases import MOST, facets
 from hulldown.training.evaluation.evaluate import DetectorComparison, Evaluation
@@ -57,9 +69,9 @@ CONFUSION = (
 def evaluation_page(one: Evaluation, report: Mapping[str, Any], tiles: Sequence[Tile], unread: str) -> str:
     """The page about one file of detections, from its evaluation, its `report.report`, and its `cases.thumbnails`."""
     sections = [
-        Section("Examples", _looks(one, tiles, unread)),
-        Section("How well", [_figures(report), Words(_sure(one))]),
-        Section(
+        PageSection("Examples", _looks(one, tiles, unread)),
+        PageSection("How well", [_figures(report), Words(_sure(one))]),
+        PageSection(
             "At other thresholds",
             [
                 Charts(
@@ -70,9 +82,9 @@ def evaluation_page(one: Evaluation, report: Mapping[str, Any], tiles: Sequence[
                 )
             ],
         ),
-        Section("Confusion matrix", [Words(CONFUSION), _confusion(report)]),
-        Section("Why", _why(one, report)),
-        Section("Where", _where(one, report)),
+        PageSection("Confusion matrix", [Words(CONFUSION), _confusion(report)]),
+        PageSection("Why", _why(one, report)),
+        PageSection("Where", _where(one, report)),
     ]
     return page(f"{one.predictions.name} on {one.labels.path}", sections, above=operating_point(one))
 
@@ -97,9 +109,9 @@ def comparison_page(
     cells = [[name, number(value, sign="+"), _ends(low, high)] for name, value, low, high in changes]
     chart = differences(f"difference to {compared[0].first[:LONGEST]}, with 95 % intervals", changes)
     sections = [
-        Section("At other thresholds", [Chart(precision_recall(evaluations), "precision over recall of each")]),
-        Section("How well", [Table(["", *reports], rows), Words(_sure(first))]),
-        Section(
+        PageSection("At other thresholds", [Chart(precision_recall(evaluations), "precision over recall of each")]),
+        PageSection("How well", [Table(["", *reports], rows), Words(_sure(first))]),
+        PageSection(
             "Differences",
             [
                 Words(
@@ -110,7 +122,7 @@ def comparison_page(
                 Table([f"minus {compared[0].first}", "difference", "95 % interval"], cells),
             ],
         ),
-        Section("Single reports", [Link(name, f"{folder}/report.html") for name, folder in folders.items()]),
+        PageSection("Single reports", [PageLink(name, f"{folder}/report.html") for name, folder in folders.items()]),
     ]
     above = [paragraph for one in evaluations for paragraph in operating_point(one)]
     return page(f"{len(evaluations)} detectors on {first.labels.path}", sections, above=above)

@@ -28,7 +28,7 @@ PACKAGES = ("torch", "rfdetr", "pytorch-lightning")  # of which all machines mus
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class TrainingOrder:
     """A run for a worker, and the SHA-256 of the study's manifest."""
 
     study: str
@@ -37,7 +37,7 @@ class Order:
     options: RunOptions
 
 
-def launch_on(cluster: Any, function: Callable[[Order], Any]) -> Launch:
+def launch_on(cluster: Any, function: Callable[[TrainingOrder], Any]) -> Launch:
     """Return a function that runs a run on a worker of a cluster.
 
     Parameters
@@ -52,7 +52,7 @@ def launch_on(cluster: Any, function: Callable[[Order], Any]) -> Launch:
         study: Path, name: str, options: RunOptions, progress: Progress, stopping: Callable[[], bool]
     ) -> str | None:
         study = study.resolve()
-        order = Order(str(study), _sha256(study / MANIFEST_NAME), name, options)
+        order = TrainingOrder(str(study), _sha256(study / MANIFEST_NAME), name, options)
         for _, reasons in cluster.run([order], function, lambda order: order, lost=LOST, stopping=stopping):
             return reasons[-1]
         return "stopped"
@@ -60,7 +60,7 @@ def launch_on(cluster: Any, function: Callable[[Order], Any]) -> Launch:
     return launch
 
 
-def run_here(order: Order, wanted: Callable[[], bool]) -> str | None:
+def run_here(order: TrainingOrder, wanted: Callable[[], bool]) -> str | None:
     """Run a client's order in a separate process; return the reason of a failure, or None.
 
     Parameters
@@ -78,7 +78,7 @@ def run_here(order: Order, wanted: Callable[[], bool]) -> str | None:
     )
 
 
-def unseen(order: Order) -> str:
+def unseen(order: TrainingOrder) -> str:
     """Reason why this machine can't do a run, such as unseen files; empty if it can."""
     study = Path(order.study)
     try:

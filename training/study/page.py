@@ -10,7 +10,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from hulldown.dataset.reports.charts import differences, svg
-from hulldown.dataset.reports.page import Block, Chart, Items, Section, Table, Words, page
+from hulldown.dataset.reports.page import Block, Chart, Items, PageSection, Table, Words, page
 from hulldown.training.evaluation.evaluation_page import number, ranged
 from hulldown.training.study.charts import beside, over_photographs
 from hulldown.training.study.paper import LABELS, PAPER, PHOTOGRAPHS, paper_figure
@@ -46,7 +46,7 @@ def charts_of(report: Record) -> dict[str, Figure]:
     return found
 
 
-def sections(report: Record, charts: Mapping[str, Figure]) -> list[Section]:
+def sections(report: Record, charts: Mapping[str, Figure]) -> list[PageSection]:
     """The report's sections, with the charts of `charts_of`."""
 
     def chart(name: str, description: str) -> list[Block]:
@@ -54,22 +54,22 @@ def sections(report: Record, charts: Mapping[str, Figure]) -> list[Section]:
 
     over = chart(OVER_NAME, "F1, recall, precision and AP50 of each arm over the number of photographs, with bands")
     return [
-        Section("Summary", [*over, Items(report["summary"]), *_setting(report), Words(report["sureness"])]),
-        Section("Worth in photographs", _worth(report)),
-        Section("Each share of the photographs", _at_each(report, chart)),
-        Section("Pairs of arms", _pairs(report)),
-        Section("Recall by bin", _where(report, chart)),
-        Section("Comparison with the paper", _paper(report)),
-        Section("All runs", _runs(report)),
+        PageSection("Summary", [*over, Items(report["summary"]), *_setting(report), Words(report["sureness"])]),
+        PageSection("Worth in photographs", _worth(report)),
+        PageSection("Each share of the photographs", _at_each(report, chart)),
+        PageSection("Pairs of arms", _pairs(report)),
+        PageSection("Recall by bin", _where(report, chart)),
+        PageSection("Comparison with the paper", _paper(report)),
+        PageSection("All runs", _runs(report)),
     ]
 
 
-def html(report: Sequence[Section]) -> str:
+def html(report: Sequence[PageSection]) -> str:
     """The report as one self-contained page."""
     return page(TITLE, report)
 
 
-def markdown(report: Sequence[Section]) -> str:
+def markdown(report: Sequence[PageSection]) -> str:
     """The report as Markdown, with charts from files next to it."""
     parts = [f"# {TITLE}"]
     for section in report:
