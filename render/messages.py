@@ -5,9 +5,10 @@ Both processes import it, so it needs numpy only.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, is_dataclass
+from types import NoneType
+from typing import Any, get_args, get_origin, get_type_hints
 
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.sensor import Sensor
@@ -187,20 +188,6 @@ Job = StartJob | RenderJob | MaskJob
 KINDS: Mapping[str, type[Job]] = {"start": StartJob, "render": RenderJob, "mask": MaskJob}
 
 
-def _camera_input(intrinsics: Mapping[str, Any], **others: Any) -> CameraInput:
-    return CameraInput(intrinsics=Intrinsics(**intrinsics), **others)
-
-
-PARTS: Mapping[str, Callable[..., Any]] = {
-    "scenery": SceneryInput,
-    "camera": _camera_input,
-    "light": LightInput,
-    "weather": Weather,
-    "sensor": Sensor,
-    "settings": Settings,
-}
-
-
 def to_json(job: Job) -> dict[str, Any]:
     """A job as JSON values, with its kind under `do`."""
     return {"do": next(name for name, kind in KINDS.items() if type(job) is kind), **asdict(job)}
@@ -208,14 +195,16 @@ def to_json(job: Job) -> dict[str, Any]:
 
 def from_json(message: Mapping[str, Any]) -> Job:
     """The job in a message by `to_json`."""
-    parts = {
-        key: PARTS[key](**value) if key in PARTS and value is not None else value
-        for key, value in message.items()
-        if key != "do"
-    }
-    if "vehicles" in parts:
-        parts["vehicles"] = [
-            VehicleInput(**{**vehicle, "paint": [PaintInput(**paint) for paint in vehicle["paint"]]})
-            for vehicle in parts["vehicles"]
-        ]
-    return KINDS[message["do"]](**parts)
+    job: Job = _decoded(KINDS[message["do"]], message)
+    return job
+
+
+def _decoded(kind: Any, value: Any) -> Any:
+    """JSON values as the dataclasses of a declared type."""
+    if get_origin(kind) is list:
+        return [_decoded(get_args(kind)[0], each) for each in value]
+    if value is not None and NoneType in get_args(kind):
+        return _decoded(get_args(kind)[0], value)
+    if value is None or not (hints := get_type_hints(kind) if is_dataclass(kind) else {}):
+        return value
+    return kind(**{name: _decoded(hint, value[name]) for name, hint in hints.items()})

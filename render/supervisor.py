@@ -197,7 +197,8 @@ def render(
     """
     if scheduler is not None and workers is not None:
         raise ValueError("workers: expected None with a scheduler, whose workers set that themselves")
-    engine = Engine(workers=workers, device=device, scheduler=_scheduler(scheduler))
+    scheduler = Scheduler(scheduler) if isinstance(scheduler, str) else scheduler
+    engine = Engine(workers=workers, device=device, scheduler=scheduler)
     with contextlib.ExitStack() as stack:
         if progress is None and watched():
             progress = stack.enter_context(render_bar())
@@ -209,10 +210,6 @@ def render(
             f"{len(report.failed)} images failed; reasons are in {Path(folder) / FAILURES_NAME}", stacklevel=2
         )
     return Dataset.read(folder)
-
-
-def _scheduler(named: str | Scheduler | None) -> Scheduler | None:
-    return Scheduler(named) if isinstance(named, str) else named
 
 
 @contextlib.contextmanager

@@ -22,7 +22,7 @@ from hulldown.reading.blender.pictures import _write
 from hulldown.render.blender import cycles
 from hulldown.render.blender.air import Fog
 from hulldown.render.blender.light import HdriWorld
-from hulldown.render.messages import Settings
+from hulldown.render.messages import LightInput, Settings
 
 SIDE = 4  # pixels, the least that Blender takes: noise is averaged before the view transform, which bends it
 EYE = 0.15  # meters above the card: hardly any air between
@@ -58,19 +58,18 @@ def main() -> None:
     world = HdriWorld(scene)
     box = bpy.data.objects.new("fog", bpy.data.meshes.new("fog"))
     scene.collection.objects.link(box)
-    fog = Fog(box, world)
+    fog = Fog(box, world, np.eye(4), 1.0)
     answers = []
     for job in jobs:
         settings = Settings(job.samples, denoise=False, adaptive_threshold=0.0, bounces=4)
         cycles.configure(scene, settings, device="CPU", threads=2)
         scene.render.resolution_x = scene.render.resolution_y = SIDE
-        world.set(_hdri(job.sky), job.yaw, job.strength, np.eye(4), horizon=job.horizon)
+        world.set(LightInput(_hdri(job.sky), job.yaw, job.strength, job.horizon), np.eye(4))
         cycles.expose(scene, settings, job.exposure, job.white_balance)
         fog.clear()
         if job.visibility_m is not None:
             glow, eye = airlight(job.kind, world.airlight()), np.array([0.0, 0.0, EYE])
-            where = {"below": EYE, "file_from_scenery": np.eye(4), "units_per_meter": 1.0}
-            fog.fill(job.kind, job.visibility_m, glow, eye, **where)
+            fog.fill(job.kind, job.visibility_m, glow, eye, below=EYE)
         scene.render.filepath = str(Path(sys.argv[2]).with_suffix(".png"))
         bpy.ops.render.render(write_still=True)
         answers.append(_mean(scene.render.filepath))

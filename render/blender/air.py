@@ -34,10 +34,13 @@ class Fog:
         An object with an empty mesh.
     world
         The light.
+    file_from_scenery, units_per_meter
+        The file's frame.
     """
 
-    def __init__(self, obj: Any, world: HdriWorld) -> None:
+    def __init__(self, obj: Any, world: HdriWorld, file_from_scenery: np.ndarray, units_per_meter: float) -> None:
         self._object, self._world = obj, world
+        self._file_from_scenery, self._units_per_meter = file_from_scenery, units_per_meter
         obj.visible_diffuse = obj.visible_glossy = obj.visible_transmission = obj.visible_shadow = False
         mesh = obj.data
         mesh.from_pydata(*_unit_box())
@@ -53,25 +56,10 @@ class Fog:
 
     def clear(self) -> None:
         """No fog."""
-        self._hide(True)
+        set_hidden(self._object, True)
         self._world.dim([], 0.0, np.zeros(3))
 
-    def _hide(self, hidden: bool) -> None:
-        # Even setting the same value makes Blender rebuild its graph of all objects: 2 s for 7000.
-        if self._object.hide_render != hidden:
-            self._object.hide_render = hidden
-
-    def fill(
-        self,
-        kind: str,
-        visibility: float,
-        glow: np.ndarray,
-        camera: np.ndarray,
-        *,
-        below: float,
-        file_from_scenery: np.ndarray,
-        units_per_meter: float,
-    ) -> None:
+    def fill(self, kind: str, visibility: float, glow: np.ndarray, camera: np.ndarray, *, below: float) -> None:
         """Fill the air.
 
         Parameters
@@ -86,11 +74,9 @@ class Fog:
             (3,) the camera's position in the scenery, in meters.
         below
             Meters from the camera down to the lit surfaces.
-        file_from_scenery, units_per_meter
-            The file's frame.
         """
         air = air_layers(kind, visibility)
-        per_unit = sum(layer.extinction for layer in air) / units_per_meter
+        per_unit = sum(layer.extinction for layer in air) / self._units_per_meter
         self._absorption.inputs["Density"].default_value = per_unit
         peak = float(glow.max())
         self._emission.inputs["Color"].default_value = (*(glow / max(peak, 1e-12)), 1.0)
@@ -98,9 +84,15 @@ class Fog:
         _, above, reach = air[0]
         box = np.diag([reach, reach, (reach + above) / 2, 1.0])
         box[:3, 3] = camera + np.array([0.0, 0.0, (above - reach) / 2])
-        pose(self._object, file_from_scenery @ box)
-        self._hide(False)
+        pose(self._object, self._file_from_scenery @ box)
+        set_hidden(self._object, False)
         self._world.dim(air, below, glow)
+
+
+def set_hidden(obj: Any, hidden: bool) -> None:
+    """Hide an object from renders, or show it."""
+    if obj.hide_render != hidden:  # even setting the same value makes Blender rebuild its graph of all objects
+        obj.hide_render = hidden
 
 
 def _unit_box() -> tuple[list[tuple[int, int, int]], list[Any], list[tuple[int, int, int, int]]]:

@@ -94,14 +94,15 @@ def _reset(struct: Any, fresh: Any) -> None:
             inner, fresh_inner = getattr(struct, name), getattr(fresh, name)
             if inner is not None and fresh_inner is not None and not isinstance(inner, bpy.types.ID):
                 _reset(inner, fresh_inner)
-        elif not (prop.is_readonly or prop.type == "COLLECTION" or name == "preview_pause" or _is_name(prop)):
+        elif not (
+            prop.is_readonly
+            or prop.type == "COLLECTION"
+            or name == "preview_pause"
+            or (name == "name" and prop.type == "STRING")
+        ):
             # Some settings are only legal with others; those are set explicitly below.
             with contextlib.suppress(TypeError, AttributeError, ValueError):
                 setattr(struct, name, getattr(fresh, name))
-
-
-def _is_name(prop: Any) -> bool:
-    return prop.identifier == "name" and prop.type == "STRING"
 
 
 def configure(scene: Any, settings: Settings, *, device: str, threads: int = 0) -> None:
@@ -148,7 +149,11 @@ def configure(scene: Any, settings: Settings, *, device: str, threads: int = 0) 
     cycles.use_denoising = settings.denoise
     if cycles.use_denoising:
         _denoise(cycles, gpu=device != "CPU")
-    _bounces(cycles, settings.bounces)
+    # Blender's own proportions, with `bounces` on top: 12 gives exactly Blender's defaults.
+    cycles.max_bounces = cycles.transmission_bounces = settings.bounces
+    cycles.diffuse_bounces = cycles.glossy_bounces = min(4, settings.bounces)
+    cycles.volume_bounces = 0
+    cycles.transparent_max_bounces = TRANSPARENT_BOUNCES
     # Keeps textures, geometry and BVHs from one image to the next.
     render.use_persistent_data = True
 
@@ -196,15 +201,6 @@ def _denoise(cycles: Any, *, gpu: bool) -> None:
         ) from None
     cycles.denoising_input_passes = "RGB_ALBEDO_NORMAL"
     cycles.denoising_use_gpu = gpu
-
-
-def _bounces(cycles: Any, bounces: int) -> None:
-    """Blender's own proportions, with `bounces` on top: 12 gives exactly Blender's defaults."""
-    cycles.max_bounces = bounces
-    cycles.diffuse_bounces = cycles.glossy_bounces = min(4, bounces)
-    cycles.transmission_bounces = bounces
-    cycles.volume_bounces = 0
-    cycles.transparent_max_bounces = TRANSPARENT_BOUNCES
 
 
 def _plain_output(scene: Any) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 from hulldown.camera.backdrop import HIGH, even_color, fade
 from hulldown.camera.fog import DUST_LAYERS, AirLayer, even_sky
 from hulldown.reading.blender.add_nodes import add_node, maths
+from hulldown.render.messages import LightInput
 
 HIGHEST = math.radians(89.0)  # of what the camera sees lifted
 SKY_MAP = 1024  # columns of the map by which Cycles finds the bright parts of the sky: a texel is 0.35 degrees
@@ -49,14 +50,9 @@ class HdriWorld:
         self._colors: dict[str, str] = {}  # color space of each file
         self._path = ""
 
-    def set(
-        self, path: str, yaw: float, strength: float, file_from_scenery: np.ndarray, *, horizon: float | None = None
-    ) -> None:
-        """Light with the HDRI in `path`, turned by `yaw` radians counterclockwise seen from above.
-
-        With a `horizon`, an elevation in radians, the camera sees the color there in all directions below it; with a
-        high one, one color (`camera.backdrop`).
-        """
+    def set(self, light: LightInput, file_from_scenery: np.ndarray) -> None:
+        """Light with an HDRI. With a high horizon, the camera sees one color below it (`camera.backdrop`)."""
+        path, horizon = light.hdri, light.horizon
         if path != self._path:
             if not os.path.isfile(path):
                 raise FileNotFoundError(path)
@@ -76,11 +72,11 @@ class HdriWorld:
             self._search_by(sky_map(self._texture.image.size[0]))
             self._path = path
         # The node turns the direction that is looked up, so the sky turns the other way.
-        cos, sin = math.cos(-yaw), math.sin(-yaw)
+        cos, sin = math.cos(-light.yaw), math.sin(-light.yaw)
         turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
         axes = file_from_scenery[:3, :3] / np.linalg.norm(file_from_scenery[:3, :3], axis=0)
         self._mapping.inputs["Rotation"].default_value = euler_xyz(turn @ axes.T)
-        self._background.inputs["Strength"].default_value = strength
+        self._background.inputs["Strength"].default_value = light.strength
         seen = self._mapping.outputs["Vector"] if horizon is None else self._lifted.at(horizon)
         self._link(seen, self._texture.inputs["Vector"])
         color = self._texture.outputs["Color"]

@@ -15,6 +15,7 @@ from hulldown.camera.precipitation import Streaks, drops_in_view, rng_of, streak
 from hulldown.camera.weather_kinds import KINDS, Weather
 from hulldown.reading.blender.add_nodes import add_node, maths
 from hulldown.reading.blender.frames import pose
+from hulldown.render.blender.air import set_hidden
 from hulldown.render.messages import CameraInput
 
 NAME = "hulldown precipitation"
@@ -51,11 +52,7 @@ class Precipitation:
 
     def clear(self) -> None:
         """Remove all streaks."""
-        self._hide(True)
-
-    def _hide(self, hidden: bool) -> None:
-        if self._object.hide_render != hidden:  # as of `render.blender.air.Fog`
-            self._object.hide_render = hidden
+        set_hidden(self._object, True)
 
     def fill(self, streaks: Streaks, radiance: np.ndarray, eye: np.ndarray, file_from_scenery: np.ndarray) -> None:
         """Draw streaks.
@@ -88,7 +85,7 @@ class Precipitation:
         around = np.eye(4)
         around[:3, 3] = eye
         pose(self._object, file_from_scenery @ around)
-        self._hide(False)
+        set_hidden(self._object, False)
 
 
 def _glow_by_opacity(tree: Any) -> Any:

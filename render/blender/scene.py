@@ -58,7 +58,8 @@ class Stage:
         self.camera = self._add("hulldown camera", bpy.data.cameras.new("hulldown camera"))
         self.scene.camera = self.camera
         self.world = HdriWorld(self.scene)
-        self.fog = Fog(self._add("hulldown fog", bpy.data.meshes.new("hulldown fog")), self.world)
+        fog = self._add("hulldown fog", bpy.data.meshes.new("hulldown fog"))
+        self.fog = Fog(fog, self.world, self.file_from_scenery, self.units_per_meter)
         self.precipitation = Precipitation(self._add("hulldown precipitation", bpy.data.meshes.new("hulldown drops")))
         self.surfaces = Surfaces(self.file_from_scenery, self.units_per_meter)
         self._vehicles: dict[str, list[Any]] = {}  # by prepared file, a collection for each copy; last used last
@@ -169,7 +170,7 @@ class Stage:
 
     def set_light(self, light: LightInput) -> None:
         """Light by an HDRI."""
-        self.world.set(light.hdri, light.yaw, light.strength, self.file_from_scenery, horizon=light.horizon)
+        self.world.set(light, self.file_from_scenery)
 
     def set_weather(self, weather: Weather | None, seed: int) -> None:
         """Fill the air and cover surfaces, after everything else is set, since fog is lit by the sky.
@@ -190,21 +191,14 @@ class Stage:
         self.surfaces.set(weather.kind, weather.ground_cover, weather.vehicle_cover, vehicles)
         pose = np.array(self._view.world_from_camera)
         glow = airlight(weather.kind, self.world.airlight())
-        frame = self.file_from_scenery
-        self.fog.fill(
-            weather.kind,
-            weather.visibility_m,
-            glow,
-            pose[:3, 3],
-            below=max(0.0, pose[2, 3] - self._lowest),
-            file_from_scenery=frame,
-            units_per_meter=self.units_per_meter,
-        )
+        below = max(0.0, pose[2, 3] - self._lowest)
+        self.fog.fill(weather.kind, weather.visibility_m, glow, pose[:3, 3], below=below)
         streaks = falling(weather, self._view, seed)
         if streaks is None:
             self.precipitation.clear()
         else:
-            self.precipitation.fill(streaks, glow * KINDS[weather.kind].share_of_sky, pose[:3, 3], frame)
+            radiance = glow * KINDS[weather.kind].share_of_sky
+            self.precipitation.fill(streaks, radiance, pose[:3, 3], self.file_from_scenery)
 
 
 def _delete_delivered() -> None:
