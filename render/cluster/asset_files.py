@@ -75,12 +75,13 @@ class ClientFiles:
         named += [(file.tidy, file.files) for file in assets.vehicles.values()]
         named += [(file.path, file.files) for file in assets.sceneries.values()]
         named += [(path, ()) for path in assets.hdris.values()]
+        readable = assets.readable
         for path, files in named:
             path = path.resolve()
-            referred = references(files, path, assets.readable)
+            referred = references(files, path, readable)
             self._assets[str(path)] = AssetNote(self._note(path), tuple(map(self._note, referred)))
-        added = [path for path in self._notes if not any(map(path.is_relative_to, assets.readable))]
-        self.readable = tuple(map(str, (*assets.readable, *added)))
+        added = [path for path in self._notes if not any(map(path.is_relative_to, readable))]
+        self.readable = tuple(map(str, (*readable, *added)))
         self._by_hash = {note.sha256: note for note in self._notes.values()}
         listed = sorted(f"{note.sha256} {note.path}" for note in self._notes.values())
         self.key = hashlib.sha256("\0".join(listed).encode("utf-8", "surrogateescape")).hexdigest()
