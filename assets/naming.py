@@ -148,7 +148,7 @@ def _words(text: str) -> tuple[str, ...]:
     return (*parts, word.lower()) if word else tuple(parts)
 
 
-def says(name: str, patterns: Iterable[str]) -> str | None:
+def first_match(name: str, patterns: Iterable[str]) -> str | None:
     """The first of `patterns` that matches `name`, or None.
 
     Parameters
@@ -161,7 +161,7 @@ def says(name: str, patterns: Iterable[str]) -> str | None:
     """
     patterns = tuple(patterns)
     asked = _asked(patterns)
-    number = _first_said(words(name), asked.words, asked.longest)
+    number = _first_matched(words(name), asked.words, asked.longest)
     if asked.globs:
         number = min([number, *(i for i, glob in asked.globs if fnmatchcase(name.lower(), glob))])
     return patterns[number] if number < len(patterns) else None
@@ -187,7 +187,7 @@ def _asked(patterns: tuple[str, ...]) -> _Asked:
     return _Asked(first_index, max(map(len, first_index), default=0), globs)
 
 
-def _first_said(name: tuple[str, ...], asked: dict[str, int], longest: int) -> int:
+def _first_matched(name: tuple[str, ...], asked: dict[str, int], longest: int) -> int:
     """The lowest number of all words in the name, written as one or several; a large one if there are none."""
     lowest = sys.maxsize
     for first in range(len(name)):

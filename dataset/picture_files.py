@@ -108,7 +108,7 @@ def size_problem(picture: PictureFile, stated: tuple[object, object]) -> str:
     """Say how a picture's size differs from the size in its record."""
     turned = "" if picture.orientation == UPRIGHT else f" when displayed (EXIF orientation {picture.orientation})"
     width, height = picture.size
-    return f"is {width} x {height} pixels{turned}, its record says {stated[0]} x {stated[1]}"
+    return f"is {width} x {height} pixels{turned}, its record has {stated[0]} x {stated[1]}"
 
 
 def rgb(picture: Image.Image) -> UInt8[np.ndarray, "h w 3"]:

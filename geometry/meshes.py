@@ -166,7 +166,7 @@ class Mesh:
         path = Path(path)
         _refuse_format(path)
         if not path.is_file():
-            raise AssetError("is no file", path=path, remedy="check the path")
+            raise AssetError("isn't a file", path=path, remedy="check the path")
         import trimesh  # here, since it takes longer to import than all the rest of the geometry
 
         try:

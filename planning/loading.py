@@ -13,7 +13,7 @@ import numpy as np
 from hulldown.assets.bundle import load_scenery, load_vehicle
 from hulldown.assets.keypoints import category_fields
 from hulldown.assets.library import AssetFile, Assets
-from hulldown.assets.naming import says
+from hulldown.assets.naming import first_match
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.errors import AssetError, ConfigError
@@ -315,7 +315,7 @@ def _refuse_sizes(vehicles: Sequence[tuple[ModelEntry, FileReport]]) -> None:
     odd = []
     for entry, report in vehicles:
         name = f"{getattr(entry, 'category', None) or ''} {entry.name}"
-        kind = next((kind for kind in USUAL_LENGTHS if says(name, kind)), ANY_VEHICLE)
+        kind = next((kind for kind in USUAL_LENGTHS if first_match(name, kind)), ANY_VEHICLE)
         low, high = USUAL_LENGTHS.get(kind, ANY_LENGTH)
         if entry.scale is None and not low <= max(report.size) <= high:
             usual = f"is {length_said(max(report.size))} long, and a {kind[0]} has {low:g} to {high:g} m"

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from hulldown.assets.naming import GROUND, GUN, HELPERS, TURRET, says, words
+from hulldown.assets.naming import GROUND, GUN, HELPERS, TURRET, first_match, words
 from hulldown.geometry.transforms import apply, rigid, rotation_z
 from hulldown.reading.roles import Link, Piece, vehicle_roles
 from hulldown.reading.vehicle.parts import find_parts
@@ -27,7 +27,7 @@ def test_blenders_numbers_change_nothing(name: str, number: int) -> None:
     numbered = f"{name}.{number:03}"
     assert words(numbered) == words(name)
     for patterns in (TURRET, GUN, GROUND, HELPERS):
-        assert says(numbered, patterns) == says(name, patterns)
+        assert first_match(numbered, patterns) == first_match(name, patterns)
 
 
 @given(
@@ -40,9 +40,9 @@ def test_a_word_is_found_in_any_spelling(word: str, gap: str, other: str) -> Non
         f"{word.upper()}{gap or '_'}{other}",
         f"{word}s",
     ):
-        assert says(name, (word,)) == word
+        assert first_match(name, (word,)) == word
     if gap == "":
-        assert says(f"{word}ish", (word,)) is None
+        assert first_match(f"{word}ish", (word,)) is None
 
 
 def piece(name: str, low: np.ndarray, size: np.ndarray) -> Piece:

@@ -18,7 +18,7 @@ from hulldown.placement.footprint import contact_footprint, underside
 from hulldown.reading.evaluated import Evaluated
 from hulldown.reading.options import Options
 from hulldown.reading.report import PartRow
-from hulldown.reading.roles import Link, Piece, Role, is_wanted, vehicle_roles
+from hulldown.reading.roles import Link, Piece, PieceRole, is_wanted, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import removed_names, unmatched
 from hulldown.reading.scenery.wet_faces import is_partly_water, part_of
 from hulldown.reading.vehicle.keypoints import known_points, marked_points
@@ -39,7 +39,7 @@ class BuiltVehicle:
     """A vehicle with the role and part (-1: none) of each piece, the moving parts, the axes, and the doubts."""
 
     shape: VehicleShape
-    roles: list[Role]
+    roles: list[PieceRole]
     piece_part: list[int]
     parts: tuple[PartRow, ...]
     axes: str
@@ -80,7 +80,7 @@ def build_vehicle(
             break
         left_out += strays.out_doubts
         for k, why in strays.out.items():
-            roles[kept[k]] = Role("dropped", why)
+            roles[kept[k]] = PieceRole("dropped", why)
         # Without them the nose, and so the protruding parts, may change.
         kept = [i for k, i in enumerate(kept) if k not in strays.out]
     try:
@@ -103,14 +103,14 @@ def build_vehicle(
     mesh, _ = merge(placed, name=name)
     low, high = mesh.bounds
     if not (np.ptp(contact_footprint(mesh.vertices), axis=0) > 0).all():
-        raise AssetError("is a sheet on its edge, which has no length or no width to stand on", remedy="set its `up`")
+        raise AssetError("is a sheet on its edge, with no length or no width to stand on", remedy="set its `up`")
     base = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
     standing = mesh.at(mesh.vertices - base)
     to_base = np.eye(4)
     to_base[:3, 3] = -base
     for i, why in zip(kept, parts.piece_why, strict=True):
         if why:
-            roles[i] = Role("vehicle", why)
+            roles[i] = PieceRole("vehicle", why)
     piece_part = np.full(len(pieces), -1)
     piece_part[kept] = parts.piece_part
     shape = VehicleShape(
@@ -159,7 +159,7 @@ def xyz(vector: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
 
 
 def build_scenery(
-    name: str, drawn: Evaluated, roles: Sequence[Role], *, meters: Float[np.ndarray, "4 4"], options: Options
+    name: str, drawn: Evaluated, roles: Sequence[PieceRole], *, meters: Float[np.ndarray, "4 4"], options: Options
 ) -> tuple[Scenery, tuple[str, ...]]:
     """Ground and obstacles by their roles, and the names of ground pieces whose mesh is partly water.
 

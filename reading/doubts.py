@@ -7,8 +7,8 @@ import re
 from collections.abc import Sequence
 
 from hulldown.reading.options import Options
-from hulldown.reading.report import Missing, Row
-from hulldown.reading.roles import Piece, Role
+from hulldown.reading.report import Missing, ObjectRow
+from hulldown.reading.roles import Piece, PieceRole
 from hulldown.reading.scenery.scenery_roles import is_water_name
 from hulldown.reading.scenery.shape import LEVEL, PUDDLE, canopies, enclosing, sheets_between
 from hulldown.reading.vehicle.paintable import CLEAR, MaterialRow
@@ -28,7 +28,7 @@ USUAL_UNITS = (1.0, 0.01, 0.001, 0.0254, 0.3048, 100.0, 10.0, 0.1)
 
 def vehicle_doubts(
     size: tuple[float, float, float],
-    rows: Sequence[Row],
+    rows: Sequence[ObjectRow],
     missing: Sequence[Missing],
     *,
     materials: Sequence[MaterialRow],
@@ -55,7 +55,7 @@ def vehicle_doubts(
     kept = sum(row.triangles * row.count for row in rows if row.use != "dropped")
     if sum(row.triangles * row.count for row in dropped) > kept:
         those = quoted([row.name for row in dropped])
-        doubts.append(f"more triangles are dropped than kept; `keep` what of it is the vehicle: {those}")
+        doubts.append(f"more triangles are dropped than kept; name the vehicle's objects in `keep`: {those}")
     asked = [row for row in rows if row.use == "dropped" and "config" in row.why]
     volumes = {
         use: max((math.prod(row.size) for row in some), default=0.0)
@@ -66,12 +66,12 @@ def vehicle_doubts(
         doubts.append(f"the config drops {most.name!r}, the largest piece; take it out of drop if it's the hull")
     clear = [row for row in materials if row.left_alone == CLEAR]
     if sum(row.share for row in clear) > 0.5:
-        doubts.append(f"one sees through most of its surface ({quoted(row.name for row in clear)}), as through glass")
+        doubts.append(f"most of its surface is transparent ({quoted(row.name for row in clear)}), like glass")
     if is_pale(materials):
         those = quoted(row.name for row in materials if _pale(row))
         beside = f"; pictures beside it aren't used: {quoted(pictures, most=4)}" if pictures else ""
         doubts.append(
-            f"nearly all of it is white or light gray ({those}), as without its textures{beside}; put them on its "
+            f"nearly all of it is white or light gray ({those}), as if without its textures{beside}; put them on its "
             "materials in Blender, or set paint"
         )
     return (*doubts, *_missing(missing))
@@ -89,7 +89,7 @@ def _pale(row: MaterialRow) -> bool:
 def scenery_doubts(
     size: tuple[float, float, float],
     pieces: Sequence[Piece],
-    roles: Sequence[Role],
+    roles: Sequence[PieceRole],
     missing: Sequence[Missing],
     *,
     wet: Sequence[str] = (),
@@ -102,11 +102,11 @@ def scenery_doubts(
     used = [(piece, role) for piece, role in zip(pieces, roles, strict=True) if role.use not in ("dropped", "removed")]
     if not any(role.use == "ground" for _, role in used):
         doubts.append(
-            "NO GROUND: nothing in it is ground by name or by shape, so vehicles stand on the plane z = "
+            "NO GROUND: no object is ground by name or by shape, so vehicles are placed on the plane z = "
             f"ground.fallback_z; {_proposed_ground([p for p, r in used if r.use == 'obstacle'])}; in the file is "
             + quoted([piece.name for piece, _ in used])
         )
-    for use, keys in (("ground", "if it is none, name it in not_ground"), ("water", "if it is none, set water = []")):
+    for use, keys in (("ground", "if it isn't, name it in not_ground"), ("water", "if it isn't, set water = []")):
         if found := [piece.name for piece, role in used if role.use == use and role.why.startswith("by shape")]:
             doubts.append(f"taken as {use}: {quoted(found)}, by shape; {keys}")
     if wet:
@@ -145,7 +145,7 @@ def scenery_doubts(
     return (*doubts, *_missing(missing))
 
 
-def _perhaps_water(used: Sequence[tuple[Piece, Role]], wet: Sequence[str]) -> list[str]:
+def _perhaps_water(used: Sequence[tuple[Piece, PieceRole]], wet: Sequence[str]) -> list[str]:
     """Doubts about possible water: parts of the ground's mesh, and small sheets without a name."""
     ground = [piece for piece, role in used if role.use == "ground"]
     dressed = [(p.name, m) for p in ground if p.name not in wet for m in p.materials if is_water_name(m)]
@@ -154,7 +154,7 @@ def _perhaps_water(used: Sequence[tuple[Piece, Role]], wet: Sequence[str]) -> li
         "Blender and name it in water"
         for name, material in list(dict.fromkeys(dressed))[:MOST]
     ]
-    open_ = [i for i, (_, role) in enumerate(used) if role == Role("obstacle", "by default")]
+    open_ = [i for i, (_, role) in enumerate(used) if role == PieceRole("obstacle", "by default")]
     found = sheets_between([piece for piece, _ in used], open_, [piece.bounds for piece in ground], least=PUDDLE)
     if found:
         names = quoted([used[i][0].name for i in found])

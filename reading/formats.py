@@ -40,7 +40,7 @@ def first_bytes(path: Path) -> bytes:
     """
     try:
         if (kind := _kind(path.stat().st_mode)) != "a file":
-            raise AssetError(f"is {kind}, no file", path=path)
+            raise AssetError(f"is {kind}, not a file", path=path)
         with open(path, "rb") as file:
             return file.read(64)
     except FileNotFoundError:
@@ -95,7 +95,7 @@ def format_of(path: Path) -> str:
     if start.startswith(b"version https://git-lfs"):
         raise AssetError("is only a pointer to a file in Git LFS", path=path, remedy="fetch it with `git lfs pull`")
     raise AssetError(
-        f"is no {suffix} file: it does not begin like one (damaged, encrypted, or another format)",
+        f"isn't a {suffix} file: it doesn't begin like one (damaged, encrypted, or another format)",
         path=path,
         remedy="copy it again, or save it as .blend in Blender",
     )

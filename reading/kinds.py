@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hulldown.assets.naming import VEHICLE, says
+from hulldown.assets.naming import VEHICLE, first_match
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.options import Options
 from hulldown.reading.roles import FLAT, Piece, vehicle_roles
@@ -35,7 +35,7 @@ def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
         across = max(length, width)
         return "scenery" if across > BIGGEST_VEHICLE and height <= FLAT * across else "vehicle"
     kept = _vehicle(pieces)
-    if 2 * sum(bool(says(p.name, VEHICLE)) for p in kept) > len(kept):
+    if 2 * sum(bool(first_match(p.name, VEHICLE)) for p in kept) > len(kept):
         return "vehicle"  # in other units: its hull, or its tracks, may be taken for ground
     return "scenery" if not kept or max(_extent(kept)) > BIGGEST_VEHICLE else "vehicle"
 
@@ -57,19 +57,19 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> s
         if options.scale or options.keep or options.drop or likely_kind(pieces, options) == "vehicle":
             return ""
         kept = _vehicle(pieces)
-        if any(says(p.name, VEHICLE) for p in kept):
+        if any(first_match(p.name, VEHICLE) for p in kept):
             return ""  # a tank in centimeters has tracks, which are called like ground: `doubts` names the scale
         ground = _ground(pieces, options)
         has = f"ground ({ground[0].name!r})" if ground else "one flat sheet"
         raise AssetError(
             f"looks like a scenery but is listed as a vehicle: it contains {has}, and the rest is "
             f"{max(_extent(kept or pieces)):,.0f} m long",
-            remedy="list it under [[assets.sceneries]], or say what of it to `keep`, or its `scale`",
+            remedy="list it under [[assets.sceneries]], or name the vehicle's objects in `keep`, or set its `scale`",
         )
     overrides = (options.scale, options.include, options.exclude, options.ground, options.not_ground, options.drop)
     if any(overrides) or likely_kind(pieces, options) == "scenery":
         return ""
-    telling = next((p.name for p in pieces if says(p.name, VEHICLE)), None)
+    telling = next((p.name for p in pieces if first_match(p.name, VEHICLE)), None)
     longest = max(_extent(_vehicle(pieces) or pieces))
     if longest > BIGGEST_VEHICLE:
         return ""

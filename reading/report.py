@@ -20,7 +20,7 @@ LISTED = 12
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class ObjectRow:
     """One object of the file, or all instances of it.
 
     Parameters
@@ -50,13 +50,13 @@ class Row:
     size: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-def gathered(rows: Sequence[Row]) -> tuple[Row, ...]:
+def gathered(rows: Sequence[ObjectRow]) -> tuple[ObjectRow, ...]:
     """The rows, with numbered copies (Tree.001, Tree.002, ...) in one row where there are many of them.
 
     Copies of the same kind and use are gathered. The row has their name with an asterisk, the
     reason of the first, the total count, and the largest size.
     """
-    families: dict[tuple[str, str, str], list[Row]] = {}
+    families: dict[tuple[str, str, str], list[ObjectRow]] = {}
     for row in rows:
         families.setdefault((_stem(row.name), row.kind, row.use), []).append(row)
     return tuple(
@@ -72,9 +72,9 @@ def _stem(name: str) -> str:
     return stem.rstrip(" ._-") if stem != name else name
 
 
-def _dropped_together(rows: Sequence[Row]) -> list[Row]:
+def _dropped_together(rows: Sequence[ObjectRow]) -> list[ObjectRow]:
     """Rows of used objects, then of dropped ones, with one row per reason if they're many."""
-    families: dict[str, list[Row]] = {}
+    families: dict[str, list[ObjectRow]] = {}
     for row in rows:
         if row.use == "dropped":
             families.setdefault(row.why.replace(repr(row.name), "its name"), []).append(row)
@@ -86,7 +86,7 @@ def _dropped_together(rows: Sequence[Row]) -> list[Row]:
     return result
 
 
-def _together(family: Sequence[Row], name: str, why: str) -> Row:
+def _together(family: Sequence[ObjectRow], name: str, why: str) -> ObjectRow:
     """One row for all, as large as the largest."""
     x, y, z = (max(lengths) for lengths in zip(*(row.size for row in family), strict=True))
     count, triangles = sum(row.count for row in family), max(row.triangles for row in family)
@@ -158,7 +158,7 @@ class FileReport:
     unit: float
     up: str
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rows: tuple[Row, ...] = ()
+    rows: tuple[ObjectRow, ...] = ()
     parts: tuple[PartRow, ...] = ()
     missing: tuple[Missing, ...] = ()
     doubts: tuple[str, ...] = ()

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.assets.naming import FIGURES, HELPERS, PRIMITIVES, STAGES, says, words
+from hulldown.assets.naming import FIGURES, HELPERS, PRIMITIVES, STAGES, first_match, words
 
 FLAT = 0.02  # a sheet is thinner than this share of its longer side
 THIN = 0.1  # and so is what may be a stage although it is called "Plane" and nothing else
@@ -116,14 +116,15 @@ class Piece:
 
 
 @dataclass(frozen=True, slots=True)
-class Role:
-    """The use of a piece, such as "vehicle", "ground", or "dropped", and the reason."""
+class PieceRole:
+    """The use of a piece, such as "vehicle", "ground", or "dropped", the reason, and whether it's a scenery's word."""
 
     use: str
     why: str
+    by_name: bool = False
 
 
-def vehicle_roles(pieces: Sequence[Piece], *, keep: Sequence[str] = (), drop: Sequence[str] = ()) -> list[Role]:
+def vehicle_roles(pieces: Sequence[Piece], *, keep: Sequence[str] = (), drop: Sequence[str] = ()) -> list[PieceRole]:
     """For each piece of a vehicle file, whether it is "vehicle" or "dropped", and why.
 
     Parameters
@@ -133,7 +134,7 @@ def vehicle_roles(pieces: Sequence[Piece], *, keep: Sequence[str] = (), drop: Se
     keep, drop
         The user's patterns over object, mesh and collection names; they beat all rules, and `keep` beats `drop`.
     """
-    roles: list[Role | None] = [_vehicle_by_name(piece, keep, drop) for piece in pieces]
+    roles: list[PieceRole | None] = [_vehicle_by_name(piece, keep, drop) for piece in pieces]
     open_ = [i for i, role in enumerate(roles) if role is None]
     doubtful = [i for i in open_ if _stage_name(pieces[i]) or _is_sheet(pieces[i])]
     # Certain pieces give the vehicle's size. The others are judged from the smallest up; kept ones are added.
@@ -147,27 +148,27 @@ def vehicle_roles(pieces: Sequence[Piece], *, keep: Sequence[str] = (), drop: Se
         roles[i] = _vehicle_by_place(pieces[i], low, high) if (low <= high).all() else None
         if roles[i] is None:
             low, high = np.minimum(low, pieces[i].bounds[0]), np.maximum(high, pieces[i].bounds[1])
-    return [role or Role("vehicle", "by default") for role in roles]
+    return [role or PieceRole("vehicle", "by default") for role in roles]
 
 
-def _kept(role: Role | None) -> bool:
+def _kept(role: PieceRole | None) -> bool:
     return role is not None and role.use == "vehicle"
 
 
-def _vehicle_by_name(piece: Piece, keep: Sequence[str], drop: Sequence[str]) -> Role | None:
+def _vehicle_by_name(piece: Piece, keep: Sequence[str], drop: Sequence[str]) -> PieceRole | None:
     if piece.unseen:
-        return Role("dropped", piece.unseen)
+        return PieceRole("dropped", piece.unseen)
     if piece.hair:
-        return Role("dropped", "hair is no part of a vehicle")
+        return PieceRole("dropped", "hair isn't part of a vehicle")
     for patterns, use in ((keep, "vehicle"), (drop, "dropped")):
         for name in _names(piece):
-            if pattern := says(name, patterns):
-                return Role(
+            if pattern := first_match(name, patterns):
+                return PieceRole(
                     use, f"{name!r} matches {pattern!r} of the config's {'keep' if use == 'vehicle' else 'drop'}"
                 )
     for name in _names(piece):
-        if pattern := says(name, HELPERS):
-            return Role("dropped", f"{name!r} says {pattern!r}")
+        if pattern := first_match(name, HELPERS):
+            return PieceRole("dropped", f"{name!r} matches {pattern!r}")
     return None
 
 
@@ -179,12 +180,12 @@ def _names(piece: Piece) -> list[str]:
 
 def is_wanted(piece: Piece, keep: Sequence[str]) -> bool:
     """Whether the config keeps it by name."""
-    return any(says(name, keep) for name in _names(piece))
+    return any(first_match(name, keep) for name in _names(piece))
 
 
 def _stage_name(piece: Piece) -> tuple[str, str] | None:
     for name in (piece.name, piece.data, *piece.chain[0].collections):
-        if pattern := says(name, (*STAGES, *FIGURES)):
+        if pattern := first_match(name, (*STAGES, *FIGURES)):
             return name, pattern
     # Many meshes are named "Plane", or "truck_Plane" by exporters, after the primitive they were made from.
     named = [word for word in words(piece.name) if not word.isdigit()]
@@ -197,17 +198,17 @@ def _is_sheet(piece: Piece) -> bool:
     return bool(piece.size[2] <= FLAT * max(piece.size[:2]))
 
 
-def _vehicle_by_place(piece: Piece, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> Role | None:
+def _vehicle_by_place(piece: Piece, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> PieceRole | None:
     """Reason to drop a piece next to the rest, which is between `low` and `high`; None to keep it."""
     size, height = float(max(high[:2] - low[:2])), float(high[2] - low[2])
     under = bool(piece.bounds[1, 2] <= low[2] + UNDERSIDE * height)
     if named := _stage_name(piece):
         out = float(max(np.max(low[:2] - piece.bounds[0, :2]), np.max(piece.bounds[1, :2] - high[:2])))
         if out > REACH * size:
-            return Role("dropped", f"{named[0]!r} says {named[1]!r} and reaches {out:.1f} m beyond the rest")
+            return PieceRole("dropped", f"{named[0]!r} matches {named[1]!r} and reaches {out:.1f} m beyond the rest")
         if under:
-            return Role("dropped", f"{named[0]!r} says {named[1]!r} and lies at the underside of the rest")
+            return PieceRole("dropped", f"{named[0]!r} matches {named[1]!r} and is at the underside of the rest")
     larger = piece.area / max(float(np.prod(high[:2] - low[:2])), 1e-12)
     if under and larger > MUCH_LARGER and _is_sheet(piece):
-        return Role("dropped", f"a flat sheet {larger:.0f} times as large as the rest, lying under it")
+        return PieceRole("dropped", f"a flat sheet {larger:.0f} times as large as the rest, lying under it")
     return None

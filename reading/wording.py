@@ -9,10 +9,10 @@ MOST = 12  # names that a sentence lists
 SHOWN = 3  # doubts that a warning lists
 # Words of doubts about files whose pictures or labels would be wrong, worst first,
 WORST = (
-    *("NO GROUND", "missing: ", "isn't there, and", "through most of its surface", "level sheet", "hides the HDRI"),
+    *("NO GROUND", "missing: ", "isn't there, and", "of its surface is transparent", "level sheet", "hides the HDRI"),
     *("plain white", "without its textures", "placed on their roofs"),
     *("set scale", "more triangles are dropped", 'set up = "', "set forward", "its light is tinted"),
-    *("paint:", "above its horizon", "of what is overhead", "as warm as a ceiling"),
+    *("paint:", "above its horizon", "of the sky overhead", "as warm as a ceiling"),
 )
 # and of doubts that only report a decision.
 MILDEST = (

@@ -87,7 +87,7 @@ def test_a_file_with_every_attack_in_it_reads_and_writes_nothing_outside(attack:
 def test_texts_and_tables_beside_an_asset_are_not_drawn(attack: Path, tmp_path: Path) -> None:
     report = export(attack / "mine/assets/all/neighbors.blend", tmp_path, kind="vehicle").report
     assert report.triangles == 3 * 12, "three cubes, and nothing that they import"
-    assert sum("is left out, since it is no model or picture" in doubt for doubt in report.doubts) == 3
+    assert sum("is left out, since it isn't a model or picture" in doubt for doubt in report.doubts) == 3
 
 
 @pytest.mark.thorough

@@ -175,14 +175,14 @@ def test_nothing_named_is_found_by_shape_or_is_a_doubt() -> None:
     doubts = read(numbered).doubts
     assert any("looks like a gun; set gun, and turret" in d for d in doubts)
     plain = {f"Object_{i}": mesh for i, (name, mesh) in enumerate(TANK.items()) if name != "Gun"}
-    assert any("its names say nothing; set turret" in d for d in read(plain).doubts)
+    assert any("its names name no part; set turret" in d for d in read(plain).doubts)
 
 
 def test_what_stands_on_a_turret_without_children_turns_with_it() -> None:
     parts = {k: m for k, m in TANK.items() if k != "Turret_Ring"} | {"Hatch": box((0.5, 0.5, 0.1), (-0.4, 0.4, 2.35))}
     built = read(parts)
     assert built.piece_part[list(parts).index("Hatch")] == 1
-    assert any("'Hatch' turn with the turret" in d for d in built.doubts)
+    assert any("'Hatch' are on the turret" in d for d in built.doubts)
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,7 @@ def test_facades_are_told():
     horizon_deg, misfits = backdrop(standing(30.0, range(40)))
     assert horizon_deg == pytest.approx(30.0, abs=1.5)
     assert len(misfits) == 1
-    assert "reaches 30 degrees above its horizon" in misfits[0] or "reaches 29 degrees" in misfits[0]
+    assert "reach 30 degrees above its horizon" in misfits[0] or "reach 29 degrees" in misfits[0]
 
 
 def test_a_lamp_post_fits_but_counts_for_the_horizon():
@@ -46,7 +46,7 @@ def test_a_lamp_post_fits_but_counts_for_the_horizon():
 
 def test_a_ceiling_and_a_roof_are_told():
     warm = open_sky()[..., ::-1]
-    assert backdrop(warm)[1] == ("what is overhead is as warm as a ceiling",)
+    assert backdrop(warm)[1] == ("overhead, it is as warm as a ceiling",)
     beams = open_sky()
     beams[:, ::4] *= 0.6
     assert any("has edges" in misfit for misfit in backdrop(beams)[1])

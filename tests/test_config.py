@@ -235,7 +235,7 @@ def test_two_hdris_of_one_name(read, tmp_path):
         ("sky/*.exr", r"'sky/\*.exr' matches no file"),
         ("", "'' isn't a file pattern"),
         ("sky/**.exr", r"'sky/\*\*.exr' isn't a file pattern"),
-        ("n*", r"'n\*' matches 'notes.txt', which is no .exr or .hdr file; narrow the pattern"),
+        ("n*", r"'n\*' matches 'notes.txt', which isn't a .exr or .hdr file; narrow the pattern"),
     ],
 )
 def test_patterns_that_are_none(read, tmp_path, pattern, message):

@@ -55,9 +55,9 @@ def test_what_is_read_otherwise_than_rendered_is_said(messy: Messy) -> None:
     ):
         assert words in doubts
     rows = {row.name: row for row in messy.exported["odd_ones"].report.rows}
-    assert rows["Strands"].why == "hair is no part of a vehicle"
+    assert rows["Strands"].why == "hair isn't part of a vehicle"
     furry = [(row.use, row.why) for row in messy.exported["odd_ones"].report.rows if row.name == "Furry"]
-    assert sorted(furry) == [("dropped", "hair is no part of a vehicle"), ("hull", "by default")]
+    assert sorted(furry) == [("dropped", "hair isn't part of a vehicle"), ("hull", "by default")]
 
 
 @pytest.mark.parametrize(
@@ -66,12 +66,12 @@ def test_what_is_read_otherwise_than_rendered_is_said(messy: Messy) -> None:
         ("no.blend", None, "does not exist"),
         (f"{'x' * 300}.blend", None, "cannot be read (File name too long)"),
         ("empty.blend", b"", "is empty"),
-        ("cipher.blend", bytes(range(7, 256)), "is no .blend file: it does not begin like one"),
+        ("cipher.blend", bytes(range(7, 256)), "isn't a .blend file: it doesn't begin like one"),
         ("model.max", b"anything", "is of a format that is not read; expected one of .blend, .glb"),
         ("lfs.blend", b"version https://git-lfs.github.com/spec/v1\n", "is only a pointer to a file in Git LFS"),
         ("old.fbx", b"; FBX 6.1.0 project file\n", "is an ASCII FBX file"),
         ("scene.gltf", b"{]", "isn't readable glTF ("),
-        ("model.glb", b"BLENDER17-01v0500", "is no .glb file"),
+        ("model.glb", b"BLENDER17-01v0500", "isn't a .glb file"),
     ],
 )
 def test_refused_without_asking_blender(tmp_path: Path, file: str, content: bytes | None, problem: str) -> None:

@@ -70,7 +70,7 @@ def test_a_folder_becomes_a_config_with_what_was_found_as_comments(
     assert "# turret on hull: pivot" in above
     assert "# doubt: " in above
     assert "# ground: Ground" in text
-    assert "# not used: ../mine/trucks/scene.fbx: is no .fbx file" in text
+    assert "# not used: ../mine/trucks/scene.fbx: isn't a .fbx file" in text
     assert "# not used: ../mine/tanks/one/scene.obj: is called as scene.blend is" in text
     assert "# not used: ../mine/tanks/normal.hdr: is 2 x 2 pixels" in text
     assert "tidy" not in text
@@ -84,7 +84,7 @@ def test_a_folder_becomes_a_config_with_what_was_found_as_comments(
     [
         ({}, "mine: holds no .blend, .glb, .gltf, .fbx, .obj, .tif, .tiff, .exr, .hdr file; name the folder"),
         ({"readme.txt": b"x"}, "mine: holds no .blend"),
-        ({"a.fbx": b"x", "b.exr": b"x"}, "mine: none of its 2 files can be used; a.fbx: is no .fbx file"),
+        ({"a.fbx": b"x", "b.exr": b"x"}, "mine: none of its 2 files can be used; a.fbx: isn't a .fbx file"),
         (None, "mine: is no folder; name the folder"),
     ],
 )

@@ -153,7 +153,7 @@ def test_an_area_takes_the_cells_whose_centers_are_in_it(tmp_path):
     assert points[:, :2].min(axis=0).tolist() == [west + 11, north - 39]
     assert points[:, :2].max(axis=0).tolist() == [west + 31, north - 21]
     assert np.array_equal(points[:, 2], heights()[10:20, 5:16].ravel())
-    with pytest.raises(AssetError, match=r"the whole of it is area = \[447000.0, 5411920.0, 447100.0, 5412000.0\]"):
+    with pytest.raises(AssetError, match=r"all of it is area = \[447000.0, 5411920.0, 447100.0, 5412000.0\]"):
         elevations(path, area=(8.2, 48.8, 8.3, 48.9))
 
 

@@ -140,10 +140,10 @@ def test_a_mended_sky_is_what_is_rendered_and_is_told_from_what_it_was(files: Pa
         ("square", "is 32 x 32 pixels"),
         ("half", "(crashed reading it|cannot read this picture|not a number|the same everywhere)"),
         ("start", "(crashed reading it|cannot read this picture)"),
-        ("folder", "is a folder, no file"),
-        ("fifo", "is a FIFO, no file"),
+        ("folder", "is a folder, not a file"),
+        ("fifo", "is a FIFO, not a file"),
         ("loop", "cannot be read"),
-        ("zero", "is a device, no file"),
+        ("zero", "is a device, not a file"),
     ],
 )
 def test_a_sky_that_cannot_be_used_is_one_line_with_its_name(

@@ -9,7 +9,7 @@ import pytest
 from hulldown.cli import main
 from hulldown.geometry.terminal import Terminal
 from hulldown.planning.config.schema import Config
-from hulldown.reading.report import FileReport, Row
+from hulldown.reading.report import FileReport, ObjectRow
 from hulldown.reading.vehicle.paintable import MaterialRow
 from hulldown.verbs import terminal
 from hulldown.verbs.terminal import show_table
@@ -35,12 +35,14 @@ def test_a_name_with_a_line_break_stays_in_its_line():
 
 def test_a_piped_table_has_every_name_in_one_line(monkeypatch):
     # They were cut at 80 columns, where the name is needed for `drop`.
-    text = shown(monkeypatch, report(Row(LONG, "MESH", "hull", "by default")).table())
+    text = shown(monkeypatch, report(ObjectRow(LONG, "MESH", "hull", "by default")).table())
     assert any(LONG in line for line in text.splitlines())
 
 
 def test_a_terminal_shows_every_character_of_a_name(monkeypatch):
-    text = shown(monkeypatch, report(Row(LONG, "MESH", "hull", "by default")).table(), force_terminal=True, width=80)
+    text = shown(
+        monkeypatch, report(ObjectRow(LONG, "MESH", "hull", "by default")).table(), force_terminal=True, width=80
+    )
     cells = [line.split("│")[1].strip() for line in text.splitlines() if line.count("│") > 2]
     assert LONG in "".join(cells)
     assert "…" not in text
@@ -48,19 +50,21 @@ def test_a_terminal_shows_every_character_of_a_name(monkeypatch):
 
 def test_what_is_left_out_for_one_reason_shares_a_row():
     # Hidden and dropped objects took 16 of 24 rows.
-    hidden = [Row(f"helper {k} of mine", "MESH", "dropped", "hidden from render", 1, 5) for k in "abcdefghijklmnop"]
-    named = [Row(f"lamp {k} x", "LIGHT", "dropped", f"{f'lamp {k} x'!r} says 'lamp'") for k in "abc"]
-    lone = Row("bound", "MESH", "dropped", "'bound' says 'bound'")
-    table = report(hidden[0], Row("body", "MESH", "hull", "by default"), *hidden[1:], lone, *named).table()
+    hidden = [
+        ObjectRow(f"helper {k} of mine", "MESH", "dropped", "hidden from render", 1, 5) for k in "abcdefghijklmnop"
+    ]
+    named = [ObjectRow(f"lamp {k} x", "LIGHT", "dropped", f"{f'lamp {k} x'!r} matches 'lamp'") for k in "abc"]
+    lone = ObjectRow("bound", "MESH", "dropped", "'bound' matches 'bound'")
+    table = report(hidden[0], ObjectRow("body", "MESH", "hull", "by default"), *hidden[1:], lone, *named).table()
     rows = list(zip(*(column.cells for column in table.columns[:4]), strict=True))
     assert [row[0].split(",")[0] for row in rows] == ["body", "helper a of mine", "bound", "lamp a x"]
     assert rows[1][0].endswith("helper l of mine and 4 more")
     assert rows[1][3] == "16"
-    assert rows[3][2] == "its name says 'lamp'"
+    assert rows[3][2] == "its name matches 'lamp'"
 
 
 def test_the_report_itself_keeps_every_object():
-    rows = [Row(f"a{k}x", "MESH", "dropped", "hidden from render") for k in range(20)]
+    rows = [ObjectRow(f"a{k}x", "MESH", "dropped", "hidden from render") for k in range(20)]
     assert len(report(*rows).to_json()["rows"]) == 20
 
 
@@ -75,5 +79,5 @@ def test_init_bare_writes_the_config_alone(tmp_path, capsys):
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_few_objects_left_out_keep_their_rows(count):
-    rows = [Row(f"a{k}x", "MESH", "dropped", "hidden from render") for k in range(count)]
+    rows = [ObjectRow(f"a{k}x", "MESH", "dropped", "hidden from render") for k in range(count)]
     assert report(*rows).table().row_count == count

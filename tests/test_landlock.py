@@ -211,7 +211,7 @@ def test_reading_them_writes_nothing_with_the_list_alone(
     before = cleaned(blends)
     exported = export(blends / "blends" / f"{case}.blend", tmp_path, kind="vehicle")
     assert contents(blends) == before
-    lost = [doubt for doubt in exported.report.doubts if "is left out, since its cache is no part" in doubt]
+    lost = [doubt for doubt in exported.report.doubts if "is left out, since its cache isn't in the file" in doubt]
     assert len(lost) == (case in ("fluid", "paint"))
     assert {p.name for p in tmp_path.iterdir()} == {"bundle.npz", "tidy.blend", "answer.json"}
 

@@ -56,11 +56,11 @@ def refused(path: Path, folder: Path, **more: object) -> str:
         ("far_vertices", "object 'Body' reaches 3e+38 m from the origin, more than 1e+08 m; move"),
         ("far_location", "object 'Body' reaches 1e+20 m from the origin"),
         ("nan_vertices", "object 'Body': "),
-        ("nan_strands", "object 'Body': the strands of 'Hair' stand at places that are no numbers; repair or delete"),
-        ("library", "lib.blend, which is a FIFO, no file"),
-        ("library_packed", "lib.blend, which is a FIFO, no file"),
-        ("font", "font.woff2, which is a FIFO, no file"),
-        ("font_packed", "font.woff2, which is a FIFO, no file"),
+        ("nan_strands", "object 'Body': the strands of 'Hair' have coordinates that aren't numbers; repair or delete"),
+        ("library", "lib.blend, which is a FIFO, not a file"),
+        ("library_packed", "lib.blend, which is a FIFO, not a file"),
+        ("font", "font.woff2, which is a FIFO, not a file"),
+        ("font_packed", "font.woff2, which is a FIFO, not a file"),
     ],
 )
 @pytest.mark.parametrize("kind", ["vehicle", pytest.param("scenery", marks=pytest.mark.thorough)])
@@ -102,9 +102,9 @@ def test_what_is_no_regular_file_is_refused_before_it_is_opened(tmp_path: Path) 
     (tmp_path / "loop.obj").symlink_to("loop.obj")
     (tmp_path / "round").symlink_to("round")
     for name, line in (
-        ("folder.blend", "is a folder, no file"),
-        ("fifo.blend", "is a FIFO, no file"),
-        ("zero.glb", "is a device, no file"),
+        ("folder.blend", "is a folder, not a file"),
+        ("fifo.blend", "is a FIFO, not a file"),
+        ("zero.glb", "is a device, not a file"),
         ("loop.obj", "cannot be read (Too many levels of symbolic links)"),
         ("round/a.blend", "cannot be read (Too many levels"),
     ):
@@ -128,9 +128,9 @@ GLTF = {
 @pytest.mark.parametrize(
     ("change", "line"),
     [
-        ({"buffers": [{"uri": "zero.bin", "byteLength": 36}]}, "refers to zero.bin, which is a device, no file"),
-        ({"buffers": [{"uri": "fifo%2Ebin", "byteLength": 36}]}, "refers to fifo.bin, which is a FIFO, no file"),
-        ({"buffers": [{"uri": "../../../../../../../../dev/zero"}]}, "which is a device, no file"),
+        ({"buffers": [{"uri": "zero.bin", "byteLength": 36}]}, "refers to zero.bin, which is a device, not a file"),
+        ({"buffers": [{"uri": "fifo%2Ebin", "byteLength": 36}]}, "refers to fifo.bin, which is a FIFO, not a file"),
+        ({"buffers": [{"uri": "../../../../../../../../dev/zero"}]}, "which is a device, not a file"),
         ({"images": [{"uri": "fifo.bin"}]}, "refers to fifo.bin, which is a FIFO"),
         ({"buffers": [{"uri": "mesh .bin", "byteLength": 99}]}, "buffers[0] has 99 bytes, but mesh .bin has 36"),
         ({"nodes": [{"mesh": 7}]}, "nodes[0].mesh = 7, but it has 1 meshes; export it again"),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hulldown.assets.naming import GROUND, GUN, GUN_HINTS, HELPERS, TURRET_HINTS, hints, says
+from hulldown.assets.naming import GROUND, GUN, GUN_HINTS, HELPERS, TURRET_HINTS, first_match, hints
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.doubts import vehicle_doubts
 from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
@@ -57,7 +57,7 @@ HULL = piece("Hull", size=(6, 3, 1), at=(0, 0, 1))
     ],
 )
 def test_patterns(name: str, patterns: list[str], says_so: bool) -> None:
-    assert bool(says(name, patterns)) is says_so
+    assert bool(first_match(name, patterns)) is says_so
 
 
 @pytest.mark.parametrize(

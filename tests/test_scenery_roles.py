@@ -86,7 +86,7 @@ def test_a_flat_sheet_among_the_hills_is_water_by_shape_and_that_is_said() -> No
     roles = scenery_roles([terrain, sheet], Options())
     assert [role.use for role in roles] == ["ground", "water"]
     (doubt,) = scenery_doubts((200.0, 200.0, 30.0), [terrain, sheet], roles, (), unit=1.0, options=Options())
-    assert doubt == "taken as water: 'Object_7', by shape; if it is none, set water = []"
+    assert doubt == "taken as water: 'Object_7', by shape; if it isn't, set water = []"
     for other in (
         lake("Object_7", at=(0, 0, 16)),
         lake("Object_7", size=(9, 9, 0)),

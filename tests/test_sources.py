@@ -146,7 +146,7 @@ def of_another_size(path):
         (missing, r"0002\.png: is missing"),
         (truncated, r"0002\.png: cannot be read as a picture"),
         (no_picture, r"0002\.png: cannot be read as a picture"),
-        (of_another_size, r"0002\.png: is 5 x 5 pixels, its record says 96 x 54"),
+        (of_another_size, r"0002\.png: is 5 x 5 pixels, its record has 96 x 54"),
     ],
 )
 def test_a_picture_that_cannot_be_used_is_named_before_training(tmp_path, spoil, message):

@@ -20,8 +20,8 @@ from hulldown.planning.write import write_plan
 from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
 from hulldown.reading.export import ask_reader, exported_by, job_for
 from hulldown.reading.options import Options
-from hulldown.reading.report import Row
-from hulldown.reading.roles import Role
+from hulldown.reading.report import ObjectRow
+from hulldown.reading.roles import PieceRole
 from hulldown.reading.skies.backdrop import shows_land
 from hulldown.reading.skies.hdri import read_hdris
 from hulldown.reading.vehicle.paintable import parts_left_alone
@@ -203,12 +203,12 @@ def read(tmp_path_factory):
 
 def test_only_what_an_mtl_calls_glass_is_glass(read):
     rows = {row.name: row.left_alone for row in read["max"].report.materials}
-    assert rows == {"body": "", "window": "one sees through it"}
+    assert rows == {"body": "", "window": "it is transparent"}
 
 
 def test_a_vehicle_of_glass_is_a_doubt(read):
-    assert any("through most of its surface" in doubt for doubt in read["clear"].report.doubts)
-    assert not any("through most of its surface" in doubt for doubt in read["max"].report.doubts)
+    assert any("of its surface is transparent" in doubt for doubt in read["clear"].report.doubts)
+    assert not any("of its surface is transparent" in doubt for doubt in read["max"].report.doubts)
 
 
 def test_a_white_vehicle_may_have_lost_its_textures(read):
@@ -365,13 +365,13 @@ def test_a_vehicle_of_odd_size_or_without_its_textures_is_refused_unless_allowed
 
 
 def test_dropping_the_hull_is_a_doubt_and_many_pieces_get_a_pattern():
-    base = Row("base", "MESH", "dropped", "the config drops it", 1, 12, (6.0, 3.0, 1.0))
-    rows = [base, Row("turret", "MESH", "hull", "", 1, 500, (2.0, 1.0, 1.0))]
+    base = ObjectRow("base", "MESH", "dropped", "the config drops it", 1, 12, (6.0, 3.0, 1.0))
+    rows = [base, ObjectRow("turret", "MESH", "hull", "", 1, 500, (2.0, 1.0, 1.0))]
     doubts = vehicle_doubts((2.0, 1.0, 1.0), rows, (), materials=(), unit=1.0, options=Options(drop=("base",)))
     assert any("drops 'base', the largest piece" in doubt for doubt in doubts)
     tiles = [piece(f"TERR{i:04d}", size=(100, 100, 3), at=(100 * i, 0, 0), level=0.9) for i in range(40)]
     posts = [piece(f"POST{i}", size=(1, 1, 9), at=(50 * i, 0, 5)) for i in range(9)]
-    roles = [Role("obstacle", "by default")] * 49
+    roles = [PieceRole("obstacle", "by default")] * 49
     doubts = scenery_doubts((4000.0, 100.0, 9.0), [*tiles, *posts], roles, (), unit=1.0, options=Options())
     assert 'ground = ["TERR*"]' in doubts[0]
 

@@ -65,7 +65,7 @@ def test_a_sound_dataset_has_no_findings(dataset, capsys):
             "error",
             "images/0.png: belongs to 2 image",
         ),
-        (lambda c: c["images"][1].update(width=33), "error", "is 32 x 24 pixels, its record says 33 x 24"),
+        (lambda c: c["images"][1].update(width=33), "error", "is 32 x 24 pixels, its record has 33 x 24"),
         (lambda c: c["images"][1].update(height=None), "error", "images/1.png: height is None"),
         (lambda c: c["images"][1].update(file_name="images/x.png"), "error", "images/x.png: is missing"),
         (lambda c: c["images"][1].update(file_name="../x.png"), "error", "no path inside the dataset"),

@@ -39,7 +39,7 @@ def refuse_odd_references(path: Path) -> None:
             found = blend.parent / named[2:] if named.startswith("//") else blend.parent / named
             kind = kind_of_file(found)
             if kind not in ("", "a file", "a folder"):
-                raise AssetError(f"refers to {named}, which is {kind}, no file", remedy="delete it from the file")
+                raise AssetError(f"refers to {named}, which is {kind}, not a file", remedy="delete it from the file")
             if code == b"LI\0\0" and kind == "a file" and found not in seen:
                 seen.add(found)
                 ring.append(found)

@@ -120,8 +120,8 @@ def _open_blend(path: Path) -> Opened:
         doubts.append(f"only the view layer {layers[0]!r} is read, not {quoted(layers[1:])}")
     if lost := _lost_pictures():
         doubts.append(
-            f"{len(lost)} of its pictures, such as {lost[0]!r}, hang on textures of the renderer that Blender had "
-            f"before 2.80, so that what wore them is rendered in one color; give its materials image nodes"
+            f"{len(lost)} of its pictures, such as {lost[0]!r}, belong to textures from before Blender 2.80, so their "
+            "objects are rendered in one color; give the materials image nodes"
         )
     return Opened(unit, "z", f"Blender {version}", (*doubts, *find_moved(path)), duplicates)
 
@@ -137,7 +137,7 @@ def _lost_pictures() -> list[str]:
 def _one_line(error: Exception) -> str:
     """Blender's message without prefixes and paths."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    # Of an importer written in Python it says the place in that last; what is wrong stands before.
+    # The last line of an importer in Python names a place in its code; the line before has the error.
     lines = [line for line in lines if not line.startswith("Location:")]
-    last = lines[-1] if lines else "it does not say why"
+    last = lines[-1] if lines else "without a reason"
     return last.removeprefix("Error: ").rpartition("': ")[2]

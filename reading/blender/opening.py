@@ -56,7 +56,7 @@ def open_blend(path: str, *, then: Callable[[], None] | None = None) -> list[str
 
 def forget_settings() -> None:
     """Reset a file's settings for all of Blender: everything in `bpy.data` but the data itself."""
-    # With it, Blender packs a picture when it is reloaded, and from then on shows that one, whatever the path says.
+    # With it, Blender packs a picture when it is reloaded, and from then on shows that one, whatever its path.
     bpy.data.use_autopack = False
     space = getattr(bpy.data, "colorspace", None)
     if space is not None and space.working_space != WORKING_SPACE:
@@ -73,12 +73,12 @@ def disarm() -> list[str]:
         for modifier in list(obj.modifiers):
             if modifier.type in SIMULATED or not all(_keep_in_memory(cache) for cache in _caches(modifier)):
                 kind = modifier.type.lower().replace("_", " ")
-                left_out.append(f"the {kind} of {obj.name!r} is left out, since its cache is no part of the file")
+                left_out.append(f"the {kind} of {obj.name!r} is left out, since its cache isn't in the file")
                 obj.modifiers.remove(modifier)
     for tree in bpy.data.node_groups:
         if odd := [node for node in tree.nodes if node.bl_idname in IMPORTS]:
             left_out.append(
-                f"the text or table that the nodes {tree.name!r} import is left out, since it is no model or picture"
+                f"the text or table that the nodes {tree.name!r} import is left out, since it isn't a model or picture"
             )
             for node in odd:
                 tree.nodes.remove(node)

@@ -33,8 +33,8 @@ from hulldown.reading.doubts import is_pale, scenery_doubts, vehicle_doubts
 from hulldown.reading.evaluated import Evaluated
 from hulldown.reading.export import ANSWER, Job
 from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
-from hulldown.reading.report import FileReport, Missing, Row, gathered
-from hulldown.reading.roles import Piece, Role
+from hulldown.reading.report import FileReport, Missing, ObjectRow, gathered
+from hulldown.reading.roles import Piece, PieceRole
 from hulldown.reading.scenery.scenery_roles import scenery_roles
 from hulldown.reading.vehicle.stance import meters_from_file, stand_upright
 
@@ -160,13 +160,13 @@ def _missing(drawn: Evaluated, uses: Sequence[str]) -> tuple[Missing, ...]:
     )
 
 
-def _rows(drawn: Evaluated, uses: Sequence[str], roles: Sequence[Role]) -> tuple[Row, ...]:
+def _rows(drawn: Evaluated, uses: Sequence[str], roles: Sequence[PieceRole]) -> tuple[ObjectRow, ...]:
     """One row for all pieces of an object with the same use, then objects that aren't pieces."""
     groups: dict[tuple[str, str, str], list[Piece]] = defaultdict(list)
     for piece, use, role in zip(drawn.pieces, uses, roles, strict=True):
         groups[piece.name, use, role.why].append(piece)
     rows = [
-        Row(
+        ObjectRow(
             name,
             pieces[0].chain[0].kind,
             use,
@@ -177,7 +177,7 @@ def _rows(drawn: Evaluated, uses: Sequence[str], roles: Sequence[Role]) -> tuple
         )
         for (name, use, reason), pieces in groups.items()
     ]
-    rows += [Row(left.name, left.kind, "dropped", left.why, count) for left, count in drawn.left.items()]
+    rows += [ObjectRow(left.name, left.kind, "dropped", left.why, count) for left, count in drawn.left.items()]
     return gathered(rows)
 
 

@@ -62,7 +62,7 @@ def strand_curves(drawn: Any, system: Any) -> Any:
     # Blender gives the strands where the object is; one that is squashed flat has no inverse.
     world_from_drawn = np.array(drawn.matrix_world, dtype=np.float64)
     if not (np.isfinite(points).all() and np.isfinite(world_from_drawn).all()):
-        raise ValueError(f"the strands of {system.name!r} stand at places that are no numbers")
+        raise ValueError(f"the strands of {system.name!r} have coordinates that aren't numbers")
     inside = (points.reshape(-1, 3) - world_from_drawn[:3, 3]) @ np.linalg.pinv(world_from_drawn[:3, :3]).T
     curves.add_curves([steps] * len(strands))
     curves.points.foreach_set("position", inside.astype(np.float32).ravel())

@@ -35,7 +35,7 @@ def refuse_odd_references(path: Path, kind: str) -> None:
 def _refuse(path: Path, named: str) -> None:
     found = kind_of_file(path.parent / named)
     if found not in ("", "a file"):
-        raise AssetError(f"refers to {named[:200]}, which is {found}, no file", path=path, remedy=AGAIN)
+        raise AssetError(f"refers to {named[:200]}, which is {found}, not a file", path=path, remedy=AGAIN)
 
 
 def _check_obj(path: Path) -> None:

@@ -212,9 +212,9 @@ def _window(raster: Any, area: Sequence[float] | None, path: Path) -> tuple[tupl
     if (high - low < 2).any():
         west, south, east, north = (float(f"{end:.10g}") for end in raster.bounds)
         raise AssetError(
-            f"area {list(area)} holds less than 2 x 2 of its cells",
+            f"area {list(area)} covers fewer than 2 x 2 of its cells",
             path=path,
-            remedy=f"the whole of it is area = [{west}, {south}, {east}, {north}]",
+            remedy=f"all of it is area = [{west}, {south}, {east}, {north}]",
         )
     return (int(low[1]), int(high[1])), (int(low[0]), int(high[0]))
 

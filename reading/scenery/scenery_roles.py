@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
-from hulldown.assets.naming import BACKDROPS, GROUND, NOT_GROUND, NOT_WATER, WATER, WATERS, says
+from hulldown.assets.naming import BACKDROPS, GROUND, NOT_GROUND, NOT_WATER, WATER, WATERS, first_match
 from hulldown.reading.options import Options
-from hulldown.reading.roles import Piece, Role
+from hulldown.reading.roles import Piece, PieceRole
 from hulldown.reading.scenery.shape import ground_by_shape, is_wide_and_level, lawns, sheets_between, sunken
 
 LEVELS = ("object", "mesh", "collection", "material")
@@ -24,7 +24,7 @@ ASKED = (
 _DRY = (*NOT_WATER, *GROUND, *(word for word in NOT_GROUND if word not in ("water", "cover", "asset", "prop")))
 
 
-def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[Role]:
+def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[PieceRole]:
     """The use of each piece of a scenery, and the reason.
 
     The ground-plane inventory is paper, section 2.1.5.
@@ -42,7 +42,7 @@ def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[Role]:
     "obstacle"; "backdrop", which the HDRI replaces; "removed", which the config drops; and "dropped", which
     no camera sees.
     """
-    decided: dict[tuple, Role] = {}  # a forest is decided tree by tree, but only once
+    decided: dict[tuple, PieceRole] = {}  # a forest is decided tree by tree, but only once
     roles = []
     for piece in pieces:
         asked = (
@@ -56,19 +56,19 @@ def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[Role]:
         open_ = [i for i, role in enumerate(roles) if role.use == "obstacle" and "config" not in role.why]
         solid = [p for p, role in zip(pieces, roles, strict=True) if role.use == "obstacle" and not p.hair]
         for i in ground_by_shape(pieces, open_, solid):
-            roles[i] = Role("ground", "by shape: large, level, and under the rest")
+            roles[i] = PieceRole("ground", "by shape: large, level, and under the rest")
     level = [p.bounds for p, role in zip(pieces, roles, strict=True) if role.use == "ground"]
-    for i in lawns([i for i, role in enumerate(roles) if _is_named_obstacle(role)], pieces, level):
-        roles[i] = Role("ground", f"by shape: a level sheet as wide as the scenery, though its {roles[i].why}")
+    for i in lawns([i for i, role in enumerate(roles) if role.use == "obstacle" and role.by_name], pieces, level):
+        roles[i] = PieceRole("ground", f"by shape: a level sheet as wide as the scenery, though its {roles[i].why}")
     for i, depth in sunken([i for i, role in enumerate(roles) if role.use == "ground"], pieces):
         if "config" not in roles[i].why:
             why = f"by shape: {depth:.0f} m below the main ground and under it; to use it, name it in ground"
-            roles[i] = Role("obstacle", why)
+            roles[i] = PieceRole("obstacle", why)
     if options.water is None:
         ground = [p.bounds for p, role in zip(pieces, roles, strict=True) if role.use == "ground"]
-        open_ = [i for i, role in enumerate(roles) if role == Role("obstacle", "by default")]
+        open_ = [i for i, role in enumerate(roles) if role == PieceRole("obstacle", "by default")]
         for i in sheets_between(pieces, open_, ground):
-            roles[i] = Role("water", "by shape: a flat sheet that ground lies under and rises above")
+            roles[i] = PieceRole("water", "by shape: a flat sheet with ground below it and above it")
     return roles
 
 
@@ -82,7 +82,7 @@ def unmatched(pieces: Sequence[Piece], options: Options) -> tuple[str, str] | No
     return None
 
 
-def removed_names(pieces: Sequence[Piece], roles: Sequence[Role], options: Options) -> tuple[str, ...]:
+def removed_names(pieces: Sequence[Piece], roles: Sequence[PieceRole], options: Options) -> tuple[str, ...]:
     """Objects to hide so that removed pieces aren't rendered."""
     gone = [piece for piece, role in zip(pieces, roles, strict=True) if role.use == "removed"]
     return tuple(sorted({piece.name if matching(piece, options.drop) else piece.carrier for piece in gone}))
@@ -121,75 +121,70 @@ def _is(name: str, pattern: str) -> bool:
     return name == pattern or (any(c in pattern for c in "*?[") and fnmatchcase(name, pattern))
 
 
-def _role(piece: Piece, options: Options) -> Role:
+def _role(piece: Piece, options: Options) -> PieceRole:
     asked = _by_config(piece, options)
     if asked and (asked.use == "removed" or (asked.use == "water" and piece.unseen == VOLUME)):
         return asked
     if piece.unseen:
         water = _water(piece) if piece.unseen == VOLUME and options.water is None else None
-        return water or Role("dropped", piece.unseen)
+        return water or PieceRole("dropped", piece.unseen)
     if piece.hair:
-        return Role("obstacle", "hair: it hides, and gives way to vehicles and cameras")
+        return PieceRole("obstacle", "hair: it hides, and gives way to vehicles and cameras")
     if asked:
         return asked
     named = [("object", piece.name), ("mesh", piece.data), *(("collection", c) for c in piece.chain[0].collections)]
     for level, name in named:
-        if level != "collection" and (pattern := says(name, BACKDROPS)):
-            return Role("backdrop", f"{level} {name!r} says {pattern!r}")
+        if level != "collection" and (pattern := first_match(name, BACKDROPS)):
+            return PieceRole("backdrop", f"{level} {name!r} matches {pattern!r}")
     if options.water is None and (water := _water(piece)):
         return water
     for level, name in named:
         # A scattered tree isn't ground, although the ground carries it or its collection is "terrain".
         if piece.scattered and (level == "collection" or (level == "object" and piece.anonymous)):
             continue
-        if pattern := says(name, NOT_GROUND):
-            return Role("obstacle", f"{level} {name!r} says {pattern!r}")
-        if pattern := says(name, GROUND):
-            return Role("ground", f"{level} {name!r} says {pattern!r}")
-    return Role("obstacle", "by default")
+        if pattern := first_match(name, NOT_GROUND):
+            return PieceRole("obstacle", f"{level} {name!r} matches {pattern!r}", by_name=True)
+        if pattern := first_match(name, GROUND):
+            return PieceRole("ground", f"{level} {name!r} matches {pattern!r}")
+    return PieceRole("obstacle", "by default")
 
 
-def _is_named_obstacle(role: Role) -> bool:
-    """Whether a piece is an obstacle because of a name."""
-    return role.use == "obstacle" and " says " in role.why
-
-
-def _by_config(piece: Piece, options: Options) -> Role | None:
+def _by_config(piece: Piece, options: Options) -> PieceRole | None:
     if piece.carrier and any(_is(piece.carrier, pattern) for pattern in options.drop):
-        return Role("removed", f"it is drawn by {piece.carrier!r}, which the scenery's drop of the config names")
+        return PieceRole("removed", f"it is drawn by {piece.carrier!r}, which the scenery's `drop` names")
     for key, use, whose in ASKED:
         if use == "ground" and piece.anonymous:
             continue  # its only name is that of the ground that carries it
         if found := matching(piece, getattr(options, key) or ()):
             level, name, pattern = found
-            return Role(use, f"{level} {name!r} matches {pattern!r} of {whose}")
+            return PieceRole(use, f"{level} {name!r} matches {pattern!r} of {whose}")
     return None
 
 
 def is_water_name(name: str) -> bool:
     """Whether a name means water, and not something in or near it."""
-    return not says(name, _DRY) and says(name, (*WATER, *WATERS)) is not None
+    return not first_match(name, _DRY) and first_match(name, (*WATER, *WATERS)) is not None
 
 
 def _may_be_water(piece: Piece) -> bool:
     return is_wide_and_level(piece, least=1.0)
 
 
-def _water(piece: Piece) -> Role | None:
+def _water(piece: Piece) -> PieceRole | None:
     """The role of water by name or material: wide, level, and not named like ground, a house, or a rock."""
     if not _may_be_water(piece):
         return None
     own = [("object", piece.name), ("mesh", piece.data)]
     own = own[2 * piece.anonymous :]  # which is called like what carries it
-    if any(says(name, _DRY) for _, name in own):
+    if any(first_match(name, _DRY) for _, name in own):
         return None
     materials = [("material", name) for name in piece.materials]
     around = [("collection", name) for name in piece.chain[0].collections[:1] if not piece.scattered]
     for candidates, words in ((own + materials, (*WATER, *WATERS)), (around, WATER)):
         for level, name in candidates:
-            if not says(name, _DRY) and (pattern := says(name, words)):
-                return Role("water", f"{level} {name!r} says {pattern!r}, and it is wide and level")
-    clear = piece.clear and not piece.unseen and not any(says(name, _DRY) for _, name in materials)
+            if not first_match(name, _DRY) and (pattern := first_match(name, words)):
+                return PieceRole("water", f"{level} {name!r} matches {pattern!r}, and it is wide and level")
+    clear = piece.clear and not piece.unseen and not any(first_match(name, _DRY) for _, name in materials)
     if clear and is_wide_and_level(piece, least=5.0):
-        return Role("water", "one sees through its material, and it is wide and level")
+        return PieceRole("water", "its material is transparent, and it is wide and level")
     return None

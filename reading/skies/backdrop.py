@@ -64,15 +64,15 @@ def backdrop(sky: Float[np.ndarray, "m n 3"]) -> tuple[float, tuple[str, ...]]:
     tops = _tops(gray, elevation)
     misfits = []
     if (near := float(np.quantile(tops, 0.95))) > NEAR_DEG:
-        misfits.append(f"what stands around it reaches {near:.0f} degrees above its horizon")
+        misfits.append(f"its surroundings reach {near:.0f} degrees above its horizon")
     overhead = (elevation > 30.0) & (elevation < 70.0)
     log = np.log(gray)
     steps = np.maximum(np.abs(np.diff(log, axis=0, append=log[-1:])), np.abs(log - np.roll(log, -1, axis=1)))
     if (busy := float((steps[overhead] > STEP).mean())) > BUSY:
-        misfits.append(f"{100 * busy:.0f} % of what is overhead has edges, as roofs and treetops have")
+        misfits.append(f"{100 * busy:.0f} % of the sky overhead has edges, as roofs and treetops have")
     red, _, blue = np.median(sky[elevation > 45.0].reshape(-1, 3), axis=0).tolist()
     if red > WARMEST * blue:
-        misfits.append("what is overhead is as warm as a ceiling")
+        misfits.append("overhead, it is as warm as a ceiling")
     return round(max(float(tops.max()), 90.0 / height), 3), tuple(misfits)
 
 

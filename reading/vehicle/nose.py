@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
-from hulldown.assets.naming import FRONT, REAR, says
+from hulldown.assets.naming import FRONT, REAR, first_match
 from hulldown.reading.vehicle.axes import PARALLEL, Wheels
 from hulldown.reading.vehicle.solids import Solids
 
@@ -249,7 +249,7 @@ def _votes(solids: Solids, names: Sequence[str], along: Float[np.ndarray, " n"])
     """Mean distance of front-named pieces ahead of rear-named ones, in half lengths."""
     votes = []
     for piece, name in enumerate(names):
-        sign = bool(says(name, FRONT)) - bool(says(name, REAR))
+        sign = bool(first_match(name, FRONT)) - bool(first_match(name, REAR))
         of_piece = solids.piece == piece
         if sign and of_piece.any():
             extent = solids.size[of_piece].max(axis=1)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hulldown.assets.naming import NOT_PAINT, PAINT, says
+from hulldown.assets.naming import NOT_PAINT, PAINT, first_match
 
-CLEAR = "one sees through it"  # reason why glass is left unpainted
+CLEAR = "it is transparent"  # reason why glass is left unpainted
 DARK = 0.045  # linear light, 60 of 255 in sRGB: rubber, and glass that is painted on
 NEUTRAL = 0.35  # saturation below which dark colors are rubber's
 DARK_SHARES = (0.01, 0.6)  # of a material's surface that rubber and glass may have; above it, its paint is dark
@@ -33,7 +33,7 @@ class MaterialRow:
     left_alone
         Reason why it isn't painted; empty if it can be.
     dark
-        Share of its surface as dark as rubber and glass; `keeps_dark` says whether those texels keep their color.
+        Share of its surface as dark as rubber and glass; `keeps_dark` tells whether those texels keep their color.
     """
 
     name: str
@@ -81,7 +81,7 @@ def told_apart(rows: Sequence[MaterialRow], *, parts: bool) -> list[MaterialRow]
     made = []
     for row in rows:
         why = row.left_alone
-        if not why and not says(row.name, PAINT):
+        if not why and not first_match(row.name, PAINT):
             if row.dark > 0.95 and row.share < DARK_SHARES[1]:
                 why = "it is as dark as rubber"
             elif row.share > ONE_FOR_ALL and not parts and not row.keeps_dark:
@@ -92,13 +92,13 @@ def told_apart(rows: Sequence[MaterialRow], *, parts: bool) -> list[MaterialRow]
 
 def left_alone_by_name(name: str) -> str:
     """Reason why a material of this name isn't paint; empty if there is none."""
-    word = says(name, NOT_PAINT)
-    return f"{word!r} is in its name" if word and not says(name, PAINT) else ""
+    word = first_match(name, NOT_PAINT)
+    return f"{word!r} is in its name" if word and not first_match(name, PAINT) else ""
 
 
 def matches(name: str, pattern: str) -> bool:
-    """Whether a pattern matches a material's name, as `assets.naming.says` or as a whole."""
-    return _is_whole(name, pattern) or says(name, [pattern]) is not None
+    """Whether a pattern matches a material's name, as `assets.naming.first_match` or as a whole."""
+    return _is_whole(name, pattern) or first_match(name, [pattern]) is not None
 
 
 def _is_whole(name: str, pattern: str) -> bool:

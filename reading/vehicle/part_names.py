@@ -14,8 +14,8 @@ from hulldown.assets.naming import (
     NOT_LAUNCHER,
     TURRET,
     TURRET_HINTS,
+    first_match,
     hints,
-    says,
     words,
 )
 from hulldown.reading.roles import Link
@@ -27,14 +27,14 @@ Key = tuple[str, bytes]
 # speak against it.
 TIERS = {
     TURRET_PART: (
-        (says, TURRET, ()),
-        (hints, TURRET_HINTS, ((says, NOT_LAUNCHER),)),
-        (says, LAUNCHER, ((says, NOT_LAUNCHER),)),
+        (first_match, TURRET, ()),
+        (hints, TURRET_HINTS, ((first_match, NOT_LAUNCHER),)),
+        (first_match, LAUNCHER, ((first_match, NOT_LAUNCHER),)),
         (hints, LAUNCHER_HINTS, ((hints, NOT_GUN_HINTS),)),
     ),
     GUN_PART: (
-        (says, GUN, ((says, NOT_GUN),)),
-        (hints, GUN_HINTS, ((says, NOT_GUN), (hints, NOT_GUN_HINTS))),
+        (first_match, GUN, ((first_match, NOT_GUN),)),
+        (hints, GUN_HINTS, ((first_match, NOT_GUN), (hints, NOT_GUN_HINTS))),
     ),
 }
 
@@ -104,7 +104,7 @@ class Namer:
     def _says(self, part: str, name: str) -> bool:
         pattern, tier = self.given[part], self.tier[part]
         if pattern is not None:
-            return bool(pattern and says(name, (pattern,)))
+            return bool(pattern and first_match(name, (pattern,)))
         if tier == len(TIERS[part]) or (part == GUN_PART and name in self.no_gun):
             return False
         # A helper isn't the part if another object has the name, but turns with it.

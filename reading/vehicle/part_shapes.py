@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.assets.naming import ARMED, BODY, FRONT, NO_TURRET, REAR, TURRET, VEHICLE, says
+from hulldown.assets.naming import ARMED, BODY, FRONT, NO_TURRET, REAR, TURRET, VEHICLE, first_match
 from hulldown.reading.roles import Link, Piece
 from hulldown.reading.vehicle.nose import gun_barrel, rising
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Namer, key_of
@@ -142,7 +142,7 @@ def riding(
         return []
     roots = {key_of(chains[i][-1]) if len(chains[i]) > 1 else None for i in members}
     parents = [key_of(chain[1]) if len(chain) > 1 else None for chain in chains]
-    named = sum(says(chains[i][0].name, TURRET) is not None for i in members)
+    named = sum(first_match(chains[i][0].name, TURRET) is not None for i in members)
     if len(roots) > 1 or len({parents[i] for i in members}) > 1 or named > PREFIXED:
         return []
     turret = np.concatenate([points[i] for i in members])
@@ -172,7 +172,7 @@ def unnamed(pieces: Sequence[Piece], bounds: Float[np.ndarray, "k 2 3"], solids:
         for key, some in carried.items()
         if 1 < len(some) < len(pieces)
         and bounds[some, 0, 2].min() > low[2] + LOW * (high - low)[2]
-        and not says(key[0], NO_TURRET)
+        and not first_match(key[0], NO_TURRET)
     ]
     if upper:
         most = max(upper, key=lambda key: len(carried[key]))
@@ -180,11 +180,11 @@ def unnamed(pieces: Sequence[Piece], bounds: Float[np.ndarray, "k 2 3"], solids:
             f"{len(carried[most])} objects hang from {most[0]!r} above the rest; if it turns, set turret to it, "
             f'and gun to what rises; if nothing does, set turret = ""'
         ]
-    if armed := next((p.name for p in pieces if says(p.name, ARMED)), None):
+    if armed := next((p.name for p in pieces if first_match(p.name, ARMED)), None):
         return [f'{armed!r} is there, but nothing named turret or gun; set turret and gun, or turret = "" and gun = ""']
-    known = any(says(n, KNOWN) for p in pieces for n in (p.name, p.data))
+    known = any(first_match(n, KNOWN) for p in pieces for n in (p.name, p.data))
     if len(pieces) > 1 and not known and _may_aim(solids, low, high):
-        return ['its names say nothing; set turret and gun if it has any, or turret = ""']
+        return ['its names name no part; set turret and gun if it has any, or turret = ""']
     return []
 
 

@@ -107,8 +107,8 @@ def find_parts(
         part_of = [namer.part_of(chain) for chain in chains]
         those = quoted((chains[i][0].name for i in aboard), most=NAMES)
         doubts.append(
-            f"{those} turn with the turret, which they stand on; set turret and gun to what turns and rises if that is "
-            f"wrong"
+            f"{those} are on the turret and turn with it; if that is wrong, set turret and gun to the parts that turn "
+            "and rise"
         )
     if options.gun is None and GUN_PART not in part_of:
         found, shape_doubts = by_shape(pieces, points, solids, part_of, turret_asked=options.turret is not None)

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.distance import pdist
 
-from hulldown.assets.naming import PIVOT, says, words
+from hulldown.assets.naming import PIVOT, first_match, words
 from hulldown.geometry.transforms import apply
 from hulldown.reading.roles import Link, Piece
 from hulldown.reading.vehicle.keypoints import keypoint_of
@@ -124,7 +124,7 @@ def find_pivot(
     def first(some: list[Node]) -> Node | None:
         return min(some, key=rank, default=None)
 
-    helpers = [n for n in nodes if says(n.link.name, PIVOT) or pivot_named(n.link.name) == part]
+    helpers = [n for n in nodes if first_match(n.link.name, PIVOT) or pivot_named(n.link.name) == part]
     if node := first([n for n in helpers if believed(n)]):
         return Pivot(origin(node), f"origin of {node.link.name!r}, named pivot")
     if node := first([n for n in nodes if n.named and n.link.kind == "EMPTY" and believed(n)]):

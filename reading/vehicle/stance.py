@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.assets.naming import GUN, GUN_HINTS, NOT_GUN, hints, says
+from hulldown.assets.naming import GUN, GUN_HINTS, NOT_GUN, first_match, hints
 from hulldown.geometry.transforms import apply, rotation_z
 from hulldown.reading.evaluated import Evaluated
 from hulldown.reading.roles import Piece
@@ -58,7 +58,7 @@ def stand_upright(drawn: Evaluated, *, unit: float, stated_up: str, up: str | No
     meters = meters_from_file(unit, stated_up)
     points = [apply(meters @ p.pose, drawn.meshes[p.mesh].vertices) for p in drawn.pieces]
     solids = find_solids(points, [drawn.meshes[p.mesh].faces for p in drawn.pieces])
-    found = Up(up, "as the config says") if up else find_up(find_wheels(solids), stated_up)
+    found = Up(up, "as the config states") if up else find_up(find_wheels(solids), stated_up)
     if found.axis == stated_up:
         return Upright(list(drawn.pieces), meters, found, solids)
     upright = meters_from_file(unit, found.axis)
@@ -104,7 +104,7 @@ def heading(
         gun = [_named_gun(upright.pieces[i]) for i in kept]
         found = find_forward(solids, wheels, names, gun=gun)
     else:
-        found = Forward(_angle(forward), "as the config says")
+        found = Forward(_angle(forward), "as the config states")
     if yaw_deg:
         found = replace(found, angle=found.angle + np.radians(yaw_deg), why=f"{found.why}, and yaw_deg")
     return found, solids, wheels
@@ -129,4 +129,4 @@ def vehicle_from_upright(angle: float) -> Float[np.ndarray, "4 4"]:
 
 def _named_gun(piece: Piece) -> bool:
     names = [link.name for link in piece.chain]
-    return any((says(n, GUN) or hints(n, GUN_HINTS)) and not says(n, NOT_GUN) for n in names)
+    return any((first_match(n, GUN) or hints(n, GUN_HINTS)) and not first_match(n, NOT_GUN) for n in names)

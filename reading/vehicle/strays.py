@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.assets.naming import FIGURES, STAGES, says, words
+from hulldown.assets.naming import FIGURES, STAGES, first_match, words
 from hulldown.geometry.meshes import Mesh
 from hulldown.reading.roles import MUCH_LARGER, UNDERSIDE, Piece
 from hulldown.reading.vehicle.axes import Wheels
@@ -84,7 +84,9 @@ def find_strays(
     backdrops = [i for i in beyond if _is_backdrop(i, points, meshes[pieces[i].mesh], bounds, told)]
     out = dict.fromkeys(backdrops, "a sheet that lies under the rest and rises beside it")
     out |= {
-        i: "named as what stands beside a vehicle, and not touching it" for i in apart if says(pieces[i].name, BESIDE)
+        i: "named like a stage or a figure, and not touching the vehicle"
+        for i in apart
+        if first_match(pieces[i].name, BESIDE)
     }
     out |= {i: "hidden from the viewport, and a regular primitive" for i in regular if i in hidden}
     out |= {i: "hidden from the viewport, and a sheet that sticks out" for i in sheets if i in hidden}
@@ -107,7 +109,7 @@ def find_strays(
         if new := [i for i in some if i not in seen]:
             names = [pieces[i].name for i in new]
             listed = as_key(names, most=NAMES)
-            doubts.append(f"{quoted(names, most=NAMES)}: {what}; set drop = {listed} if that is no part of it")
+            doubts.append(f"{quoted(names, most=NAMES)}: {what}; set drop = {listed} if that isn't part of it")
         seen |= set(some)
     return Strays(out, out_doubts, tuple(doubts))
 

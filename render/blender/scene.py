@@ -17,7 +17,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.assets.naming import BACKDROPS, says
+from hulldown.assets.naming import BACKDROPS, first_match
 from hulldown.camera.weather_kinds import KINDS, Weather, airlight
 from hulldown.reading.blender.frames import pose, world_from_blender_camera
 from hulldown.reading.blender.opening import disarm, open_blend
@@ -234,4 +234,4 @@ def _remove(names: Set[str]) -> None:
 
 
 def _is_backdrop(obj: Any) -> bool:
-    return obj.type in BACKDROP_TYPES and any(says(name, BACKDROPS) for name in (obj.name, obj.data.name))
+    return obj.type in BACKDROP_TYPES and any(first_match(name, BACKDROPS) for name in (obj.name, obj.data.name))

@@ -13,7 +13,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.assets.naming import NOT_WATER, WATER, WATERS, says
+from hulldown.assets.naming import NOT_WATER, WATER, WATERS, first_match
 from hulldown.reading.blender.surfaces.nodes import material_output
 from hulldown.reading.blender.surfaces.opacity_nodes import SOCKET, opacity_socket
 from hulldown.reading.blender.surfaces.shaders import is_clear
@@ -125,7 +125,7 @@ def _materials() -> Iterator[tuple[Any, Shape]]:
 
 def _is_water(material: Any) -> bool:
     """Whether a material is water, where snow melts: transparent, or named so."""
-    wet = says(material.name, (*WATER, *WATERS)) and not says(material.name, NOT_WATER)
+    wet = first_match(material.name, (*WATER, *WATERS)) and not first_match(material.name, NOT_WATER)
     return bool(wet) or is_clear(material)
 
 

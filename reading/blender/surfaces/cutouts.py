@@ -95,7 +95,7 @@ class CutoutReader:
         found = value.lookup
         image = found.node.image
         if image is None or (not image.has_data and not _load(image)):
-            return None  # Cycles paints it pink; the report says that it is missing
+            return None  # Cycles renders it pink; the report lists it as missing
         key = (image.original.as_pointer(), found.channel, found.node.outputs["Alpha"].is_linked)
         if key not in self._texels:
             self._texels[key] = texels(image.original, found.channel, alpha_used=key[-1])
