@@ -21,7 +21,7 @@ from hulldown.render.cluster.node import SHARE_VARIABLE
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.confinement import Confinement
 from hulldown.render.jobs import RenderAssets, render_job
-from hulldown.render.messages import Settings, to_json
+from hulldown.render.messages import CyclesSettings, to_json
 from hulldown.render.pool import Pool
 from hulldown.render.remaining import sort_key
 from hulldown.render.supervisor import Engine, render_plan
@@ -56,7 +56,7 @@ def overhead(plan: Plan, assets: RenderAssets, output: Path, rounds: int) -> dic
     """The same rows by two workers of this machine and by two of Dask's, in turn; all keep what they have loaded."""
     rows = sorted(plan, key=sort_key)[:CHUNK]
     settings = plan.config.render
-    cycles = Settings(settings.samples, settings.denoise, settings.adaptive_threshold, settings.bounces)
+    cycles = CyclesSettings(settings.samples, settings.denoise, settings.adaptive_threshold, settings.bounces)
     output.mkdir()
 
     def message(i: int) -> Mapping[str, Any]:

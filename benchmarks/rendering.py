@@ -23,7 +23,7 @@ from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row
 from hulldown.planning.write import write_plan
 from hulldown.render.jobs import RenderAssets, render_assets, render_job
-from hulldown.render.messages import Settings, to_json
+from hulldown.render.messages import CyclesSettings, to_json
 from hulldown.render.process import Allowance, Blender, Limits
 from hulldown.render.remaining import sort_key
 
@@ -71,7 +71,7 @@ def planned(
 
 
 def _job(row: Row, assets: RenderAssets, settings: dict[str, Any], output: Path) -> dict[str, Any]:
-    return to_json(render_job(row, assets, Settings(**settings), output))
+    return to_json(render_job(row, assets, CyclesSettings(**settings), output))
 
 
 def _in_order(plan: Plan) -> list[Row]:

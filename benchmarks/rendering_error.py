@@ -14,7 +14,7 @@ from PIL import Image
 from hulldown.benchmarks.tables import table
 from hulldown.planning.row import Row
 from hulldown.render.jobs import RenderAssets, render_job
-from hulldown.render.messages import Settings, to_json
+from hulldown.render.messages import CyclesSettings, to_json
 
 PAPER = {"samples": 128, "denoise": True, "adaptive_threshold": 0.0, "bounces": 12}
 FAST = {"samples": 32, "denoise": True, "adaptive_threshold": 0.05, "bounces": 4}
@@ -43,7 +43,7 @@ def measure(
     found: dict[str, dict[str, dict[str, float]]] = {}
 
     def picture(row: Row, assets: RenderAssets, settings: dict[str, Any]) -> tuple[np.ndarray, float]:
-        answer = ask(to_json(render_job(row, assets, Settings(**settings), folder / "e.png")))
+        answer = ask(to_json(render_job(row, assets, CyclesSettings(**settings), folder / "e.png")))
         with Image.open(folder / "e.png") as image:
             return np.asarray(image, dtype=np.float64), answer["seconds"]["sample"]
 

@@ -1,6 +1,5 @@
 """Values that anybody may write into a file, and what a user is told of them."""
 
-import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -31,10 +30,8 @@ def containers(value: Any) -> list[Any]:
 
 def refusal(use: Callable[..., object], *arguments: object) -> str:
     """What a user is told of a mistake in a file; any other error is one of the program, and not caught."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        try:
-            use(*arguments)
-        except HulldownError as error:
-            return str(error)
+    try:
+        use(*arguments)
+    except HulldownError as error:
+        return str(error)
     return ""

@@ -23,6 +23,7 @@ from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.dataset.verification.verify import verify
 from hulldown.property_tests.any_values import MANY, containers, refusal, values_of
 
+pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")  # damaged datasets may have warnings, too
 KEYS = (
     *("id", "file_name", "width", "height", "image_id", "category_id", "bbox", "segmentation", "area", "iscrowd"),
     *("bbox_amodal", "visible_fraction", "world_from_vehicle", "picture_sha256", "record_sha256", "world_from_camera"),

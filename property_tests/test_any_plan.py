@@ -28,7 +28,7 @@ from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
 from hulldown.property_tests.any_values import MANY, containers, refusal, values_of
 from hulldown.render.jobs import RenderAssets, SceneryFile, VehicleFile, mask_job, render_job
-from hulldown.render.messages import Settings
+from hulldown.render.messages import CyclesSettings
 from hulldown.render.remaining import Outline
 from hulldown.tests.planning_assets import hills, small_assets, small_config
 
@@ -69,7 +69,7 @@ FILES = RenderAssets(
     sceneries={name: SceneryFile(Path("a.blend"), np.eye(4), scenery) for name, scenery in ASSETS.sceneries.items()},
     hdris={name: Path(f"{name}.exr") for name in ASSETS.hdris},
 )
-SETTINGS = Settings(samples=1, denoise=False, adaptive_threshold=0.0, bounces=0)
+SETTINGS = CyclesSettings(samples=1, denoise=False, adaptive_threshold=0.0, bounces=0)
 values = st.integers() | values_of(
     *(179.9999, 180, 2**53 + 2, 2**63, 10**400, -1e300, 5e-324, 1e9, [0, 0, 0, 0], [[1e308] * 4] * 4),
     np.eye(4).tolist(),

@@ -27,12 +27,12 @@ from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.vehicle.paintable import MaterialRow, painted
 from hulldown.render.messages import (
     CameraInput,
+    CyclesSettings,
     LightInput,
     MaskJob,
     PaintInput,
     RenderJob,
     SceneryInput,
-    Settings,
     VehicleInput,
 )
 
@@ -173,7 +173,7 @@ def _scenery_file(path: Path, library: Library, name: str) -> SceneryFile:
     return SceneryFile(path, scenery.scenery_from_file, scenery, read.files)
 
 
-def render_job(row: Row, assets: RenderAssets, settings: Settings, output: Path) -> RenderJob:
+def render_job(row: Row, assets: RenderAssets, settings: CyclesSettings, output: Path) -> RenderJob:
     """The job of rendering a row.
 
     Parameters

@@ -138,7 +138,7 @@ class LightInput:
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class CyclesSettings:
     """The config's settings of Cycles; `adaptive_threshold` 0: no adaptive sampling."""
 
     samples: int
@@ -170,7 +170,7 @@ class RenderJob:
     light: LightInput
     weather: Weather | None
     seed: int
-    settings: Settings
+    settings: CyclesSettings
     output: str
     sensor: Sensor | None = None
 

@@ -120,8 +120,8 @@ class Lens:
     """
 
     sensor: Sensor
-    rows: list[list[Block]]
-    columns: list[list[Block]]
+    rows: list[list[AxisWeights]]
+    columns: list[list[AxisWeights]]
     y: np.ndarray
     x: np.ndarray
 
@@ -130,8 +130,8 @@ class Lens:
         """The lens of a camera, whose axis meets a picture at (x, y)."""
         corner = math.hypot(width, height) / 2.0
         scales = [1.0 + sensor.aberration_px / corner, 1.0, 1.0 - sensor.aberration_px / corner]
-        rows: list[list[Block]] = []
-        columns: list[list[Block]] = []
+        rows: list[list[AxisWeights]] = []
+        columns: list[list[AxisWeights]] = []
         if sensor.blur_px or sensor.aberration_px:
             kernel = Kernel.of(sensor.blur_px)
             rows = [_blocks(height, axis[1], scale, kernel) for scale in scales]
@@ -159,7 +159,7 @@ class Lens:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Block:
+class AxisWeights:
     """Weights (o, i) from input to output pixels along an axis."""
 
     outputs: slice
@@ -193,7 +193,7 @@ class Kernel:
         return np.interp(np.abs(x), np.arange(len(self.table)) / _STEPS, self.table)
 
 
-def _blocks(n: int, middle: float, scale: float, kernel: Kernel) -> list[Block]:
+def _blocks(n: int, middle: float, scale: float, kernel: Kernel) -> list[AxisWeights]:
     """Weights that magnify n pixels about a point; the end pixels are repeated beyond the ends."""
     blocks = []
     for start in range(0, n, BAND):
@@ -206,5 +206,5 @@ def _blocks(n: int, middle: float, scale: float, kernel: Kernel) -> list[Block]:
         dense = np.zeros((len(outputs), high - low))
         np.add.at(dense, (np.arange(len(outputs))[:, None], taps - low), weights)
         dense /= dense.sum(axis=1, keepdims=True)
-        blocks.append(Block(slice(start, start + len(outputs)), slice(low, high), dense.astype(np.float32)))
+        blocks.append(AxisWeights(slice(start, start + len(outputs)), slice(low, high), dense.astype(np.float32)))
     return blocks

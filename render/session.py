@@ -25,7 +25,7 @@ from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row
 from hulldown.render.annotations import Segmenter, annotation_records, categories_of
 from hulldown.render.jobs import RenderAssets, render_job
-from hulldown.render.messages import Settings, to_json
+from hulldown.render.messages import CyclesSettings, to_json
 from hulldown.render.pictures import without_notes
 from hulldown.render.pool import Pool
 from hulldown.render.process import Limits, Outcome
@@ -96,7 +96,9 @@ class Session:
         read_provenance(self._folder)
         self._recorded: dict[str, list[str]] = {}
         settings = plan.config.render
-        self._settings = Settings(settings.samples, settings.denoise, settings.adaptive_threshold, settings.bounces)
+        self._settings = CyclesSettings(
+            settings.samples, settings.denoise, settings.adaptive_threshold, settings.bounces
+        )
         shapes = {name: vehicle.shape for name, vehicle in assets.vehicles.items()}
         self._segmenter = Segmenter(
             shapes,

@@ -12,7 +12,7 @@ from hulldown.planning.config.schema import Config
 from hulldown.planning.loading import load_library
 from hulldown.planning.write import write_plan
 from hulldown.render.jobs import render_job
-from hulldown.render.messages import Settings, to_json
+from hulldown.render.messages import CyclesSettings, to_json
 from hulldown.render.process import Allowance, Blender, Limits
 
 IMAGES = 12
@@ -57,7 +57,7 @@ def make_plan(folder, text):
 
 def job(row, assets, settings, output):
     """The message to a worker that shall render a row."""
-    return to_json(render_job(row, assets, Settings(**settings), output))
+    return to_json(render_job(row, assets, CyclesSettings(**settings), output))
 
 
 def draw(folder, messages):

@@ -15,7 +15,7 @@ import numpy as np
 from hulldown.reading.blender.opening import open_blend
 from hulldown.render.blender import cycles
 from hulldown.render.blender.scene import Stage
-from hulldown.render.messages import Settings
+from hulldown.render.messages import CyclesSettings
 
 # What a scene has besides the settings of its picture: how it is edited, shown in a viewport, or drawn by others than
 # Cycles; its own units and frame, which are part of what it shows; and what every datablock has.
@@ -34,7 +34,7 @@ NOT_OF_THE_PICTURE = {
     *("curve_mapping", "motion_blur_shutter_curve", "linear_colorspace_settings"),
 }
 ID_PROPERTIES = {p.identifier for p in bpy.types.ID.bl_rna.properties}
-SETTINGS = Settings(samples=4, denoise=False, adaptive_threshold=0.0, bounces=2)
+SETTINGS = CyclesSettings(samples=4, denoise=False, adaptive_threshold=0.0, bounces=2)
 
 
 def settings_of(struct, path, found, depth=0):

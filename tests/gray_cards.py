@@ -22,7 +22,7 @@ from hulldown.reading.blender.pictures import _write
 from hulldown.render.blender import cycles
 from hulldown.render.blender.air import Fog
 from hulldown.render.blender.light import HdriWorld
-from hulldown.render.messages import LightInput, Settings
+from hulldown.render.messages import CyclesSettings, LightInput
 
 SIDE = 4  # pixels, the least that Blender takes: noise is averaged before the view transform, which bends it
 EYE = 0.15  # meters above the card: hardly any air between
@@ -61,7 +61,7 @@ def main() -> None:
     fog = Fog(box, world, np.eye(4), 1.0)
     answers = []
     for job in jobs:
-        settings = Settings(job.samples, denoise=False, adaptive_threshold=0.0, bounces=4)
+        settings = CyclesSettings(job.samples, denoise=False, adaptive_threshold=0.0, bounces=4)
         cycles.configure(scene, settings, device="CPU", threads=2)
         scene.render.resolution_x = scene.render.resolution_y = SIDE
         world.set(LightInput(_hdri(job.sky), job.yaw, job.strength, job.horizon), np.eye(4))

@@ -18,18 +18,18 @@ from hulldown.render.blender.renderer import Renderer
 from hulldown.render.blender.scene import Stage
 from hulldown.render.messages import (
     CameraInput,
+    CyclesSettings,
     LightInput,
     MaskJob,
     RenderJob,
     SceneryInput,
-    Settings,
     VehicleInput,
     to_json,
 )
 
 TILES = ("asphalt", "soil", "paint", "metal", "glass", "grouped", "mixed", "matt")
 Z_FROM_Y_UP = [[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]]
-SETTINGS = Settings(samples=16, denoise=False, adaptive_threshold=0.0, bounces=2)
+SETTINGS = CyclesSettings(samples=16, denoise=False, adaptive_threshold=0.0, bounces=2)
 
 
 def principled(name, albedo, rough, **inputs):

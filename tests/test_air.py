@@ -13,7 +13,7 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.precipitation import drops_in_view, rain_sizes, rng_of, view_of
 from hulldown.camera.response import displayed
 from hulldown.camera.weather_kinds import KINDS, Weather, air_layers, airlight
-from hulldown.render.messages import CameraInput, LightInput, RenderJob, SceneryInput, Settings, to_json
+from hulldown.render.messages import CameraInput, CyclesSettings, LightInput, RenderJob, SceneryInput, to_json
 from hulldown.render.process import Blender
 from hulldown.tests.blender_plans import drawn
 
@@ -65,7 +65,7 @@ class Studio:
             light=LightInput(str(self.folder / f"{sky}.exr"), 0.0, 1.0, None),
             weather=weather,
             seed=seed,
-            settings=Settings(samples, False, 0.0, 2),
+            settings=CyclesSettings(samples, False, 0.0, 2),
             output=str(output),
         )
         return drawn(self.blender, to_json(job))

@@ -18,7 +18,7 @@ from hulldown.reading.confinement.landlock import abi, asset_folders, confined
 from hulldown.reading.export import export
 from hulldown.render.confinement import Confinement
 from hulldown.render.jobs import render_job
-from hulldown.render.messages import Settings, to_json
+from hulldown.render.messages import CyclesSettings, to_json
 from hulldown.render.process import Blender
 from hulldown.tests.parameters import few
 from hulldown.tests.render_plans import ASSETS, make_row
@@ -224,7 +224,7 @@ def test_rendering_them_writes_nothing_with_the_list_alone(
     """A file that takes the place of a prepared one, as in a cache that came with a plan, through a worker."""
     monkeypatch.setenv("HULLDOWN_CONFINEMENT", "off")
     before = cleaned(blends)
-    settings = Settings(samples=1, denoise=False, adaptive_threshold=0.0, bounces=0)
+    settings = CyclesSettings(samples=1, denoise=False, adaptive_threshold=0.0, bounces=0)
     messages = []
     for case in CASES:
         there = {"scenery": blends / "blends" / "sound.blend", "vehicle": blends / "blends" / "sound.blend"}

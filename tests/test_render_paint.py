@@ -16,11 +16,11 @@ from hulldown.planning.config.schema import Config
 from hulldown.planning.loading import load_library
 from hulldown.planning.write import write_plan
 from hulldown.render.jobs import render_assets, render_job
-from hulldown.render.messages import Settings, to_json
+from hulldown.render.messages import CyclesSettings, to_json
 from hulldown.tests.blender_plans import copied, draw, make_worlds
 
 pytestmark = pytest.mark.blender
-SETTINGS = Settings(samples=8, denoise=False, adaptive_threshold=0.0, bounces=2)
+SETTINGS = CyclesSettings(samples=8, denoise=False, adaptive_threshold=0.0, bounces=2)
 RAIN = Weather(2000.0, "rain", 15.0, ground_cover=1.0, vehicle_cover=1.0)
 SNOW = Weather(500.0, "snow", ground_cover=0.8, vehicle_cover=0.8)
 CONFIG = """

@@ -16,7 +16,7 @@ from typing import Any
 
 import bpy
 
-from hulldown.render.messages import Settings
+from hulldown.render.messages import CyclesSettings
 
 GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")  # the faster of two for one card first
 OIDN = "OPENIMAGEDENOISE"
@@ -105,7 +105,7 @@ def _reset(struct: Any, fresh: Any) -> None:
                 setattr(struct, name, getattr(fresh, name))
 
 
-def configure(scene: Any, settings: Settings, *, device: str, threads: int = 0) -> None:
+def configure(scene: Any, settings: CyclesSettings, *, device: str, threads: int = 0) -> None:
     """Configure `scene` as planned, whatever its file's settings.
 
     Parameters
@@ -158,7 +158,7 @@ def configure(scene: Any, settings: Settings, *, device: str, threads: int = 0) 
     render.use_persistent_data = True
 
 
-def expose(scene: Any, settings: Settings, exposure: float, white_balance: float) -> None:
+def expose(scene: Any, settings: CyclesSettings, exposure: float, white_balance: float) -> None:
     """Set a configured scene to a picture's exposure in EV, and to its offset of white balance in kelvin.
 
     The view transform applies both, so they affect all light, lamps of the scenery too. Cycles' own

@@ -18,12 +18,12 @@ from hulldown.reading.blender.surfaces.opacity_nodes import show_opacity
 from hulldown.reading.blender.surfaces.shaders import is_volume
 from hulldown.render.blender import cycles
 from hulldown.render.blender.scene import Stage
-from hulldown.render.messages import Settings
+from hulldown.render.messages import CyclesSettings
 
 FIRST = 30000  # first object number of vehicles; files number their own objects from 1
 PIXEL_CENTER = 0.01  # width of the pixel filter, the smallest that Blender takes
 DRESSED = "hulldown index"
-ONE_RAY = Settings(samples=1, denoise=False, adaptive_threshold=0.0, bounces=0)
+ONE_RAY = CyclesSettings(samples=1, denoise=False, adaptive_threshold=0.0, bounces=0)
 
 
 class IndexPictures:

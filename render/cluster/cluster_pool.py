@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from hulldown.geometry.code import versions
 from hulldown.render.cluster.asset_files import ClientFiles
-from hulldown.render.cluster.node import Order, Setting, refusal, render_row
+from hulldown.render.cluster.node import RenderOrder, Setting, refusal, render_row
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.cluster.workers import Cluster
 from hulldown.render.jobs import RenderAssets
@@ -63,10 +63,10 @@ class ClusterPool(Cluster):
         """Do all jobs; parameters and errors as of `render.pool.Pool.results`."""
         left = len(jobs)
 
-        def order(job: int) -> Order:
+        def order(job: int) -> RenderOrder:
             own = message(job)
             named = {own["scenery"]["path"], own["light"]["hdri"], *(vehicle["tidy"] for vehicle in own["vehicles"])}
-            return Order(own, tuple(self._files.asset(path) for path in sorted(named)), self._setting)
+            return RenderOrder(own, tuple(self._files.asset(path) for path in sorted(named)), self._setting)
 
         for job, outcomes in self.run(
             jobs, render_row, order,

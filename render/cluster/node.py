@@ -68,7 +68,7 @@ class Setting:
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class RenderOrder:
     """An image to render, as a task's argument.
 
     Parameters
@@ -86,7 +86,7 @@ class Order:
     setting: Setting
 
 
-def render_row(order: Order, *contents: bytes) -> Answer:
+def render_row(order: RenderOrder, *contents: bytes) -> Answer:
     """Render an image on this Dask worker, with contents of files that it lacked.
 
     The answer's value is a `render.process.Outcome`.
@@ -120,7 +120,7 @@ class OpenBlender:
         with self._busy:
             self._blender.close()  # the next image starts another
 
-    def render(self, order: Order, contents: tuple[bytes, ...], *, stopping: Callable[[], bool]) -> Answer:
+    def render(self, order: RenderOrder, contents: tuple[bytes, ...], *, stopping: Callable[[], bool]) -> Answer:
         """Render an image, or return the missing contents.
 
         Raises
@@ -157,7 +157,7 @@ class OpenBlender:
             self._lines.append(f"Blender is not confined there: {why}; see docs/safety.md")
         self._setting = setting
 
-    def _render(self, order: Order, contents: tuple[bytes, ...], stopping: Callable[[], bool]) -> Answer:
+    def _render(self, order: RenderOrder, contents: tuple[bytes, ...], stopping: Callable[[], bool]) -> Answer:
         kept = {self._cache.keep(content) for content in contents}
         lacking = tuple({digest: None for asset in order.assets for digest in self._cache.lacking(asset)})
         if lost := kept.intersection(lacking):
