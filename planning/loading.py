@@ -90,7 +90,7 @@ def hdri_paths(config: Config) -> dict[str, Path]:
             raise ConfigError(f"assets.hdris: {pattern!r} isn't a file pattern ({error})", path=config.path) from None
         if wrong := [match.name for match in matches if match.suffix.lower() not in HDRI_SUFFIXES]:
             raise ConfigError(
-                f"assets.hdris: {pattern!r} matches {wrong[0]!r}, which is no {' or '.join(HDRI_SUFFIXES)} file",
+                f"assets.hdris: {pattern!r} matches {wrong[0]!r}, which isn't a {' or '.join(HDRI_SUFFIXES)} file",
                 path=config.path,
                 remedy="narrow the pattern, such as 'hdris/*.exr'",
             )

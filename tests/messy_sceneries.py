@@ -114,4 +114,5 @@ def map_in_object():
     """Map coordinates in the object; what hangs on it has small ones, that float32 matrices would round to 0.5 m."""
     ground = sheet("Terrain", 64, 4, at=MAP)
     box("Hut", (8, 6, 4), (3.14159, 2.71828, 1.41421), ground, rot=(0, 0, 0.3))
+    box("Barn", (8, 6, 4), (1_036_604.5, 5_323_106.0, 201.0), empty("Survey", (0, 0, 0), rot=(0, 0, 0.1)))
     return {"kind": "scenery", "truth": False, "center": MAP, "distance": 75.0}

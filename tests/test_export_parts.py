@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from hulldown.tests.messy_export import Messy
 
@@ -89,7 +90,11 @@ def test_map_coordinates_in_the_object_keep_what_hangs_on_it(messy: Messy) -> No
     assert scenery.ground is not None
     assert np.allclose(scenery.ground.bounds[:, :2], [[-32, -32], [32, 32]], atol=1e-5)
     # In float32, Blender's own matrices, this would be 3.0 or 3.03125 and 2.5 or 3.0.
-    assert np.allclose(scenery.world_from_instance[0, :3, 3], [3.14159, 2.71828, 201.41421], atol=1e-6)
+    places = dict(zip(scenery.instance_names, scenery.world_from_instance[:, :3, 3], strict=True))
+    assert np.allclose(places["Hut"], [3.14159, 2.71828, 201.41421], atol=1e-6)
+    # A float32 rotation would move this by 0.15 m.
+    east, north = Rotation.from_euler("z", np.float32(0.1)).apply([1_036_604.5, 5_323_106.0, 0.0])[:2]
+    assert np.allclose(places["Barn"], [east - 500_000.0, north - 5_400_000.0, 201.0], atol=1e-6)
 
 
 def test_map_coordinates_in_the_mesh_are_those_of_the_file(messy: Messy) -> None:

@@ -55,7 +55,7 @@ def test_a_scene_is_read_where_it_puts_its_meshes(tmp_path):
         ("a.obj", b"v 0 0 0\n", "has no triangles"),
         ("a.obj", b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "expected finite coordinates"),
         ("a.blend", b"BLENDER", r"has the ending '\.blend'; use a mesh file: \.ply, "),
-        ("a.ply", None, "is no file; check the path"),
+        ("a.ply", None, "isn.t a file; check the path"),
     ],
 )
 def test_what_is_no_mesh_is_refused_with_its_name(tmp_path, name, content, message):

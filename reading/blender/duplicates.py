@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.reading.blender.mesh_content import content_of
+from hulldown.reading.blender.poses import own_poses
 from hulldown.reading.blender.tidy import VISIBILITY
 
 FEWEST = 1000  # so that files of the usual size are read as they are
@@ -51,7 +52,9 @@ def take_duplicates() -> dict[str, list[Duplicate]]:
     if sum(len(same) - 1 for same in groups) < FEWEST:
         return {}
     duplicates = {
-        same[0].name: [Duplicate(obj.name, obj.data.name, np.array(obj.matrix_basis, np.float64)) for obj in same[1:]]
+        same[0].name: [
+            Duplicate(obj.name, obj.data.name, pose) for obj, pose in zip(same[1:], own_poses(same[1:]), strict=True)
+        ]
         for same in groups
     }
     meshes = {obj.data for same in groups for obj in same[1:]}

@@ -105,7 +105,7 @@ class _Reader:
 
     def read(self, depsgraph: Any) -> None:
         """Read every object that the depsgraph draws."""
-        self.depsgraph, self.poses = depsgraph, Poses()
+        self.depsgraph, self.poses = depsgraph, Poses(depsgraph)
         spoken = time.monotonic()
         for instance in depsgraph.object_instances:
             if time.monotonic() > spoken + SIGN_OF_LIFE_S:

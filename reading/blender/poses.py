@@ -1,12 +1,14 @@
-"""Poses of a file's objects in float64: chains of Blender's float32 matrices lose meters at map coordinates."""
+"""Poses of a file's objects in float64: Blender's float32 matrices lose meters at map coordinates."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import bpy
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from hulldown.reading.roles import Link
 
@@ -16,13 +18,16 @@ AGREE = 16 * float(np.finfo(np.float32).eps)  # of the largest number in the cha
 class Poses:
     """Poses and parents of evaluated objects, each computed once.
 
-    A pose is composed in float64 from the objects' own matrices, up the chain of parents. It counts only where it
-    agrees with Blender's float32 matrix to that matrix's rounding: where constraints, bones, vertex parents, physics,
-    or particles matter, Blender's matrix is used.
+    A pose is composed in float64 from location, rotation, and scale in the file, up the chain of
+    parents. It counts only where it agrees with Blender's float32 matrix to that matrix's rounding: where constraints,
+    bones, vertex parents, physics, or particles matter, Blender's matrix is used.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, depsgraph: Any) -> None:
+        self._depsgraph = depsgraph
         self._exact: dict[int, tuple[np.ndarray | None, float]] = {}
+        objects = list(depsgraph.objects)
+        self._own = dict(zip((obj.original.as_pointer() for obj in objects), _bases(objects), strict=True))
         self._collections: dict[str, tuple[str, ...]] = {}
         self._around: dict[str, list[str]] = {}
         # Asking an object for its collections makes Blender search through all of them.
@@ -92,11 +97,11 @@ class Poses:
         """The pose in float64, None where it cannot be composed, and the largest number met on the way."""
         key = evaluated.original.as_pointer()
         if key not in self._exact:
-            self._exact[key] = self._compose(evaluated)
+            self._exact[key] = self._compose(evaluated, key)
         return self._exact[key]
 
-    def _compose(self, evaluated: Any) -> tuple[np.ndarray | None, float]:
-        own = np.array(evaluated.matrix_basis, np.float64)
+    def _compose(self, evaluated: Any, key: int) -> tuple[np.ndarray | None, float]:
+        own = self._own[key] if key in self._own else _bases([evaluated])[0]
         if evaluated.parent is None:
             return own, float(np.abs(own).max())
         if evaluated.parent_type != "OBJECT":
@@ -108,6 +113,14 @@ class Poses:
         return outer @ inverse @ own, _span(outer @ inverse, size, float(np.abs(own).max()))
 
 
+def own_poses(originals: Sequence[Any]) -> Float[np.ndarray, "n 4 4"]:
+    """`world_from_object` of objects without parents or constraints, that need not be evaluated."""
+    seen = (np.array(original.matrix_basis, np.float64) for original in originals)
+    return np.array(
+        [_agreed(own, float(np.abs(own).max()), at) for own, at in zip(_bases(originals), seen, strict=True)]
+    )
+
+
 def _span(outer: np.ndarray, outer_size: float, inner_size: float) -> float:
     return max(outer_size, float(np.abs(outer[:3, :3]).max()) * inner_size, float(np.abs(outer).max()))
 
@@ -117,6 +130,45 @@ def _agreed(exact: np.ndarray | None, size: float, seen: np.ndarray) -> np.ndarr
     if exact is not None and np.abs(exact - seen).max() <= AGREE * max(size, float(np.abs(seen).max())):
         return exact
     return seen
+
+
+def _bases(objects: Sequence[Any]) -> Float[np.ndarray, "n 4 4"]:
+    """The poses that objects have of themselves."""
+
+    def read(name: str) -> np.ndarray:
+        return np.array([getattr(obj, name)[:] for obj in objects], np.float64).reshape(len(objects), -1)
+
+    basis = np.tile(np.eye(4), (len(objects), 1, 1))
+    if objects:
+        turned = _rotations(objects, "delta_") @ _rotations(objects, "")
+        basis[:, :3, :3] = turned * (read("scale") * read("delta_scale"))[:, None]
+        basis[:, :3, 3] = read("location") + read("delta_location")
+    return basis
+
+
+def _rotations(objects: Sequence[Any], prefix: str) -> Float[np.ndarray, "n 3 3"]:
+    """Their rotations, or with the prefix "delta_" those."""
+    result = np.tile(np.eye(3), (len(objects), 1, 1))
+    modes: dict[str, list[int]] = {}
+    for i, obj in enumerate(objects):
+        modes.setdefault(obj.rotation_mode, []).append(i)
+    for mode, those in modes.items():
+        if mode == "AXIS_ANGLE" and prefix:  # there is none
+            continue
+        name = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}.get(mode, "rotation_euler")
+        given = np.array([getattr(objects[i], prefix + name)[:] for i in those], np.float64)
+        if mode == "QUATERNION":
+            some = np.linalg.norm(given, axis=1) > 0.0
+            turned = Rotation.from_quat(given[some][:, [1, 2, 3, 0]])
+        elif mode == "AXIS_ANGLE":
+            length = np.linalg.norm(given[:, 1:], axis=1)
+            some = length > 0.0
+            turned = Rotation.from_rotvec(given[some, :1] * given[some, 1:] / length[some, None])
+        else:
+            some = np.ones(len(given), bool)
+            turned = Rotation.from_euler(mode.lower(), given[:, ["XYZ".index(axis) for axis in mode]])
+        result[np.array(those)[some]] = turned.as_matrix()
+    return result
 
 
 def _same(a: Any, b: Any) -> bool:
