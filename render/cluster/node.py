@@ -118,7 +118,8 @@ class OpenBlender:
 
     def _end_idle(self) -> None:
         with self._busy:
-            self._blender.close()  # the next image starts another
+            if self._setting is not None:
+                self._blender.close()  # the next image starts another
 
     def render(self, order: RenderOrder, contents: tuple[bytes, ...], *, stopping: Callable[[], bool]) -> Answer:
         """Render an image, or return the missing contents.
@@ -144,6 +145,7 @@ class OpenBlender:
     def _set(self, setting: Setting) -> None:
         if self._setting is not None:
             self._blender.close()
+        self._setting = None  # should any of this fail
         self._cache = AssetCache(cache_folder(), setting.key)
         read = (self._cache.tree, *map(Path, setting.readable))
         self._blender = Blender(
