@@ -146,7 +146,7 @@ def add(verbs: Subparsers) -> None:
     )
     steps = study.add_subparsers(required=True, metavar="STEP")
 
-    sub = add_verb(steps, "init", _init, "write a config", "It's commented.", json=False)
+    sub = add_verb(steps, "init", _init, "write a config", "Comments tell what each key means.", json=False)
     for key, text in {
         "real": "photographs to train on", "synthetic": "rendered images to train on",
         "test": "photographs to test on",
