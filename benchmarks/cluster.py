@@ -20,11 +20,12 @@ from hulldown.render.cluster.cluster_pool import ClusterPool
 from hulldown.render.cluster.node import SHARE_VARIABLE
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.confinement import Confinement
+from hulldown.render.engine import Engine
 from hulldown.render.jobs import RenderAssets, render_job
 from hulldown.render.messages import CyclesSettings, to_json
 from hulldown.render.pool import Pool
 from hulldown.render.remaining import sort_key
-from hulldown.render.supervisor import Engine, render_plan
+from hulldown.render.supervisor import render_plan
 from hulldown.tests.clusters import Cluster, blenders, cluster
 from hulldown.tests.oracles.resuming import differences
 

@@ -15,7 +15,7 @@ from PIL import Image as Pictures
 
 from hulldown.annotate.drawing import contact_sheet, draw
 from hulldown.annotate.known import SCALES, SIDES, SIZE, name_of, number, numbers_of, sides_of, weather_of
-from hulldown.annotate.sheets import ShownInNotebooks
+from hulldown.annotate.notebooks import ShownInNotebooks
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.records import by_image, read_usable
 from hulldown.dataset.verification.planned import image_record, label_records

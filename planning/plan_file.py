@@ -21,7 +21,7 @@ import numpy as np
 import orjson
 from jaxtyping import Int
 
-from hulldown.annotate.sheets import ShownInNotebooks
+from hulldown.annotate.notebooks import ShownInNotebooks
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import ConfigError, HulldownError
 from hulldown.geometry.files import open_in_place

@@ -30,11 +30,11 @@ from hulldown.planning.row import Row
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.render.annotations import Segmenter
 from hulldown.render.confinement import Confinement
+from hulldown.render.engine import Engine
 from hulldown.render.jobs import RenderAssets, mask_job, render_assets
 from hulldown.render.messages import to_json
 from hulldown.render.pool import Pool
 from hulldown.render.remaining import Outline
-from hulldown.render.supervisor import Engine
 
 ONE_PIXEL = 1.0  # largest difference between a box and a mask's box, whose sides are between pixel centers
 SAME = 0.99  # least IoU of masks that are equal up to float32 at their edges

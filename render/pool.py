@@ -10,13 +10,11 @@ from functools import partial
 from pathlib import Path
 from threading import Event
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hulldown.render.confinement import Confinement
+from hulldown.render.engine import Engine
 from hulldown.render.process import POLL_S, Allowance, Blender, Outcome, Stopped
-
-if TYPE_CHECKING:
-    from hulldown.render.supervisor import Engine
 
 MOST = 256  # Blenders
 

@@ -26,9 +26,10 @@ from hulldown.reading.confinement.watch import ReadLimits
 from hulldown.render.annotations import categories_of
 from hulldown.render.cluster.scheduler import Scheduler, needing_dask
 from hulldown.render.confinement import Confinement
+from hulldown.render.engine import DEFAULT_ENGINE, Engine
 from hulldown.render.jobs import RenderAssets, render_assets
 from hulldown.render.pool import Pool
-from hulldown.render.process import DEFAULT_LIMITS, Limits, Stopped
+from hulldown.render.process import Stopped
 from hulldown.render.remaining import Outline, Remaining
 from hulldown.render.session import LOGS_NAME, Progress, Session
 
@@ -102,54 +103,6 @@ class Part:
 WHOLE = Part()
 
 
-@dataclass(frozen=True, slots=True)
-class Engine:
-    """The renderer: Blender processes on this machine, or the workers of a Dask cluster.
-
-    Parameters
-    ----------
-    workers
-        Processes of this machine; None for one a GPU, or one if there is none.
-    device
-        "auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi" or "metal".
-    blender
-        An installed Blender instead of the bpy module.
-    scheduler
-        Scheduler of a Dask cluster; None: processes on this machine.
-    require_confinement
-        Whether to use only workers of a cluster that can confine Blender.
-    limits
-        Limits of time, memory, and attempts.
-    """
-
-    workers: int | None = None
-    device: str = "auto"
-    blender: str | None = None
-    scheduler: Scheduler | None = None
-    require_confinement: bool = False
-    limits: Limits = DEFAULT_LIMITS
-
-    def pool(
-        self, logs: Path, assets: RenderAssets, session: Session, stopping: Callable[[], bool]
-    ) -> Pool | ClusterPool:
-        """The pool for a session.
-
-        Raises
-        ------
-        HulldownError
-            If Dask isn't installed, or no scheduler answers.
-        """
-        if self.scheduler is None:
-            confinement = Confinement(session.unfinished, assets.readable)
-            return Pool(logs, self, say=session.say, stopping=stopping, confinement=confinement)
-        with needing_dask():
-            from hulldown.render.cluster.cluster_pool import ClusterPool
-        return ClusterPool(self.scheduler, self, assets, say=session.say, stopping=stopping)
-
-
-DEFAULT_ENGINE = Engine()
-
-
 def render(
     plan: str | os.PathLike[str],
     folder: str | os.PathLike[str],
@@ -210,6 +163,18 @@ def render(
             f"{len(report.failed)} images failed; reasons are in {Path(folder) / FAILURES_NAME}", stacklevel=2
         )
     return Dataset.read(folder)
+
+
+def _pool(
+    engine: Engine, logs: Path, assets: RenderAssets, session: Session, stopping: Callable[[], bool]
+) -> Pool | ClusterPool:
+    """The pool for a session."""
+    if engine.scheduler is None:
+        confinement = Confinement(session.unfinished, assets.readable)
+        return Pool(logs, engine, say=session.say, stopping=stopping, confinement=confinement)
+    with needing_dask():
+        from hulldown.render.cluster.cluster_pool import ClusterPool
+    return ClusterPool(engine.scheduler, engine, assets, say=session.say, stopping=stopping)
 
 
 @contextlib.contextmanager
@@ -287,7 +252,7 @@ def render_plan(
             dataset.add_categories(categories, keypoints=True)
             remaining = Remaining(outline, dataset, wanted, share=part.share)
             session = Session(plan, dataset, remaining, assets, limits=engine.limits, progress=tell)
-            with engine.pool(confined(folder, LOGS_NAME), assets, session, stopping) as pool:
+            with _pool(engine, confined(folder, LOGS_NAME), assets, session, stopping) as pool:
                 session.render(pool)
         except Stopped:
             interrupted = True

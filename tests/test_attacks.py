@@ -20,7 +20,8 @@ from hulldown.planning.write import write_plan
 from hulldown.reading.confinement.landlock import abi
 from hulldown.reading.export import export
 from hulldown.render.cluster.scheduler import Scheduler
-from hulldown.render.supervisor import Engine, render_plan
+from hulldown.render.engine import Engine
+from hulldown.render.supervisor import render_plan
 from hulldown.tests.clusters import cluster
 
 BUILDER = Path(__file__).with_name("attack_files.py")

@@ -23,8 +23,9 @@ from hulldown.geometry.errors import HulldownError
 from hulldown.reading.cache import sha256
 from hulldown.reading.confinement.landlock import abi
 from hulldown.render.cluster.scheduler import Scheduler
+from hulldown.render.engine import Engine
 from hulldown.render.process import Limits
-from hulldown.render.supervisor import Engine, render_plan
+from hulldown.render.supervisor import render_plan
 from hulldown.tests.blender_plans import IMAGES, make_worlds, plan_in
 from hulldown.tests.certificates import certificates, needs_openssl
 from hulldown.tests.clusters import HIDDEN, PYTHONPATH, ROOT, blenders, cluster, rendering

@@ -10,9 +10,10 @@ from hulldown.annotate.masks import decode, encode
 from hulldown.dataset.verification.verify import verify
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.row import PlannedVehicle
+from hulldown.render.engine import Engine
 from hulldown.render.jobs import mask_job
 from hulldown.render.masks import RowMasks, compared, verify_masks
-from hulldown.render.supervisor import Engine, render_plan
+from hulldown.render.supervisor import render_plan
 from hulldown.tests.render_plans import ASSETS, make_row, write_plan
 
 MASK = np.zeros((24, 32), dtype=bool)

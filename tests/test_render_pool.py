@@ -6,9 +6,9 @@ import pytest
 
 from hulldown.geometry.errors import HulldownError
 from hulldown.render import process
+from hulldown.render.engine import Engine
 from hulldown.render.pool import Pool
 from hulldown.render.process import FIRST_JOBS, Limits, Stopped
-from hulldown.render.supervisor import Engine
 
 
 class Work:

@@ -11,8 +11,9 @@ import pytest
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.store.document import read_coco
 from hulldown.geometry.errors import ConfigError, DatasetError, HulldownError
+from hulldown.render.engine import Engine
 from hulldown.render.process import Limits
-from hulldown.render.supervisor import Engine, Part, render_plan
+from hulldown.render.supervisor import Part, render_plan
 from hulldown.tests.render_plans import ASSETS, make_row, write_plan
 
 NO_DENOISER = r"""

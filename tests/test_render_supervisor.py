@@ -18,8 +18,9 @@ from hulldown.dataset.join import join
 from hulldown.dataset.store.document import read_coco
 from hulldown.geometry.errors import DatasetError
 from hulldown.reading.confinement.landlock import confinement
+from hulldown.render.engine import Engine
 from hulldown.render.jobs import RenderAssets
-from hulldown.render.supervisor import Engine, Part, render_plan
+from hulldown.render.supervisor import Part, render_plan
 from hulldown.tests.render_plans import ASSETS, contents, make_row, write_plan
 
 

@@ -29,8 +29,9 @@ from hulldown.verbs.terminal import DONE, FOUND, STDOUT, STOPPED, print_json, sh
 
 
 def _render(arguments: argparse.Namespace) -> int:
+    from hulldown.render.engine import Engine
     from hulldown.render.process import DEFAULT_LIMITS
-    from hulldown.render.supervisor import Engine, Part, render_bar, render_plan
+    from hulldown.render.supervisor import Part, render_bar, render_plan
 
     engine = Engine(
         workers=arguments.workers,

@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hulldown.geometry.code import versions
 from hulldown.render.cluster.asset_files import ClientFiles
 from hulldown.render.cluster.node import RenderOrder, Setting, refusal, render_row
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.cluster.workers import Cluster
+from hulldown.render.engine import Engine
 from hulldown.render.jobs import RenderAssets
 from hulldown.render.process import Outcome, Stopped
-
-if TYPE_CHECKING:
-    from hulldown.render.supervisor import Engine
 
 RESOURCE = "render"  # declared by `dask worker --resources "render=1"`
 AT_ONCE = 2  # tasks per worker: the current and the next one

@@ -1,0 +1,47 @@
+"""Plans and datasets in notebooks."""
+
+from __future__ import annotations
+
+import os
+from abc import abstractmethod
+from base64 import b64encode
+from functools import cached_property
+from html import escape
+from io import BytesIO
+from typing import TYPE_CHECKING
+
+from hulldown.geometry.errors import HulldownError
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+
+class ShownInNotebooks(os.PathLike[str]):
+    """What notebooks show as its path, a table of facts, and a few pictures if they can be read."""
+
+    @abstractmethod
+    def _facts(self) -> dict[str, object]: ...
+
+    @abstractmethod
+    def _few(self) -> Image.Image: ...
+
+    @cached_property
+    def _png(self) -> bytes:
+        file = BytesIO()
+        self._few().save(file, format="PNG")
+        return file.getvalue()
+
+    def _repr_html_(self) -> str:
+        facts, image = self._facts(), ""
+        try:
+            image = f'<img src="data:image/png;base64,{b64encode(self._png).decode()}">'
+        except HulldownError as error:
+            facts["no pictures"] = error
+        rows = "".join(f"<tr><th>{escape(key)}</th><td>{escape(str(value))}</td></tr>" for key, value in facts.items())
+        return f"<div><b>{escape(os.fspath(self))}</b><table>{rows}</table>{image}</div>"
+
+    def _repr_png_(self) -> bytes | None:
+        try:
+            return self._png
+        except HulldownError:
+            return None

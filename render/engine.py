@@ -1,0 +1,39 @@
+"""The choice of a renderer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hulldown.render.cluster.scheduler import Scheduler
+from hulldown.render.process import DEFAULT_LIMITS, Limits
+
+
+@dataclass(frozen=True, slots=True)
+class Engine:
+    """The renderer: Blender processes on this machine, or the workers of a Dask cluster.
+
+    Parameters
+    ----------
+    workers
+        Processes of this machine; None for one a GPU, or one if there is none.
+    device
+        "auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi" or "metal".
+    blender
+        An installed Blender instead of the bpy module.
+    scheduler
+        Scheduler of a Dask cluster; None: processes on this machine.
+    require_confinement
+        Whether to use only workers of a cluster that can confine Blender.
+    limits
+        Limits of time, memory, and attempts.
+    """
+
+    workers: int | None = None
+    device: str = "auto"
+    blender: str | None = None
+    scheduler: Scheduler | None = None
+    require_confinement: bool = False
+    limits: Limits = DEFAULT_LIMITS
+
+
+DEFAULT_ENGINE = Engine()
