@@ -31,7 +31,7 @@ from hulldown.reading.formats import format_of
 from hulldown.reading.options import Options
 from hulldown.reading.report import FileReport
 
-EXPORTER = 23
+EXPORTER = 24
 CHUNK = 1 << 20
 NOTE_NAME = "entry.json"
 LARGEST_NOTE = 1 << 26  # bytes

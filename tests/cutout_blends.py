@@ -165,6 +165,7 @@ def cards():
     card("mix by alpha", lambda t: t.through(t.alpha()))
     card("packed", lambda t: t.through(t.alpha("packed")))
     card("floats", lambda t: t.through(t.color("floats")))
+    card("bright floats", lambda t: t.through(t.maths("GREATER_THAN", t.color("bright"), 2.0)))
     card("greater", lambda t: t.principled(t.maths("GREATER_THAN", t.alpha(), 0.4)))
     card("mask of glTF", lambda t: t.principled(t.maths("SUBTRACT", 1.0, t.maths("LESS_THAN", t.alpha(), 0.6))))
     card("round", lambda t: t.principled(t.maths("ROUND", t.alpha())))
@@ -237,6 +238,7 @@ IMAGES = {
     "colored": image("colored", [SOFT, 1 - SOFT, OTHER, ONE]),
     "lost": image("lost", [*LEAF, SOFT]),
     "floats": image("floats", [OTHER, OTHER, OTHER, ONE], suffix="exr"),
+    "bright": image("bright", [4 * OTHER, 4 * OTHER, 4 * OTHER, ONE], suffix="exr"),
 }
 cards()
 (FOLDER / "lost.png").unlink()

@@ -17,7 +17,7 @@ from mathutils import Euler, Matrix
 from hulldown.geometry.alpha import GRADES
 from hulldown.geometry.color import LUMINANCE, linear_from_srgb
 from hulldown.reading.blender.surfaces.nodes import Stack, material_output, source
-from hulldown.reading.blender.surfaces.texels import is_curved
+from hulldown.reading.blender.surfaces.texels import is_curved, texels
 
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 Affine = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -29,12 +29,16 @@ class NotUnderstoodError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Lookup:
-    """An image, a channel, and a layer of coordinates; an empty name is the rendered layer."""
+    """An image, a channel, and a layer of coordinates; an empty name is the rendered layer.
+
+    `bounded` tells whether all texels are from 0 to 1, where curves are known.
+    """
 
     node: Any
     channel: str
     layer: str
     image_from_uv: Affine
+    bounded: bool
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -73,6 +77,8 @@ def _of(function: Callable[..., np.ndarray], *values: Value) -> Value:
     if len(lookups) > 1:
         raise NotUnderstoodError("two textures")
     curve = np.asarray(function(*(value.curve for value in values)), dtype=np.float32)
+    if not all(lookup.bounded for lookup in lookups) and not np.array_equal(curve, GRADES):
+        raise NotUnderstoodError("a texture's values beyond 1")
     if (curve == curve.flat[0]).all():
         return constant(float(curve.flat[0]))
     return Value(lookups.pop(), curve)
@@ -216,7 +222,15 @@ def _lookup(node: Any, channel: str, stack: Stack) -> Value:
         raise NotUnderstoodError(f"the projection of the node {node.name!r}")
     curved = image is not None and is_curved(image, channel)
     curve = linear_from_srgb(GRADES).astype(np.float32) if curved else GRADES
-    return Value(Lookup(node, channel, *_coordinates(node.inputs["Vector"], stack)), curve)
+    layer, image_from_uv = _coordinates(node.inputs["Vector"], stack)
+    return Value(Lookup(node, channel, layer, image_from_uv, _is_bounded(image, channel)), curve)
+
+
+def _is_bounded(image: Any, channel: str) -> bool:
+    if image is None or not image.is_float:
+        return True
+    values = texels(image.original, channel, alpha_used=True)
+    return bool(values.min() >= 0.0 and values.max() <= 1.0)
 
 
 def _is_mapped(node: Any) -> bool:
