@@ -12,10 +12,10 @@ from hulldown.placement.contact import gap_and_penetration
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import Label, Row, rounded
 from hulldown.planning.rows import bounds_in_rows, geo_in_rows, records, seen_in_rows
-from hulldown.planning.search.aiming import no_views, views_of_others
 from hulldown.planning.search.instances import Instances
 from hulldown.planning.search.labels import labels_of
 from hulldown.planning.search.stage import Fleet, PlanStage, Site
+from hulldown.planning.search.views import no_views, views_of_others
 
 
 def relabeled(row: Row, config: Config, stage: PlanStage) -> Row | None:

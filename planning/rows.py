@@ -17,13 +17,13 @@ from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, Coat, dr
 from hulldown.planning.appearance.sensor import draw_sensors
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import Bounds, Box, Followed, OnMap, PlannedVehicle, Row, picture_name, rounded
-from hulldown.planning.search.aiming import Views
 from hulldown.planning.search.block import Block, InstanceTable, Planned
 from hulldown.planning.search.draws import RandomStreams
 from hulldown.planning.search.extras import MOST, Role
 from hulldown.planning.search.instances import Instances
 from hulldown.planning.search.labels import labels_of
 from hulldown.planning.search.stage import Site
+from hulldown.planning.search.views import Views
 from hulldown.reading.scenery.geotiff import longitude_latitude
 
 _SEEN = ("visible_fraction", "truncated_fraction", "air_contrast")

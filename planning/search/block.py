@@ -11,7 +11,6 @@ from jaxtyping import Bool, Float, Int
 from hulldown.geometry.errors import ConfigError
 from hulldown.placement.settle import Settled, unsettled
 from hulldown.planning.config.schema import Config
-from hulldown.planning.search.aiming import Views
 from hulldown.planning.search.columns import take
 from hulldown.planning.search.draws import Purpose, RandomStreams
 from hulldown.planning.search.extras import MOST, Extras, Role
@@ -19,6 +18,7 @@ from hulldown.planning.search.given import Given, nothing_given
 from hulldown.planning.search.instances import Instances, drawn_angles
 from hulldown.planning.search.likeness import Likeness
 from hulldown.planning.search.stage import Fleet, Site
+from hulldown.planning.search.views import Views
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -7,7 +7,7 @@ from jaxtyping import Bool
 
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import Label, rounded
-from hulldown.planning.search.aiming import Views
+from hulldown.planning.search.views import Views
 
 LONGEST_CUT = 0.8  # default share of a labeled box that the frame may cut off, unless targets may lose more
 

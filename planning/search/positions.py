@@ -18,7 +18,7 @@ from hulldown.placement.candidates import candidates
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.settle import Settled, unsettled
 from hulldown.planning.config.schema import Config
-from hulldown.planning.search.aiming import drawn_lenses, no_views, try_cameras, views_of_others
+from hulldown.planning.search.aiming import Tries, drawn_lenses
 from hulldown.planning.search.block import Block, HopelessPosition, Planned, Seen, instances_of
 from hulldown.planning.search.columns import join, put, take
 from hulldown.planning.search.draws import Purpose, RandomStreams, RowStreams
@@ -26,6 +26,7 @@ from hulldown.planning.search.extras import MOST, Role, offsets
 from hulldown.planning.search.likeness import PATIENCE, directions_of
 from hulldown.planning.search.placing import clear_of_vehicles, settle_clear
 from hulldown.planning.search.tally import AIMING, KINDS, PLACING, sentence, tally
+from hulldown.planning.search.views import no_views, try_cameras, views_of_others
 
 # Candidates settled together, and cameras aimed together: they bound a worker's memory.
 CANDIDATES = 8192
@@ -264,20 +265,17 @@ class _Search:
             for start in range(0, len(now), CAMERAS):
                 batch = np.arange(start, min(start + CAMERAS, len(now)))
                 rows, owner = now[batch], self.owner[now[batch]]
-                views = try_cameras(
-                    self.block.site,
+                tries = Tries(
                     self.table.posed(self.target[owner]),
-                    self.config,
-                    draws=self.draws,
-                    image=self.image[rows],
-                    given=self.block.given_of(self.image[rows]),
+                    extras.beside(owner)[0],
+                    self.block.given_of(self.image[rows]),
+                    self.image[rows],
                     # The number counts all places of the position, so that every place has new cameras.
                     attempt=self.tries[owner] * max_tries + attempt[batch],
-                    others=extras.beside(owner)[0],
-                    visibility_m=self.visibility_m[rows],
-                    likeness=self.block.likeness,
                     quarter=np.maximum(4 * attempt[batch] // max_tries, blind[owner]),
+                    visibility_m=self.visibility_m[rows],
                 )
+                views = try_cameras(self.block.site, tries, self.config, draws=self.draws, likeness=self.block.likeness)
                 put(tried, batch, views)
             rejection = tried.rejection.reshape(-1, ahead)
             good = rejection == Rejection.NONE

@@ -1,0 +1,269 @@
+"""Tries of cameras that show their targets within the config's limits, one per row (paper, section 2.1.6)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from hulldown.annotate.boxes import Boxes
+from hulldown.annotate.masks import show_pixels
+from hulldown.camera.lenses import Lenses
+from hulldown.camera.shell import camera_pose
+from hulldown.camera.visibility import visibility_of
+from hulldown.camera.weather import air_contrast
+from hulldown.placement.rejection import Rejection
+from hulldown.planning.config.schema import Config
+from hulldown.planning.row import rounded
+from hulldown.planning.search.aiming import Aims, Tries, aims_of
+from hulldown.planning.search.columns import put
+from hulldown.planning.search.draws import RandomStreams
+from hulldown.planning.search.instances import Instances
+from hulldown.planning.search.likeness import Likeness
+from hulldown.planning.search.sizing import boxes_of, fraction_of
+from hulldown.planning.search.stage import Site
+
+SIZED = 1e-9  # relative tolerance of solved sizes: the solver and the box's projection round differently
+PLENTY = 1000.0  # visible square pixels of a box above which some pixel center surely shows the target
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Views:
+    """n cameras and what each sees of one vehicle; nan for values after a rejection.
+
+    Parameters
+    ----------
+    world_from_camera, lens
+        (n, 4, 4) poses, and n intrinsics.
+    bbox, bbox_amodal
+        (n, 4) boxes; nan for a vehicle outside the frame, or behind the camera.
+    truncated_fraction, visible_fraction
+        (n,) shares; 1 and 0 for a vehicle outside the frame.
+    air_contrast
+        (n,) share of the vehicle's contrast after haze; see `camera.weather`.
+    rejection
+        (n,) codes of `Rejection`.
+    asked, followed
+        (n,) boxes of photographs; see `planning.search.likeness.Wishes`. -1: none.
+    """
+
+    world_from_camera: Float[np.ndarray, "n 4 4"]
+    lens: Lenses
+    bbox: Float[np.ndarray, "n 4"]
+    bbox_amodal: Float[np.ndarray, "n 4"]
+    truncated_fraction: Float[np.ndarray, " n"]
+    visible_fraction: Float[np.ndarray, " n"]
+    air_contrast: Float[np.ndarray, " n"]
+    rejection: UInt8[np.ndarray, " n"]
+    asked: Int[np.ndarray, " n"]
+    followed: Int[np.ndarray, " n"]
+
+
+def no_views(n: int) -> Views:
+    """Allocate n views: nan, and no rejection."""
+    nan = np.nan
+    return Views(
+        np.full((n, 4, 4), nan),
+        Lenses.unknown(n),
+        np.full((n, 4), nan),
+        np.full((n, 4), nan),
+        np.full(n, nan),
+        np.full(n, nan),
+        np.full(n, nan),
+        np.zeros(n, dtype=np.uint8),
+        np.full(n, -1),
+        np.full(n, -1),
+    )
+
+
+def try_cameras(site: Site, tries: Tries, config: Config, *, draws: RandomStreams, likeness: Likeness | None) -> Views:
+    """Make cameras, and check them against the config's limits.
+
+    Checks are in the order of their cost, and each applies to the rows that passed those before. Limits of distance and
+    size don't apply to given cameras.
+    """
+    n, limits = len(tries.image), config.camera
+    aims, views = aims_of(tries, config, draws=draws, likeness=likeness), no_views(len(tries.image))
+    put(views.lens, np.arange(n), aims.lens)
+    if aims.wishes is not None:
+        views.asked[:] = np.where(tries.undirected, aims.wishes.asked, -1)
+        views.followed[:] = np.where(aims.alike, aims.wishes.box, -1)
+    views.rejection[:] = _of_distance(tries, aims, config)
+
+    rows = np.flatnonzero(views.rejection == Rejection.NONE)
+    targets, lens = tries.targets.take(rows), aims.lens.rows(rows)
+    around = camera_pose(targets.centers, aims.distance[rows], aims.azimuth[rows], elevation=aims.elevation[rows])
+    poses = np.where(np.isnan(aims.sized[rows]), around, aims.sized[rows])
+    views.rejection[rows] = site.camera_room.rejections(
+        poses[:, :3, 3],
+        ground_clearance=limits.ground_clearance,
+        obstacle_clearance=limits.obstacle_clearance,
+        vehicles=[*targets.posed(), *tries.others.beside(rows)[0].posed()],
+        vehicle_clearance=limits.obstacle_clearance,
+    )
+
+    kept = np.flatnonzero(views.rejection[rows] == Rejection.NONE)
+    rows, poses, targets, lens = rows[kept], poses[kept], targets.take(kept), lens.rows(kept)
+    level = np.flatnonzero(np.isnan(aims.sized[rows, 0, 0]))
+    poses[level] = aims.framed(poses[level], rows[level]).world_from_camera
+    poses = rounded("world_from_camera", poses)  # labels follow from rounded poses
+    views.world_from_camera[rows] = poses
+    views.air_contrast[rows] = air_contrasts(targets, poses, tries.visibility_m[rows])
+    boxes = boxes_of(targets, poses, lens)
+    views.bbox[rows], views.bbox_amodal[rows] = boxes.xywh, boxes.amodal
+    views.truncated_fraction[rows] = boxes.truncated_fraction
+    views.rejection[rows] = _of_box(boxes, aims, config, rows=rows, free=tries.free[rows])
+
+    rows = rows[views.rejection[rows] == Rejection.NONE]
+    views.visible_fraction[rows] = visible_shares(
+        site,
+        tries.targets.take(rows),
+        tries.others.beside(rows)[0],
+        views.world_from_camera[rows],
+        intrinsics=aims.lens.rows(rows),
+        rays=limits.visibility_rays,
+    )
+    views.rejection[rows] = outside(
+        views.visible_fraction[rows], *limits.visible_fraction, below=Rejection.HIDDEN, above=Rejection.EXPOSED
+    )
+    rows = rows[views.rejection[rows] == Rejection.NONE]
+    rows = rows[views.visible_fraction[rows] * views.bbox[rows, 2:].prod(axis=1) < PLENTY]
+    shown = pixels_shown(
+        site,
+        tries.targets.take(rows),
+        tries.others.beside(rows)[0],
+        world_from_camera=views.world_from_camera[rows],
+        lens=aims.lens.rows(rows),
+        bbox=rounded("bbox", views.bbox[rows]),
+    )
+    views.rejection[rows[~shown]] = Rejection.HIDDEN
+    return views
+
+
+def _of_distance(tries: Tries, aims: Aims, config: Config) -> UInt8[np.ndarray, " n"]:
+    """Rejections by distance, and by contrast at that distance."""
+    distance = aims.distance
+    contrast = air_contrast(tries.visibility_m, distance)
+    faint = outside(contrast, config.weather.min_contrast, below=Rejection.FAINT)
+    apart = outside(distance, *config.camera.distance_m, below=Rejection.DISTANCE, above=Rejection.DISTANCE)
+    rejection = np.where(tries.free & (apart != Rejection.NONE), apart, faint)
+    rejection[np.isnan(distance)] = Rejection.SIZE
+    return rejection
+
+
+def _of_box(
+    boxes: Boxes, aims: Aims, config: Config, *, rows: Int[np.ndarray, " k"], free: Bool[np.ndarray, " k"]
+) -> UInt8[np.ndarray, " k"]:
+    """Rejections of these rows of `aims` by their targets' boxes."""
+    limits, measure, alike = config.camera, config.camera.size_measure, aims.alike[rows]
+    # A target outside the frame has the box nan, which is too small.
+    small = outside(boxes.xywh[:, 2:].min(axis=1), limits.min_box_px, below=Rejection.SMALL)
+    cut = outside(
+        boxes.truncated_fraction, *limits.truncated_fraction, below=Rejection.TRUNCATION, above=Rejection.TRUNCATION
+    )
+    rejection = np.where(cut, cut, small)
+    # Sizes can miss if part of the target is nearer than the near plane.
+    if measure != "paper":
+        filled, wanted = fraction_of(boxes.amodal, measure, config.render), aims.fraction[rows]
+        rejection[free & ~alike & ~(np.abs(filled - wanted) <= SIZED * wanted)] = Rejection.SIZE
+    if aims.wishes is not None:
+        size, wanted = np.where(aims.wishes.wide[rows], *boxes.amodal[:, 2:].T), aims.wishes.pixels[rows]
+        rejection[alike & ~(np.abs(size - wanted) <= SIZED * wanted)] = Rejection.SIZE
+    return rejection
+
+
+def views_of_others(
+    site: Site,
+    subjects: Instances,
+    others: Instances,
+    *,
+    cameras: Views,
+    visibility_m: Float[np.ndarray, " n"],
+    config: Config,
+) -> tuple[Views, Bool[np.ndarray, " n"]]:
+    """Return views of vehicles that aren't targets, and whether those with a class cover the center of any pixel.
+
+    Row i of `subjects` and of `others` is camera i; `visibility_m` is nan in clear air.
+    """
+    lens = cameras.lens
+    boxes = boxes_of(subjects, cameras.world_from_camera, lens)
+    visible = visible_shares(
+        site, subjects, others, cameras.world_from_camera, intrinsics=lens, rays=config.camera.visibility_rays
+    )
+    classed = np.array([model.category is not None for model in subjects.fleet.models])
+    named, pixels = np.flatnonzero(classed[subjects.model]), np.zeros(len(subjects), dtype=bool)
+    pixels[named] = pixels_shown(
+        site,
+        subjects.take(named),
+        others.beside(named)[0],
+        world_from_camera=cameras.world_from_camera[named],
+        lens=lens.rows(named),
+        bbox=rounded("bbox", boxes.xywh[named]),
+    )
+    seen = replace(
+        cameras,
+        bbox=boxes.xywh,
+        bbox_amodal=boxes.amodal,
+        truncated_fraction=boxes.truncated_fraction,
+        visible_fraction=visible,
+        air_contrast=air_contrasts(subjects, cameras.world_from_camera, visibility_m),
+    )
+    return seen, pixels
+
+
+def air_contrasts(
+    instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"], visibility_m: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """Share of each vehicle's contrast after haze, between the camera and the center of its box."""
+    away = instances.centers - world_from_camera[:, :3, 3]
+    return air_contrast(visibility_m, np.sqrt((away * away).sum(axis=1)))
+
+
+def visible_shares(
+    site: Site,
+    subjects: Instances,
+    others: Instances,
+    world_from_camera: Float[np.ndarray, "n 4 4"],
+    *,
+    intrinsics: Lenses,
+    rays: int,
+) -> Float[np.ndarray, " n"]:
+    """Visible share of the outline of each camera's subject; 0 for a subject outside the frame."""
+    if not len(subjects):
+        return np.zeros(0)
+    world = site.world.with_vehicles(others.posed())
+    seen = visibility_of(subjects.posed(), world_from_camera, intrinsics=intrinsics, world=world, rays=rays)
+    # nan is a vehicle that no ray met, since it is thinner than the distance of the rays.
+    return np.nan_to_num(seen.fraction)
+
+
+def pixels_shown(
+    site: Site,
+    subjects: Instances,
+    others: Instances,
+    *,
+    world_from_camera: Float[np.ndarray, "n 4 4"],
+    lens: Lenses,
+    bbox: Float[np.ndarray, "n 4"],
+) -> Bool[np.ndarray, " n"]:
+    """Whether the subject of each camera covers the center of any pixel, so that its mask isn't empty."""
+    shown = np.zeros(len(bbox), dtype=bool)
+    rows = np.flatnonzero(~np.isnan(bbox[:, 0]))
+    world = site.world.with_vehicles(others.beside(rows)[0].posed())
+    subject = subjects.take(rows).posed()
+    shown[rows] = show_pixels(subject, world_from_camera[rows], lens.rows(rows), xywh=bbox[rows], world=world)
+    return shown
+
+
+def outside(
+    values: Float[np.ndarray, " n"],
+    low: float,
+    high: float = math.inf,
+    *,
+    below: Rejection,
+    above: Rejection = Rejection.NONE,
+) -> UInt8[np.ndarray, " n"]:
+    """Return the rejection of each value below or above these inclusive limits; nan is below."""
+    return np.where(values >= low, np.where(values <= high, Rejection.NONE, above), below).astype(np.uint8)
