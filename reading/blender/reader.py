@@ -36,7 +36,7 @@ from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
 from hulldown.reading.report import FileReport, Missing, ObjectRow, gathered
 from hulldown.reading.roles import Piece, PieceRole
 from hulldown.reading.scenery.scenery_roles import scenery_roles
-from hulldown.reading.vehicle.stance import meters_from_file, stand_upright
+from hulldown.reading.vehicle.stance import Upright, meters_from_file, stand_upright
 
 BARE = "nothing in it has a material, so all of it is rendered plain white (an .obj needs its .mtl beside it)"
 
@@ -76,65 +76,80 @@ def read(job: Job) -> dict[str, Any]:
     _refuse_nothing(drawn, job.kind)
     if not drawn.dressed:
         drawn.doubts.append(BARE)
-    upright = None
-    # Every solid of a scenery would be looked at; it's judged as the file has it.
-    if job.kind == "vehicle" or (not job.kind and likely_kind(drawn.pieces, options) == "vehicle"):
+    upright, judged = None, drawn.pieces
+    kind = job.kind or likely_kind(judged, options)
+    if kind == "vehicle":  # of a scenery, every solid would be looked at
         upright = stand_upright(drawn, unit=unit, stated_up=opened.up, up=options.up)
-        kind = job.kind or likely_kind(upright.pieces, options)
-        odd = refuse_wrong_kind(kind, upright.pieces, options) if job.kind else ""
-    else:
-        kind = "scenery"
-        odd = refuse_wrong_kind(kind, drawn.pieces, options) if job.kind else ""
+        judged = upright.pieces
+        kind = job.kind or likely_kind(judged, options)
+    odd = refuse_wrong_kind(job.kind, judged, options) if job.kind else ""
     if kind == "vehicle":
         assert upright is not None, "a vehicle is stood upright first"
-        drawn.pieces, up = upright.pieces, upright.up.axis
-        vehicle = build_vehicle(job.name, drawn.meshes, upright, drawn.markers, options=options)
-        shape, roles = vehicle.shape, vehicle.roles
-        save_vehicle(job.file("bundle.npz"), shape)
-        materials, unpainted = material_rows(keeper.meshes, drawn.pieces, vehicle.piece_part)
-        write_vehicle(
-            job.file("tidy.blend"),
-            keeper,
-            drawn.pieces,
-            vehicle.piece_part,
-            shape.vehicle_from_file,
-            unpainted=unpainted,
-        )
-        uses = [shape.part_names[part] if part >= 0 else "dropped" for part in vehicle.piece_part]
-        triangles, size = len(shape.mesh.faces), xyz(shape.size_xyz)
-        rows, missing = _rows(drawn, uses, roles), _missing(drawn, uses)
-        near = pictures_near(path) if is_pale(materials) else []
-        more = vehicle_doubts(size, rows, missing, materials=materials, unit=unit, options=options, pictures=near)
-        doubts = (*vehicle.doubts, *more)
-        found: dict[str, Any] = {"parts": vehicle.parts, "axes": vehicle.axes, "materials": materials}
+        report = _write_vehicle(job, keeper, drawn, upright, unit=unit)
     else:
-        roles = scenery_roles(drawn.pieces, options)
-        scenery, wet = build_scenery(job.name, drawn, roles, meters=meters, options=options)
-        scenery = replace(scenery, crs=opened.terrain.crs if opened.terrain else "")
-        uses = [role.use for role in roles]
-        save_scenery(job.file("bundle.npz"), scenery)
-        write_scenery(job.file("tidy.blend"), keeper, drawn.pieces, uses, scenery.scenery_from_file)
-        solid = [(p, use) for p, use in zip(drawn.pieces, uses, strict=True) if use in ("ground", "water", "obstacle")]
-        extent = [p.bounds for p, use in solid if use == "ground"] or [p.bounds for p, _ in solid]
-        triangles, size = sum(p.faces for p, _ in solid), xyz(np.max(extent, axis=0)[1] - np.min(extent, axis=0)[0])
-        rows, missing = _rows(drawn, uses, roles), _missing(drawn, uses)
-        strange = scenery_doubts(size, drawn.pieces, roles, missing, wet=wet, unit=unit, up=up, options=options)
-        doubts = (*([odd] if odd else []), *strange)
-        found = {"origin": xyz(scenery.origin)}
-    report = FileReport(
-        kind=kind,
+        report = _write_scenery(job, keeper, drawn, unit=unit, up=up, crs=opened.terrain.crs if opened.terrain else "")
+    doubts = (*([odd] if odd else []), *report.doubts, *opened.doubts, *drawn.doubts)
+    return {"report": replace(report, doubts=doubts, written_by=opened.written_by).to_json(), "files": files}
+
+
+def _write_vehicle(job: Job, keeper: Keeper, drawn: Evaluated, upright: Upright, *, unit: float) -> FileReport:
+    """Write bundle and tidy twin of a vehicle."""
+    drawn.pieces = upright.pieces
+    vehicle = build_vehicle(job.name, drawn.meshes, upright, drawn.markers, options=job.options)
+    shape = vehicle.shape
+    save_vehicle(job.file("bundle.npz"), shape)
+    materials, unpainted = material_rows(keeper.meshes, drawn.pieces, vehicle.piece_part)
+    write_vehicle(
+        job.file("tidy.blend"),
+        keeper,
+        drawn.pieces,
+        vehicle.piece_part,
+        shape.vehicle_from_file,
+        unpainted=unpainted,
+    )
+    uses = [shape.part_names[part] if part >= 0 else "dropped" for part in vehicle.piece_part]
+    size, rows, missing = xyz(shape.size_xyz), _rows(drawn, uses, vehicle.roles), _missing(drawn, uses)
+    near = pictures_near(Path(job.path).resolve()) if is_pale(materials) else []
+    more = vehicle_doubts(size, rows, missing, materials=materials, unit=unit, options=job.options, pictures=near)
+    return FileReport(
+        kind="vehicle",
         path=job.path,
         size=size,
-        triangles=triangles,
+        triangles=len(shape.mesh.faces),
+        unit=unit,
+        up=upright.up.axis,
+        rows=rows,
+        parts=vehicle.parts,
+        missing=missing,
+        doubts=(*vehicle.doubts, *more),
+        axes=vehicle.axes,
+        materials=materials,
+    )
+
+
+def _write_scenery(job: Job, keeper: Keeper, drawn: Evaluated, *, unit: float, up: str, crs: str) -> FileReport:
+    """Write bundle and tidy twin of a scenery."""
+    roles = scenery_roles(drawn.pieces, job.options)
+    meters = meters_from_file(unit, up)
+    scenery, wet = build_scenery(job.name, drawn, roles, meters=meters, options=job.options)
+    uses = [role.use for role in roles]
+    save_scenery(job.file("bundle.npz"), replace(scenery, crs=crs))
+    write_scenery(job.file("tidy.blend"), keeper, drawn.pieces, uses, scenery.scenery_from_file)
+    solid = [(p, use) for p, use in zip(drawn.pieces, uses, strict=True) if use in ("ground", "water", "obstacle")]
+    extent = [p.bounds for p, use in solid if use == "ground"] or [p.bounds for p, _ in solid]
+    size, missing = xyz(np.max(extent, axis=0)[1] - np.min(extent, axis=0)[0]), _missing(drawn, uses)
+    return FileReport(
+        kind="scenery",
+        path=job.path,
+        size=size,
+        triangles=sum(piece.faces for piece, _ in solid),
         unit=unit,
         up=up,
-        rows=rows,
+        origin=xyz(scenery.origin),
+        rows=_rows(drawn, uses, roles),
         missing=missing,
-        doubts=(*doubts, *opened.doubts, *drawn.doubts),
-        written_by=opened.written_by,
-        **found,
+        doubts=scenery_doubts(size, drawn.pieces, roles, missing, wet=wet, unit=unit, up=up, options=job.options),
     )
-    return {"report": report.to_json(), "files": files}
 
 
 def _refuse_nothing(drawn: Evaluated, kind: str | None) -> None:
