@@ -94,29 +94,9 @@ def find_parts(
     ValueError
         If `options` name a missing pivot.
     """
-    chains = [p.chain for p in pieces]
     solids = find_solids((), ()) if solids is None else solids
-    namer, no_guns = screened(chains, points, options.turret, options.gun)
-    doubts: list[str] = []
-    part_of = [namer.part_of(chain) for chain in chains]
-    aboard = riding(chains, points, part_of) if options.turret is None else []
-    marks: dict[Key, tuple[str, str]] = {}
-    if aboard:
-        marks = {key_of(chains[i][0]): (TURRET_PART, "by its place on the turret") for i in aboard}
-        namer = Namer(chains, options.turret, options.gun, no_gun=no_guns, marked=marks)
-        part_of = [namer.part_of(chain) for chain in chains]
-        those = quoted((chains[i][0].name for i in aboard), most=NAMES)
-        doubts.append(
-            f"{those} are on the turret and turn with it; if that is wrong, set turret and gun to the parts that turn "
-            "and rise"
-        )
-    if options.gun is None and GUN_PART not in part_of:
-        found, shape_doubts = by_shape(pieces, points, solids, part_of, turret_asked=options.turret is not None)
-        doubts += shape_doubts
-        if found:
-            marks |= found
-            namer = Namer(chains, options.turret, options.gun, no_gun=no_guns, marked=marks)
-            part_of = [namer.part_of(chain) for chain in chains]
+    namer, no_guns, doubts = _named(pieces, points, solids, options)
+    part_of = [namer.part_of(piece.chain) for piece in pieces]
     names, parents, why = [HULL], [-1], [""]
     pivots, axes, limits = [np.zeros(3)], [np.array([0.0, 0.0, 1.0])], [(0.0, 0.0)]
     piece_part = np.zeros(len(pieces), int)
@@ -158,8 +138,9 @@ def find_parts(
     doubts += _missing_parts(names, options, no_guns)
     if names == [HULL] and not doubts and options.turret is None and options.gun is None:
         doubts += unnamed(pieces, bounds, solids)
-    decided = [namer.decided(chain) for chain in chains]
-    shape = [next((n for n in (c[0].name, *c[0].collections) if n in no_guns), "") for c in chains]
+    decided = [namer.decided(piece.chain) for piece in pieces]
+    links = [piece.chain[0] for piece in pieces]
+    shape = [next((name for name in (link.name, *link.collections) if name in no_guns), "") for link in links]
     return Parts(
         tuple(names),
         tuple(int(i) for i in piece_part),
@@ -174,6 +155,33 @@ def find_parts(
         ),
         tuple(doubts),
     )
+
+
+def _named(
+    pieces: Sequence[Piece], points: Sequence[Float[np.ndarray, "_ 3"]], solids: Solids, options: Options
+) -> tuple[Namer, set[str], list[str]]:
+    """What names each piece's part; names like those of guns whose shapes aren't guns'; and doubts."""
+    chains = [piece.chain for piece in pieces]
+    namer, no_guns = screened(chains, points, options.turret, options.gun)
+    doubts: list[str] = []
+    part_of = [namer.part_of(chain) for chain in chains]
+    aboard = riding(chains, points, part_of) if options.turret is None else []
+    marks: dict[Key, tuple[str, str]] = {}
+    if aboard:
+        marks = {key_of(chains[i][0]): (TURRET_PART, "by its place on the turret") for i in aboard}
+        namer = Namer(chains, options.turret, options.gun, no_gun=no_guns, marked=marks)
+        part_of = [namer.part_of(chain) for chain in chains]
+        those = quoted((chains[i][0].name for i in aboard), most=NAMES)
+        doubts.append(
+            f"{those} are on the turret and turn with it; if that is wrong, set turret and gun to the parts that turn "
+            "and rise"
+        )
+    if options.gun is None and GUN_PART not in part_of:
+        found, shape_doubts = by_shape(pieces, points, solids, part_of, turret_asked=options.turret is not None)
+        doubts += shape_doubts
+        if found:
+            namer = Namer(chains, options.turret, options.gun, no_gun=no_guns, marked=marks | found)
+    return namer, no_guns, doubts
 
 
 def _guess(
