@@ -27,9 +27,9 @@ from hulldown.training.detectors.detector import RUN_NAME, chosen_device
 from hulldown.training.detectors.small import fit_small, load_small, small_size
 from hulldown.training.draws import Draws, draws_text, make_draws, read_draws, source_shares
 from hulldown.training.evaluation.average_precision import AVERAGES
-from hulldown.training.evaluation.labels import read_labels
+from hulldown.training.evaluation.labels import Labels, read_labels
 from hulldown.training.extra import quiet
-from hulldown.training.fitting import Training
+from hulldown.training.fitting import Fitted, Training
 from hulldown.training.loggers import logger_of
 from hulldown.training.predict import validation_figures
 from hulldown.training.run_folder import RunFolder, content_of, extension, opened
@@ -145,15 +145,7 @@ def train(
         if (run := folder.finished()) is not None:
             say(f"{out}: is finished already")
             return run
-        names, files = [source.name for source in sources], [source.file_names for source in sources]
-        if draws_file is not None and not folder.draws.exists():
-            replace_file(folder.draws, draws_file.read_bytes())
-        if not folder.draws.exists():
-            draws = make_draws(list(map(len, sources)), after + settings.budget, seed=settings.seed, shares=shares)
-            replace_file(folder.draws, draws_text(draws.after(after), names, files))
-        draws = read_draws(folder.draws, names, files)
-        if len(draws) != settings.budget:
-            raise ValueError(f"draws_file: expected {settings.budget} draws, got {len(draws)}")
+        draws = _draws(folder, sources, settings, shares=shares, draws_file=draws_file, after=after)
         run = _description(settings, size, classes, data, sources, draws, chosen)
         folder.write_json(RUN_NAME, run)
         examples = DrawnExamples(sources, draws, size, table, masks=bool(settings.masks))
@@ -171,25 +163,51 @@ def train(
                     logger=logger,
                 )
             )  # fmt: skip
-        rows, validated = fitted.rows, fitted.validated
-        content: Any = content_of(fitted.weights)
-        run["figures"] = _figures(rows, settings, time.monotonic() - started)
-        if labels:
-            found = validation_figures(fitted.detector, labels, progress=partial(progress, "validating"))
-            run["figures"]["valid"] = found
-            best = max(validated, key=lambda row: row[2], default=None)
-            validated = [*validated, [rows[-1][0], found["ap"], found["ap50"], found["ap75"]]]
-            if settings.keep == "best" and best is not None and best[2] > found["ap50"]:
-                content = folder.best.read_bytes()
-                run["figures"]["valid"] = dict(zip(("step", "ap", "ap50", "ap75"), best, strict=True))
-            log([logger] if logger else [], {f"valid/{key}": found[key] for key in AVERAGES}, int(rows[-1][0]))
-        replace_file(folder.weights, content)
-        folder.write_metrics(rows, validated)
-        run["status"] = "finished"
-        folder.write_json(RUN_NAME, run)
-        folder.checkpoint.unlink(missing_ok=True)
-        folder.best.unlink(missing_ok=True)
+        run["figures"] = _figures(fitted.rows, settings, time.monotonic() - started)
+        _finish(folder, run, fitted, labels, keep=settings.keep, logger=logger, progress=progress)
         return run
+
+
+def _draws(
+    folder: RunFolder, sources: Sequence[LabeledPictures], settings: Settings, *,
+    shares: Sequence[float | None], draws_file: Path | None, after: int,
+) -> Draws:  # fmt: skip
+    """The draws of a run: those in its folder, those of a file, or new ones that follow the first `after`."""
+    names, files = [source.name for source in sources], [source.file_names for source in sources]
+    if draws_file is not None and not folder.draws.exists():
+        replace_file(folder.draws, draws_file.read_bytes())
+    if not folder.draws.exists():
+        draws = make_draws(list(map(len, sources)), after + settings.budget, seed=settings.seed, shares=shares)
+        replace_file(folder.draws, draws_text(draws.after(after), names, files))
+    draws = read_draws(folder.draws, names, files)
+    if len(draws) != settings.budget:
+        raise ValueError(f"draws_file: expected {settings.budget} draws, got {len(draws)}")
+    return draws
+
+
+def _finish(
+    folder: RunFolder, run: dict[str, Any], fitted: Fitted, labels: Labels | None, *,
+    keep: str, logger: Any, progress: Callable[[str, int, int], None],
+) -> None:  # fmt: skip
+    """Validate the weights, and write them and all results; `run` gets its figures and status."""
+    content: Any = content_of(fitted.weights)
+    validated = fitted.validated
+    if labels:
+        found = validation_figures(fitted.detector, labels, progress=partial(progress, "validating"))
+        run["figures"]["valid"] = found
+        step = fitted.rows[-1][0]
+        best = max(validated, key=lambda row: row[2], default=None)
+        validated = [*validated, [step, found["ap"], found["ap50"], found["ap75"]]]
+        if keep == "best" and best is not None and best[2] > found["ap50"]:
+            content = folder.best.read_bytes()
+            run["figures"]["valid"] = dict(zip(("step", "ap", "ap50", "ap75"), best, strict=True))
+        log([logger] if logger else [], {f"valid/{key}": found[key] for key in AVERAGES}, int(step))
+    replace_file(folder.weights, content)
+    folder.write_metrics(fitted.rows, validated)
+    run["status"] = "finished"
+    folder.write_json(RUN_NAME, run)
+    folder.checkpoint.unlink(missing_ok=True)
+    folder.best.unlink(missing_ok=True)
 
 
 def usable_weights(settings: Settings) -> Path | None:
