@@ -57,20 +57,10 @@ def test_unprojecting_what_was_projected_gives_the_point_back(
     np.testing.assert_allclose(camera.unproject(again, same), points, atol=4 * tolerance)
 
 
-@given(lenses, centers, distances, azimuths, elevations)
-def test_the_center_is_in_the_middle_and_the_axes_are_right_handed(
-    lens: Intrinsics, center: np.ndarray, distance: float, azimuth: float, elevation: float
-) -> None:
-    camera = Camera(lens, camera_pose(center, distance, azimuth, elevation))
-    pixels, depth = camera.project(center[None])
-    np.testing.assert_allclose(pixels, [lens.center], atol=rounding(center, lens, distance))
-    assert abs(depth[0] - distance) <= 16 * np.finfo(float).eps * (distance + np.abs(center).max())
-    axes = camera.world_from_camera[:3, :3]
-    np.testing.assert_allclose(np.cross(axes[:, 0], axes[:, 1]), axes[:, 2], atol=1e-15)
-    assert axes[2, 0] == 0
+places = st.one_of(st.just((0.5, 0.5)), st.tuples(*[st.floats(-0.5, 1.5)] * 2))
 
 
-@given(lenses, centers, distances, azimuths, elevations, st.tuples(*[st.floats(-0.5, 1.5)] * 2))
+@given(lenses, centers, distances, azimuths, elevations, places)
 def test_the_center_projects_to_the_framing_offset(
     lens: Intrinsics, center: np.ndarray, distance: float, azimuth: float, elevation: float, place: tuple
 ) -> None:
@@ -80,24 +70,6 @@ def test_the_center_projects_to_the_framing_offset(
     found = Camera(lens, pose).project(center[None]).pixels[0]
     np.testing.assert_allclose(found, pixel, atol=aside * rounding(center, lens, distance))
     np.testing.assert_allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-14)
-
-
-@given(azimuths, elevations, st.floats(1e-9, 1e-3))
-def test_a_little_more_angle_is_a_little_other_pose(azimuth: float, elevation: float, step: float) -> None:
-    tilted = min(elevation + step, math.pi / 2)
-    here = camera_pose([0, 0, 0], 1.0, azimuth, elevation)
-    there = camera_pose([0, 0, 0], 1.0, azimuth + step, tilted)
-    assert np.abs(here - there).max() <= 2 * step + 1e-15
-
-
-@given(lenses, st.floats(0.01, 100), st.lists(st.floats(1e-3, 10), min_size=2, max_size=20))
-def test_distance_falls_as_the_fraction_grows(lens: Intrinsics, size: float, fractions: list) -> None:
-    fractions = np.sort(fractions)
-    distance = lens.distance_for(size, fractions)
-    assert (np.diff(distance) <= 0).all()
-    assert (np.diff(distance)[np.diff(fractions) > 1e-12] < 0).all()
-    # And gives the fraction back: an upright size at that distance fills it.
-    np.testing.assert_allclose(size * lens.f_px / distance / lens.height, fractions, rtol=1e-14)
 
 
 @given(lenses, centers, azimuths, elevations, st.sampled_from(["height", "width", "diagonal", "area"]), seeds)

@@ -1,6 +1,5 @@
 import math
 
-import numpy as np
 import pytest
 
 from hulldown.camera.intrinsics import Intrinsics
@@ -29,36 +28,16 @@ def test_a_point_at_half_the_field_of_view_is_on_the_images_edge(fov_deg: float)
     assert Intrinsics.of_record(record) == camera == camera.resized(480, 270).resized(1920, 1080)
 
 
-def test_a_row_of_cameras_as_arrays() -> None:
-    lens = lenses([Intrinsics(100, 50, math.pi / 2), Intrinsics(200, 50, math.pi / 2)])
-    np.testing.assert_allclose(lens.focal, [[50, 50], [100, 100]])
-    assert lens.size.tolist() == [[100, 50], [200, 50]]
-    np.testing.assert_allclose(lens.sin_half_fov_x, math.sin(math.pi / 4))
-    assert lens.rows(np.array([1])).size.tolist() == [[200, 50]]
-    assert lenses(lens) is lens
-    assert [lenses([]).focal.shape, lenses([]).size.shape] == [(0, 2), (0, 2)]
-    one = lenses(Intrinsics(4, 3, 1.0))
-    assert [one.focal.shape, one.size.shape] == [(2,), (2,)]
-    assert one.rows(np.array([0, 0])) is one
-
-
 @pytest.mark.parametrize(
-    ("width", "height", "fov_x", "message"),
-    [
-        (0, 10, 1.0, r"width: expected a whole number of pixels, at least 1, got 0"),
-        (10, 0, 1.0, r"height: .*got 0"),
-        (10, 10, 0.0, r"fov_x: expected radians between 0 and pi, got 0.0"),
-        (10, 10, math.pi, r"fov_x"),
-        (10, 10, 60.0, r"fov_x: expected radians"),
-        (10, 10, math.nan, r"fov_x"),
-    ],
+    ("width", "fov_x", "name"),
+    [(0, 1.0, "width"), *((10, fov_x, "fov_x") for fov_x in (0.0, math.pi, 60.0, math.nan))],
 )
-def test_impossible_cameras_are_refused(width: int, height: int, fov_x: float, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        Intrinsics(width, height, fov_x)
+def test_impossible_cameras_are_refused(width: int, fov_x: float, name: str) -> None:
+    with pytest.raises(ValueError, match=f"{name}: expected"):
+        Intrinsics(width, 10, fov_x)
 
 
-@pytest.mark.parametrize(("size", "fraction", "name"), [(0, 0.1, "size"), (1, 0, "target_fraction"), (1, -1, "target")])
+@pytest.mark.parametrize(("size", "fraction", "name"), [(0, 0.1, "size"), (1, -1, "target_fraction")])
 def test_impossible_distances_are_refused(size: float, fraction: float, name: str) -> None:
-    with pytest.raises(ValueError, match=f"{name}.*: expected positive numbers"):
+    with pytest.raises(ValueError, match=f"{name}: expected positive numbers"):
         Intrinsics(10, 10, 1.0).distance_for(size, fraction)

@@ -21,28 +21,21 @@ def test_a_place_on_the_shell_leads_back_to_its_angles() -> None:
 
 
 @pytest.mark.parametrize(
-    ("distance", "elevation", "message"),
-    [
-        (0.0, 0.0, r"distance: expected positive meters, got 0.0"),
-        (-1.0, 0.0, r"distance"),
-        (math.nan, 0.0, r"distance: expected finite"),
-        (1.0, 1.6, r"elevation: expected radians from -pi/2 to pi/2, got 1.6"),
-        (1.0, -45.0, r"elevation: .*got -45.0"),
-    ],
+    ("distance", "elevation", "name"),
+    [(0.0, 0.0, "distance"), (math.nan, 0.0, "distance"), (1.0, 1.6, "elevation"), (1.0, -45.0, "elevation")],
 )
-def test_impossible_places_are_refused(distance: float, elevation: float, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+def test_impossible_places_are_refused(distance: float, elevation: float, name: str) -> None:
+    with pytest.raises(ValueError, match=f"{name}: expected"):
         camera_pose([0, 0, 0], distance, 0.0, elevation)
 
 
 def test_wrong_bounds_are_refused() -> None:
-    rng = np.random.default_rng(0)
-    with pytest.raises(ValueError, match="bounds: expected -pi/2 <= low <= high"):
-        draw_elevation(1, (0.5, 0.4), rng=rng)
+    with pytest.raises(ValueError, match="bounds: expected"):
+        draw_elevation(1, (0.5, 0.4), rng=np.random.default_rng(0))
 
 
-def test_poses_broadcast_over_everything() -> None:
-    assert camera_pose(np.zeros((4, 1, 3)), np.ones(5), 0.0, 0.0).shape == (4, 5, 4, 4)
+def test_poses_broadcast_over_everything_and_are_level() -> None:
+    poses = camera_pose(np.zeros((4, 1, 3)), np.ones(5), np.arange(5), [-math.pi / 2, -0.4, 0.0, 1.0, math.pi / 2])
+    assert poses.shape == (4, 5, 4, 4)
+    assert (poses[..., 2, 0] == 0.0).all()
     assert camera_pose(np.zeros(3), np.zeros(0), 0.0, 0.0).shape == (0, 4, 4)
-    outward, axes = shell_axes([0.0, 1.0], 0.2)
-    np.testing.assert_allclose(axes[..., 2], -outward)

@@ -2,13 +2,10 @@
 
 import math
 
-import numpy as np
 import pytest
 
 from hulldown.annotate.boxes import surface_box
 from hulldown.assets.library import Assets
-from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import Camera
 from hulldown.geometry.transforms import apply
 from hulldown.planning.row import encode_rows
 from hulldown.tests.planning_assets import plan, small_assets, small_config
@@ -38,9 +35,7 @@ def amodal_size(row, assets):
     """By the exact rule, from the row's poses alone."""
     shape = assets.vehicles[row.target.vehicle]
     vertices = apply(row.target.world_from_vehicle, shape.vertices_at(row.target.articulation))
-    intrinsics = Intrinsics(row.width, row.height, math.radians(row.fov_x_deg))
-    camera = Camera(intrinsics, np.array(row.world_from_camera))
-    return surface_box(vertices, shape.mesh.faces, camera, frame=False)[2:]
+    return surface_box(vertices, shape.mesh.faces, row.camera, frame=False)[2:]
 
 
 @pytest.mark.parametrize("truncated", [[0.0, 0.0], [0.1, 0.4]], ids=["whole", "cut"])
