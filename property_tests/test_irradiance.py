@@ -1,4 +1,4 @@
-"""The light of a sky on level ground: linear, the same however the sky is turned, and near enough from smaller maps."""
+"""The light of a sky on level ground: the integral that it is, and near enough from smaller maps."""
 
 from itertools import pairwise
 
@@ -8,37 +8,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate
 
-from hulldown.assets.skylight import level_irradiance, row_weights
+from hulldown.assets.skylight import level_irradiance
 from hulldown.camera.response import ALBEDO, CARD, displayed, metered
 from hulldown.geometry.color import LUMINANCE
 
 
 @st.composite
-def skies(draw, *, rows=(4, 8, 32, 64)):
+def skies(draw, *, rows=(2, 3, 8, 32)):
     """A sky of noise, with a sun of any brightness anywhere, the lowest row first."""
     height = draw(st.sampled_from(rows))
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     sky = rng.uniform(0.0, 2.0, (height, 2 * height, 3))
     sky[draw(st.integers(0, height - 1)), draw(st.integers(0, 2 * height - 1))] = draw(st.floats(0.0, 1e6))
     return sky
-
-
-@given(skies(), st.integers(-8, 8))
-def test_it_scales_with_the_sky_exactly_at_powers_of_two(sky, power):
-    np.testing.assert_array_equal(level_irradiance(sky * 2.0**power), level_irradiance(sky) * 2.0**power)
-
-
-@given(st.data(), st.floats(0.0, 10.0))
-def test_it_is_linear(data, factor):
-    one = data.draw(skies(rows=(16,)))
-    other = data.draw(skies(rows=(16,)))
-    found = level_irradiance(one + factor * other)
-    np.testing.assert_allclose(found, level_irradiance(one) + factor * level_irradiance(other), rtol=1e-12)
-
-
-@given(skies(), st.integers(0, 127))
-def test_a_turn_of_the_sky_changes_nothing(sky, columns):
-    np.testing.assert_allclose(level_irradiance(np.roll(sky, columns, axis=1)), level_irradiance(sky), rtol=1e-12)
 
 
 @given(skies(rows=(128,)), st.sampled_from([2, 4, 8]))
@@ -52,8 +34,9 @@ def test_a_smaller_map_is_off_by_no_more_than_its_sun_may_move(sky, step):
     assert (np.abs(level_irradiance(small) - level_irradiance(sky)) <= light * reach).all()
 
 
-@given(st.integers(2, 40))
-def test_rows_weigh_what_their_hats_integrate_to(height):
+@given(skies())
+def test_level_light_is_the_integral_over_the_hats_of_rows(sky):
+    height = len(sky)
     step = np.pi / height
     center = (np.arange(height) + 0.5) * step - np.pi / 2
 
@@ -62,10 +45,14 @@ def test_rows_weigh_what_their_hats_integrate_to(height):
         return (1.0 if row == height - 1 and elevation > center[-1] else hat) * np.sin(elevation) * np.cos(elevation)
 
     breaks = [0.0, *center[center > 0.0], np.pi / 2]
-    expected = [
-        sum(integrate.quad(light, low, high, args=(row,))[0] for low, high in pairwise(breaks)) for row in range(height)
-    ]
-    np.testing.assert_allclose(row_weights(height), expected, atol=1e-12)
+    weights = np.array(
+        [
+            sum(integrate.quad(light, low, high, args=(row,))[0] for low, high in pairwise(breaks))
+            for row in range(height)
+        ]
+    )
+    expected = 2.0 * np.pi * weights @ sky.mean(axis=1)
+    np.testing.assert_allclose(level_irradiance(sky), expected, rtol=1e-9)
 
 
 COLORS = st.tuples(*[st.floats(0.2, 1.0)] * 3)

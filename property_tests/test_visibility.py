@@ -10,20 +10,14 @@ from hulldown.camera.beams import passed_in_beams
 from hulldown.camera.camera_rays import CameraRays
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
-from hulldown.camera.target import VehicleTarget
 from hulldown.camera.visibility import visible_fraction
 from hulldown.camera.world import Plane, World
 from hulldown.geometry.instances import InstancedScene
-from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import rigid, rotation_about
-from hulldown.tests.shapes import FACES, box, vehicle_of
+from hulldown.tests.shapes import box
+from hulldown.tests.test_visibility import HERE, TANK
 
 CUBE = box((-0.5,) * 3, (0.5,) * 3)
-TANK = VehicleTarget(
-    vehicle_of(box((-3, -1.5, 0), (3, 1.5, 1.4)), box((-1, -1, 1.4), (1, 1, 2.2)), pivots=[[0, 0, 0], [0, 0, 1.4]])
-)
-HERE = np.eye(4)[None]
 
 lenses = st.builds(
     lambda fov: Intrinsics(320, 240, math.radians(fov)), st.one_of(st.floats(0.1, 179), st.sampled_from([0.1, 179.0]))
@@ -113,23 +107,6 @@ def test_a_beam_finds_what_its_rays_would_find_one_by_one(seed: int, k: int, fov
     reach = rng.uniform(-1, 60, len(which))
     passed = passed_in_beams(scene, camera_rays, poses, which=which, reach=reach)
     np.testing.assert_array_equal(passed == 0.0, scene.occluded(*camera_rays.rays(poses, which), max_distance=reach))
-
-
-@given(lenses, seeds, st.floats(0.01, 1.2), turns)
-def test_instances_hide_as_their_triangles_in_the_world_do(
-    lens: Intrinsics, seed: int, elevation: float, turn: float
-) -> None:
-    scene = boulders(np.random.default_rng(seed), 8)
-    turned = scene.world_from_instance[:, None, :3, :3] @ CUBE.vertices[..., None]
-    vertices = turned[..., 0] + scene.world_from_instance[:, None, :3, 3]
-    faces = FACES + 8 * np.arange(8)[:, None, None]
-    merged = RayCaster(Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 3)))
-    options = {"intrinsics": lens, "articulation": {"turret": turn}, "rays": 64}
-    poses = cameras(seed, elevation)
-    one = visible_fraction(TANK, HERE, poses, world=World(obstacles=scene), **options)
-    other = visible_fraction(TANK, HERE, poses, world=World(merged), **options)
-    # Rays that graze an edge may differ between float32 frames.
-    np.testing.assert_allclose(one.fraction * one.hits, other.fraction * other.hits, atol=2)
 
 
 @given(seeds, st.floats(0.05, 0.8))

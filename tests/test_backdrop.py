@@ -25,23 +25,18 @@ def test_an_open_sky_fits_and_ends_at_the_horizon():
     assert backdrop(open_sky()) == (0.703, ())
 
 
-def test_a_low_wood_fits_and_says_how_high_it_is():
-    horizon_deg, misfits = backdrop(standing(8.0, range(256)))
-    assert misfits == ()
-    assert horizon_deg == pytest.approx(8.0, abs=1.5)
-
-
-def test_facades_are_told():
-    horizon_deg, misfits = backdrop(standing(30.0, range(40)))
-    assert horizon_deg == pytest.approx(30.0, abs=1.5)
-    assert len(misfits) == 1
-    assert "reach 30 degrees above its horizon" in misfits[0] or "reach 29 degrees" in misfits[0]
-
-
-def test_a_lamp_post_fits_but_counts_for_the_horizon():
-    horizon_deg, misfits = backdrop(standing(40.0, [7, 8]))
-    assert misfits == ()
-    assert horizon_deg == pytest.approx(40.0, abs=1.5)
+@pytest.mark.parametrize(
+    ("degrees", "columns", "open_land"),
+    [
+        pytest.param(8.0, range(256), True, id="low wood"),
+        pytest.param(30.0, range(40), False, id="facades"),
+        pytest.param(40.0, [7, 8], True, id="lamp post"),
+    ],
+)
+def test_what_stands_around_is_measured_and_told_if_it_is_wide_and_high(degrees, columns, open_land):
+    horizon_deg, misfits = backdrop(standing(degrees, columns))
+    assert horizon_deg == pytest.approx(degrees, abs=1.5)
+    assert ["above its horizon" in misfit for misfit in misfits] == [True] * (not open_land)
 
 
 def test_a_ceiling_and_a_roof_are_told():

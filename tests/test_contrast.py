@@ -35,19 +35,6 @@ def test_contrast_is_the_difference_to_what_is_around_a_target(scene):
     assert measured_contrast(scene) == pytest.approx([51 / 255, 26 / 255, np.nan, np.nan], abs=0.005, nan_ok=True)
 
 
-@pytest.mark.thorough
-def test_contrast_is_measured_however_many_pictures_there_are(tmp_path):
-    records = [(i, 1, (2, 2, 8, 8), rectangle(2, 2, 8, 8)) for i in range(1, 5002)]
-    coco = dataset(records, images=5001)
-    for image in coco["images"]:
-        image.update(width=16, height=16, file_name="one.png")
-    pixels = np.full((16, 16, 3), 100, dtype=np.uint8)
-    pixels[2:10, 2:10] = 151
-    Image.fromarray(pixels).save(tmp_path / "one.png")
-    found = measured_contrast(labels_of(coco, path=tmp_path, folder=tmp_path))
-    np.testing.assert_allclose(found, 0.2, atol=1e-6)
-
-
 def test_a_stored_contrast_comes_before_the_measured_one(scene):
     scene.annotations[0]["contrast"] = 0.9
     predictions = predictions_of([], scene, path=scene.path, name="none")

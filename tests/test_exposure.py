@@ -5,7 +5,7 @@ import pytest
 
 from hulldown.assets.library import Assets
 from hulldown.assets.skylight import SkyLight
-from hulldown.camera.response import ALBEDO, CARD, displayed, white_balance
+from hulldown.camera.response import CARD, displayed
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.exposure import card
@@ -57,13 +57,3 @@ def test_the_sky_as_backdrop_begins_at_the_horizon_of_its_hdri():
 def test_an_exposure_is_auto_or_a_number(exposure):
     with pytest.raises(ConfigError, match=r"light\.exposure = .*expected 'auto' or EV from -32 to 32"):
         small_config(light={"exposure": exposure})
-
-
-def test_white_balance_gives_what_blender_gives():
-    # Blender 5.0.1: gray and orange at 4500 and 8000 K, linear, by `use_white_balance`.
-    eight = np.array([[1.0391, 0.0551, 0.0088], [-0.0026, 0.9893, 0.0031], [-0.0040, -0.0141, 0.8451]])
-    five = np.array([[0.9395, -0.0934, -0.0176], [0.0044, 1.0239, -0.0066], [0.0083, 0.0298, 1.3355]])
-    np.testing.assert_allclose(white_balance(1500.0), eight, atol=4e-3)
-    np.testing.assert_allclose(white_balance(-1500.0), five, atol=4e-3)
-    np.testing.assert_array_equal(white_balance(0.0), np.eye(3))
-    assert (white_balance(-800.0) @ np.full(3, ALBEDO)) @ LUMINANCE == pytest.approx(ALBEDO, rel=5e-3)

@@ -11,7 +11,7 @@ from hulldown.camera.response import displayed
 from hulldown.camera.sensor import Sensor
 from hulldown.camera.world import Plane, World
 from hulldown.dataset.store.runs import Run
-from hulldown.dataset.verification.check_skies import SkyCheck, deviation, inner, radiance
+from hulldown.dataset.verification.check_skies import SkyCheck, radiance
 
 RUN = Run("a" * 64, 0, 0, "", 9, 9)
 POSE = [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 2.0], [0.0, 0.0, 0.0, 1.0]]  # looks along +x
@@ -58,7 +58,8 @@ DARK_CORNERS = {"sensor": {"vignetting_ev": 1.5}}
 @pytest.mark.parametrize("more", [{}, {"weather": {"visibility_m": 900.0, "kind": "fog"}}, DARK_CORNERS])
 def test_the_named_sky_is_no_finding(more):
     image = {**IMAGE, **more}
-    assert list(CHECK(image, [], picture(image))) == []
+    noise = np.tile([[[25], [-25]], [[-25], [25]]], (45, 80, 1))
+    assert list(CHECK(image, [], (picture(image) + noise).clip(0, 255).astype(np.uint8))) == []
 
 
 @pytest.mark.parametrize(
@@ -84,9 +85,13 @@ def test_a_black_picture_has_the_wrong_sky():
 
 @pytest.mark.parametrize(
     "change",
-    [{"id": 10}, {"hdri": "unknown"}, {"scenery": "other"}, {"hdri": []}, {"weather": 3}, {"world_from_camera": None}],
+    [
+        *({"id": 10}, {"hdri": "unknown"}, {"scenery": "other"}, {"hdri": []}, {"weather": 3}),
+        {"world_from_camera": None},
+        {"world_from_camera": [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 2], [0, 0, 0, 1]]},  # straight down
+    ],
 )
-def test_what_the_plan_does_not_know_is_left_alone(change):
+def test_what_the_plan_does_not_know_or_shows_no_sky_is_left_alone(change):
     assert list(CHECK({**IMAGE, **change}, [], np.zeros((90, 160, 3), np.uint8))) == []
 
 
@@ -95,26 +100,3 @@ def test_a_vehicle_against_the_sky_is_no_sky():
     hidden[:60, 20:140] = 0
     assert list(CHECK(IMAGE, [], hidden))
     assert list(CHECK(IMAGE, [{"bbox": [20.0, 0.0, 120.0, 60.0]}], hidden)) == []
-
-
-def test_a_picture_without_sky_is_left_alone():
-    down = {
-        **IMAGE,
-        "world_from_camera": np.array([[1.0, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 2], [0, 0, 0, 1]]).tolist(),
-    }
-    assert list(CHECK(down, [], np.zeros((90, 160, 3), np.uint8))) == []
-
-
-def test_agx_gives_what_blender_gives():
-    # Blender 5.0.1, AgX without a look, 16 bit: radiance and level of 255.
-    grays = {1.4686: 208.7, 0.03228: 44.0, 9.1836: 247.3}
-    for gray, level in grays.items():
-        assert displayed(np.full(3, gray)) == pytest.approx(level, abs=4.5)
-
-
-def test_the_deviation_is_that_of_the_smoothed_difference():
-    where = inner(np.ones((20, 30), bool))
-    noise = np.tile([[-9.0, 9.0], [9.0, -9.0]], (10, 15))[..., None]
-    assert deviation(np.full((20, 30, 3), 104.0) + noise, np.full((20, 30, 3), 100.0), where) == pytest.approx(
-        4, abs=0.5
-    )

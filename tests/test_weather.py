@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
 
-from hulldown.camera.weather import rain_extinction, rain_visibility_m, wetness
+from hulldown.camera.weather import rain_visibility_m, wetness
 from hulldown.camera.weather_kinds import Weather
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.air import NAMES, draw_air
@@ -23,16 +22,6 @@ ALL = {"fog": 0.1, "rain": 0.2, "snow": 0.25, "dust": 0.3}
 
 def drawn(**keys):
     return draw_air(WeatherSection(**keys), draws=RandomStreams(5), image=IMAGES)
-
-
-@pytest.mark.parametrize("rate", [1.0, 5.0, 25.0, 100.0])
-def test_extinction_of_rain_is_the_integral_over_its_drops(rate):
-    def blocked(diameter_mm):
-        drops = 8000.0 * math.exp(-4.1 * rate**-0.21 * diameter_mm)  # a cubic meter and a millimeter
-        return drops * 2.0 * math.pi / 4.0 * (1e-3 * diameter_mm) ** 2
-
-    assert rain_extinction(rate) == pytest.approx(quad(blocked, 0.0, 100.0)[0], rel=2e-3)
-    assert rain_visibility_m(rate) * rain_extinction(rate) == pytest.approx(-math.log(0.02))
 
 
 def test_other_weather_changes_no_fog():

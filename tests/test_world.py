@@ -8,24 +8,17 @@ from hulldown.camera.camera_rays import CameraRays
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, Camera
 from hulldown.camera.shell import camera_pose
-from hulldown.camera.target import PosedVehicle, VehicleTarget
+from hulldown.camera.target import PosedVehicle
 from hulldown.camera.world import Kind, Plane, World
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import rigid, rotation_about, rotation_z
 from hulldown.tests.oracles.nearest import nearest_triangle
-from hulldown.tests.shapes import box, scenery_of, vehicle_of
+from hulldown.tests.shapes import box, scenery_of
+from hulldown.tests.test_visibility import TANK
 
 TILT = rotation_about(np.array([0.6, 0.0, 0.8]), 0.7)
-
-
-TANK = VehicleTarget(
-    vehicle_of(
-        *(box((-3, -1.5, 0), (3, 1.5, 1.4)), box((-1, -1, 1.4), (1, 1, 2.2)), box((1, -0.1, 1.7), (5, 0.1, 1.9))),
-        pivots=[[0, 0, 0], [0, 0, 1.4], [1, 0, 1.8]],
-    )
-)
 VEHICLES = [
     PosedVehicle(TANK, rigid(TILT, [0.0, 0.0, 1.0])[None], {"turret": 0.8, "gun": 0.2}),
     PosedVehicle(TANK, rigid(rotation_z(1.0), [9.0, 4.0, 0.5])[None], {}),
