@@ -1,4 +1,4 @@
-"""Lens and sensor against what laboratories measure of cameras: photon transfer, slanted edges, charts of dots."""
+"""Lens and sensor against closed forms and what laboratories measure of cameras."""
 
 import numpy as np
 import pytest
@@ -47,64 +47,32 @@ def test_a_photon_transfer_curve_has_the_gain_and_the_read_noise(gain, read_nois
     assert electrons * np.sqrt(offset) == pytest.approx(read_noise_e, rel=0.02)
 
 
-def edge_response(picture, distance):
-    """Frequencies in cycles per pixel, and the response at them to an edge at known distances (ISO 12233)."""
-    near = np.abs(distance) < 16.0
-    place = np.floor(4.0 * (distance[near] + 16.0)).astype(int)
-    spread = np.diff(np.bincount(place, picture[near]) / np.bincount(place))
-    return np.fft.rfftfreq(len(spread), 0.25), np.abs(np.fft.rfft(spread * np.hanning(len(spread))))
+@pytest.mark.parametrize(("blur_px", "aberration_px"), [(0.4, 0.0), (0.7, 0.5), (1.5, 0.0), (0.4, -2.0)])
+def test_a_grating_has_the_contrast_of_the_point_spread_and_the_place_of_the_aberration(blur_px, aberration_px):
+    y, x = np.mgrid[:200, :320] + 0.5
+    frequency = np.array([0.2, 0.1])  # cycles per pixel
 
+    def grating(scale):
+        across, down = 160.0 + (x - 160.0) / scale, 100.0 + (y - 100.0) / scale
+        return np.sin(2.0 * np.pi * (frequency[0] * across + frequency[1] * down))
 
-@pytest.mark.parametrize("sigma", [0.4, 0.7, 1.5])
-def test_a_slanted_edge_has_the_point_spread(sigma):
-    angle, (y, x) = np.radians(5.0), np.mgrid[:200, :120] + 0.5
-
-    def distance(x, y):
-        return (x - 60.0) * np.cos(angle) + (y - 100.0) * np.sin(angle)
-
-    fine = (np.arange(8) + 0.5) / 8.0 - 0.5
-    sharp = np.mean([distance(x + dx, y + dy) > 0.0 for dx in fine for dy in fine], axis=0)
-    shown = behind(np.repeat(sharp[..., None], 3, axis=2), Sensor(blur_px=sigma))
-    inner = (slice(20, -20), slice(20, -20))
-    frequency, before = edge_response(sharp[inner], distance(x, y)[inner])
-    _, after = edge_response(shown[inner][..., 1], distance(x, y)[inner])
-    seen = (frequency > 0.05) & (frequency < 0.35) & (after > 0.05 * before)
-    wanted = 2.0 * (np.pi * frequency[seen]) ** 2
-    variance = -(wanted * np.log(after[seen] / before[seen])).sum() / (wanted**2).sum()
-    assert np.sqrt(variance) == pytest.approx(sigma, rel=0.02)
-    assert np.ptp(shown[inner], axis=2).max() < 1e-5
-
-
-@pytest.mark.parametrize("aberration_px", [0.5, -2.0])
-def test_dots_lie_where_the_aberration_moves_them(aberration_px):
-    height, width, corner = 240, 480, np.hypot(240, 480) / 2.0
-    centers = np.stack(np.meshgrid(np.arange(30.0, width, 60.0), np.arange(30.0, height, 60.0)), axis=-1).reshape(-1, 2)
-    y, x = np.mgrid[:height, :width] + 0.5
-    dots = sum(np.exp(-((x - cx) ** 2 + (y - cy) ** 2) / 8.0) for cx, cy in centers)
-    shown = behind(np.repeat(dots[..., None], 3, axis=2), Sensor(aberration_px=aberration_px))
-    tile = (np.floor(y / 60.0) * 8 + np.floor(x / 60.0)).astype(int)
-    places = [np.array(ndimage.center_of_mass(shown[..., c], tile, np.unique(tile)))[:, ::-1] + 0.5 for c in range(3)]
-    outward = centers - np.array([width, height]) / 2.0
-    for channel, sign in ((0, 1.0), (1, 0.0), (2, -1.0)):
-        moved = places[channel] - centers
-        found = corner * (moved * outward).sum() / (outward**2).sum()
-        assert found == pytest.approx(sign * aberration_px, rel=0.02, abs=1e-3)
+    light = 0.5 + 0.4 * np.repeat(grating(1.0)[..., None], 3, axis=2)
+    shown = behind(light, Sensor(blur_px=blur_px, aberration_px=aberration_px))
+    contrast = np.exp(-2.0 * (np.pi * blur_px) ** 2 * (frequency @ frequency))
+    for channel, sign in enumerate((1.0, 0.0, -1.0)):
+        expected = 0.5 + 0.4 * contrast * grating(1.0 + sign * aberration_px / np.hypot(160.0, 100.0))
+        # A spread wider by a fiftieth is off by more.
+        assert np.abs(shown[20:-20, 20:-20, channel] - expected[20:-20, 20:-20]).max() < 2e-3
 
 
 def test_corners_lose_what_is_said_as_the_fourth_power_of_a_cosine():
     light = behind(np.ones((301, 401, 3)), Sensor(vignetting_ev=1.5))[..., 0]
     square = 0.25 * (301**2 + 401**2)
-    tangents = (
-        (2.0**0.75 - 1.0) * (np.hypot(*(np.mgrid[:301, :401] - np.array([150, 200])[:, None, None])) ** 2) / square
-    )
+    y, x = np.mgrid[:301, :401]
+    tangents = (2.0**0.75 - 1.0) * ((y - 150) ** 2 + (x - 200) ** 2) / square
     assert light == pytest.approx((1.0 + tangents) ** -2, rel=1e-5)
     assert light[150, 200] == pytest.approx(1.0)
     assert np.log2(light[0, 0]) == pytest.approx(-1.5, abs=0.02)
-
-
-def test_without_effects_light_is_only_rounded():
-    light = np.random.default_rng(3).uniform(-0.1, 1.1, (70, 33, 3)).astype(np.float32)
-    assert np.array_equal(developed(light, Sensor()), np.rint(np.clip(light, 0.0, 1.0) * 255.0))
 
 
 def test_noise_is_all_over_the_picture_and_follows_from_the_seed():
@@ -151,21 +119,11 @@ def test_a_preset_sets_what_is_not_given(preset):
 
 def test_plans_without_a_sensor_are_what_they_were():
     assert "sensor" not in Config.of({**MINIMAL, "sensor": {}}).model_dump()
-    sensor = {"preset": "phone", "gain": 3}
-    assert Config.of({**MINIMAL, "sensor": sensor}).model_dump()["sensor"]["gain"] == (3.0, 3.0)
     assert draw_sensors(SensorSection(), draws=RandomStreams(0), image=np.arange(3)) == [None] * 3
 
 
-@pytest.mark.parametrize(
-    ("values", "expected"),
-    [
-        ({"preset": "dslr"}, "preset"),
-        ({"blur_px": -1}, "from|blur_px"),
-        ({"jpeg_quality": [0, 90]}, "expected 0, or a range of more than 0"),
-        ({"full_well_e": [0, 100]}, "expected 0, or a range of more than 0"),
-        ({"gain": 0.5}, "gain"),
-    ],
-)
-def test_wrong_sensors_are_refused(values, expected):
-    with pytest.raises(ConfigError, match=expected):
+@pytest.mark.parametrize("values", [{"preset": "dslr"}, {"blur_px": -1}, {"jpeg_quality": [0, 90]}, {"gain": 0.5}])
+def test_wrong_sensors_are_refused(values):
+    (key,) = values
+    with pytest.raises(ConfigError, match=key):
         Config.of({**MINIMAL, "sensor": values})
