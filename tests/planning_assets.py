@@ -54,7 +54,7 @@ def hills(name, *, height=3.0, cells=40, size=240.0, trees=30, seed=0):
 def with_water(scenery, mesh, *poses):
     """The scenery with a water surface, in one place or in several."""
     poses = np.array(poses or [np.eye(4)])
-    dry, wet = len(scenery.instance_names), len(poses)
+    wet = len(poses)
     return replace(
         scenery,
         obstacle_meshes=(*scenery.obstacle_meshes, mesh),
@@ -62,7 +62,7 @@ def with_water(scenery, mesh, *poses):
         world_from_instance=np.concatenate([scenery.world_from_instance, poses]),
         instance_names=(*scenery.instance_names, *("water",) * wet),
         instance_gives_way=np.append(scenery.instance_gives_way, np.zeros(wet, bool)),
-        instance_is_water=np.append(np.zeros(dry, bool), np.ones(wet, bool)),
+        instance_is_water=np.append(scenery.instance_is_water, np.ones(wet, bool)),
     )
 
 
