@@ -286,20 +286,6 @@ def test_truncation_is_between_nothing_and_all(seed: int) -> None:
     assert (box[:2] + box[2:] <= amodal[:2] + amodal[2:] + slack).all()
 
 
-@given(st.integers(0, 2**32))
-def test_triangles_in_any_order_and_winding_give_the_same_box(seed: int) -> None:
-    shape, pose, camera, articulation = random_view(seed)
-    rng = np.random.default_rng(seed)
-    vertices = apply(pose, shape.vertices_at(articulation))
-    faces = shape.mesh.faces
-    turned = rng.permuted(rng.permutation(faces), axis=1)
-    for frame in (True, False):
-        one, other = (surface_box(vertices, f, camera, frame=frame) for f in (faces, turned))
-        assert (one is None) == (other is None)
-        if one is not None and other is not None:
-            assert np.abs(one - other).max() <= 1e-9 * max(1.0, np.abs(one).max())
-
-
 @given(st.integers(0, 2**32), st.booleans())
 def test_skipping_what_is_inside_or_outside_changes_nothing(seed: int, frame: bool) -> None:
     shape, pose, camera, _ = random_view(seed)

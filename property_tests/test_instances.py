@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hulldown.geometry.boxtree import BoxTree
-from hulldown.geometry.instances import InstancedScene
+from hulldown.geometry.instances import FEW_RAYS, InstancedScene
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.geometry.overlap import triangles_touch_box
 from hulldown.geometry.rays import RayCaster
@@ -20,14 +20,14 @@ def soup(rng, faces):
     return Mesh(corners.reshape(-1, 3), np.arange(3 * faces).reshape(-1, 3), "soup")
 
 
-def scene_and_flat(seed, k, squashed):
+def scene_and_flat(seed, k, squashed, offset=0.0):
     rng = np.random.default_rng(seed)
     meshes = [soup(rng, 12), soup(rng, 1), soup(rng, 40)]
     poses = np.tile(np.eye(4), (k, 1, 1))
     poses[:, :3, :3] = rng.normal(0, 1, (k, 3, 3))
     if squashed and k:
         poses[rng.integers(k), :3, rng.integers(3)] = 0.0
-    poses[:, :3, 3] = rng.uniform(-5, 5, (k, 3))
+    poses[:, :3, 3] = rng.uniform(-5, 5, (k, 3)) + offset
     which = rng.integers(0, 3, k)
     moved = [Mesh(apply(p, meshes[m].vertices), meshes[m].faces) for m, p in zip(which, poses, strict=True)]
     return rng, InstancedScene(meshes, which, poses), moved
@@ -45,17 +45,23 @@ def off(triangles, points):
     return np.maximum(np.abs((from_corner[:, 0] * normal).sum(axis=1)), beyond)
 
 
-@given(seed=st.integers(0, 2**32), k=st.integers(1, 60), squashed=st.booleans())
-def test_two_levels_answer_as_one_merged_mesh_does(seed, k, squashed):
-    rng, scene, moved = scene_and_flat(seed, k, squashed)
+@given(
+    seed=st.integers(0, 2**32),
+    k=st.integers(1, 60) | st.just(1000),
+    squashed=st.booleans(),
+    offset=st.sampled_from([0.0, 5.4e6]),
+    n=st.sampled_from([150, 2 * FEW_RAYS]),
+)
+def test_two_levels_answer_as_one_merged_mesh_does(seed, k, squashed, offset, n):
+    rng, scene, moved = scene_and_flat(seed, k, squashed, offset)
     flat, source = merge(moved)
     first = np.cumsum([0, *(len(m.faces) for m in moved)])
     caster = RayCaster(flat)
-    origins, directions = rng.uniform(-8, 8, (150, 3)), rng.normal(size=(150, 3))
+    origins, directions = rng.uniform(-8, 8, (n, 3)) + offset, rng.normal(size=(n, 3))
     ours, theirs = scene.cast(origins, directions), caster.cast(origins, directions)
     # A ray may pass an edge, or one of two surfaces that cross, on different sides in the two float32 frames.
     same = np.where(theirs.hit, source[theirs.face], -1) == ours.instance
-    assert (~same).sum() <= 2
+    assert (~same).sum() <= 2 + n / 1000
     both = same & ours.hit
     np.testing.assert_allclose(ours.distance[both], theirs.distance[both], atol=CLOSE)
     # Faces of a squashed copy lie in one plane: of those that a ray meets together, either may be named.
@@ -64,14 +70,14 @@ def test_two_levels_answer_as_one_merged_mesh_does(seed, k, squashed):
     met = origins[both] + ours.distance[both, None] * along[both]
     assert not (off(named, met) > CLOSE).any()
     np.testing.assert_array_equal(np.isinf(ours.distance), ours.instance < 0)
-    assert (scene.occluded(origins, directions) != theirs.hit).sum() <= 2
+    assert (scene.occluded(origins, directions) != theirs.hit).sum() <= 2 + n / 1000
 
 
-@given(seed=st.integers(0, 2**32), k=st.integers(1, 60))
-def test_a_limit_cuts_off_what_lies_beyond_it(seed, k):
+@given(seed=st.integers(0, 2**32), k=st.integers(1, 60), n=st.sampled_from([150, 2 * FEW_RAYS]))
+def test_a_limit_cuts_off_what_lies_beyond_it(seed, k, n):
     rng, scene, _ = scene_and_flat(seed, k, False)
-    origins, directions = rng.uniform(-8, 8, (150, 3)), rng.normal(size=(150, 3))
-    limit = rng.uniform(0, 10, 150)
+    origins, directions = rng.uniform(-8, 8, (n, 3)), rng.normal(size=(n, 3))
+    limit = rng.uniform(0, 10, n)
     free, cut = scene.cast(origins, directions), scene.cast(origins, directions, max_distance=limit)
     clearly = np.abs(free.distance - limit) > CLOSE
     np.testing.assert_array_equal(cut.hit[clearly], (free.distance <= limit)[clearly])

@@ -184,91 +184,29 @@ def test_certified_is_the_exact_rule_on_hard_cases_thrown_together(meshes, seed)
     assert_exact(mesh, points_on(mesh, np.random.default_rng(seed)))
 
 
-# -- the same ground, told differently, must have the same top ------------------------------------------------------
-
-
 @st.composite
 def rough(draw):
-    """Ground of some hundred faces, every coordinate a multiple of 2**-8, so that it can be moved without rounding."""
+    """Ground of some hundred faces, on a lattice of 1 / 256 m."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     n = draw(st.integers(6, 14))
     x = np.arange(n + 1.0)
     vertices, faces = lattice(n, n, x, x, rng.uniform(-2, 2, (n + 1) ** 2), rng.random(n * n) < 0.5)
     vertices[:, :2] += rng.uniform(-0.3, 0.3, (len(vertices), 2))
     kept = rng.permutation(len(faces))[: len(faces) - draw(st.integers(0, 9))]
-    return Mesh(np.round(vertices * 256) / 256, faces[kept])
+    turned = rng.random(len(kept)) < 0.5
+    return Mesh(np.round(vertices * 256) / 256, np.where(turned[:, None], faces[kept, ::-1], faces[kept]))
 
 
-def queries(mesh, seed, n=100):
-    return np.round(points_on(mesh, np.random.default_rng(seed), n) * 2**16) / 2**16
+@given(rough(), st.integers(0, 2**32 - 1))
+def test_certified_is_the_exact_rule_on_ground_of_some_hundred_faces(mesh, seed):
+    assert_exact(mesh, points_on(mesh, np.random.default_rng(seed), n=25))
 
 
-SEEDS = st.integers(0, 2**32 - 1)
-
-
-def assert_same(hits, other):
-    assert (hits.face == other.face).all()
-    np.testing.assert_array_equal(hits.z, other.z)
-    np.testing.assert_array_equal(hits.normal, other.normal)
-
-
-@given(rough(), SEEDS, st.sampled_from([(2.0**19, 2.0**22), (-(2.0**23), 2.0**23), (3.25, -7.5)]))
-def test_moved_ground_has_the_same_top(mesh, seed, offset):
-    xy = queries(mesh, seed)
-    moved = Mesh(mesh.vertices + np.array([*offset, 0.0]), mesh.faces)
-    assert_same(Terrain(mesh).top_hits(xy), Terrain(moved).top_hits(xy + np.array(offset)))
-
-
-@given(rough(), SEEDS)
+@given(rough(), st.integers(0, 2**32 - 1))
 def test_winding_carries_no_meaning(mesh, seed):
-    xy = queries(mesh, seed)
-    turned = np.where(
-        (np.random.default_rng(seed).random(len(mesh.faces)) < 0.5)[:, None], mesh.faces[:, [0, 2, 1]], mesh.faces
-    )
-    assert_same(Terrain(mesh).top_hits(xy), Terrain(Mesh(mesh.vertices, turned)).top_hits(xy))
-
-
-@given(rough(), SEEDS)
-def test_faces_in_another_order_give_the_same_heights_and_where_no_two_meet_the_same_face(mesh, seed):
-    xy = queries(mesh, seed, n=25)
-    order = np.random.default_rng(seed).permutation(len(mesh.faces))
-    hits, other = Terrain(mesh).top_hits(xy), Terrain(Mesh(mesh.vertices, mesh.faces[order])).top_hits(xy)
-    assert (hits.hit == other.hit).all()
-    np.testing.assert_allclose(hits.z, other.z, rtol=0, atol=2 * HEIGHT_ULPS * np.spacing(2.0))
-    inside = np.array(
-        [top is not None and touching(mesh, top.face, p) for top, p in zip(exact_tops(mesh, xy), xy, strict=True)]
-    )
-    assert (hits.face[~inside & hits.hit] == order[other.face[~inside & hits.hit]]).all()
-
-
-def touching(mesh, face, p):
-    """Whether a point lies on an edge of a face, by multiples of 2**-16 in integers."""
-    a, b, c = (np.round(mesh.vertices[v, :2] * 2**16).astype(int).astype(object) for v in mesh.faces[face])
-    p = np.round(p * 2**16).astype(int).astype(object)
-    return any((q[0] - p[0]) * (r[1] - p[1]) == (q[1] - p[1]) * (r[0] - p[0]) for q, r in ((a, b), (b, c), (c, a)))
-
-
-@given(rough(), SEEDS)
-def test_a_triangle_cut_in_two_changes_no_height(mesh, seed):
-    xy = queries(mesh, seed)
-    cut = int(np.random.default_rng(seed).integers(len(mesh.faces)))
-    a, b, c = mesh.faces[cut]
-    middle = len(mesh.vertices)  # of an edge; its neighbor is not cut, so that a vertex lies on an edge's inside
-    vertices = np.concatenate([mesh.vertices, [0.5 * (mesh.vertices[a] + mesh.vertices[b])]])
-    faces = np.concatenate([mesh.faces, [[middle, b, c]]])
-    faces[cut] = [a, middle, c]
-    hits, other = Terrain(mesh).top_hits(xy), Terrain(Mesh(vertices, faces)).top_hits(xy)
-    np.testing.assert_allclose(hits.z, other.z, rtol=0, atol=2 * HEIGHT_ULPS * np.spacing(2.0))
-
-
-@given(rough(), SEEDS, st.sampled_from([1e-3, 1e-7, 1.0]))
-def test_a_sheet_below_changes_nothing_and_one_above_is_the_top(mesh, seed, gap):
-    xy = queries(mesh, seed)
-    other = Mesh(mesh.vertices - np.array([0, 0, gap]), mesh.faces)
-    alone, below, above = (Terrain(m).top_hits(xy) for m in (mesh, together(mesh, other), together(other, mesh)))
-    assert (below.face == alone.face).all()
-    assert (above.face[alone.hit] == alone.face[alone.hit] + len(mesh.faces)).all()
-    # Not to the bit: how many digits are promised, and so which faces are computed in integers, depends on all heights.
-    for hits in (below, above):
-        np.testing.assert_allclose(hits.z, alone.z, rtol=0, atol=2 * HEIGHT_ULPS * np.spacing(3.0))
-        np.testing.assert_allclose(hits.normal, alone.normal, rtol=0, atol=2 * NORMAL_ERROR)
+    rng = np.random.default_rng(seed)
+    turned = np.where((rng.random(len(mesh.faces)) < 0.5)[:, None], mesh.faces[:, [0, 2, 1]], mesh.faces)
+    xy = points_on(mesh, rng, n=100)
+    hits, other = Terrain(mesh).top_hits(xy), Terrain(Mesh(mesh.vertices, turned)).top_hits(xy)
+    for field in ("face", "z", "normal"):
+        np.testing.assert_array_equal(getattr(hits, field), getattr(other, field))

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from hulldown.geometry.meshes import Mesh, merge
-from hulldown.placement.footprint import LEAN, Underside, contact_footprint, plate_samples, underside, underside_samples
+from hulldown.placement.footprint import LEAN, Underside, contact_footprint, underside, underside_samples
 from hulldown.tests.shapes import box
 
 
@@ -81,14 +81,6 @@ def test_both_edges_of_a_track_have_their_spots():
     np.testing.assert_array_equal(at.height.reshape(5, 5)[2], [0.0, 0.0, 0.45, 0.0, 0.0])
     np.testing.assert_array_equal(at.foot.reshape(5, 5)[2], [True, True, False, True, True])
     np.testing.assert_array_equal(at.center, 0.0)
-
-
-@pytest.mark.parametrize("n", [0, 1, 2, 5, 7, 9, 40])
-def test_a_flat_underside_is_looked_at_where_a_plate_is(n):
-    corners = np.array([[-1.3, -0.7], [2.9, 1.1]])
-    flat, plate = underside_samples(Underside(corners, np.zeros((128, 128))), n), plate_samples(corners, n)
-    for name in ("xy", "height", "foot", "center"):
-        np.testing.assert_array_equal(getattr(flat, name), getattr(plate, name), err_msg=name)
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 7, 9])
