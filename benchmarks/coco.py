@@ -16,8 +16,7 @@ import orjson
 
 from hulldown.benchmarks.tables import table
 from hulldown.dataset.coco import MERGE_SHARE, CocoDataset
-from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME
-from hulldown.dataset.store.record_lines import write_coco
+from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, write_coco
 
 APPENDS = 200
 REWRITTEN_AT_MOST = 100_000  # images; the dictionaries of a million do not fit into an ordinary machine's memory

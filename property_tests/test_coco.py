@@ -10,7 +10,6 @@ import tempfile
 import time
 import warnings
 from pathlib import Path
-from unittest.mock import Mock
 
 import pytest
 from hypothesis import given, settings
@@ -20,9 +19,7 @@ import hulldown.dataset.coco
 import hulldown.dataset.store.document
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.join import join
-from hulldown.dataset.store.document import read_coco, read_document
-from hulldown.dataset.store.record_lines import OtherLayoutError, read_by_line
-from hulldown.geometry.errors import DatasetError
+from hulldown.dataset.store.document import read_coco
 
 texts = st.text(st.characters(codec="utf-8", exclude_categories=["Cs"]), max_size=8)
 numbers = st.integers(-(2**53), 2**53) | st.floats(allow_nan=False, allow_infinity=False)
@@ -266,116 +263,3 @@ def run_and_kill(folder: Path, total: int, images: int, after_s: float) -> set[i
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         return {int(line) for line in (heard + pipe.read()).split()}
-
-
-STRUCTURE = [
-    b"{",
-    b"}",
-    b"[",
-    b"]",
-    b",",
-    b"\n",
-    b"},\n",
-    b"],\n",
-    b"]}\n",
-    b"{}",
-    b"{}}",
-    b'"images":[',
-    b'"images":[\n',
-]
-VALUES = [b'"id":1,', b'{"id":9},\n', b"NaN", b"1e5", b"\xff", b"\\ud800", b" ", b"\r", b'"x']
-PIECES = STRUCTURE + VALUES
-
-
-@given(batches, st.lists(st.tuples(*[st.floats(0, 1)] * 3, st.sampled_from(["cut", "copy", *PIECES])), max_size=3))
-def test_by_line_reads_what_a_parser_of_the_whole_reads(batch: list, changes: list) -> None:
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        append_all(folder, batch, 0)
-        path = folder / "annotations.json"
-        content = path.read_bytes()
-        for where, end, to, change in changes:
-            # At the brackets and line ends first of all, where a reader by line makes its decisions.
-            places = [0, *(i for i, byte in enumerate(content) if byte in b'{}[],"\n:'), len(content)]
-            i, j, k = (places[round(share * (len(places) - 1))] for share in (where, end, to))
-            i, j = min(i, j), max(i, j)
-            piece = {"cut": b"", "copy": content[i:j]}.get(change, change)
-            content = content[:i] + content[j:] if change == "cut" else content[:k] + piece + content[k:]
-        path.write_bytes(content)
-        found = state(folder)
-        if not changes:
-            with path.open("rb") as file:
-                head, images, boxed = read_by_line(file)
-                assert {**head, "images": list(images), "annotations": list(boxed)} == json.loads(content)
-        assert found == state_as_a_whole(folder)
-
-
-def state(folder: Path) -> dict | str:
-    """All that a document holds, or why there is none."""
-    try:
-        document = read_document(folder)
-    except DatasetError as error:
-        return str(error)
-    names = ("head", "categories", "category_ids", "images", "annotations", "file_names", "runs", "pending")
-    return {name: getattr(document, name) for name in names}
-
-
-def state_as_a_whole(folder: Path) -> dict | str:
-    """The same by a parser of the whole file."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(hulldown.dataset.store.document, "read_by_line", Mock(side_effect=OtherLayoutError))
-        return state(folder)
-
-
-HEAD = b'{"categories":[{"id":1,"name":"tank"}],\n'
-IMAGES = b'"images":[\n{"id":1,"file_name":"a.png"},\n{"id":2,"file_name":"b.png"}],\n'
-ANNOTATIONS = b'"annotations":[\n{"id":1,"image_id":1,"x":[{}]}]}\n'
-OURS = HEAD + IMAGES + ANNOTATIONS
-
-
-@pytest.mark.parametrize(
-    "content",
-    [
-        pytest.param(OURS + b"{}", id="something after the end"),
-        pytest.param(OURS + OURS, id="the file twice"),
-        pytest.param(OURS[:-1], id="no newline at the end"),
-        pytest.param(OURS[:-3], id="cut off"),
-        pytest.param(OURS.replace(b"]}]}\n", b"]},\n"), id="cut off after a record"),
-        pytest.param(HEAD + IMAGES, id="no annotations"),
-        pytest.param(HEAD + IMAGES + IMAGES + ANNOTATIONS, id="images twice"),
-        pytest.param(HEAD + ANNOTATIONS.replace(b"]}\n", b"],\n") + IMAGES.replace(b"],\n", b"]}\n"), id="other order"),
-        pytest.param(HEAD.replace(b'"categories"', b'"images"') + IMAGES + ANNOTATIONS, id="images in the head"),
-        pytest.param(HEAD.replace(b'"categories"', b'"annot\\u0061tions"') + IMAGES + ANNOTATIONS, id="escaped key"),
-        pytest.param(b'{"categories":1,\n' + IMAGES + ANNOTATIONS, id="categories are no list"),
-        pytest.param(b"{,\n" + IMAGES + ANNOTATIONS, id="comma after nothing"),
-        pytest.param(b"{},\n" + IMAGES + ANNOTATIONS, id="head is closed"),
-        pytest.param(b'{"a":{"b":1},\n' + IMAGES + ANNOTATIONS, id="a bracket in the head"),
-        pytest.param(b'{"a":1,},\n' + IMAGES + ANNOTATIONS, id="comma at the head's end"),
-        pytest.param(b"\xef\xbb\xbf" + OURS, id="byte order mark"),
-        pytest.param(OURS.replace(b"},\n{", b"},\n\n{"), id="an empty line"),
-        pytest.param(OURS.replace(b"},\n{", b"},\nx\n{"), id="garbage between records"),
-        pytest.param(OURS.replace(b"},\n{", b"}\n{"), id="no comma between records"),
-        pytest.param(OURS.replace(b"},\n{", b"},,\n{"), id="two commas"),
-        pytest.param(OURS.replace(b"},\n{", b"},{"), id="two records in a line"),
-        pytest.param(OURS.replace(b"},\n{", b"},\n[{}],\n{"), id="a list as record"),
-        pytest.param(OURS.replace(b'"b.png"}],', b'"b.png"},\n],'), id="comma after the last"),
-        pytest.param(OURS.replace(b"a.png", b"a\xff.png"), id="no UTF-8"),
-        pytest.param(OURS.replace(b"a.png", b"a\\ud800.png"), id="half a surrogate"),
-        pytest.param(OURS.replace(b'"image_id":1', b'"image_id":NaN'), id="NaN"),
-        pytest.param(OURS.replace(b'"image_id":1', b'"image_id":1e999'), id="infinity"),
-        pytest.param(OURS.replace(b'"image_id":1', b'"image_id":123456789012345678901234567890'), id="a long number"),
-        pytest.param(OURS.replace(b'"image_id":1', b'"image_id": 1.50, "image_id":2'), id="a key twice"),
-        pytest.param(OURS.replace(b'"id":2', b'"id":"2"'), id="an id that is none"),
-        pytest.param(OURS.replace(b'"id":2', b'"id":"2"').replace(b"{}]", b"{]"), id="that, and damage behind it"),
-        pytest.param(OURS.replace(b"{}", b"[" * 300 + b"]" * 300), id="nested too deep to write"),
-        pytest.param(OURS.replace(b"{}", b"[" * 2000 + b"]" * 2000), id="nested too deep to read"),
-        pytest.param(OURS.replace(b"{", b'{"a":' + b"[" * 300 + b"]" * 300 + b",", 1), id="a head nested too deep"),
-        pytest.param(b'{"info":{"hulldown_runs":[{"key":"a"}]},' + OURS[1:], id="a run that lacks what it set aside"),
-        pytest.param(b'{"info":{"hulldown_runs":7},' + OURS[1:], id="runs that are none"),
-        pytest.param(OURS.replace(b"\n", b"\r\n"), id="lines of another system"),
-        pytest.param(b"", id="nothing"),
-    ],
-)
-def test_files_that_look_like_ours_are_read_as_by_a_parser_of_the_whole(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / "annotations.json").write_bytes(content)
-    assert state(tmp_path) == state_as_a_whole(tmp_path)

@@ -205,8 +205,15 @@ def edited_run(**changes: object) -> bytes:
     ("content", "message"),
     [
         (b"{", "is not valid JSON"),
-        (b"[]", "is a JSON list where a COCO object was expected"),
+        (b"", "is not valid JSON"),
+        (b'{"images": []}{}', "is not valid JSON"),
+        (b'{"images": [{"id": 1, "file_name": "\xff.png"}]}', "is not valid JSON"),
+        (b'{"images": [{"id": NaN}]}', "is not valid JSON"),
+        (b'{"images": [{"id": 1, "x": %b}]}' % (b"[" * 300 + b"]" * 300), "a record cannot be written again"),
+        (b'{"images": [{"id": 1, "x": %b}]}' % (b"[" * 9999 + b"]" * 9999), "is not valid JSON"),
+        (b"[]", "isn't a COCO object"),
         (b'{"images": {}}', "'images' is not a list of objects"),
+        (b'{"images": [1]}', "'images' is not a list of objects"),
         (b'{"images": [{"id": "a"}]}', "image id 'a' is not a whole number"),
         (b'{"annotations": [{"bbox": []}]}', "annotation id None is not a whole number"),
         (
@@ -250,6 +257,24 @@ def test_a_journal_line_that_does_not_fit_is_named(tmp_path, line):
     with pytest.raises(DatasetError, match=r"journal\.jsonl: line 3 does not fit this journal"):
         read_coco(tmp_path)
     assert journal.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: json.dumps(json.loads(text), indent=2),
+        lambda text: json.dumps(dict(reversed(json.loads(text).items()))),
+        lambda text: text.replace("\n", "\r\n"),
+        lambda text: text.replace('"images"', '"im\\u0061ges"').replace('"shot":0', '"shot":1.50,"shot":0'),
+    ],
+)
+def test_other_programs_lay_the_same_document_out_otherwise(tmp_path, change):
+    with CocoDataset.open(tmp_path) as dataset:
+        for i in range(3):
+            dataset.append(image(i), [annotation()])
+    path, before = tmp_path / "annotations.json", read_coco(tmp_path)
+    path.write_text(change(path.read_text()))
+    assert read_coco(tmp_path) == before
 
 
 def test_a_file_in_place_of_the_folder_is_explained(tmp_path):

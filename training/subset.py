@@ -12,9 +12,8 @@ import orjson
 
 from hulldown.dataset.exports.split import positions, shuffled
 from hulldown.dataset.records import by_image, read_usable
-from hulldown.dataset.store.document import ANNOTATIONS_NAME
+from hulldown.dataset.store.document import ANNOTATIONS_NAME, write_coco
 from hulldown.dataset.store.pictures import link_or_copy
-from hulldown.dataset.store.record_lines import write_coco
 from hulldown.dataset.store.unfinished import all_or_nothing
 from hulldown.geometry.errors import DatasetError
 
