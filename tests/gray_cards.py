@@ -15,6 +15,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import bpy
 import numpy as np
+from PIL import Image
 
 from hulldown.camera.response import ALBEDO
 from hulldown.camera.weather_kinds import airlight
@@ -23,6 +24,7 @@ from hulldown.render.blender import cycles
 from hulldown.render.blender.air import Fog
 from hulldown.render.blender.light import HdriWorld
 from hulldown.render.messages import CyclesSettings, LightInput
+from hulldown.tests.render_worlds import box, diffuse
 
 SIDE = 4  # pixels, the least that Blender takes: noise is averaged before the view transform, which bends it
 EYE = 0.15  # meters above the card: hardly any air between
@@ -37,10 +39,8 @@ class Job:
     strength: float = 1.0
     horizon: float | None = None
     visibility_m: float | None = None
-    kind: str = "fog"
     exposure: float = 0.0
     white_balance: float = 0.0
-    samples: int = 4096
 
 
 def main() -> None:
@@ -49,61 +49,34 @@ def main() -> None:
     os.dup2(2, 1)
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
-    card = _card()
-    scene.collection.objects.link(card)
+    box("card", (2.0, 2.0, 1.0), (0.0, 0.0, -0.5), diffuse("card", (ALBEDO,) * 3))
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
     camera.location, camera.data.angle = (0.0, 0.0, EYE), 0.2
     scene.collection.objects.link(camera)
     scene.camera = camera
     world = HdriWorld(scene)
-    box = bpy.data.objects.new("fog", bpy.data.meshes.new("fog"))
-    scene.collection.objects.link(box)
-    fog = Fog(box, world, np.eye(4), 1.0)
+    air = bpy.data.objects.new("fog", bpy.data.meshes.new("fog"))
+    scene.collection.objects.link(air)
+    fog = Fog(air, world, np.eye(4), 1.0)
     answers = []
     for job in jobs:
-        settings = CyclesSettings(job.samples, denoise=False, adaptive_threshold=0.0, bounces=4)
+        settings = CyclesSettings(4096, denoise=False, adaptive_threshold=0.0, bounces=4)
         cycles.configure(scene, settings, device="CPU", threads=2)
         scene.render.resolution_x = scene.render.resolution_y = SIDE
-        world.set(LightInput(_hdri(job.sky), job.yaw, job.strength, job.horizon), np.eye(4))
+        sky = Path(job.sky).with_suffix(".exr")
+        if not sky.exists():
+            _write(np.load(job.sky), str(sky))
+        world.set(LightInput(str(sky), job.yaw, job.strength, job.horizon), np.eye(4))
         cycles.expose(scene, settings, job.exposure, job.white_balance)
         fog.clear()
         if job.visibility_m is not None:
-            glow, eye = airlight(job.kind, world.airlight()), np.array([0.0, 0.0, EYE])
-            fog.fill(job.kind, job.visibility_m, glow, eye, below=EYE)
+            glow, eye = airlight("fog", world.airlight()), np.array([0.0, 0.0, EYE])
+            fog.fill("fog", job.visibility_m, glow, eye, below=EYE)
         scene.render.filepath = str(Path(sys.argv[2]).with_suffix(".png"))
         bpy.ops.render.render(write_still=True)
-        answers.append(_mean(scene.render.filepath))
+        with Image.open(scene.render.filepath) as picture:
+            answers.append(np.asarray(picture.convert("RGB")).mean(axis=(0, 1)).tolist())
     Path(sys.argv[2]).write_text(json.dumps(answers))
-
-
-def _hdri(sky: str) -> str:
-    path = Path(sky).with_suffix(".exr")
-    if not path.exists():
-        _write(np.load(sky), str(path))
-    return str(path)
-
-
-def _card() -> bpy.types.Object:
-    mesh = bpy.data.meshes.new("card")
-    mesh.from_pydata([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [], [(0, 1, 2, 3)])
-    material = bpy.data.materials.new("card")
-    nodes = material.node_tree.nodes
-    nodes.clear()
-    diffuse, output = nodes.new("ShaderNodeBsdfDiffuse"), nodes.new("ShaderNodeOutputMaterial")
-    diffuse.inputs["Color"].default_value = (ALBEDO, ALBEDO, ALBEDO, 1.0)
-    material.node_tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
-    mesh.materials.append(material)
-    return bpy.data.objects.new("card", mesh)
-
-
-def _mean(path: str) -> list[float]:
-    image = bpy.data.images.load(path)
-    image.colorspace_settings.name = "Non-Color"
-    pixels = np.empty(SIDE * SIDE * image.channels, dtype=np.float32)
-    image.pixels.foreach_get(pixels)
-    bpy.data.images.remove(image)
-    mean = 255.0 * pixels.reshape(SIDE * SIDE, -1)[:, :3].mean(axis=0, dtype=np.float64)
-    return [float(level) for level in mean]
 
 
 if __name__ == "__main__":
