@@ -37,7 +37,10 @@ def test_points_go_where_opencv_puts_them_and_come_back(name):
     image = distorted(points, lens)
     placed, _ = cv2.projectPoints(np.c_[points, np.ones(len(points))], *np.zeros((2, 3)), np.eye(3), lens)
     np.testing.assert_allclose(image, placed[:, 0], atol=1e-12)
-    np.testing.assert_allclose(undistorted(image, lens, seen_radius(LENSES[name])), points, atol=1e-12)
+    back = undistorted(image, lens, seen_radius(LENSES[name]))
+    np.testing.assert_allclose(back, points, atol=1e-12)
+    alone = [undistorted(each[None], lens, seen_radius(LENSES[name]))[0] for each in image[:100]]
+    np.testing.assert_array_equal(alone, back[:100])
 
 
 @every_lens
@@ -66,6 +69,7 @@ def test_nothing_is_seen_beyond_the_fold():
     pixels, depth = camera.project([[1.2, 0.0, 1.0], [1.3, 0.0, 1.0], [0.0, 3.0, 1.0]])
     assert np.isnan(pixels[:, 0]).tolist() == [False, True, True]
     assert depth.tolist() == [1.0] * 3
+    assert np.isnan(undistorted(np.array([[1e9, 0.0], [np.nan, 0.0]]), np.array(LENSES["folding"]), 1.0)).all()
     # A wall that fills all there is to see ends at the circle of the fold.
     wall = 50.0 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) + [0, 0, 2.0]
     box = surface_box(wall, [[0, 1, 2], [0, 2, 3]], camera, frame=False)
@@ -91,14 +95,6 @@ def test_a_lens_that_folds_inside_the_image_is_refused():
         small_config(camera={"intrinsics": matrix, "distortion": {"k1": -0.2}})
     with pytest.raises(ConfigError, match=r"camera\.intrinsics"):
         small_config(camera={"distortion": {"k1": -0.2}})
-
-
-def test_an_answer_does_not_depend_on_company():
-    lens, radius = np.array(LENSES["tangential"]), seen_radius(LENSES["tangential"])
-    image = distorted(points_within(radius, 300), lens)
-    together = undistorted(image, lens, radius)
-    assert np.array_equal(together, np.concatenate([undistorted(each[None], lens, radius) for each in image]))
-    assert np.isnan(undistorted(np.array([[1e9, 0.0], [np.nan, 0.0]]), np.array(LENSES["folding"]), 1.0)).all()
 
 
 @every_lens
