@@ -1,4 +1,7 @@
+import json
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -6,6 +9,7 @@ import pytest
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera, project
 from hulldown.camera.shell import camera_pose
+from hulldown.geometry.transforms import rigid, rotation_about
 
 VGA = Intrinsics(640, 480, math.pi / 2)  # f = 320
 
@@ -38,3 +42,54 @@ def test_stacks_of_cameras_broadcast() -> None:
 def test_a_pose_that_is_not_rigid_is_refused(pose: np.ndarray) -> None:
     with pytest.raises(ValueError, match="world_from_camera: expected a rigid 4x4 transform"):
         Camera(VGA, pose)
+
+
+BLENDER = """
+import json, sys
+import bpy
+from bpy_extras.object_utils import world_to_camera_view
+from mathutils import Matrix, Vector
+scene = bpy.context.scene
+data = bpy.data.cameras.new("camera")
+camera = bpy.data.objects.new("camera", data)
+scene.collection.objects.link(camera)
+data.sensor_fit = "HORIZONTAL"
+out = []
+for case in json.load(sys.stdin):
+    scene.render.resolution_x, scene.render.resolution_y = case["width"], case["height"]
+    data.angle_x = case["fov_x"]
+    # Blender's cameras look along -z with y up.
+    flip = Matrix(((1, 0, 0, 0), (0, -1, 0, 0), (0, 0, -1, 0), (0, 0, 0, 1)))
+    camera.matrix_world = Matrix(case["world_from_camera"]) @ flip
+    bpy.context.view_layer.update()
+    out.append([list(world_to_camera_view(scene, camera, Vector(p))) for p in case["points"]])
+print("RESULT" + json.dumps(out))
+"""
+
+
+@pytest.mark.blender
+def test_agrees_with_blenders_world_to_camera_view_to_its_float32() -> None:
+    rng = np.random.default_rng(5)
+    cases, expected = [], []
+    for width, height, fov_deg in [(1920, 1080, 60), (640, 480, 20), (300, 900, 35), (1000, 1000, 110)]:
+        pose = camera_pose(rng.uniform(-5, 5, 3), 20.0, rng.uniform(0, 6), rng.uniform(-1.5, 1.5))
+        pose = pose @ rigid(rotation_about([0.0, 0.0, 1.0], 0.2), np.zeros(3))
+        camera = Camera(Intrinsics(width, height, math.radians(fov_deg)), pose)
+        points = camera.unproject(rng.uniform(-0.5, 1.5, (20, 2)) * [width, height], rng.uniform(2, 40, 20))
+        cases.append(
+            {"width": width, "height": height, "fov_x": camera.intrinsics.fov_x}
+            | {"world_from_camera": pose.tolist(), "points": points.tolist()}
+        )
+        pixels, depth = camera.project(points)
+        expected.append(np.column_stack([pixels / [width, height] * [1, -1] + [0, 1], depth]))
+    done = subprocess.run(
+        [sys.executable, "-c", BLENDER],
+        input=json.dumps(cases),
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    result = json.loads(done.stdout.split("RESULT")[1])
+    # Blender's matrices and vectors are float32: seven digits of coordinates up to 30 m, seen through f up to 3 widths.
+    np.testing.assert_allclose(result, expected, atol=2e-5, rtol=2e-6)
