@@ -84,6 +84,23 @@ def test_drops_beyond_the_frame_reach_into_it_with_their_streaks():
     assert np.abs(local[:, 1] / local[:, 2]).max() > 1.5 * seen.half[1]
 
 
+@pytest.mark.parametrize("wind", [(0.0, 0.0), (0.0, 6.0), (5.0, 0.0)])
+def test_a_streak_is_as_long_as_its_drop_moves_and_as_wide_as_the_drop(wind):
+    seen = view(width=100_000, exposure_s=0.03)
+    drops = drawn(rain_sizes(50.0), seen, wind)
+    made = streaks(drops, seen)
+    assert np.array_equal(made.gain, np.ones(len(made.gain)))
+    along = (made.vertices[:, 3] + made.vertices[:, 2] - made.vertices[:, 1] - made.vertices[:, 0]) / 2.0
+    across = made.vertices[:, 1] - made.vertices[:, 0]
+    toward = drops.centers / np.linalg.norm(drops.centers, axis=1, keepdims=True)
+    way = drops.velocities * seen.exposure_s
+    way -= np.sum(way * toward, axis=1, keepdims=True) * toward
+    wide = math.sqrt(2.0) * drops.diameters
+    assert np.allclose(np.linalg.norm(across, axis=1), wide, rtol=1e-6, atol=0.0)
+    assert np.allclose(along, way * (1.0 + wide / np.linalg.norm(way, axis=1))[:, None], rtol=1e-6, atol=1e-9)
+    assert np.allclose(made.vertices.mean(axis=1), drops.centers, atol=1e-9)
+
+
 @pytest.mark.parametrize("way", [0.001, 0.3, 1.0, 8.0])
 def test_opacity_is_that_of_a_disc_that_moves(way):
     v, u = np.meshgrid(np.linspace(-1 - way, 1 + way, 81), np.linspace(-1, 1, 41))
