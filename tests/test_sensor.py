@@ -75,6 +75,11 @@ def test_corners_lose_what_is_said_as_the_fourth_power_of_a_cosine():
     assert np.log2(light[0, 0]) == pytest.approx(-1.5, abs=0.02)
 
 
+def test_without_effects_light_is_only_rounded():
+    light = np.random.default_rng(3).uniform(-0.1, 1.1, (70, 33, 3)).astype(np.float32)
+    assert np.array_equal(developed(light, Sensor()), np.rint(np.clip(light, 0.0, 1.0) * 255.0))
+
+
 def test_noise_is_all_over_the_picture_and_follows_from_the_seed():
     gray = np.full((130, 200, 3), 0.5, np.float32)
     sensor = Sensor(blur_px=0.6, aberration_px=0.4, full_well_e=10_000.0, gain=4.0, sharpening=0.5)
