@@ -108,3 +108,25 @@ def test_the_deviation_is_that_of_the_smoothed_difference():
     assert deviation(np.full((20, 30, 3), 104.0) + noise, np.full((20, 30, 3), 100.0), where) == pytest.approx(
         4, abs=0.5
     )
+
+
+@pytest.mark.parametrize(
+    ("horizon_deg", "rows"),
+    [(None, [42, 31, 24, 14, 0]), (5.0, [30, 30, 24, 14, 0]), (20.0, [22.5, 22.5, None, 14, 0])],
+)
+def test_rows_of_the_map_lie_at_their_elevations_and_a_horizon_covers_what_is_below(horizon_deg, rows):
+    elevation = np.radians([-30.0, 2.0, 22.0, 50.0, 88.0])
+    along = np.stack([np.cos(elevation), 0.0 * elevation, np.sin(elevation)], axis=1)
+    numbered = np.broadcast_to(np.arange(64.0)[:, None, None], (64, 128, 3))
+    if None in rows:  # a high horizon fades out, linearly in the sine, from 20 to 30 degrees: rows 24 to 21
+        begin, end = np.sin(np.radians([20.0, 30.0]))
+        rows = [24.0 - 1.5 * (end - math.sin(elevation[2])) / (end - begin) if row is None else row for row in rows]
+    found = radiance(numbered, along, yaw=0.4, strength=2.0, horizon_deg=horizon_deg)
+    np.testing.assert_allclose(found, 2.0 * np.repeat(np.array(rows)[:, None], 3, axis=1), rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["fog", "rain", "snow"])
+def test_white_weather_leaves_an_even_sky_as_it_is(kind):
+    along = np.array([[1.0, 0.0, 0.0], [0.6, 0.0, 0.8], [0.0, 0.0, 1.0]])
+    found = radiance(np.full((64, 128, 3), 0.5), along, yaw=0.0, strength=3.0, visibility_m=150.0, kind=kind)
+    np.testing.assert_allclose(found, 1.5, rtol=1e-6)
