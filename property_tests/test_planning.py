@@ -12,6 +12,7 @@ from hulldown.annotate.boxes import surface_box
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.camera.weather_kinds import KINDS
+from hulldown.dataset.verification.planned import label_records
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply
@@ -169,6 +170,9 @@ def labels_are_what_is_seen(row, config):
         if pixels and vehicle.category is not None:
             assert label != "none" or config.annotate.below == "left_out"
     assert not (row.background and row.labeled)
+    # COCO's word for labels that neither count as missed nor as false alarms.
+    crowds = [record["iscrowd"] for record in label_records(row)]
+    assert crowds == [{"full": 0, "ignored": 1}[vehicle.label] for vehicle in row.labeled]
 
 
 def stands_within_limits(row, vehicle, config, *, target):
