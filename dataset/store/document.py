@@ -28,7 +28,7 @@ from hulldown.geometry.files import open_regular
 ANNOTATIONS_NAME = "annotations.json"
 JOURNAL_NAME = "journal.jsonl"
 COCO_NAME = "_annotations.coco.json"  # of RF-DETR and Roboflow, in every split's folder
-NONE = msgspec.Raw(b"[]")
+NO_RECORDS = msgspec.Raw(b"[]")
 LINE_KEYS = {"categories", "run", "image", "annotations", "merged"}  # all keys of a journal's lines
 
 
@@ -306,7 +306,7 @@ def _read_annotations(path: Path) -> Document:
         with open_regular(path) as file:
             content = file.read()
         parts = msgspec.json.decode(content, type=dict[str, msgspec.Raw])
-        images, annotations = (_records(parts.pop(key, NONE), key, path) for key in ("images", "annotations"))
+        images, annotations = (_records(parts.pop(key, NO_RECORDS), key, path) for key in ("images", "annotations"))
         return Document({key: orjson.loads(memoryview(part)) for key, part in parts.items()}, images, annotations, path)
     except OSError as error:
         raise _unusable(path, f"cannot be read ({error.strerror})") from error

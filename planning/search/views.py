@@ -18,7 +18,6 @@ from hulldown.placement.rejection import Rejection
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import rounded
 from hulldown.planning.search.aiming import Aims, Tries, aims_of
-from hulldown.planning.search.columns import put
 from hulldown.planning.search.draws import RandomStreams
 from hulldown.planning.search.instances import Instances
 from hulldown.planning.search.likeness import Likeness
@@ -84,9 +83,8 @@ def try_cameras(site: Site, tries: Tries, config: Config, *, draws: RandomStream
     Checks are in the order of their cost, and each applies to the rows that passed those before. Limits of distance and
     size don't apply to given cameras.
     """
-    n, limits = len(tries.image), config.camera
-    aims, views = aims_of(tries, config, draws=draws, likeness=likeness), no_views(len(tries.image))
-    put(views.lens, np.arange(n), aims.lens)
+    limits, aims = config.camera, aims_of(tries, config, draws=draws, likeness=likeness)
+    views = replace(no_views(len(tries.image)), lens=aims.lens)
     if aims.wishes is not None:
         views.asked[:] = np.where(tries.undirected, aims.wishes.asked, -1)
         views.followed[:] = np.where(aims.alike, aims.wishes.box, -1)

@@ -60,12 +60,11 @@ def read(job: Job) -> dict[str, Any]:
     unit, up = options.scale or opened.unit, options.up or opened.up
     if opened.terrain:
         unit = opened.unit  # its scale is that of the elevations alone
-    meters = meters_from_file(unit, up)
     files = sorted({*used_files(), *opened.files})
     keeper = Keeper()
     drawn = evaluate(
         bpy.context.scene,
-        meters_from_file=meters,
+        meters_from_file=meters_from_file(unit, up),
         duplicates=opened.duplicates,
         texture_size=options.texture_size,
         keeper=keeper,
@@ -130,8 +129,7 @@ def _write_vehicle(job: Job, keeper: Keeper, drawn: Evaluated, upright: Upright,
 def _write_scenery(job: Job, keeper: Keeper, drawn: Evaluated, *, unit: float, up: str, crs: str) -> FileReport:
     """Write bundle and tidy twin of a scenery."""
     roles = scenery_roles(drawn.pieces, job.options)
-    meters = meters_from_file(unit, up)
-    scenery, wet = build_scenery(job.name, drawn, roles, meters=meters, options=job.options)
+    scenery, wet = build_scenery(job.name, drawn, roles, meters=meters_from_file(unit, up), options=job.options)
     uses = [role.use for role in roles]
     save_scenery(job.file("bundle.npz"), replace(scenery, crs=crs))
     write_scenery(job.file("tidy.blend"), keeper, drawn.pieces, uses, scenery.scenery_from_file)
