@@ -1,4 +1,4 @@
-"""No file name, however odd, leads a picture out of its dataset."""
+"""No file name leads out of its dataset."""
 
 import contextlib
 import os
@@ -36,7 +36,7 @@ def test_no_name_leads_out_of_the_dataset(name):
             return
         assert Path(os.path.realpath(path)).is_relative_to(dataset)
         for give in (place, publish):
-            with contextlib.suppress(DatasetError):  # a folder of that name is there, or the name is too long
+            with contextlib.suppress(DatasetError):  # a folder has that name, or the name is too long
                 give(picture, dataset, name)
         assert list(outside.iterdir()) == []
         assert {p.name for p in root.iterdir()} <= {"dataset", "outside", "picture.png"}

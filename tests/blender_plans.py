@@ -1,4 +1,4 @@
-"""Small plans of files that Blender makes and renders."""
+"""Small plans of files that Blender writes and renders."""
 
 import shutil
 import subprocess
@@ -33,47 +33,47 @@ samples = 2
 
 
 def make_worlds(folder, script="render_worlds.py"):
-    """Run a script of this folder, in Blender, that writes files into another folder."""
+    """Run a script of this folder in Blender, which writes files into another folder."""
     path = Path(__file__).with_name(script)
     subprocess.run([sys.executable, str(path), str(folder)], check=True, capture_output=True)
 
 
 def copied(worlds, folder):
-    """A folder with files and caches of its own."""
+    """Copy a folder, so that files and caches aren't shared."""
     return Path(shutil.copytree(worlds, folder, dirs_exist_ok=True))
 
 
 def plan_in(folder, *, vehicle="tank.blend", scenery="field.blend", images=IMAGES):
-    """The path of a plan of pictures of 96 x 54 in a folder that has these files and gray.exr."""
+    """Plan pictures of 96 x 54 in a folder with these files and gray.exr; return the plan's path."""
     return make_plan(folder, CONFIG.format(vehicle=vehicle, scenery=scenery, images=images)).path
 
 
 def make_plan(folder, text):
-    """The plan of a config with this text, in a folder that has its files."""
+    """The plan of a config, in a folder with its files."""
     (folder / "hulldown.toml").write_text(text)
     config = Config.read(folder / "hulldown.toml")
     return write_plan(config, load_library(config).assets, folder / "plan.jsonl")
 
 
 def job(row, assets, settings, output):
-    """The message to a worker that shall render a row."""
+    """The message to a worker that renders a row."""
     return to_json(render_job(row, assets, CyclesSettings(**settings), output))
 
 
 def draw(folder, messages):
-    """Pictures of a Blender of our own, in the order of the messages; no failure is hidden by another attempt."""
+    """Pictures by a new Blender, in the order of the messages; each gets one attempt."""
     with Blender(folder / "logs" / "log", allowance=Allowance(Limits(attempts=1))) as blender:
         return [drawn(blender, message) for message in messages]
 
 
 def drawn(blender, message):
-    """A picture (H, W, 3) of a Blender."""
+    """A picture (h, w, 3) by a Blender."""
     outcome = blender.do(message)
     assert not outcome.reasons
     return pixels(message["output"])
 
 
 def pixels(path):
-    """A picture (H, W, 3)."""
+    """Pixels (h, w, 3) of a picture."""
     with Image.open(path) as image:
         return np.asarray(image.convert("RGB")).astype(np.float64)

@@ -1,4 +1,4 @@
-"""Certificates for clusters that talk over TLS, made by openssl."""
+"""Certificates by openssl for clusters with TLS."""
 
 import shutil
 import subprocess
@@ -11,7 +11,7 @@ needs_openssl = pytest.mark.xfail(
 
 
 def certificates(folder):
-    """An authority's, one that it has signed, and its key: as a scheduler's settings, and as options of Dask."""
+    """An authority's certificate, a signed one, and its key, as settings of a scheduler and as options of Dask."""
     new = ["-nodes", "-newkey", "rsa:2048", "-days", "2"]
 
     def openssl(*words):

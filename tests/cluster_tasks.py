@@ -1,4 +1,4 @@
-"""What workers of a cluster are asked to do in tests."""
+"""Tasks for the workers of a cluster in tests."""
 
 import time
 from pathlib import Path
@@ -17,7 +17,7 @@ def other_code():
 
 
 def address_unless(refused):
-    """Answer with the worker's address; one of them is refused."""
+    """Answer with the worker's address; the worker at `refused` refuses."""
     address = str(get_worker().address)
     return "is slow" if address == refused else Answer(address)
 
@@ -28,7 +28,7 @@ def fails(reason):
 
 
 def until_unwanted(folder):
-    """Leave a file `begun`, and a file `ended` once nobody waits for this any more."""
+    """Write a file `begun`, and a file `ended` once the client has stopped waiting."""
     is_wanted = wanted()
     (Path(folder) / "begun").touch()
     while is_wanted():
@@ -38,7 +38,7 @@ def until_unwanted(folder):
 
 
 def with_contents(digest, *contents):
-    """Lack a content that wasn't sent; with it, take as long as an image."""
+    """Ask for a content that wasn't sent; with it, take half a second."""
     if not contents:
         return Answer(lacking=(digest,))
     time.sleep(0.5)

@@ -1,4 +1,4 @@
-"""Dask clusters of real processes on this machine, to be killed and stopped as one likes."""
+"""Dask clusters of separate processes on this machine, which tests kill and stop."""
 
 import json
 import os
@@ -14,9 +14,9 @@ import psutil
 from distributed import Client
 
 ROOT = Path(__file__).resolve().parents[1]
-PYTHONPATH = str(ROOT / ".dev")  # where the package is found
-LOST_S = "600s"  # without a sign of life, until a worker counts as lost: on a busy machine one may be silent for long
-# Landlock hides a folder from a worker, as if it were on another machine, and leaves it the network.
+PYTHONPATH = str(ROOT / ".dev")  # the folder that contains the package
+LOST_S = "600s"  # silence after which a worker counts as lost; on a busy machine it may be long
+# Landlock hides a folder from a worker, as if it were on another machine; the network stays open.
 HIDDEN = """
 import os, sys
 sys.path.insert(0, sys.argv[1])
@@ -39,7 +39,7 @@ os.execv(command[0], command)
 
 
 class Cluster:
-    """A scheduler and the workers that were started for it."""
+    """A scheduler and its workers."""
 
     def __init__(self, folder: Path, tls: Sequence[str] = (), lost: str = LOST_S) -> None:
         folder.mkdir(parents=True)
@@ -59,7 +59,7 @@ class Cluster:
     def _address(self) -> str:
         try:
             return json.loads(self.file.read_text())["address"]
-        except (OSError, ValueError):  # not yet, or half of it
+        except (OSError, ValueError):  # not written yet, or only in part
             return ""
 
     @property
@@ -75,7 +75,7 @@ class Cluster:
         largest_file=None,
         resources="render=1",
     ):
-        """Start a worker: with another Python, by another command, or unable to write files above a size."""
+        """Start a worker, perhaps with another Python, by another command, or with a limit on the size of files."""
         number = len(self.workers)
         scratch = self.folder / f"worker-{number}"
         options = ["--nthreads", "1", "--resources", resources, "--memory-limit", "0", "--no-nanny", "--no-dashboard"]
@@ -90,7 +90,7 @@ class Cluster:
         return worker
 
     def wait(self) -> None:
-        """Until all workers that live have come."""
+        """Wait until all running workers are connected."""
         with Client(self.address, set_as_default=False) as client:
             client.wait_for_workers(sum(worker.poll() is None for worker in self.workers), timeout=120)
 
@@ -112,17 +112,17 @@ class Cluster:
         self.log.close()
 
 
-def rendering(plan, dataset, scheduler, **options):
-    """`hulldown render` on a cluster, as a process of its own."""
+def rendering(plan, dataset, scheduler, *more, **options):
+    """Start `hulldown render` on a cluster in a separate process."""
     command = [sys.executable, "-P", "-m", "hulldown.cli", "render", str(plan), "-o", str(dataset)]
-    command += ["--device", "cpu", "--scheduler", str(scheduler)]
+    command += ["--device", "cpu", "--scheduler", str(scheduler), *map(str, more)]
     environment = {**os.environ, "PYTHONPATH": PYTHONPATH}
     return subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True, **options)
 
 
 @contextmanager
 def cluster(folder, workers=0, *, tls=(), lost=LOST_S):
-    """A cluster; `tls` are options of `dask scheduler` and `dask worker`, `lost` is when a silent worker is lost."""
+    """A cluster; `tls` are options of `dask scheduler` and `dask worker`, `lost` is the silence of a lost worker."""
     made = Cluster(folder, tls, lost)
     try:
         for _ in range(workers):
@@ -133,7 +133,7 @@ def cluster(folder, workers=0, *, tls=(), lost=LOST_S):
 
 
 def blenders(worker):
-    """The processes in which a worker renders."""
+    """The rendering processes of a worker."""
     try:
         return psutil.Process(worker.pid).children(recursive=True)
     except psutil.NoSuchProcess:

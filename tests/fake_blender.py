@@ -1,4 +1,4 @@
-"""Stands in for an installed Blender: speaks the worker's protocol, paints a flat picture, and misbehaves on demand."""
+"""A stand-in for an installed Blender: uses the worker's protocol, writes a flat picture, and misbehaves on demand."""
 
 import json
 import os
@@ -69,7 +69,7 @@ def main():
         if job["do"] == "start":
             answer({"done": "start", "device": "CPU", "devices": 1})
             continue
-        # "crash:2" crashes at the first two attempts; the folder remembers them across restarts.
+        # "crash:2" crashes in the first two attempts, which are counted by files in a folder.
         how, _, times = job.get("how", "").partition(":")
         if how and times:
             attempt = Path(job["memory"]) / f"{job['name']}-{len(os.listdir(job['memory']))}"

@@ -26,8 +26,8 @@ from hulldown.render.blender.light import HdriWorld
 from hulldown.render.messages import CyclesSettings, LightInput
 from hulldown.tests.render_worlds import box, diffuse
 
-SIDE = 4  # pixels, the least that Blender takes: noise is averaged before the view transform, which bends it
-EYE = 0.15  # meters above the card: hardly any air between
+SIDE = 4  # pixels, the least that Blender takes; averaged before the view transform, which is nonlinear
+EYE = 0.15  # meters above the card, so that air hardly matters
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Job:
 
 
 def main() -> None:
-    """Answer all jobs of a file."""
+    """Render all jobs in a file."""
     jobs = [Job(**job) for job in json.loads(Path(sys.argv[1]).read_text())]
     os.dup2(2, 1)
     bpy.ops.wm.read_factory_settings(use_empty=True)

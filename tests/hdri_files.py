@@ -22,7 +22,7 @@ def sky():
 
 
 def tinted(folder):
-    """One sky in linear Rec. 709 and in ACEScg, of which either file says so."""
+    """The same sky in linear Rec. 709 and in ACEScg, as the files' metadata say."""
     pixels = sky() * np.array([1.0, 0.6, 0.2], dtype=np.float32)
     _write(pixels, str(folder / "plain.exr"))
     image = bpy.data.images.load(str(folder / "plain.exr"))
@@ -51,7 +51,7 @@ def main(folder):
     for depth in ("16", "32"):
         settings.color_depth = depth
         for codec in settings.bl_rna.properties["exr_codec"].enum_items:
-            with contextlib.suppress(TypeError):  # some are for 16 bits alone
+            with contextlib.suppress(TypeError):  # some need 16 bits
                 settings.exr_codec = codec.identifier
                 image.save_render(str(folder / f"sky_{codec.identifier}_{depth}.exr"), scene=scene)
 

@@ -1,4 +1,4 @@
-"""A plan of cubes in a void and its assets, for runs with a stand-in for Blender."""
+"""A plan of cubes without scenery, and its assets, for runs with a stand-in for Blender."""
 
 from pathlib import Path
 
@@ -45,7 +45,7 @@ def write_plan(folder, rows):
 
 
 def contents(folder):
-    """Everything that makes a dataset what it is."""
+    """Records and pictures of a dataset."""
     pictures = {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*.png"))}
     coco = read_coco(folder)
     return coco["images"], coco["annotations"], coco["categories"], pictures

@@ -1,4 +1,4 @@
-"""Makes the small files that the render tests render; run as a script, with a folder to write into."""
+"""Write the small files of the render tests into a folder; run as a script."""
 
 import math
 import sys
@@ -22,12 +22,12 @@ def save(path):
 
 
 def glowing(name, color):
-    """Looks the same from everywhere in any light, so that a picture can be taken apart by color."""
+    """A material with the same color from everywhere in any light, so that its pixels can be counted."""
     return _of_one_shader(name, "Emission", color)
 
 
 def diffuse(name, color):
-    """Lambert's, without any gloss."""
+    """A Lambertian material."""
     return _of_one_shader(name, "BsdfDiffuse", color)
 
 
@@ -71,7 +71,7 @@ def tank(path):
 
 
 def field(path, *, unit=1.0, center=(0.0, 0.0, 0.0), drape=None):
-    """Rolling ground of 80 m and some boulders, in a unit and at a place of one's choice."""
+    """Rolling ground of 80 m with boulders, in any unit and at any place."""
     fresh()
     bpy.context.scene.unit_settings.scale_length = unit
     bpy.ops.mesh.primitive_grid_add(x_subdivisions=40, y_subdivisions=40, size=80.0)
@@ -130,7 +130,7 @@ def trees(folder):
 
 
 def leaking():
-    """Every setting of a file that could change pictures which are not its own."""
+    """Settings of a file that could change the pictures of other files."""
     scene = bpy.context.scene
     render = scene.render
     render.resolution_percentage, render.film_transparent, render.use_border = 50, True, True
@@ -150,7 +150,7 @@ def leaking():
     marker.camera = next(o for o in scene.objects if o.type == "CAMERA")
     scene.world = bpy.data.worlds.new("theirs")
     tree = bpy.data.node_groups.new("compositor", "CompositorNodeTree")
-    scene.compositing_node_group = tree  # an empty one makes black pictures
+    scene.compositing_node_group = tree  # an empty compositor makes black pictures
     scene.background_set = bpy.data.scenes.new("set")
     layer.cycles.use_denoising = False
     scene.view_settings.keyframe_insert("exposure")
@@ -158,7 +158,7 @@ def leaking():
 
 
 def evil(folder):
-    """Scripts and drivers that would leave a file behind if they ran."""
+    """Scripts and drivers that would write a file if they ran."""
 
     def drape():
         text = bpy.data.texts.new("evil.py")
@@ -188,12 +188,12 @@ def sky(path, width=256):
 
 def gray(path):
     pixels = np.full((32, 64), 0.5)
-    pixels[-1, 0] = 0.501  # one texel at the nadir: a sky that is the same everywhere is refused
+    pixels[-1, 0] = 0.501  # one texel at the nadir, since an even sky is refused
     hdri(path, pixels)
 
 
 def hdri(path, radiance):
-    """A sky without colors, the zenith in the first row."""
+    """Write a gray sky, with the zenith in the first row."""
     height, width = radiance.shape
     image = bpy.data.images.new(path.stem, width, height, float_buffer=True)
     image.colorspace_settings.name = "Non-Color"
@@ -205,7 +205,7 @@ def hdri(path, radiance):
 
 
 def targets(path):
-    """Black walls, 20, 60 and 150 m from the origin, for the law of fog."""
+    """Black walls, 20, 60, and 150 m from the origin, for the law of fog."""
     fresh()
     black = glowing("black", (0.0, 0.0, 0.0))
     for x, y in ((20.0, -8.0), (60.0, 0.0), (150.0, 70.0)):

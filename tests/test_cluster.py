@@ -1,6 +1,6 @@
-"""`hulldown render --scheduler` with real Blender and real Dask workers, while something goes wrong.
+"""`hulldown render --scheduler` with Blender and Dask workers, while something goes wrong.
 
-Whatever it is, the dataset must be the one that a run on this machine makes, to the byte.
+The dataset must equal that of a run on this machine, to the byte.
 """
 
 import json
@@ -35,7 +35,7 @@ pytestmark = pytest.mark.blender
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A plan, and what a run on this machine makes of it, in `whole`."""
+    """A plan, and its dataset by a run on this machine, in `whole`."""
     made = tmp_path_factory.mktemp("cluster")
     make_worlds(made)
     plan_in(made)
@@ -45,13 +45,13 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def nodes(folder):
-    """A cluster of three workers; who kills one adds another, and who stops one waits half a minute."""
+    """A cluster of three workers. A test that kills one adds another; a stopped one counts as lost after 30 s."""
     with cluster(folder / "nodes", 3, lost="30s") as made:
         yield made
 
 
 class Course:
-    """Renders a plan on a cluster, does something once when some pictures are there, and keeps what is said."""
+    """A run on a cluster, with its messages; calls `act` once after `at` pictures."""
 
     def __init__(self, folder, plan, address, *, at=0, act=None):
         self.lines, self.workers, self._at, self._act = [], set(), at, act
@@ -68,7 +68,7 @@ class Course:
             act()
 
     def line(self, *words):
-        """The one line that says all of these."""
+        """The one message with all of these words."""
         (line,) = (line for line in self.lines if all(word in line for word in words))
         return line
 
@@ -83,16 +83,16 @@ def assert_same(one, two, images=IMAGES):
 
 
 def contents_of(nodes):
-    """What the workers' cache was sent, and when."""
+    """Files in the workers' cache, with the time of each."""
     return {path.name: path.stat().st_mtime_ns for path in (nodes.folder / "sent").iterdir() if path.is_file()}
 
 
 def working(nodes):
-    """A worker whose Blender is there."""
+    """A worker whose Blender is running."""
     return next(worker for worker in nodes.workers if worker.poll() is None and blenders(worker))
 
 
-def test_a_plan_is_rendered_as_on_one_machine(folder, nodes, tmp_path):
+def test_a_cluster_renders_a_plan_as_one_machine_does(folder, nodes, tmp_path):
     course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address)
     assert course.report.complete
     assert 1 <= max(course.workers) <= 3
@@ -104,15 +104,14 @@ def test_a_plan_is_rendered_as_on_one_machine(folder, nodes, tmp_path):
 def test_a_plan_is_rendered_over_tls(folder, tmp_path):
     files, options = certificates(tmp_path)
     with cluster(tmp_path / "nodes", 1, tls=options) as nodes:
-        assert nodes.address.startswith("tls://")
-        scheduler = Scheduler(nodes.address, **files)
-        assert render_plan(
-            folder / "plan.jsonl", tmp_path / "d", engine=Engine(device="cpu", scheduler=scheduler)
-        ).complete
+        options = ["--tls-ca-file", files["tls_ca"], "--tls-cert", files["tls_cert"], "--tls-key", files["tls_key"]]
+        client = rendering(folder / "plan.jsonl", tmp_path / "d", nodes.address, *options)
+        messages = client.communicate()[1]
+        assert client.returncode == 0, messages
     assert_same(folder / "whole", tmp_path / "d")
 
 
-def test_a_killed_worker_costs_nothing_and_leaves_no_blender(folder, nodes, tmp_path):
+def test_a_killed_worker_loses_no_image_and_leaves_no_blender(folder, nodes, tmp_path):
     orphans = []
 
     def kill():
@@ -129,7 +128,7 @@ def test_a_killed_worker_costs_nothing_and_leaves_no_blender(folder, nodes, tmp_
 
 
 @pytest.mark.thorough
-def test_workers_keep_the_limit_of_memory(folder, nodes, tmp_path):
+def test_workers_enforce_the_memory_limit(folder, nodes, tmp_path):
     engine = Engine(device="cpu", scheduler=Scheduler(nodes.address), limits=Limits(memory_bytes=1))
     with pytest.raises(HulldownError, match="more than the limit"):
         render_plan(folder / "plan.jsonl", tmp_path / "d", engine=engine)
@@ -150,7 +149,7 @@ def test_a_killed_blender_is_started_again(folder, nodes, tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_worker_that_stands_still_is_given_up(folder, nodes, tmp_path):
+def test_the_tasks_of_a_stopped_worker_are_done_by_others(folder, nodes, tmp_path):
     stopped = []
 
     def stop():
@@ -164,7 +163,7 @@ def test_a_worker_that_stands_still_is_given_up(folder, nodes, tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_killed_client_goes_on_where_it_was(folder, nodes, tmp_path):
+def test_a_run_continues_after_its_client_was_killed(folder, nodes, tmp_path):
     client = rendering(folder / "plan.jsonl", tmp_path / "d", nodes.file)
     images = tmp_path / "d" / "images"
     while not images.is_dir() or len(list(images.iterdir())) < 3:
@@ -178,8 +177,8 @@ def test_a_killed_client_goes_on_where_it_was(folder, nodes, tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_scheduler_is_lost_and_workers_come_late(folder, tmp_path):
-    """The client ends with one line; with another scheduler the same command goes on, and waits for workers."""
+def test_a_run_continues_with_another_scheduler_and_waits_for_workers(folder, tmp_path):
+    """The client ends with a one-line error when it loses its scheduler."""
     with cluster(tmp_path / "first", 1) as first, pytest.raises(HulldownError) as lost:
         Course(tmp_path / "d", folder / "plan.jsonl", first.address, at=3, act=first.scheduler.kill)
     assert re.search(r"^tcp://.*: the scheduler is out of reach; start one, .* which continues$", str(lost.value))
@@ -195,8 +194,8 @@ def test_a_scheduler_is_lost_and_workers_come_late(folder, tmp_path):
 
 
 @pytest.mark.thorough
-def test_workers_that_cannot_render_are_named_and_the_others_go_on(folder, nodes, tmp_path):
-    """One has no bpy, one other code that Blender runs, and the disk of one is full."""
+def test_workers_that_cannot_render_are_named_and_the_others_continue(folder, nodes, tmp_path):
+    """One has no bpy, one has other code, and the disk of one is full."""
     packages = tmp_path / "packages"
     packages.mkdir()
     for entry in Path(next(p for p in site.getsitepackages() + sys.path if (Path(p) / "bpy").is_dir())).iterdir():
@@ -225,7 +224,7 @@ def test_workers_that_cannot_render_are_named_and_the_others_go_on(folder, nodes
 
 @pytest.mark.thorough
 @pytest.mark.xfail(not abi(), reason="this kernel has no Landlock, which hides the files", run=False)
-def test_a_worker_that_sees_no_asset_is_sent_them_once(folder, tmp_path):
+def test_a_worker_without_the_assets_gets_them_once(folder, tmp_path):
     before = (sys.executable, "-c", HIDDEN, PYTHONPATH, str(folder))
     with cluster(tmp_path / "nodes") as nodes:
         nodes.add(before=before)
@@ -246,7 +245,7 @@ def test_a_worker_that_sees_no_asset_is_sent_them_once(folder, tmp_path):
 @pytest.mark.thorough
 @pytest.mark.xfail(not abi(), reason="this kernel has no Landlock, which hides the files", run=False)
 def test_libraries_and_textures_are_sent_too(tmp_path):
-    """A scenery that links two .blend files, and an OBJ file, each with textures; all in a folder that is hidden."""
+    """A scenery that links two .blend files, and an OBJ file, each with textures, in a hidden folder."""
     made = tmp_path / "client"
     made.mkdir()
     make_worlds(made, "linked_worlds.py")
@@ -263,7 +262,7 @@ def test_libraries_and_textures_are_sent_too(tmp_path):
 
 @pytest.mark.thorough
 def test_a_row_that_cannot_be_rendered_is_given_up_as_on_one_machine(folder, nodes, tmp_path):
-    """Blender makes no picture of 2 x 2 pixels; of 4 x 4, it does."""
+    """Blender can't render 2 x 2 pixels."""
     header, *rows = (folder / "plan.jsonl").read_text().splitlines()
     lines = [{**json.loads(header), "images": 4}, *(json.loads(row) for row in rows[:4])]
     lines[2] |= {"width": 2, "height": 2}
@@ -274,11 +273,11 @@ def test_a_row_that_cannot_be_rendered_is_given_up_as_on_one_machine(folder, nod
     assert course.report.failed == whole.failed == ("images/00000002.png",)
     assert (tmp_path / "d/annotations.json").read_bytes() == (tmp_path / "whole/annotations.json").read_bytes()
     (local,), (elsewhere,) = read_failures(tmp_path / "whole"), read_failures(tmp_path / "d")
-    assert elsewhere == {**local, "reasons": 2 * local["reasons"]}  # of two workers
+    assert elsewhere == {**local, "reasons": 2 * local["reasons"]}  # by two workers
 
 
 @pytest.mark.thorough
-def test_a_full_disk_of_the_client_is_one_line_and_goes_on(folder, nodes, tmp_path):
+def test_a_full_disk_of_the_client_is_a_one_line_error_and_the_run_continues_later(folder, nodes, tmp_path):
     def bound():
         resource.setrlimit(resource.RLIMIT_FSIZE, (16384, 16384))
 
@@ -316,8 +315,8 @@ bpy.ops.wm.save_as_mainfile(filepath=target, relative_remap=False)
 @pytest.mark.thorough
 @pytest.mark.parametrize("hidden", [False, True])
 @pytest.mark.xfail(not abi(), reason="this kernel has no Landlock", run=False)
-def test_a_texture_elsewhere_is_as_missing_as_on_one_machine(folder, tmp_path, hidden):
-    """It was magenta in a local render and visible on a cluster."""
+def test_a_texture_outside_the_asset_folders_is_missing_as_on_one_machine(folder, tmp_path, hidden):
+    """It was missing in a local render, but visible on a cluster."""
     client, secret = tmp_path / "client" / "pack" / "worlds", tmp_path / "secret" / "ground.png"
     for made in (client, secret.parent):
         made.mkdir(parents=True)

@@ -54,12 +54,12 @@ def report_of(out):
 
 
 @pytest.mark.thorough
-def test_a_study_that_loses_a_worker_reports_as_one_on_this_machine(study, tmp_path, monkeypatch):
+def test_a_study_that_loses_a_worker_equals_one_on_this_machine(study, tmp_path, monkeypatch):
     for name in NANNYS:
         monkeypatch.delenv(name, raising=False)
     out, lines, lost = tmp_path / "out", [], []
     run_study(study, tmp_path / "here", options=OPTIONS)
-    with cluster(tmp_path / "nodes") as nodes:  # a killed worker is missed at once
+    with cluster(tmp_path / "nodes") as nodes:  # Dask notices a killed worker immediately
         victim = nodes.add(resources="train=1", environment=AS_A_NANNY_DOES)
 
         def lose():
@@ -93,12 +93,12 @@ def order(study, tmp_path):
     ("changes", "says"),
     [({"study": "/nowhere"}, "does not see /nowhere"), ({"manifest": "0" * 64}, "sees another study in ")],
 )
-def test_a_worker_that_does_not_see_the_study_says_so(order, changes, says):
+def test_a_worker_that_does_not_see_the_study_refuses_it(order, changes, says):
     assert unseen(replace(order, **changes)).startswith(says)
 
 
-def test_a_run_leaves_the_workers_environment_as_it_is(order, monkeypatch):
-    """It deleted the limits of threads for all tasks after it."""
+def test_a_run_keeps_the_environment_of_its_worker(order, monkeypatch):
+    """A run deleted the thread limits of all later tasks."""
     for name in NANNYS:
         monkeypatch.setenv(name, "1")
     before, seen = dict(os.environ), {}
@@ -113,8 +113,8 @@ def test_a_run_leaves_the_workers_environment_as_it_is(order, monkeypatch):
     assert seen.keys() | set(NANNYS) == before.keys()
 
 
-def test_launches_that_raise_give_their_places_back(pictures, tmp_path):
-    """The third run waited forever for a place, and the error with it."""
+def test_a_launch_that_raises_frees_its_slot(pictures, tmp_path):
+    """The third run waited forever for a slot."""
     many = settled(pictures, fractions=[0.5, 1.0])
     assert len(many.manifest.runs) > 2
 

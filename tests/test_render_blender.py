@@ -1,4 +1,4 @@
-"""Pictures by Cycles: is in them what was planned, and nothing that a file wanted otherwise?"""
+"""Cycles renders what was planned, whatever the settings in the files."""
 
 import json
 import math
@@ -103,7 +103,7 @@ def test_cycles_and_embree_see_the_same_pixels(plan, assets):
         for target, alone in zip(row.vehicles, found.alone, strict=True):
             expected = vehicle_mask(standing(assets, target), camera)
             assert iou(alone, expected) >= 0.99
-        # Everything on the tank is thicker than a pixel, so the outermost pixel centers are within one of the box.
+        # All parts of the tank are thicker than a pixel: the outermost pixel centers are within one pixel of the box.
         assert np.abs(corners(mask_box(found.alone[0])) - corners(row.target.bbox)).max() <= 1.0
 
 
@@ -112,18 +112,18 @@ def corners(xywh):
     return np.array([x, y, x + w, y + h])
 
 
-def test_what_is_planned_is_in_the_picture(dataset, plan, assets):
-    """The tank glows pink in a gray world: its pixels are counted in the pictures themselves."""
+def test_pictures_show_the_planned_vehicles(dataset, plan, assets):
+    """The tank glows pink in a gray world, so its pixels can be counted."""
     for row in plan:
         expected = np.zeros((row.height, row.width), dtype=bool)
         world = World.of(assets.sceneries[row.scenery].scenery)
         for target in row.vehicles:
             expected |= vehicle_mask(standing(assets, target), row.camera, world=world)
-        # Antialiased edges: a pixel less or more all around.
+        # Antialiased edges: one pixel more or less on every side.
         assert iou(pink(pixels(dataset / row.file_name)), expected) > 0.8
 
 
-def test_the_same_row_is_the_same_picture_in_any_order_and_process(dataset, plan, assets, tmp_path):
+def test_a_row_gives_the_same_picture_in_any_order_and_process(dataset, plan, assets, tmp_path):
     order = [3, 0, 3]
     messages = [job(plan[i], assets, SETTINGS, tmp_path / f"{n}.png") for n, i in enumerate(order)]
     pictures = draw(tmp_path, messages)
@@ -133,7 +133,7 @@ def test_the_same_row_is_the_same_picture_in_any_order_and_process(dataset, plan
 
 
 def looking(azimuth_deg, elevation_deg, *, width=128, height=72, fov_x_deg=60.0, at=(0.0, 0.0, 40.0)):
-    """A row's camera that looks from `at` into a direction."""
+    """Fields of a row whose camera is at `at` and looks in a direction."""
     z = np.array(
         [
             math.cos(math.radians(elevation_deg)) * math.cos(math.radians(azimuth_deg)),
@@ -152,7 +152,7 @@ TURNED = np.array([[0, 0.01, 0, 3.0], [-0.01, 0, 0, 4.0], [0, 0, 0.01, -5.0], [0
 
 
 def test_the_sky_turns_counter_clockwise_with_yaw(plan, assets, folder, tmp_path):
-    """A bright patch at azimuth 0 is seen at azimuth yaw, whatever is up in the scenery's file, and its unit."""
+    """A bright patch at azimuth 0 appears at azimuth yaw, for any up axis and unit of the scenery's file."""
     cases = [(0.0, np.eye(4)), (75.0, np.eye(4)), (-120.0, np.eye(4)), (75.0, Z_FROM_Y_UP), (75.0, TURNED)]
     messages = []
     for i, (yaw_deg, scenery_from_file) in enumerate(cases):
@@ -166,8 +166,8 @@ def test_the_sky_turns_counter_clockwise_with_yaw(plan, assets, folder, tmp_path
         assert np.abs(bright.mean(axis=0) + 0.5 - [36.0, 64.0]).max() < 1.5
 
 
-def test_a_files_own_render_settings_do_not_leak(plan, assets, folder, tmp_path):
-    """Half size, cropped, raw, over-exposed, overridden, composited to black: none of it shows."""
+def test_render_settings_of_a_file_do_not_leak(plan, assets, folder, tmp_path):
+    """The file sets half size, a crop, a raw view, overexposure, a material override, and a black compositor."""
     field = assets.sceneries["field"]
     leaking = replace(field, path=folder / "leaking.blend")
     other = replace(assets, sceneries={"field": leaking})
@@ -190,7 +190,7 @@ def test_scripts_and_drivers_of_a_file_do_not_run(plan, assets, folder, worlds, 
 
 
 def in_place_of_blender(folder, code):
-    """A program that runs `code` and then the worker."""
+    """Path of a program that runs `code` and then the worker."""
     program = folder / "blender"
     code = f"{code}; sys.argv = [{str(WORKER)!r}]; runpy.run_path({str(WORKER)!r}, run_name='__main__')"
     program.write_text(f"#!/bin/sh\nexec {sys.executable} -P -c {shlex.quote('import runpy, sys; ' + code)}\n")
@@ -198,8 +198,8 @@ def in_place_of_blender(folder, code):
     return str(program)
 
 
-def test_a_worker_needs_nothing_but_numpy_and_bpy(plan, assets, tmp_path):
-    """An installed Blender has no more: every other distribution is hidden from the worker."""
+def test_a_worker_needs_only_numpy_and_bpy(plan, assets, tmp_path):
+    """An installed Blender has no other packages, so they are hidden from the worker."""
     hidden = [
         "jaxtyping",
         "msgspec",
@@ -219,14 +219,14 @@ def test_a_worker_needs_nothing_but_numpy_and_bpy(plan, assets, tmp_path):
         assert blender.do(to_json(mask_job(plan[0], assets, tmp_path / "0.npy"))).content
 
 
-def test_a_blender_without_numpy_says_so(tmp_path):
-    """Debian's does not bring it."""
+def test_a_blender_without_numpy_is_reported(tmp_path):
+    """Debian's Blender doesn't include it."""
     blender = Blender(tmp_path / "log", program=in_place_of_blender(tmp_path, "sys.modules['numpy'] = None"))
     with pytest.raises(HulldownError, match=r"has no numpy; install numpy for that Python$"):
         blender.do({})
 
 
-def test_a_job_that_fails_says_why_and_the_next_is_done(plan, assets, tmp_path):
+def test_a_failed_job_has_a_reason_and_the_next_one_is_done(plan, assets, tmp_path):
     good = job(plan[0], assets, SETTINGS, tmp_path / "0.png")
     bad, cut = ({**good, "light": {**good["light"], "hdri": str(tmp_path / f"{name}.exr")}} for name in ("gone", "cut"))
     (tmp_path / "cut.exr").write_bytes(Path(good["light"]["hdri"]).read_bytes()[:40])
@@ -237,8 +237,8 @@ def test_a_job_that_fails_says_why_and_the_next_is_done(plan, assets, tmp_path):
         assert not blender.do(good).reasons
 
 
-def test_the_sky_does_not_stick_in_a_scenery_that_packs_its_pictures(plan, assets, folder, tmp_path):
-    """`Automatically Pack Resources` of the leaking file: the second HDRI was shown as the first one."""
+def test_the_sky_changes_in_a_scenery_that_packs_its_pictures(plan, assets, folder, tmp_path):
+    """With `Automatically Pack Resources` on, the second HDRI was rendered as the first one."""
     field = assets.sceneries["field"]
     packing = replace(assets, sceneries={"field": replace(field, path=folder / "leaking.blend")})
     pictures = []
@@ -253,7 +253,7 @@ def test_the_sky_does_not_stick_in_a_scenery_that_packs_its_pictures(plan, asset
         assert np.array_equal(picture, expected)
 
 
-def test_a_worker_ends_when_its_supervisor_has_died(plan, assets, tmp_path):
+def test_a_worker_ends_when_its_supervisor_dies(plan, assets, tmp_path):
     heard = queue.SimpleQueue()
     with Child(worker_command(None), env=os.environ, hear=heard.put, log=tmp_path / "log") as worker:
         assert b"ready" in heard.get(timeout=120)
@@ -264,7 +264,7 @@ def test_a_worker_ends_when_its_supervisor_has_died(plan, assets, tmp_path):
         assert heard.get(timeout=30) == b""
 
 
-def test_a_datasets_annotations_are_those_of_cycles(dataset, plan, assets):
+def test_annotations_of_a_dataset_equal_masks_by_cycles(dataset, plan, assets):
     report = verify_masks(dataset, plan.path, count=5, assets=assets)
     assert len({row.file_name for row in report.rows}) == 5
     assert not [finding for finding in report.findings if finding.severity == "error"]
@@ -278,8 +278,8 @@ def test_assets_that_changed_since_planning_are_refused(plan, assets, folder):
         render_assets(Plan(plan.path, header))
 
 
-def test_a_plans_header_opens_no_folder(plan, assets, tmp_path):
-    """The folder of the path in it could be read while the plan was rendered."""
+def test_a_path_in_a_plan_gives_no_access_to_its_folder(plan, assets, tmp_path):
+    """Blender could read the folder of a path in the header."""
     entry = altered(plan.header.sceneries["field"], path=str(tmp_path / "secret" / "field.blend"))
     header = altered(plan.header, sceneries={**plan.header.sceneries, "field": entry})
     found = render_assets(Plan(plan.path, header))
@@ -288,7 +288,7 @@ def test_a_plans_header_opens_no_folder(plan, assets, tmp_path):
     assert assets.hdris["gray"] in found.readable
 
 
-# A principal point far off the middle, and pixels that aren't square: as wide as a field of view of 53 degrees.
+# A principal point far from the center, and pixels that aren't square; the field of view is 53 degrees wide.
 OFF_MIDDLE = ((128.0, 0.0, 40.0), (0.0, 96.0, 60.0), (0.0, 0.0, 1.0))
 
 
@@ -303,11 +303,11 @@ OFF_MIDDLE = ((128.0, 0.0, 40.0), (0.0, 96.0, 60.0), (0.0, 0.0, 1.0))
         (53.1, OFF_MIDDLE, (-0.3, 0.1, 0.01, -0.02, 0.0)),
     ],
 )
-def test_any_field_of_view_is_met(plan, assets, tmp_path, fov_x_deg, matrix, lens):
-    """Blender clamps focal lengths; a wall at the edge of the frame shows whether the angle is right."""
+def test_any_field_of_view_is_rendered_exactly(plan, assets, tmp_path, fov_x_deg, matrix, lens):
+    """Blender clamps focal lengths."""
     target = VehicleTarget(assets.vehicles["tank"].shape)
     width = float(assets.vehicles["tank"].shape.size_xyz[1])
-    # From behind, so far away that the tank fills half of the frame.
+    # Seen from behind, from a distance at which the tank fills half of the frame.
     distance = width / math.tan(math.radians(fov_x_deg / 2)) + 4.0
     row = altered(plan[0], K=matrix, dist=lens, **looking(0.0, 0.0, fov_x_deg=fov_x_deg, at=(-distance, 0.0, 500.7)))
     up = np.eye(4)

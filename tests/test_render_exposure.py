@@ -1,4 +1,4 @@
-"""Real renders: a gray card is as bright as was asked for, whatever lights it, and the sky is seen as planned."""
+"""Cycles renders a gray card with the requested brightness under any sky."""
 
 import json
 import subprocess
@@ -15,17 +15,17 @@ from hulldown.geometry.color import LUMINANCE
 pytestmark = pytest.mark.blender
 HEIGHT = 512
 BLUE, WHITE, WARM, DUSK = (0.3, 0.5, 1.0), (1.0, 1.0, 1.0), (1.0, 0.6, 0.3), (0.9, 0.35, 0.2)
-# Elevation and diameter of the sun in degrees, its radiance, color of sky and sun, noise of the clouds.
+# Elevation and diameter of the sun in degrees, its radiance, colors of sky and sun, contrast of the clouds.
 SKIES = {
     "overcast": (45.0, 40.0, 1.5, WHITE, WHITE, 0.3),
     "dusk": (2.0, 8.0, 30.0, DUSK, WARM, 0.2),
     "lamp": (50.0, 12.0, 400.0, (0.01, 0.01, 0.01), WARM, 0.0),
-    "noon": (60.0, 0.53, 7e5, BLUE, WHITE, 0.0),  # that sun has one or two pixels
+    "noon": (60.0, 0.53, 7e5, BLUE, WHITE, 0.0),  # a sun of one or two pixels
 }
 
 
 def sky(kind):
-    """(h, w, 3) a gradient with a sun and clouds, the lowest row first."""
+    """A gradient (h, w, 3) with a sun and clouds, the lowest row first."""
     up, size, radiance, air, sun, noise = SKIES[kind]
     elevation = ((np.arange(HEIGHT) + 0.5) / HEIGHT * np.pi - np.pi / 2)[:, None]
     azimuth = np.pi - (np.arange(2 * HEIGHT) + 0.5) / HEIGHT * np.pi
@@ -48,13 +48,13 @@ def rendered(folder, jobs):
 
 
 def error_ev(level):
-    """EV by which a card's color in a picture is brighter than was asked for."""
+    """EV by which a card is brighter in a picture than requested."""
     ev = np.linspace(-4.0, 4.0, 801)
     ramp = displayed(ALBEDO * np.exp2(ev)[:, None] * np.ones(3)) @ LUMINANCE
     return float(np.interp(np.dot(level, LUMINANCE), ramp, ev) - np.interp(CARD, ramp, ev))
 
 
-def test_a_gray_card_is_as_bright_as_was_asked_for(tmp_path):
+def test_a_gray_card_has_the_requested_brightness(tmp_path):
     jobs, irradiance = [], []
     for kind in SKIES:
         for power in (-8, 8):
@@ -69,8 +69,8 @@ def test_a_gray_card_is_as_bright_as_was_asked_for(tmp_path):
     jobs += [{**first, "visibility_m": 100.0}, {**first, "white_balance": 900.0}, {**first, "horizon": 0.8}]
     jobs += [{**first, "strength": 4.0, "exposure": exact[0] - 2.0}]
     levels = rendered(tmp_path, jobs)
-    assert [abs(error_ev(level)) < 0.1 for level in levels[: n + 1]] == [True] * (n + 1), "fog counts with nothing"
+    assert [abs(error_ev(level)) < 0.1 for level in levels[: n + 1]] == [True] * (n + 1), "fog matters"
     balanced = displayed(white_balance(900.0) @ radiance[0] * 2.0 ** exact[0])
     np.testing.assert_allclose(levels[n + 1], balanced, atol=4.0)
-    np.testing.assert_allclose(levels[n + 2], levels[0], atol=0.5)  # the light is the HDRI's, whatever is seen
+    np.testing.assert_allclose(levels[n + 2], levels[0], atol=0.5)  # the visible horizon doesn't change the light
     np.testing.assert_allclose(levels[n + 3], levels[0], atol=0.5)

@@ -1,4 +1,4 @@
-"""A picture does not depend on those that its Blender has rendered before it."""
+"""A picture doesn't depend on what its Blender rendered before."""
 
 import shutil
 from dataclasses import replace
@@ -43,7 +43,7 @@ WEATHER = (
 def plan(worlds, tmp_path_factory):
     folder = tmp_path_factory.mktemp("skies")
     make_worlds(folder, "hdri_files.py")
-    copied(worlds, folder)  # whose sky.exr is the one that is four times as wide as gray.exr
+    copied(worlds, folder)  # its sky.exr is four times as wide as gray.exr
     return make_plan(folder, CONFIG)
 
 
@@ -53,7 +53,7 @@ def assets(plan):
 
 
 def with_copies(assets, folder, *, tank, other="0"):
-    """The assets with files of their own for the vehicles called tank and other, of which Blender has to load each."""
+    """The assets with separate files for the vehicles `tank` and `other`, so that Blender loads both."""
     file = assets.vehicles["tank"]
     for name in (tank, other):
         shutil.copy(file.tidy, folder / f"{name}.blend")
@@ -62,8 +62,8 @@ def with_copies(assets, folder, *, tank, other="0"):
 
 
 @pytest.mark.parametrize("company", [False, True])
-def test_many_vehicles_take_turns_and_come_back(plan, assets, tmp_path, company):
-    """More than are kept in memory; the first one looks the same when it returns."""
+def test_a_vehicle_looks_the_same_after_many_others(plan, assets, tmp_path, company):
+    """There are more vehicles than Blender keeps in memory."""
     row = next(row for row in plan if row.companions)
     row = altered(row, companions=[altered(row.companions[0], vehicle="other")] if company else [])
     messages = [
@@ -74,8 +74,8 @@ def test_many_vehicles_take_turns_and_come_back(plan, assets, tmp_path, company)
     assert all(np.array_equal(first, other) for other in others)
 
 
-def test_a_sky_is_the_same_after_one_of_another_width(plan, assets, tmp_path):
-    """The map by which Cycles finds the bright parts of a sky is as wide as that sky asks."""
+def test_a_sky_looks_the_same_after_a_wider_one(plan, assets, tmp_path):
+    """Cycles kept the importance map's width of the sky before."""
     rows = [altered(plan[0], hdri=hdri, strength=1.0) for hdri in ("gray", "sky", "gray")]
     there = [job(row, assets, SETTINGS, tmp_path / f"{n}.png") for n, row in enumerate(rows)]
     gray, sky, gray_again = draw(tmp_path, there)
@@ -84,8 +84,8 @@ def test_a_sky_is_the_same_after_one_of_another_width(plan, assets, tmp_path):
     assert np.array_equal(gray, gray_again)
 
 
-def test_a_sky_is_seen_in_the_colors_that_its_file_says(plan, assets, tmp_path):
-    """Whatever the file before it said of its own; the two hold the same light."""
+def test_a_sky_is_read_in_the_color_space_of_its_file(plan, assets, tmp_path):
+    """Two files with the same light in different color spaces give the same picture, in any order."""
     rows = [altered(plan[0], hdri=hdri, strength=1.0) for hdri in ("gray", "acescg", "rec709", "acescg")]
     gray, *tinted = draw(tmp_path, [job(row, assets, SETTINGS, tmp_path / f"{n}.png") for n, row in enumerate(rows)])
     for picture in tinted:
@@ -93,8 +93,8 @@ def test_a_sky_is_seen_in_the_colors_that_its_file_says(plan, assets, tmp_path):
         assert np.abs(picture - gray).mean() > 10.0
 
 
-def test_weather_is_the_same_after_other_weather_and_another_vehicle(plan, assets, tmp_path):
-    """Nothing that weather needs goes with a vehicle that is forgotten, and nothing of it stays."""
+def test_weather_looks_the_same_after_other_weather_and_vehicles(plan, assets, tmp_path):
+    """Unloading a vehicle keeps the weather's node groups, and clear air after weather shows none of it."""
     row = altered(plan[0], companions=[])
     files = [with_copies(assets, tmp_path, tank=str(i)) for i in range(2)]
     turns = [(altered(row, weather=weather), of) for weather in WEATHER for of in files]

@@ -1,4 +1,4 @@
-"""A dataset's annotations against masks; with a stand-in for Cycles."""
+"""Comparison of annotations with rendered masks, with a stand-in for Cycles."""
 
 import json
 import math
@@ -21,7 +21,7 @@ MASK[4:10, 5:15] = True
 
 
 def as_annotated(coco, monkeypatch, labels=2):
-    """In place of Cycles' masks those that a dataset has, so many labels an image."""
+    """Replace Cycles' masks by the annotated ones, `labels` an image."""
     masks = np.array([decode(label["segmentation"], 16, 16) for label in coco["annotations"]])
 
     def shown(plan, rows, *_args, **_options):
@@ -38,7 +38,7 @@ def as_annotated(coco, monkeypatch, labels=2):
         *({"bbox": wrong} for wrong in (None, [1, 2, 3], "x")),
     ],
 )
-def test_a_label_that_is_damaged_is_a_finding_and_others_are_measured(tmp_path, blender, monkeypatch, change):
+def test_a_damaged_label_is_a_finding_and_others_are_measured(tmp_path, blender, monkeypatch, change):
     plan = write_plan(tmp_path, [make_row(i) for i in range(2)])
     render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
     path = tmp_path / "d" / "annotations.json"
@@ -53,7 +53,7 @@ def test_a_label_that_is_damaged_is_a_finding_and_others_are_measured(tmp_path, 
     assert [row.mask_iou for row in report.rows] == [1.0]
 
 
-def test_a_label_without_mask_and_area_has_its_box_measured(tmp_path, blender, monkeypatch):
+def test_the_box_of_a_label_without_a_mask_is_measured(tmp_path, blender, monkeypatch):
     plan = write_plan(tmp_path, [make_row(0)])
     render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
     path = tmp_path / "d" / "annotations.json"
@@ -67,7 +67,7 @@ def test_a_label_without_mask_and_area_has_its_box_measured(tmp_path, blender, m
 
 
 @pytest.mark.parametrize("deleted", [3, 4])
-def test_a_label_that_was_deleted_is_a_warning_and_others_keep_their_masks(tmp_path, blender, monkeypatch, deleted):
+def test_a_deleted_label_is_a_warning_and_others_keep_their_masks(tmp_path, blender, monkeypatch, deleted):
     pose = np.eye(4)
     pose[1, 3] = 2.5
     beside = make_row(0, world_from_vehicle=pose.tolist(), bbox=[2.0, 6.0, 4.0, 4.0])
@@ -88,7 +88,7 @@ def test_a_label_that_was_deleted_is_a_warning_and_others_keep_their_masks(tmp_p
 
 
 @pytest.mark.parametrize("kind", ["fog", "rain", "snow", "dust"])
-def test_masks_do_not_know_of_weather(tmp_path, kind):
+def test_masks_ignore_weather(tmp_path, kind):
     weather = {"kind": kind, "visibility_m": 300.0, "ground_cover": 1.0, "vehicle_cover": 1.0, "rain_mm_h": 10.0}
     covered, clear = read_plan(write_plan(tmp_path, [make_row(0, weather=weather), make_row(1)]))
     output = tmp_path / "mask.npy"
@@ -106,5 +106,5 @@ def test_box_and_mask_are_measured():
     assert math.isnan(compared("1.png", "cube", {"bbox": [5, 4, 10, 6]}, MASK, MASK).mask_iou)
 
 
-def test_a_label_of_a_vehicle_without_a_pixel_is_far_off():
+def test_the_box_error_of_an_invisible_vehicle_is_infinite():
     assert compared("1.png", "cube", {"bbox": [5, 4, 10, 6]}, MASK & False, MASK & False).box_error == math.inf

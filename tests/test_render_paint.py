@@ -1,4 +1,4 @@
-"""Paint in pictures by Cycles: on what is to be painted of a file that was not made for it, and on nothing else."""
+"""Cycles renders paint on the right materials of an odd file, and on nothing else."""
 
 import colorsys
 
@@ -70,13 +70,13 @@ def assets(plan):
 
 
 def repainted(row, coats):
-    """The row with other coats on its target."""
+    """The row with other paint on its target."""
     return altered(row, target=altered(row.target, paint=coats))
 
 
 @pytest.fixture(scope="module")
 def row(plan):
-    """The planned row with its companion at the right of the target, in the picture."""
+    """The planned row, with its companion moved to the right of the target."""
     (other,) = plan[0].companions
     pose = plan[0].target.world_from_vehicle.copy()
     pose[:3, 3] += 7.0 * plan[0].world_from_camera[:3, 0]
@@ -85,7 +85,7 @@ def row(plan):
 
 @pytest.fixture(scope="module")
 def pictures(row, assets, folder):
-    """The row without paint, as planned, with another color of its companion, brighter and turned, bare once more."""
+    """The row without paint, as planned, with a blue companion, brighter with turned hues, and without paint again."""
     red = row
     (other,) = red.companions
     blue = altered(other, paint=[Coat(["*"], "#1010c0")])
@@ -95,14 +95,14 @@ def pictures(row, assets, folder):
 
 
 def rendered(rows, assets, folder):
-    """Pictures of rows by one worker."""
+    """Pictures of rows, rendered by one worker."""
     messages = [to_json(render_job(row, assets, SETTINGS, folder / f"{number}.png")) for number, row in enumerate(rows)]
     return draw(folder, messages)
 
 
 @pytest.fixture(scope="module")
 def masks(row, assets):
-    """The pixels of the vehicle and of its companion."""
+    """Masks of the target and of its companion."""
     world = World.of(assets.sceneries["field"].scenery)
     shape = VehicleTarget(assets.vehicles["odd"].shape)
     return [
@@ -112,7 +112,7 @@ def masks(row, assets):
 
 
 def eroded(mask):
-    """Without its outermost pixels, which show some of what is behind."""
+    """The mask without its outermost pixels, which show some background."""
     inner = mask.copy()
     for axis in (0, 1):
         for step in (-1, 1):
@@ -121,7 +121,7 @@ def eroded(mask):
 
 
 def hues(picture):
-    """In degrees."""
+    """Hues of pixels in degrees."""
     flat = picture.reshape(-1, 3) / 255.0
     return np.array([360.0 * colorsys.rgb_to_hsv(*pixel)[0] for pixel in flat]).reshape(picture.shape[:2])
 
@@ -131,7 +131,7 @@ def is_hue(picture, wanted, within=25.0):
     return colored & (np.abs((hues(picture) - wanted + 180.0) % 360.0 - 180.0) < within)
 
 
-def test_all_but_the_tires_is_painted(pictures, masks):
+def test_everything_except_tires_is_painted(pictures, masks):
     bare, red, *_ = pictures
     tires = masks[0] & is_hue(bare, 45.0)
     body = masks[0] & ~is_hue(bare, 45.0, 40.0)
@@ -139,17 +139,17 @@ def test_all_but_the_tires_is_painted(pictures, masks):
     assert body.sum() > 300
     assert is_hue(red, 0.0)[body].mean() > 0.97
     assert not is_hue(bare, 0.0)[body].any()
-    # Light comes to the tires from what was gray and is red.
+    # The tires get red light from their surroundings.
     assert is_hue(red, 45.0, 30.0)[tires].mean() > 0.9
 
 
-def test_light_and_dark_of_a_texture_stay(pictures, masks):
+def test_paint_keeps_the_brightness_of_a_texture(pictures, masks):
     bare, red, *_ = pictures
     body = masks[0] & ~is_hue(bare, 45.0, 40.0)
     assert np.corrcoef(bare.max(axis=2)[body], red.max(axis=2)[body])[0, 1] > 0.7
 
 
-def test_two_of_one_file_have_paints_of_their_own_in_one_picture(pictures, masks):
+def test_two_vehicles_of_one_file_have_different_paint_in_one_picture(pictures, masks):
     picture = pictures[2]
     first, second = masks
     assert is_hue(picture, 0.0)[first].mean() > 0.6
@@ -158,7 +158,7 @@ def test_two_of_one_file_have_paints_of_their_own_in_one_picture(pictures, masks
     assert is_hue(picture, 0.0)[second].mean() < 0.02
 
 
-def test_the_ground_and_what_stands_on_it_keep_their_colors(pictures, masks):
+def test_the_scenery_keeps_its_colors(pictures, masks):
     bare, red, *_ = pictures
     far = ~(masks[0] | masks[1])
     far[1:-1, 1:-1] = far[1:-1, 1:-1] & ~near(masks[0] | masks[1])[1:-1, 1:-1]
@@ -172,7 +172,7 @@ def near(mask, pixels=6):
     return mask
 
 
-def test_a_whole_name_reaches_what_a_pattern_leaves_alone_and_hues_turn(pictures, masks):
+def test_a_material_named_in_full_is_painted_even_if_it_is_a_tire(pictures, masks):
     bare, _, _, turned, _ = pictures
     tires = masks[0] & is_hue(bare, 45.0)
     assert (hues(turned)[tires] > 120.0).mean() > 0.9
@@ -181,13 +181,13 @@ def test_a_whole_name_reaches_what_a_pattern_leaves_alone_and_hues_turn(pictures
     assert np.median(np.abs(brighter)) < 3.0
 
 
-def test_nothing_of_the_paint_is_left_in_the_next_picture(pictures):
+def test_the_next_picture_shows_no_earlier_paint(pictures):
     assert np.array_equal(pictures[0], pictures[4])
     assert not np.array_equal(pictures[0], pictures[1])
 
 
-def test_rain_and_paint_leave_nothing_in_each_others_pictures(row, assets, folder):
-    """Paint comes into materials that are wet, and stays as they dry."""
+def test_rain_and_paint_do_not_affect_later_pictures(row, assets, folder):
+    """Paint is added to wet materials, and stays when they dry."""
     bare = repainted(altered(row, companions=[]), [])
     red = altered(row, companions=[])
     rows = [altered(bare, weather=RAIN), altered(red, weather=RAIN), red, altered(bare, weather=SNOW)]
@@ -197,7 +197,7 @@ def test_rain_and_paint_leave_nothing_in_each_others_pictures(row, assets, folde
     assert not np.array_equal(alone[1], alone[2])
 
 
-def test_inspect_says_what_can_be_painted(folder, plan):
+def test_inspect_lists_the_materials_that_can_be_painted(folder, plan):
     report = load_library(Config.read(folder / "hulldown.toml")).models["odd"].report
     rows = {row.name: row for row in report.materials}
     assert set(rows) == {"Skin", "soil", "Gun", "Slot", "Slot.001", "stone", "Tire"}
@@ -205,7 +205,7 @@ def test_inspect_says_what_can_be_painted(folder, plan):
     assert rows["Tire"].left_alone == "'tire' is in its name"
     assert sum(row.share for row in report.materials) == pytest.approx(1.0)
     assert rows["soil"].color == pytest.approx((0.2, 0.2, 0.2))
-    # A quarter of 3 in 16 texels and more is bright: 15 * 15 / 16 / 16 of them are dark.
+    # 15 x 15 of 16 x 16 texels are dark, the others bright.
     dark, bright = (((x + 0.055) / 1.055) ** 2.4 for x in (0.3, 0.8))
     share = (15 / 16) ** 2
     assert rows["Skin"].color[0] == pytest.approx(share * dark + (1 - share) * bright, abs=0.01)

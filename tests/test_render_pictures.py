@@ -19,7 +19,7 @@ def encoded(notes):
     return file.getvalue(), pixels
 
 
-def test_notes_go_and_pixels_stay():
+def test_notes_are_removed_and_pixels_kept():
     data, pixels = encoded({"Date": "2026/11/21", "File": "/home/somebody/field.blend"})
     plain = without_notes(data)
     assert b"somebody" in data
@@ -28,7 +28,7 @@ def test_notes_go_and_pixels_stay():
     assert plain == without_notes(encoded({"Date": "another day"})[0])
 
 
-def test_a_picture_without_notes_is_left_alone():
+def test_a_picture_without_notes_is_unchanged():
     data, _ = encoded({})
     assert without_notes(data) == data
 
@@ -40,12 +40,12 @@ def test_a_cut_file_is_refused(cut):
         without_notes(data[:-cut])
 
 
-def test_something_else_is_refused():
+def test_a_file_of_another_format_is_refused():
     with pytest.raises(ValueError, match="expected a PNG file"):
         without_notes(b"GIF89a")
 
 
-def test_a_picture_has_the_size_that_was_asked_for(tmp_path):
+def test_a_picture_of_another_size_is_damage(tmp_path):
     path = tmp_path / "picture.png"
     Image.new("RGB", (6, 4)).save(path)
     assert damage(path, 6, 4) is None

@@ -1,4 +1,4 @@
-"""Workers that crash, hang, grow or refuse, against a pool that must outlive them."""
+"""A pool of workers that crash, hang, grow, or refuse."""
 
 import os
 
@@ -12,7 +12,7 @@ from hulldown.render.process import FIRST_JOBS, Limits, Stopped
 
 
 class Work:
-    """Jobs that behave as told, and what became of them."""
+    """Jobs that behave as told, and their outcomes."""
 
     def __init__(self, folder, how):
         self.how, self.memory = how, folder / "memory"
@@ -65,7 +65,7 @@ def test_no_jobs_start_no_worker(tmp_path, blender):
         ("fail", "ValueError: as asked"),
     ],
 )
-def test_three_failures_give_a_job_up_and_the_others_go_on(tmp_path, blender, how, reason):
+def test_a_job_is_given_up_after_three_failures_and_the_others_continue(tmp_path, blender, how, reason):
     work = Work(tmp_path, ["", how, "", ""])
     limits = Limits(job_s=0.5 if how == "hang" else 60.0, memory_bytes=160 * 2**20)
     work.run(tmp_path, blender, workers=1, limits=limits)
@@ -73,11 +73,11 @@ def test_three_failures_give_a_job_up_and_the_others_go_on(tmp_path, blender, ho
     assert list(work.failed) == [1]
     assert len(work.failed[1]) == 3
     assert all(reason in r for r in work.failed[1])
-    assert sum(reason in line for line in work.lines) == 3  # none is repeated in silence
+    assert sum(reason in line for line in work.lines) == 3  # each retry is reported
     assert work.restarts == (0 if how == "fail" else 3)
 
 
-def test_a_job_that_takes_much_longer_than_the_first_is_ended_without_a_flag(tmp_path, blender, monkeypatch):
+def test_a_job_that_takes_much_longer_than_the_first_ones_is_ended(tmp_path, blender, monkeypatch):
     monkeypatch.setattr(process, "SHORTEST_S", 2.0)
     work = Work(tmp_path, [""] * FIRST_JOBS + ["hang", ""])
     work.run(tmp_path, blender, workers=1)
@@ -94,7 +94,7 @@ def test_a_crash_costs_one_attempt_and_a_restart(tmp_path, blender):
     assert any("it is started again" in line for line in work.lines)
 
 
-def test_a_worker_that_grew_is_replaced_between_jobs_without_blame(tmp_path, blender):
+def test_a_worker_near_its_memory_limit_is_replaced_between_jobs(tmp_path, blender):
     work = Work(tmp_path, ["hold"] * 3)
     work.run(tmp_path, blender, workers=1, limits=Limits(memory_bytes=130 * 2**20))
     assert work.done == [0, 1, 2]
@@ -102,20 +102,20 @@ def test_a_worker_that_grew_is_replaced_between_jobs_without_blame(tmp_path, ble
     assert work.restarts == 0
 
 
-def test_blender_that_does_not_start_is_an_error_with_its_words(tmp_path, blender, monkeypatch):
+def test_the_error_of_a_blender_that_does_not_start_quotes_it(tmp_path, blender, monkeypatch):
     monkeypatch.setenv("FAKE_BLENDER", "will not start")
     with pytest.raises(HulldownError, match=r"has not started 3 times.*no such library.*blender --background` starts"):
         Work(tmp_path, [""]).run(tmp_path, blender, workers=1)
 
 
-def test_what_no_image_can_succeed_with_ends_the_run_at_the_first(tmp_path, blender):
+def test_an_unusable_blender_ends_the_run_at_the_first_job(tmp_path, blender):
     work = Work(tmp_path, ["unusable"] * 3)
     with pytest.raises(HulldownError, match=r"Blender cannot be used: no denoiser, as asked; use another$"):
         work.run(tmp_path, blender, workers=1)
     assert work.failed == {}
 
 
-def test_a_path_that_is_no_blender_is_an_error(tmp_path):
+def test_a_missing_blender_is_an_error(tmp_path):
     with pytest.raises(HulldownError, match=r"nowhere.*cannot be started"):
         Work(tmp_path, [""]).run(tmp_path, str(tmp_path / "nowhere"), workers=1)
 

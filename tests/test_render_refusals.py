@@ -1,4 +1,4 @@
-"""What `render` refuses, with a stand-in for Blender, and that it leaves the dataset as it was."""
+"""Refusals by `render`, which leave the dataset unchanged; with a stand-in for Blender."""
 
 import json
 import os
@@ -24,7 +24,7 @@ printf '@hulldown {"unusable": "no denoiser", "remedy": "plan without"}\n'; read
 
 
 @pytest.mark.parametrize("name", ["provenance.json", "failures.jsonl"])
-def test_what_is_damaged_is_met_before_rendering(tmp_path, blender, name):
+def test_a_damaged_file_is_found_before_rendering(tmp_path, blender, name):
     (tmp_path / "d").mkdir()
     (tmp_path / "d" / name).write_text("x\n")
     with pytest.raises(DatasetError, match=name):
@@ -43,7 +43,7 @@ def test_what_is_damaged_is_met_before_rendering(tmp_path, blender, name):
     ],
 )
 @pytest.mark.parametrize("there", ["nothing", "a dataset", "an unclosed dataset"])
-def test_a_blender_that_does_not_start_leaves_the_dataset_as_it_was(tmp_path, blender, script, message, there):
+def test_a_blender_that_does_not_start_leaves_the_dataset_unchanged(tmp_path, blender, script, message, there):
     plan = write_plan(tmp_path, [make_row(i) for i in range(3)])
     other = write_plan(tmp_path / "other", [make_row(i, strength=2.0) for i in range(2)])
     dataset = tmp_path / "new" / "d"
@@ -70,7 +70,7 @@ def test_a_blender_that_does_not_start_leaves_the_dataset_as_it_was(tmp_path, bl
     assert told.value.path is None or Path(told.value.path) == wrong or Path(told.value.path).exists()
 
 
-def test_a_run_in_which_every_attempt_fails_leaves_its_logs_alone(tmp_path, blender):
+def test_a_run_in_which_every_attempt_fails_leaves_only_logs(tmp_path, blender):
     plan = write_plan(tmp_path, [make_row(i, width=65536) for i in range(4)])
     with pytest.raises(HulldownError, match=r"logs: 6 attempts have failed one after the other"):
         render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender, limits=Limits(give_up_after=4)))
@@ -96,7 +96,7 @@ def test_a_run_that_is_stopped_before_its_first_image_leaves_no_trace(tmp_path, 
         ("annotations", {"id": 4, "image_id": 1, "category_id": 1, "bbox": [1, 1, 2, 2]}, "annotation 4 has the id"),
     ],
 )
-def test_an_id_of_the_plan_that_something_else_has_is_named(tmp_path, blender, kind, changes, message):
+def test_an_id_of_the_plan_that_another_record_has_is_named(tmp_path, blender, kind, changes, message):
     plan = write_plan(tmp_path, [make_row(i) for i in range(5)])
     render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender), part=Part(limit=2))
     path = tmp_path / "d" / "annotations.json"
@@ -140,7 +140,7 @@ def test_a_hostile_file_name_writes_nothing_outside(tmp_path, blender, name, err
 
 
 @pytest.mark.parametrize("name", ["logs", ".unfinished", "images"])
-def test_a_folder_of_ours_that_is_a_link_is_refused(tmp_path, blender, name):
+def test_a_link_in_place_of_our_folder_is_refused(tmp_path, blender, name):
     outside = tmp_path / "outside"
     outside.mkdir()
     (tmp_path / "d").mkdir()
@@ -151,7 +151,7 @@ def test_a_folder_of_ours_that_is_a_link_is_refused(tmp_path, blender, name):
 
 
 @pytest.mark.parametrize("link", [True, False])
-def test_what_has_the_name_of_unfinished_pictures_makes_room_and_nothing_else_is_lost(tmp_path, blender, link):
+def test_a_file_or_link_called_unfinished_is_replaced_and_its_target_kept(tmp_path, blender, link):
     plan, dataset = write_plan(tmp_path, [make_row(i) for i in range(3)]), tmp_path / "d"
     render_plan(plan, dataset, assets=ASSETS, engine=Engine(blender=blender), part=Part(limit=2))
     if link:
@@ -163,7 +163,7 @@ def test_what_has_the_name_of_unfinished_pictures_makes_room_and_nothing_else_is
 
 
 def test_a_log_that_is_a_link_is_not_followed(tmp_path, blender, monkeypatch):
-    monkeypatch.setenv("HULLDOWN_READ", os.path.dirname(blender))  # which the script below starts
+    monkeypatch.setenv("HULLDOWN_READ", os.path.dirname(blender))  # the folder of what the script starts
     outside, dataset = tmp_path / "outside", tmp_path / "d"
     outside.write_text("precious")
     (dataset / "logs").mkdir(parents=True)
@@ -176,8 +176,8 @@ def test_a_log_that_is_a_link_is_not_followed(tmp_path, blender, monkeypatch):
     assert "hello" in (dataset / "logs" / "worker-0.log").read_text()
 
 
-def test_a_damaged_plan_leaves_the_dataset_as_it_was(tmp_path, blender):
-    """Down to the categories: the dataset may be somebody's real photographs."""
+def test_a_damaged_plan_leaves_the_dataset_unchanged(tmp_path, blender):
+    """Not even categories are added, since the dataset may be real photographs."""
     plan = write_plan(tmp_path, [make_row(i) for i in range(3)])
     plan.write_bytes(plan.read_bytes()[:-40])
     dataset = tmp_path / "d"
@@ -197,7 +197,7 @@ def test_a_row_that_cannot_be_rendered_names_its_line_or_image(tmp_path, blender
 
 
 @pytest.mark.parametrize("change", ["another plan", "nothing"])
-def test_a_plan_that_is_replaced_under_way_ends_the_run(tmp_path, blender, change):
+def test_replacing_the_plan_during_a_run_ends_it(tmp_path, blender, change):
     plan = write_plan(tmp_path, [make_row(i) for i in range(40)])
     other = write_plan(tmp_path / "other", [make_row(i, strength=2.0) for i in range(40)])
 

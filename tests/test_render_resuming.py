@@ -1,4 +1,4 @@
-"""`hulldown render` with real Blender, killed without warning: the dataset must be that of a run left alone."""
+"""Kills of `hulldown render` and of Blender: the dataset must equal that of an undisturbed run."""
 
 import shutil
 
@@ -12,7 +12,7 @@ pytestmark = pytest.mark.blender
 
 @pytest.fixture(scope="module")
 def folder(worlds, tmp_path_factory):
-    """A plan, rendered into `whole` by a run that was left alone and into `killed` by one that was not."""
+    """A plan, rendered into `whole` by an undisturbed run and into `killed` with kills."""
     made = copied(worlds, tmp_path_factory.mktemp("resuming"))
     plan = plan_in(made)
     render(plan, made / "whole")
@@ -41,7 +41,7 @@ def test_two_kills_lose_and_double_nothing(folder):
         ("twice", {"images doubled": 1, "file names doubled": 1, "files that differ": 1}),
     ],
 )
-def test_the_comparison_sees(folder, tmp_path, what, expected):
+def test_the_comparison_finds(folder, tmp_path, what, expected):
     changed = tmp_path / "changed"
     shutil.copytree(folder / "killed", changed)
     first, second = sorted((changed / "images").iterdir())[:2]

@@ -1,4 +1,4 @@
-"""Pictures as a camera makes them, by Cycles: Blender's own without effects, and datasets of .jpg files."""
+"""Pictures with a simulated sensor, rendered by Cycles."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def plan(folder):
     return make_plan(folder, text + '[sensor]\npreset = "camera"\n')
 
 
-def test_without_effects_a_picture_is_blenders_own(plan, folder):
+def test_a_sensor_without_effects_gives_blenders_own_picture(plan, folder):
     assets, row = render_assets(plan), plan[0]
     turned = altered(row, exposure_ev=row.exposure_ev + 1.0, white_balance_k=1500.0)
     rows = [altered(each, sensor=sensor) for each in (row, turned) for sensor in (None, Sensor())]
@@ -37,11 +37,11 @@ def test_without_effects_a_picture_is_blenders_own(plan, folder):
     for own, developed in zip(pictures[::2], pictures[1::2], strict=True):
         apart = np.abs(own - developed)
         assert np.ptp(own) > 100.0
-        assert np.percentile(apart, 99.9) <= 1.0  # Blender dithers, which is one step more now and then
+        assert np.percentile(apart, 99.9) <= 1.0  # Blender dithers: some pixels differ by one level
         assert apart.max() <= 2.0
 
 
-def test_a_camera_makes_a_sound_dataset_of_jpeg_files(plan, folder):
+def test_a_dataset_of_jpeg_files_is_sound_and_reproducible(plan, folder):
     assert check_plan(plan, load_library(Config.read(folder / "hulldown.toml")).assets) == []
     datasets = [folder / name for name in ("one", "again")]
     for dataset in datasets:

@@ -1,4 +1,4 @@
-"""Runs of a plan into a dataset with a stand-in for Blender: kills, failures, resuming, appending."""
+"""Rendering a plan into a dataset: kills, failures, resuming, appending; with a stand-in for Blender."""
 
 import json
 import multiprocessing
@@ -51,7 +51,7 @@ def test_annotations_carry_box_mask_and_pose(tmp_path, blender):
     render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
     coco = COCO(tmp_path / "d" / "annotations.json")
     annotation = coco.anns[1]
-    # 16 px over 53.13 degrees: f = 16 px; the cube's near face is 2 m wide, 10 m away: from 6.4 to 9.6 px.
+    # 16 px for 53.13 degrees: f = 16 px. The near face of the cube is 2 m wide and 10 m away: from 6.4 to 9.6 px.
     mask = coco.annToMask(annotation)
     assert (np.argwhere(mask).min(axis=0).tolist(), np.argwhere(mask).max(axis=0).tolist()) == ([6, 6], [9, 9])
     assert annotation["area"] == mask.sum() == 16
@@ -60,13 +60,13 @@ def test_annotations_carry_box_mask_and_pose(tmp_path, blender):
     assert coco.imgs[1]["fov_x_deg"] == pytest.approx(53.13, abs=0.01)
 
 
-def test_a_picture_of_any_size_that_blender_writes_is_taken(tmp_path, blender, monkeypatch):
-    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 100)  # Pillow refuses from twice as many on; a row has 256
+def test_pillows_size_limit_does_not_apply_to_blenders_pictures(tmp_path, blender, monkeypatch):
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 100)  # Pillow refuses pictures of twice as many; a row has 256
     plan = write_plan(tmp_path, [make_row(0)])
     assert render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender)).complete
 
 
-def test_provenance_says_what_was_used(tmp_path, blender):
+def test_provenance_lists_versions_and_devices(tmp_path, blender):
     plan = write_plan(tmp_path, [make_row(0)])
     render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
     (entry,) = json.loads((tmp_path / "d" / "provenance.json").read_text())["plans"].values()
@@ -76,8 +76,8 @@ def test_provenance_says_what_was_used(tmp_path, blender):
     assert entry["plan"]["vehicles"]["cube"]["category"] == "box"
 
 
-def test_provenance_is_there_with_the_first_image(tmp_path, blender):
-    """However the run ends: the next may be on another machine."""
+def test_provenance_is_written_with_the_first_image(tmp_path, blender):
+    """The next run may be on another machine."""
     there = {}
 
     def look(progress):
@@ -103,8 +103,8 @@ def test_a_second_run_does_nothing_twice(tmp_path, blender):
 
 
 @pytest.mark.parametrize(("limit", "n"), [(None, 3), (5, 2), (1, 4)])
-def test_shares_are_the_whole_and_each_row_is_in_one(tmp_path, blender, limit, n):
-    # Sorted by HDRI, which comes in turns: shares are of the order of rendering, not of the plan.
+def test_shares_join_to_the_whole(tmp_path, blender, limit, n):
+    # HDRIs alternate in the plan; shares follow the rendering order, which is sorted by HDRI.
     rows = [make_row(i, hdri=("sky", "dusk")[i % 2]) for i in range(8)]
     assets = RenderAssets(ASSETS.vehicles, ASSETS.sceneries, {**ASSETS.hdris, "dusk": Path("dusk.exr")})
     plan = write_plan(tmp_path, rows)
@@ -206,14 +206,14 @@ def test_killed_runs_lose_and_double_nothing(tmp_path, blender, number):
     assert not (tmp_path / "d" / ".unfinished").exists()
 
 
-def test_stopping_says_so_and_ends_the_workers(tmp_path, blender):
+def test_a_stopped_run_is_reported_as_interrupted(tmp_path, blender):
     plan = write_plan(tmp_path, [make_row(i) for i in range(500)])
 
     def stop_after_five(progress):
         if progress.finished == 5:
             os.kill(os.getpid(), signal.SIGINT)
 
-    before = signal.getsignal(signal.SIGINT)  # ignored, where the tests run in the background
+    before = signal.getsignal(signal.SIGINT)  # ignored if the tests run in the background
     report = render_plan(plan, tmp_path / "d", assets=ASSETS, progress=stop_after_five, engine=Engine(blender=blender))
     assert report.interrupted
     assert not report.complete

@@ -1,4 +1,4 @@
-"""What a worker of a shared machine does with its part of the cores."""
+"""CPU time of a worker that has only some of the cores."""
 
 import time
 
@@ -12,8 +12,8 @@ from hulldown.tests.blender_plans import copied, drawn, job, plan_in
 
 
 @pytest.mark.blender
-def test_a_worker_of_one_core_sleeps_when_it_has_nothing_to_do(worlds, tmp_path):
-    """Blender held to one thread kept a core busy for as long as it lived."""
+def test_an_idle_worker_with_one_core_sleeps(worlds, tmp_path):
+    """A Blender limited to one thread kept a core busy while idle."""
     plan = read_plan(plan_in(copied(worlds, tmp_path), images=1))
     settings = {"samples": 2, "denoise": False, "adaptive_threshold": 0.0, "bounces": 2}
     alone = Allowance(DEFAULT_LIMITS, blenders=psutil.cpu_count())

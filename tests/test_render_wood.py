@@ -1,4 +1,4 @@
-"""Pictures of a wood of cards, cut out by a texture: do masks and visible shares agree with what Cycles shows?"""
+"""Masks and visible shares behind leaves cut out by a texture, compared with Cycles."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def plan(worlds, tmp_path_factory):
     return make_plan(copied(worlds, tmp_path_factory.mktemp("wood")), CONFIG)
 
 
-def test_masks_and_visible_shares_in_a_wood_are_those_of_cycles(plan, tmp_path):
+def test_masks_and_visible_shares_in_a_wood_equal_those_of_cycles(plan, tmp_path):
     assets = render_assets(plan)
     assert render_plan(plan.path, tmp_path / "dataset", assets=assets).complete
     report = verify_masks(tmp_path / "dataset", plan.path, count=len(plan), assets=assets)
@@ -46,5 +46,5 @@ def test_masks_and_visible_shares_in_a_wood_are_those_of_cycles(plan, tmp_path):
     found = cycles_masks(plan, range(len(plan)), assets)
     shown = np.array([masks.visible[0].sum() / masks.alone[0].sum() for masks in found])
     assert planned.min() < 0.7, "leaves hide something"
-    # A random point of the outline is hidden or not: 4,096 rays are within 0.02 in 99 of 100 views.
+    # Each random point of the outline is hidden or not: with 4,096 rays, 99 of 100 shares are within 0.02.
     assert np.abs(planned - shown).max() <= 0.03

@@ -135,7 +135,7 @@ class HdriWorld:
 
 
 def sky_map(width: int) -> int:
-    """Columns of Cycles' importance map for an HDRI of `columns`.
+    """Columns of Cycles' importance map for an HDRI of `width` columns.
 
     A texel of the map is as bright as the HDRI at its center. If a sun is in the texel but not at its center,
     light is found by chance: pictures are too dark, with fireflies. For wider HDRIs, more than `SKY_MAP` change
