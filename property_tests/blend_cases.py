@@ -1,4 +1,4 @@
-"""Descriptions of .blend files for `blend_maker`: mostly sound vehicles and sceneries with an odd thing or two."""
+"""Descriptions of .blend files for `blend_maker`: mostly sound vehicles and sceneries, with a few odd things."""
 
 from typing import Any
 
@@ -32,7 +32,7 @@ extras = st.sampled_from([
 
 
 def part(type: str, name: str, location: Any, scale: Any, rotation: Any = (0.0, 0.0, 0.0), **more: Any) -> dict:
-    """An object that nothing is odd about."""
+    """An ordinary object."""
     given = {"type": type, "name": name, "location": location, "scale": scale, "rotation": rotation}
     return {**given, "vertex": None, "material": None, "modifiers": [], "extras": [], **more}
 
@@ -110,7 +110,7 @@ options = st.sampled_from(sorted(settings)).flatmap(lambda key: st.builds(lambda
 
 @st.composite
 def cases(draw: st.DrawFn) -> dict:
-    """Of a file: what is in it, its damage, what it is taken for, options, and what is odd about it."""
+    """A file: its content, damage, kind, reading options, and oddities."""
     odd = draw(st.sampled_from(["changed"] * 7 + ["wild", "damaged"]))
     if odd == "wild":
         kind, objects = draw(st.sampled_from(["vehicle", "scenery", None])), draw(st.lists(wild, max_size=4))
@@ -127,11 +127,11 @@ def cases(draw: st.DrawFn) -> dict:
             "objects": objects,
             "parents": draw(st.one_of(st.just([]), st.just([]), parents)),
             "unit": draw(st.sampled_from([1.0] * 8 + [0.01, 1000.0, 1e-6])),
-            "fewest": draw(st.sampled_from([1, 1000])),  # objects of which all but one are not evaluated
+            "fewest": draw(st.sampled_from([1, 1000])),  # objects of which only one is evaluated
             "frame": draw(st.sampled_from([1] * 16 + [0, -5, 50, 1_000_000])),
         },
         "damage": draw(damages) if odd == "damaged" else no_damage,
         "kind": kind,
-        "drawn": draw(st.sampled_from([True] + [False] * 9)),  # whether what was read is drawn, which takes long
+        "drawn": draw(st.sampled_from([True] + [False] * 9)),  # whether to draw what was read, which takes long
         "options": draw(st.one_of(st.just({}), st.just({}), options)),
     }

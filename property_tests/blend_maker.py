@@ -1,7 +1,7 @@
-"""Makes .blend files from descriptions and reads them as hulldown does; run in Blender, JSON lines in and out.
+"""Make .blend files from descriptions and read them as hulldown does; run in Blender, JSON lines in and out.
 
-One process takes thousands of files, since starting Blender takes longer than reading one. A line: what to make, the
-bytes to damage, the job. The answer: what the reader has answered. What can be described is in `blend_cases`.
+One process makes thousands of files, since starting Blender takes longer than reading one. An input line is a
+description, the bytes to damage, and the job; an output line is the reader's answer. `blend_cases` has descriptions.
 """
 
 import contextlib
@@ -17,11 +17,11 @@ import bpy
 
 from hulldown.reading.blender import duplicates, reader
 
-MOST_MEMORY = 8 * 2**30  # a damaged file may claim all there is; the limits of reading are tested elsewhere
+MOST_MEMORY = 8 * 2**30  # a damaged file may claim all memory; other tests check the limits of reading
 
 
 def attempt(action):
-    """Blender refuses some of what is drawn, which is its right."""
+    """Ignore what Blender refuses to make."""
     with contextlib.suppress(TypeError, ValueError, RuntimeError, AttributeError, OverflowError):
         action()
 
@@ -30,7 +30,7 @@ def attempt(action):
 
 
 def of_data(blocks, *kind):
-    """An object of new, empty data of its own."""
+    """An object with new, empty data."""
     bpy.context.scene.collection.objects.link(made := bpy.data.objects.new("x", blocks.new("x", *kind)))
     bpy.context.view_layer.objects.active = made
 
@@ -63,7 +63,7 @@ OBJECTS = {
 
 
 def add(part):
-    """An object as it is described."""
+    """A described object."""
     OBJECTS[part["type"]]()
     obj = bpy.context.object
     obj.name = part["name"]
@@ -80,10 +80,10 @@ def add(part):
 
 
 def modify(obj, kind):
-    """A modifier, with what is slow in its defaults made quick: they are about amounts, not about what is read."""
+    """A modifier with cheap settings: slow defaults differ only in amounts."""
     added = obj.modifiers.new("m", kind)
     if kind == "REMESH":
-        added.mode, added.octree_depth = "SHARP", 2  # voxels of a mesh of 1e20 m have no end
+        added.mode, added.octree_depth = "SHARP", 2  # a mesh of 1e20 m has too many voxels
     elif kind == "OCEAN":
         added.resolution = added.viewport_resolution = 2
     elif kind == "PARTICLE_SYSTEM":
@@ -93,7 +93,7 @@ def modify(obj, kind):
 
 
 def scatter(obj):
-    """A group that dresses the object and draws another, or itself, on its corners."""
+    """A group that adds geometry and an instance of another object, or of the object itself, on its corners."""
     group = bpy.data.node_groups.new("scatter", "GeometryNodeTree")
     for way in ("INPUT", "OUTPUT"):
         group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
@@ -122,7 +122,7 @@ def scatter(obj):
 
 
 def material(kind, name):
-    """A material whose nodes are of this kind, which is in its name too."""
+    """A material named after the kind of its nodes."""
     made = bpy.data.materials.new(f"{kind} {name}")
     made.use_nodes = True
     nodes, link = made.node_tree.nodes, made.node_tree.links.new
@@ -187,7 +187,7 @@ def in_two_collections(obj):
 
 
 def carried(obj):
-    """Drawn once more, by an empty that draws the object's collection."""
+    """Add an empty that instances the object's collection."""
     collection = bpy.data.collections.new(obj.name)
     collection.objects.link(obj)
     carrier = bpy.data.objects.new("carrier", None)
@@ -207,7 +207,7 @@ def haired(obj, count, children):
 
 
 def referring(obj):
-    """To what is a copy itself while it is evaluated."""
+    """Make an object an instance of something that is itself an instance."""
     if obj.type == "CURVES":
         obj.data.surface = bpy.data.objects[0]
     else:
@@ -233,7 +233,7 @@ EXTRAS = {
 
 
 def make(recipe, path):
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)  # five times as quick as all of its settings
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)  # five times as fast as all settings
     made = [add(part) for part in recipe["objects"]]
     for child, parent in recipe["parents"] if made else []:
         attempt(lambda c=child, p=parent: setattr(made[c % len(made)], "parent", made[p % len(made)]))
@@ -244,7 +244,7 @@ def make(recipe, path):
 
 
 def damage(path, recipe):
-    """Change some bytes at places given as shares of the file's length, or cut its end off."""
+    """Change some bytes at positions given as shares of the file's length, or cut off its end."""
     data = bytearray(path.read_bytes())
     for place, value in recipe["bytes"]:
         data[int(place * (len(data) - 1))] = value
@@ -263,7 +263,7 @@ def main():
             path.unlink(missing_ok=True)
             make(message["make"], path)
             damage(path, message["damage"])
-            answers.write("reading\n")  # what goes wrong from here on counts
+            answers.write("reading\n")  # errors from here on count
             answers.flush()
             job_file = Path(job["folder"], "job.json")
             job_file.write_text(json.dumps(job), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Whatever a .blend holds, reading it is a report or one line of what is wrong with it: never a traceback."""
+"""Reading any .blend gives a report or a one-line error, never a traceback."""
 
 import json
 import os
@@ -20,13 +20,13 @@ from hulldown.reading.options import Options
 
 MAKER = Path(__file__).with_name("blend_maker.py")
 MANY = settings.default.max_examples * (10 if settings.default.max_examples >= 2000 else 2)  # 20,000 in thorough
-PATIENCE_S = 600.0  # what takes longer hangs, on a busy machine too; the limits of reading are tested elsewhere
+PATIENCE_S = 600.0  # more counts as a hang, even on a busy machine; other tests check the limits
 
 
 class Reader:
-    """A process that makes and reads files, started anew when a damaged one has killed it.
+    """A process that makes and reads files, restarted when a damaged one has killed it.
 
-    What a damaged file has done to Blender's memory may end the process as late as at the next file.
+    Damage to Blender's memory may end the process as late as at the next file.
     """
 
     def __init__(self) -> None:
@@ -34,7 +34,7 @@ class Reader:
         self.folder = tempfile.TemporaryDirectory(prefix="hulldown-blends-")
 
     def ask(self, message: dict) -> dict:
-        """The answer; {"ended": exit status} if the process has ended or hangs, "unmade" if it had not read yet."""
+        """The answer; {"ended": exit status} if the process has ended or hangs, "unmade" if it ended before reading."""
         if self.child is None:
             self.child = subprocess.Popen(
                 [sys.executable, "-P", str(MAKER)],
@@ -89,22 +89,22 @@ def test_every_blend_is_read_or_refused_in_one_line(reader, case):
     damaged = case["odd"] == "damaged"
     answer = reader.ask(message)
     if {"ended", "unmade"} & answer.keys() and not damaged:
-        answer = reader.ask(message)  # by a process that has read nothing yet
+        answer = reader.ask(message)  # by a process that hasn't read anything yet
     assert "traceback" not in answer, answer["traceback"]
     event(f"{case['odd']}: {next(iter(answer))}")
     if "unmade" in answer:
-        return  # Blender has crashed making it, and there is no file
+        return  # Blender crashed while making it, so there is no file
     if "report" in answer:
         event("a report")
         use(job, drawn=case["drawn"])
     elif "error" in answer:
         assert "\n" not in answer["error"]["problem"]
-    else:  # Blender itself may crash on what is damaged, and that is said in one line by who has started it
+    else:  # Blender itself may crash on a damaged file; the parent process reports that in one line
         assert damaged, answer
 
 
 def use(job: Job, *, drawn: bool) -> None:
-    """Use what was read as `hulldown inspect` does."""
+    """Use a read asset as `hulldown inspect` does."""
     read = exported_by(job)
     assert all("\n" not in line for line in read.report.notes())
     asset = (load_vehicle if read.report.kind == "vehicle" else load_scenery)(read.bundle)

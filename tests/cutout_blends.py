@@ -1,4 +1,4 @@
-"""Makes a row of cards, each cut out in another way, and what Cycles shows of a white world behind them.
+"""Make a row of cards, each cut out in another way, and Cycles' picture of them in front of a white world.
 
 Run as a script with a folder to write into: cards.blend, shown.npy with the picture, and cards.json with their names.
 """
@@ -16,7 +16,7 @@ from hulldown.render.blender import cycles
 from hulldown.render.blender.object_index import ONE_RAY, PIXEL_CENTER
 
 TEXELS = 24
-STEP, PIXELS = 1.2, 50  # meters from card to card, pixels to a meter
+STEP, PIXELS = 1.2, 50  # meters between cards, pixels per meter
 QUAD = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
 WIDE = ((-0.5, -0.7), (1.8, -0.7), (1.8, 1.6), (-0.5, 1.6))
 RNG = np.random.default_rng(0)
@@ -25,7 +25,7 @@ CARDS = []
 
 
 def waves():
-    """Smooth values from 0 to 1 that repeat."""
+    """Smooth, periodic values from 0 to 1."""
     u, v = np.meshgrid(*[(np.arange(TEXELS) + 0.5) / TEXELS] * 2)
     sums = sum(np.cos(2 * np.pi * (i * u + j * v) + RNG.uniform(0, 6)) for i in range(4) for j in range(-3, 4))
     return (sums - sums.min()) / np.ptp(sums)
@@ -48,7 +48,7 @@ def image(name, rgba, *, data=False, suffix="png"):
 
 
 class Tree:
-    """Node tree of a material that glows black where it is there; nodes by short names."""
+    """Node tree of a material that is black where it's opaque; nodes by short names."""
 
     def __init__(self, name):
         self.material = bpy.data.materials.new(name)

@@ -1,7 +1,7 @@
-"""Says which settings of a .blend are still in force when it is ready to be rendered; run in Blender, prints JSON.
+"""Print the settings of a .blend that are still in force when it's rendered; run in Blender, prints JSON.
 
-``python file_settings.py FOLDER``: a plain file is compared with one in which every setting is another that Blender
-lets be set, key-framed too. The settings are those that Blender itself lists for a scene, its view layer and the file.
+``python file_settings.py FOLDER`` compares a plain file with one in which every setting has another value, with key
+frames where possible. The settings are those that Blender lists for a scene, its view layer, and the file.
 """
 
 import contextlib
@@ -17,20 +17,20 @@ from hulldown.render.blender import cycles
 from hulldown.render.blender.scene import Stage
 from hulldown.render.messages import CyclesSettings
 
-# What a scene has besides the settings of its picture: how it is edited, shown in a viewport, or drawn by others than
-# Cycles; its own units and frame, which are part of what it shows; and what every datablock has.
+# Members of a scene that don't affect its picture: editing, display in a viewport, and other engines;
+# its units and frame, which are part of its content; and what every datablock has.
 NOT_OF_THE_PICTURE = {
     *("tool_settings", "cursor", "safe_areas", "display", "eevee", "hydra", "grease_pencil_settings", "unit_settings"),
     *("sequencer_colorspace_settings", "ffmpeg", "bake", "freestyle_settings", "annotation", "view_layer_eval"),
     *("frame_current", "frame_float", "frame_subframe", "frame_current_final", "filepath", "rna_type", "depsgraph"),
     *("layer_collection", "active_layer_collection", "collection", "rigidbody_world", "sequence_editor", "use_nodes"),
-    # For playing, the timeline and physics: a picture of one frame has none of them.
+    # Playback, timeline, and physics, which a picture of one frame doesn't use.
     *("frame_start", "frame_end", "frame_step", "time_jump_unit", "time_jump_delta", "use_preview_range"),
     *("frame_preview_start", "frame_preview_end", "lock_frame_selection_to_range", "show_subframe", "sync_mode"),
     *("show_keys_from_selected_only", "use_custom_simulation_range", "simulation_frame_start", "simulation_frame_end"),
     *("gravity", "use_gravity", "use_audio", "use_audio_scrub", "audio_doppler_speed", "audio_doppler_factor"),
     *("audio_distance_model", "audio_volume", "use_stamp_note", "preview_pause", "preview_scrambling_distance"),
-    # Curves that are used only where a setting says so, and those settings are compared.
+    # Curves that have an effect only with another setting, which is compared.
     *("curve_mapping", "motion_blur_shutter_curve", "linear_colorspace_settings"),
 }
 ID_PROPERTIES = {p.identifier for p in bpy.types.ID.bl_rna.properties}
@@ -38,7 +38,7 @@ SETTINGS = CyclesSettings(samples=4, denoise=False, adaptive_threshold=0.0, boun
 
 
 def settings_of(struct, path, found, depth=0):
-    """Every setting below `struct`: path to owner, property, value."""
+    """Every setting below `struct`: path to its owner, property, value."""
     skipped = NOT_OF_THE_PICTURE | (ID_PROPERTIES if depth == 0 and isinstance(struct, bpy.types.ID) else set())
     for prop in struct.bl_rna.properties:
         name = prop.identifier
@@ -62,7 +62,7 @@ def everything(scene):
 
 
 def other(prop, value):
-    """Values unlike `value` that the property may have."""
+    """Other values that a property may have."""
     if prop.type == "BOOLEAN":
         return [not value]
     if prop.type == "ENUM":
@@ -75,7 +75,7 @@ def other(prop, value):
 
 
 def change(struct, prop, value):
-    """Give a property another value and, where Blender lets it, a key frame with it."""
+    """Change a property and, where Blender allows it, add a key frame."""
     if prop.is_readonly or prop.type == "POINTER" or getattr(prop, "is_enum_flag", False):
         return False
     array = isinstance(value, tuple)
@@ -84,7 +84,7 @@ def change(struct, prop, value):
             setattr(struct, prop.identifier, (wanted,) * len(value) if array else wanted)
             changed = getattr(struct, prop.identifier)
             if (tuple(changed) if array else changed) != value:
-                with contextlib.suppress(TypeError):  # not everything that says so can have key frames
+                with contextlib.suppress(TypeError):  # Blender refuses key frames for some animatable properties
                     struct.keyframe_insert(prop.identifier)
                 return True
         except (TypeError, ValueError, AttributeError, RuntimeError):
@@ -93,7 +93,7 @@ def change(struct, prop, value):
 
 
 def ready(path):
-    """The settings of a file when it is about to be rendered: evaluated, as Cycles gets them."""
+    """The settings of a file just before rendering, evaluated, as Cycles gets them."""
     stage = Stage(str(path), np.eye(4))
     cycles.configure(stage.scene, SETTINGS, device="CPU")
     graph = bpy.context.evaluated_depsgraph_get()

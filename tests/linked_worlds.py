@@ -1,6 +1,6 @@
-"""Makes a scenery that links libraries and has textures of its own, and a vehicle as OBJ; run as a script in Blender.
+"""Make a scenery that links libraries and has its own textures, and a vehicle as OBJ; run as a script in Blender.
 
-``python linked_worlds.py FOLDER``. The libraries are linked by a relative and by an absolute path, and so are textures.
+``python linked_worlds.py FOLDER``. Libraries and textures have relative and absolute paths.
 """
 
 import sys
@@ -15,7 +15,7 @@ FOLDER = Path(sys.argv[1])
 
 
 def picture(path, color):
-    """A checked picture on disk."""
+    """A checkered picture on disk."""
     path.parent.mkdir(parents=True, exist_ok=True)
     image = bpy.data.images.new(path.stem, 16, 16)
     pixels = np.ones((16, 16, 4), dtype=np.float32)
@@ -28,7 +28,7 @@ def picture(path, color):
 
 
 def textured(name, path):
-    """A material that shows a picture, named by this path, where it lies on the object."""
+    """A material with a picture, referred to by this path, mapped onto the object."""
     material = bpy.data.materials.new(name)
     nodes, links = material.node_tree.nodes, material.node_tree.links
     texture = nodes.new("ShaderNodeTexImage")
@@ -38,7 +38,7 @@ def textured(name, path):
 
 
 def library(path, texture):
-    """A boulder in a collection that is called as the file."""
+    """A boulder in a collection named like the file."""
     fresh()
     path.parent.mkdir(parents=True, exist_ok=True)
     box("boulder", (5.0, 5.0, 4.0), (0.0, 0.0, 1.0), textured("stone", texture))
@@ -57,12 +57,12 @@ def link(path, at):
 
 
 def save_absolute(path):
-    """Save, and leave absolute paths as they are, which Blender makes relative by default."""
+    """Save without making absolute paths relative, which is Blender's default."""
     bpy.ops.wm.save_as_mainfile(filepath=str(path), relative_remap=False, compress=True)
 
 
 def main():
-    """Write them."""
+    """Write the files."""
     textures = FOLDER / "shared" / "textures"
     colors = {"soil": (0.7, 0.2, 0.1), "near": (0.1, 0.6, 0.1), "far": (0.1, 0.1, 0.7), "skin": (0.9, 0.8, 0.0)}
     for name, color in colors.items():

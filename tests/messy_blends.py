@@ -1,9 +1,9 @@
-"""Builds .blend files as people bring them, and renders with Cycles what they show. Run by messy_export.py, in Blender.
+"""Build .blend files as people make them, and render them with Cycles. Run by messy_export.py, in Blender.
 
-``python messy_blends.py FOLDER build`` writes for each case FOLDER/<case>.blend and FOLDER/<case>.<view>.png (what
-Cycles shows of what belongs to the case, without its clutter), and FOLDER/cases.json with the cameras in the world of
-the file. ``python messy_blends.py FOLDER tidy`` renders the tidy twins that FOLDER/tidy.json names. The cases are in
-messy_vehicles, messy_contents and messy_sceneries.
+``python messy_blends.py FOLDER build`` writes for each case FOLDER/<case>.blend and FOLDER/<case>.<view>.png (Cycles'
+picture of the case without its clutter), and FOLDER/cases.json with the cameras in the world of the file.
+``python messy_blends.py FOLDER tidy`` renders the tidy twins named in FOLDER/tidy.json. The cases are in
+messy_vehicles, messy_contents, and messy_sceneries.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mathutils import Matrix, Vector
 from messy_parts import CASES, FOLDER, box, empty, link
 
 for cases in ("messy_vehicles", "messy_contents", "messy_sceneries"):
-    importlib.import_module(cases)  # which fills CASES
+    importlib.import_module(cases)  # this import fills CASES
 
 SIZE = 160
 FOV = math.radians(40)
@@ -36,7 +36,7 @@ def build(name: str) -> dict:
 
 
 def cameras_of(about: dict) -> list[Matrix]:
-    """Looking at the middle from the front left and above, and from the back right; in the world of the file."""
+    """Cameras, in the world of the file, that look at the center from the front left above and the back right."""
     return [camera_at(about, 40, 0.6), camera_at(about, 205, 0.25)]
 
 
@@ -49,7 +49,7 @@ def camera_at(about: dict, yaw_deg: float, rise: float) -> Matrix:
 
 
 def render_masks(poses: list[Matrix], path: Path, *, unit: float = 1.0) -> None:
-    """Write what Cycles shows to each of the cameras as path.0.png, path.1.png, ..."""
+    """Write Cycles' pictures from each camera as path.0.png, path.1.png, ..."""
     scene = bpy.context.scene
     camera = scene.camera = link(bpy.data.objects.new("truth camera", bpy.data.cameras.new("truth camera")))
     camera.data.sensor_fit, camera.data.angle = "HORIZONTAL", FOV
@@ -61,7 +61,7 @@ def render_masks(poses: list[Matrix], path: Path, *, unit: float = 1.0) -> None:
     render.image_settings.file_format, render.image_settings.color_mode = "PNG", "RGBA"
     render.use_compositing = False
     scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.max_bounces = 1, False, 0
-    # One ray through the middle of each pixel.
+    # One ray through the center of each pixel.
     scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", 0.01
     scene.cycles.transparent_max_bounces = 0
     for i, pose in enumerate(poses):
@@ -91,7 +91,7 @@ def build_all() -> None:
 
 
 def render_tidy() -> None:
-    """Render the tidy twins named in tidy.json from the cameras given there, as the renderer would load them."""
+    """Render the tidy twins named in tidy.json from their cameras, loaded as the renderer loads them."""
     for name, twin in json.loads((FOLDER / "tidy.json").read_text(encoding="utf-8")).items():
         if twin["kind"] == "vehicle":
             bpy.ops.wm.read_factory_settings(use_empty=True)

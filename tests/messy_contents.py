@@ -1,4 +1,4 @@
-"""Files with more, less or worse in them than a vehicle: clutter, lost files, scripts, broken numbers. In Blender."""
+"""Files with more, less, or worse content than a vehicle: clutter, lost files, scripts, broken numbers. In Blender."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from messy_parts import FOLDER, box, case, collection, link, tank
 
 @case
 def clutter():
-    """What a vehicle's file is full of besides the vehicle; two floors have names that say nothing."""
+    """Typical clutter around a vehicle; two floors have meaningless names."""
     tank()
     box("Cabin_Floor", (2, 2, 0.1), (-1.5, 0, 1.6))
     box("Plane.004", (0.05, 2.5, 0.8), (-3.4, 0, 1))
@@ -34,7 +34,7 @@ def clutter():
 
 @case
 def textured():
-    """Pictures that are there, packed, missing, missing in a library, and missing where nobody sees it."""
+    """Pictures that exist, are packed, missing, missing in a node group, and missing on a dropped object."""
     picture = bpy.data.images.new("there", 4, 4)
     picture.filepath_raw, picture.file_format = str(FOLDER / "there.png"), "PNG"
     picture.save()
@@ -66,7 +66,7 @@ def image(path):
 
 @case
 def lost_library():
-    """A wheel comes from a library that is not there any more."""
+    """A wheel comes from a library that is gone."""
     tank()
     with bpy.data.libraries.load(str(FOLDER / "soon_gone.blend"), link=True, relative=True) as (_, target):
         target.objects = ["Wheel"]
@@ -89,7 +89,7 @@ def malicious():
 
 @case
 def nothing():
-    """A camera, a lamp and something hidden."""
+    """A camera, a lamp, and a hidden box."""
     link(bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera")))
     off = collection("Off")
     box("Hull", (6, 3, 1), collection=off)
@@ -99,7 +99,7 @@ def nothing():
 
 @case
 def odd_ones():
-    """Two scenes, two view layers, and what Cycles makes of meshes that nobody else sees."""
+    """Two scenes, two view layers, and meshes that only Cycles changes."""
     bpy.data.scenes.new("Other")
     bpy.context.scene.view_layers.new("Second")
     hull = box("Hull", (6, 3, 1), (0, 0, 1))

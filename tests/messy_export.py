@@ -1,4 +1,4 @@
-"""The messy files once built, exported and rendered, for all tests that look at them; see messy_blends.py."""
+"""The messy files, built, exported, and rendered once for all tests; see messy_blends.py."""
 
 import json
 import math
@@ -21,7 +21,7 @@ from hulldown.reading.export import Exported, Job, exported_by, job_for
 from hulldown.reading.options import Options
 
 HERE = Path(__file__).resolve().parent
-SIZE, FOV = 160, math.radians(40)  # of messy_blends.py
+SIZE, FOV = 160, math.radians(40)  # as in messy_blends.py
 VEHICLES = [
     *("modifiers", "clutter", "instances", "keyframes", "keyframes_turned", "collections", "no_origins", "surfaces"),
     *("centimeters", "y_up", "faces_minus_y", "armature", "linked", "textured", "lost_library", "malicious"),
@@ -33,7 +33,7 @@ DAMAGED = ("truncated", "scrambled", "newer", "newer_compressed")
 
 @dataclass
 class Messy:
-    """The built files, what was made of them, and Cycles' view of them."""
+    """The built files, their exports, and Cycles' pictures of them."""
 
     folder: Path
     cases: dict
@@ -75,7 +75,7 @@ def _python(*arguments: str) -> None:
 
 
 def build(folder: Path) -> None:
-    """Build the messy files, export them and render their tidy twins; three processes with Blender in them."""
+    """Build the messy files, export them, and render their tidy twins, in three Blender processes."""
     builder = str(HERE / "messy_blends.py")
     _python(builder, str(folder), "build")
     for name, content in _damaged((folder / "malicious.blend").read_bytes()).items():
@@ -84,7 +84,7 @@ def build(folder: Path) -> None:
     for name, job in jobs.items():
         (folder / f"out_{name}").mkdir()
         (folder / f"{name}.job").write_text(json.dumps(asdict(job)))
-    # One process for all of them, which is not how it is done in earnest but starts Blender once.
+    # One process for all files, which starts Blender once; users get one process each.
     _python("-m", "hulldown.reading.blender.reader", *(str(folder / f"{name}.job") for name in jobs))
     made = load(folder)
     twins = {
@@ -101,7 +101,7 @@ def build(folder: Path) -> None:
 
 
 def load(folder: Path) -> Messy:
-    """Return what `build` left in a folder."""
+    """Load the results of `build`."""
     exported, errors = {}, {}
     for name, job in _jobs(folder).items():
         try:
@@ -115,7 +115,7 @@ def _jobs(folder: Path) -> dict[str, Job]:
     """The export job of each messy file."""
     about = {name: (f"{name}.blend", case["kind"], case["options"]) for name, case in _cases(folder).items()}
     for suffix in ("glb", "fbx", "obj"):
-        # The first two were made of a model that lies on its side in Blender; OBJ files are y up by themselves.
+        # The first two are exports of a model that has y up in Blender; OBJ files always have y up.
         about[suffix] = (f"imported.{suffix}", "vehicle", {"up": None if suffix == "obj" else "y"})
     about |= {name: (f"{name}.blend", "vehicle", {}) for name in DAMAGED}
     return {
@@ -144,13 +144,13 @@ def _damaged(sound: bytes) -> dict[str, bytes]:
 
 
 def into_asset(asset: VehicleShape | Scenery, camera: np.ndarray) -> np.ndarray:
-    """A camera of the file's world in the asset's frame."""
+    """A camera in the file's world, moved to the asset's frame."""
     into = asset.vehicle_from_file if isinstance(asset, VehicleShape) else asset.scenery_from_file
     return into @ camera
 
 
 def silhouette(asset: VehicleShape | Scenery, camera: np.ndarray, articulation: dict | None = None) -> np.ndarray:
-    """What a camera in the asset's frame sees of the exported geometry, by one ray through each pixel's middle."""
+    """The exported geometry's silhouette from a camera in the asset's frame, by one ray through each pixel's center."""
     focal = SIZE / 2 / math.tan(FOV / 2)
     across = (np.arange(SIZE) + 0.5 - SIZE / 2) / focal
     x, y = np.meshgrid(across, -across)
@@ -167,5 +167,5 @@ def silhouette(asset: VehicleShape | Scenery, camera: np.ndarray, articulation: 
 
 
 def iou(a: np.ndarray, b: np.ndarray) -> float:
-    assert min(a.sum(), b.sum()) > 500, "a silhouette that small shows nothing"
+    assert min(a.sum(), b.sum()) > 500, "the silhouette is too small"
     return float((a & b).sum() / (a | b).sum())

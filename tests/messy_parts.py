@@ -1,4 +1,4 @@
-"""What the messy cases are built of: objects, collections, a tank, a sheet of ground, scattering nodes. In Blender."""
+"""Building blocks of the messy cases: objects, collections, a tank, a sheet of ground, scattering nodes. In Blender."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CASES: dict[str, Callable[[], dict]] = {}
 
 
 def case(build: Callable[[], dict]) -> Callable[[], dict]:
-    """A case by the name of the function that builds it, which answers with what is special about it."""
+    """Register a case under the name of its function, which returns the case's differences from the defaults."""
     CASES[build.__name__] = build
     return build
 
@@ -32,7 +32,7 @@ def empty(name, at=(0, 0, 0), parent=None, rot=(0, 0, 0), scale=(1, 1, 1), colle
 
 
 def box(name, size, at=(0, 0, 0), parent=None, rot=(0, 0, 0), scale=(1, 1, 1), collection=None, shift=(0, 0, 0)):
-    """A wedge-shaped box (no symmetry that would hide a mirrored or turned axis); `shift` moves it off its origin."""
+    """A wedge-shaped box, whose asymmetry shows mirrored and turned axes; `shift` moves it off its origin."""
     sx, sy, sz = (s / 2 for s in size)
     points = [(-sx, -sy, -sz), (sx, -sy, -sz), (sx, sy, -sz), (-sx, sy, -sz)]
     points += [(-sx, -sy, sz), (0.7 * sx, -sy, 0.8 * sz), (0.5 * sx, 0.6 * sy, sz), (-sx, sy, 0.9 * sz)]
@@ -61,7 +61,7 @@ def layer(name, root=None):
 
 
 def tank(parent=None, coll=None, *, turret_deg=0.0, gun_deg=0.0, turn=(0, 0, 0)):
-    """Hull, turret and gun under empties; the angles are what a plan would ask for."""
+    """Hull, turret, and gun under empties; the angles are those of a plan."""
     box("Hull", (6, 3, 1), (0, 0, 1), parent, collection=coll)
     box("Nose", (1, 2, 0.6), (3.2, 0.2, 1), parent, collection=coll)
     turret = empty("Turret", (0.5, 0.1, 1.5), parent, (0, 0, math.radians(turret_deg)), collection=coll)
@@ -72,7 +72,7 @@ def tank(parent=None, coll=None, *, turret_deg=0.0, gun_deg=0.0, turn=(0, 0, 0))
 
 
 def scatter(name, obj=None):
-    """A node group that keeps the mesh and puts an instance (of `obj`, or a cube of its own) on each vertex."""
+    """A node group that keeps the mesh and puts an instance (of `obj`, or of a new cube) on each vertex."""
     group = bpy.data.node_groups.new(name, "GeometryNodeTree")
     for way in ("INPUT", "OUTPUT"):
         group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")

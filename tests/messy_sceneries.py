@@ -1,4 +1,4 @@
-"""Sceneries as people build them: scattered, without names, at map coordinates. In Blender."""
+"""Sceneries as people build them: scattered objects, meaningless names, map coordinates. In Blender."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ MAP = (500_000.0, 5_400_000.0, 200.0)
 
 @case
 def scattered():
-    """Trees and rocks by particles, geometry nodes, vertices and collections; LODs, fog and sky around them."""
+    """Trees and rocks by particles, geometry nodes, vertices, and collections; LODs, fog, and a sky around them."""
     ground = sheet("Cube.001", 60, 6, coll=collection("Terrain"))
     stock = collection("Assets on the landscape")
     oak = box("Oak", (1, 1, 6), collection=stock, shift=(0, 0, 3))
@@ -38,7 +38,7 @@ def scattered():
 
 @case
 def hairy():
-    """Reeds of hair: copies of one, strewn by nodes, tapered, without a radius; and ground of hair, which is none."""
+    """Reeds of hair: copies placed by nodes, tapered, without a radius; and ground covered with hair."""
     ground = sheet("Terrain", 30, 3)
     reeds = hair("Reeds", thick=0.8)
     reeds.location = (60, 60, -40)
@@ -56,7 +56,7 @@ def hairy():
 
 @case
 def furry():
-    """Particle strands, with children and without, on something that is not drawn itself."""
+    """Particle strands, with and without children, on an object that isn't rendered."""
     sheet("Terrain", 12, 1)
     carrier = sheet("Terrain_Furry", 20, 1, (2, 3, 3))
     carrier.scale, carrier.rotation_euler, carrier.show_instancer_for_render = (0.5, 1, 1.2), (0, 0, 0.5), False
@@ -70,7 +70,7 @@ def furry():
 
 
 def hair(name, *, thick):
-    """Four leaning strands of hair, tapered to the top."""
+    """Four leaning, tapered strands of hair."""
     curves = bpy.data.hair_curves.new(name)
     curves.add_curves([3] * 4)
     foot = np.array([[-2.5, -1, 0], [-1, 2, 0], [1.5, -2, 0], [3, 1, 0]])
@@ -95,7 +95,7 @@ def volume_material():
 
 @case
 def unnamed():
-    """A scenery that does not say what its ground is."""
+    """A scenery whose ground has a meaningless name."""
     sheet("Mesh", 60, 6)
     box("Thing", (5, 5, 5), (5, 5, 2))
     return {"kind": "scenery", "distance": 75.0}
@@ -111,7 +111,7 @@ def map_in_mesh():
 
 @case
 def map_in_object():
-    """Map coordinates in the object; what hangs on it has small ones, that float32 matrices would round to 0.5 m."""
+    """Map coordinates in the object; its children have small ones, which float32 matrices would round to 0.5 m."""
     ground = sheet("Terrain", 64, 4, at=MAP)
     box("Hut", (8, 6, 4), (3.14159, 2.71828, 1.41421), ground, rot=(0, 0, 0.3))
     box("Barn", (8, 6, 4), (1_036_604.5, 5_323_106.0, 201.0), empty("Survey", (0, 0, 0), rot=(0, 0, 0.1)))

@@ -11,7 +11,7 @@ from messy_parts import FOLDER, box, case, collection, empty, layer, link, scatt
 
 @case
 def modifiers():
-    """Levels and switches that differ between viewport and render; mirrors; arrays; odd scales."""
+    """Levels and switches that differ between viewport and render; mirrors, arrays, odd scales."""
     hull = box("Hull", (6, 3, 1), (0, 0, 1))
     smooth = hull.modifiers.new("s", "SUBSURF")
     smooth.levels, smooth.render_levels = 0, 3
@@ -80,7 +80,7 @@ def instances():
 
 @case
 def collections():
-    """Turret and gun by collection, with everything at the world's origin but a pivot empty."""
+    """Turret and gun are collections; everything has its origin at the world's, except for a pivot empty."""
     vehicle = collection("Turreted vehicle")
     box("Body", (6, 3, 1), shift=(0, 0, 1), collection=vehicle)
     turret = collection("TURRET.001", vehicle)
@@ -94,7 +94,7 @@ def collections():
 
 @case
 def no_origins():
-    """Root objects named turret and gun whose origins were left at zero, and names that clash into .001."""
+    """Top-level objects named turret and gun with their origins at zero, and names that clash into .001."""
     for number in range(2):
         box("Wheel", (1, 0.3, 1), (1.5, 1.4 - 2.8 * number, 0.5))
     box("Turret", (0.2, 0.2, 3), (-20, 0, 0)).hide_render = True
@@ -106,7 +106,7 @@ def no_origins():
 
 @case
 def surfaces():
-    """Curves, texts, metaballs and surfaces are rendered, so they count; loose vertices are not."""
+    """Curves, texts, metaballs, and surfaces, which are rendered, and loose vertices, which aren't."""
     hull = box("Hull", (6, 3, 1), (0, 0, 1))
     hull.data.vertices.add(1)
     hull.data.vertices[-1].co = (0, 0, 50)
@@ -123,7 +123,7 @@ def surfaces():
 
 @case
 def armature():
-    """A turret that hangs on a bone."""
+    """A turret parented to a bone."""
     box("Hull", (6, 3, 1), (0, 0, 1))
     rig = link(bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig")))
     rig.location = (0.2, 0, 0)
@@ -139,7 +139,7 @@ def armature():
 
 @case
 def nodes():
-    """Parts that geometry nodes make: copies of an object, and cubes that no object has made."""
+    """Geometry made by nodes: copies of an object, and cubes without an object."""
     hull = box("Hull", (6, 3, 1), (0, 0, 1))
     knob = box("Knob", (0.3, 0.2, 0.5), (0, 0, 9), shift=(0.1, 0, 0.2))
     knob.hide_render = True
@@ -150,7 +150,7 @@ def nodes():
 
 
 def keyframed(turret_deg, gun_deg):
-    """Turret and gun under a turned, unevenly scaled root; key frames and a driver pull at them."""
+    """Turret and gun under a turned, unevenly scaled root, with key frames and a driver."""
     root = empty("Wreck", (3, -2, 0.7), rot=(0, 0, math.radians(35)), scale=(1.1, 1.1, 1.1))
     turret, gun = tank(root, turret_deg=turret_deg, gun_deg=gun_deg)
     for obj, axis in ((turret, 2), (gun, 1)):
@@ -182,7 +182,7 @@ def centimeters():
 
 @case
 def y_up():
-    """As some exporters leave it: y is up, the nose points along x."""
+    """As some exporters write it: y is up, the nose points along x."""
     tank(empty("Upside", rot=(-math.pi / 2, 0, 0)))
     return {"file_from_meters": Matrix.Rotation(-math.pi / 2, 4, "X"), "options": {"up": "y"}}
 
@@ -195,7 +195,7 @@ def faces_minus_y():
 
 @case
 def library_vehicle():
-    """Not a case of its own to look at: the file that `linked` links from."""
+    """The library file of `linked`, and a plain tank."""
     coll = collection("Tank asset")
     tank(coll=coll)
     return {}
@@ -203,7 +203,7 @@ def library_vehicle():
 
 @case
 def linked():
-    """The vehicle is an instance of a linked collection, turned, mirrored and scaled."""
+    """The vehicle is an instance of a linked collection, turned, mirrored, and scaled."""
     with bpy.data.libraries.load(str(FOLDER / "library_vehicle.blend"), link=True, relative=True) as (_, target):
         target.collections = ["Tank asset"]
     carrier = empty("Instance", (4, 5, 1), rot=(0, 0, math.radians(20)), scale=(1.5, -1.5, 1.5))

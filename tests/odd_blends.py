@@ -1,4 +1,4 @@
-"""Builds .blend files that are odd in one way each; run in Blender, with a folder to write into."""
+"""Build .blend files that are odd in one way each; run in Blender, with a folder to write into."""
 
 import math
 import os
@@ -47,7 +47,7 @@ def haired(count):
 
 
 def nan_strands(_):
-    """Read before the mesh that they grow on."""
+    """Strands are read before their mesh."""
     haired(3).location.x = math.nan
 
 
@@ -60,7 +60,7 @@ def furry(_):
 
 
 def no_known_tree(_):
-    """Of nodes of a kind that Blender does not know."""
+    """Nodes of a kind that Blender doesn't know."""
     cube().data.materials.append(bpy.data.materials.new("Plain"))
 
 
@@ -87,12 +87,12 @@ def instances(_):
     group.links.new(shape.outputs[0], on_points.inputs["Instance"])
     group.links.new(on_points.outputs[0], out.inputs[0])
     modifier = cube().modifiers.new("many", "NODES")
-    modifier.show_viewport = False  # saving would make all of them
+    modifier.show_viewport = False  # saving would make all instances
     modifier.node_group = group
 
 
 def library(folder):
-    """Linked from a file that is a FIFO by the time it is opened."""
+    """An object linked from a file that will be a FIFO."""
     cube("Linked")
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "lib.blend"))
     bpy.ops.wm.read_factory_settings(use_empty=True)

@@ -1,7 +1,7 @@
-"""Makes a vehicle whose materials were not made to be painted; run as a script, with a folder to write into.
+"""Make a vehicle whose materials weren't made to be painted; run as a script, with a folder to write into.
 
-An image texture, a shader inside a group that two materials share, a material of an object's slot over its mesh's, one
-that is linked from another file and called as one of the scenery's; and yellow tires, which are to stay yellow.
+An image texture, a shader inside a group that two materials share, a material of an object's slot over its mesh's, a
+linked material named like one of the scenery's, and yellow tires, which must stay yellow.
 """
 
 import math
@@ -24,7 +24,7 @@ def shader(material):
 
 
 def textured(name):
-    """Dark, with bright lines."""
+    """A dark texture with bright lines."""
     image = bpy.data.images.new(name, 64, 64)
     pixels = np.full((64, 64, 4), 0.3, np.float32)
     pixels[::16, :, :3] = pixels[:, ::16, :3] = 0.8

@@ -1,6 +1,6 @@
-"""Renders small scenes under weather for test_surfaces; run as a script, with a folder to write into.
+"""Render small scenes in weather for test_surfaces; run as a script, with a folder to write into.
 
-Pictures of light are .npy files, linear; what they show is in test_surfaces.
+Pictures of light are linear .npy files; test_surfaces names them.
 """
 
 import math
@@ -43,7 +43,7 @@ def principled(name, albedo, rough, **inputs):
 
 
 def grouped(name):
-    """Soil whose shader is in a group, as packs of materials have it."""
+    """Soil with its shader inside a group, as in material packs."""
     material = bpy.data.materials.new(name)
     tree = bpy.data.node_groups.new("pack", "ShaderNodeTree")
     tree.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
@@ -62,7 +62,7 @@ def grouped(name):
 
 
 def mixed(name):
-    """Two soils mixed, each with its own shader."""
+    """A mix of two soils with different shaders."""
     material = principled(name, 0.245, 0.95)
     tree = material.node_tree
     first, output = tree.nodes["Principled BSDF"], tree.nodes["Material Output"]
@@ -116,7 +116,7 @@ def plane(size, location, material, rotation=(0.0, 0.0, 0.0)):
 
 
 def tiles(path):
-    """Level squares of 1 m in a row, one of each material; the middle of the n-th is at x = n."""
+    """Level squares of 1 m in a row, one of each material; the center of the n-th is at x = n."""
     fresh()
     made = [
         principled("asphalt", 0.1, 0.85),
@@ -134,7 +134,7 @@ def tiles(path):
 
 
 def dome(path):
-    """A black sphere of 80 m in the air: from above, a pixel's distance from the middle says its slope."""
+    """A black sphere of 80 m in the air: seen from above, a pixel's distance from the center gives its slope."""
     fresh()
     bpy.ops.mesh.primitive_uv_sphere_add(segments=128, ring_count=64, radius=80.0)
     bpy.ops.object.shade_smooth()
@@ -143,7 +143,7 @@ def dome(path):
 
 
 def yard(path, scenery_from_file=None):
-    """Black ground, a roof of 12 m with nothing under it, a wall at x = 12, water, a leaf card beyond the ground."""
+    """Black ground, an empty roof of 12 m, a wall at x = 12, water, and a leaf card beyond the ground."""
     fresh()
     soil = principled("black", 0.0, 1.0, Specular_IOR_Level=0.0)
     plane(100.0, (0.0, 0.0, 0.0), soil)
@@ -160,7 +160,7 @@ def yard(path, scenery_from_file=None):
 
 
 def vehicle(path):
-    """A black box of 4 x 4 x 3 m that wears the ground's material: what `reading.tidy` would have made of it."""
+    """The tidy twin of a black box of 4 x 4 x 3 m with the ground's material."""
     fresh()
     bpy.ops.mesh.primitive_cube_add(size=1.0)
     obj = bpy.context.object
@@ -192,7 +192,7 @@ def at(x, y, z):
 
 
 def looking_down(x, y, z, width):
-    """A camera that sees `width` meters of what is at z = 0."""
+    """A camera that looks down and sees `width` meters at z = 0."""
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     pose[:3, 3] = x, y, z
     return CameraInput(pose.tolist(), Intrinsics(64, 64, 2 * math.atan(width / 2 / z)), 0.01, 0.0, 0.0)
@@ -205,7 +205,7 @@ def looking_along_x(x, y, z, width, distance):
 
 
 class Studio:
-    """One scenery, and linear pictures of it."""
+    """A scenery, and linear pictures of it."""
 
     def __init__(self, folder, name, scenery_from_file=None):
         self.folder = folder
@@ -266,7 +266,7 @@ def yards(folder):
 
 
 def bytes_of_clear_pictures(folder):
-    """The same clear row before, between and after the others, in one worker; and masks."""
+    """The same clear row before, between, and after others, in one worker; and masks."""
     renderer = Renderer()
     pose = at(-24.0, 20.0, 0.0)
     for name in ("tiles", "yard"):

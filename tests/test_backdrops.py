@@ -1,4 +1,4 @@
-"""The file's own sky is not rendered, whichever way the file is; what the config calls ground or obstacle is."""
+"""A file's sky object isn't rendered, in any format; objects that the config makes ground or obstacles are."""
 
 import json
 import subprocess
@@ -52,7 +52,7 @@ print("shown", json.dumps(sorted(shown)))
 
 
 def assert_what_is_planned_is_rendered(file: Path, exported: Exported, scenery: Scenery) -> None:
-    """In renders of the file and of its tidy twin, which numbers its copies as it writes them."""
+    """In renders of the file and of its tidy twin, which numbers copies when it writes them."""
     planned = sorted(name.partition(".")[0] for name in (*scenery.ground_names, *scenery.instance_names))
     standing = SceneryFile(file, np.eye(4), scenery).standing
     for path, removed in ((file, list(scenery.removed_names)), (exported.tidy, [])):
@@ -69,7 +69,7 @@ def assert_what_is_planned_is_rendered(file: Path, exported: Exported, scenery: 
         pytest.param(Options(include=("terrain_n",)), ["Terrain_N"], id="object in include, mesh called like a sky"),
     ],
 )
-def test_what_is_planned_is_what_is_rendered(tmp_path: Path, options: Options, expected: list[str]) -> None:
+def test_rendered_objects_are_the_planned_ones(tmp_path: Path, options: Options, expected: list[str]) -> None:
     made = tmp_path / "sky.blend"
     subprocess.run([sys.executable, "-c", MADE, str(made)], check=True, capture_output=True)
     exported = export(made, tmp_path, kind="scenery", options=options)

@@ -1,4 +1,4 @@
-"""Images without targets and things that are no targets: budgets, draws, labels, and who plans what."""
+"""Images without targets, and distractors: budgets, draws, labels, and planning."""
 
 from collections import Counter
 
@@ -40,14 +40,14 @@ def rows(made):
     return list(made)
 
 
-def test_without_backgrounds_and_distractors_rows_are_as_they_were(assets):
+def test_rows_without_backgrounds_and_distractors_are_unchanged(assets):
     plain = Planner(small_config(), small_assets())
     listed = Planner(small_config(assets={"distractors": DISTRACTOR_ENTRIES},
                                   placement={"distractors_per_image": 0}), assets)  # fmt: skip
     assert encode_rows(listed.rows(0, 4)) == encode_rows(plain.rows(0, 4))
 
 
-def test_backgrounds_come_beside_the_classes_exactly(rows):
+def test_backgrounds_are_counted_exactly_in_addition_to_classes(rows):
     assert Counter(row.target.category for row in rows if not row.background) == {"tank": 6, "truck": 6}
     backgrounds = [row for row in rows if row.background]
     assert len(backgrounds) == 4
@@ -73,8 +73,8 @@ def test_distractors_are_labeled_only_if_they_have_a_class(rows):
     assert seen["car"] > seen["bus"]
 
 
-def test_all_places_are_alike_for_distractors():
-    """Uniform over the disk: the square of the distance is uniform."""
+def test_distractors_are_uniform_over_the_disk():
+    """The squared distance is uniform."""
     shares, bearings = (np.arange(1000) + 0.5) / 1000, np.linspace(0.0, 1.0, 1000)
     ring = np.tile([10.0, 40.0], (1000, 1))
     away = np.linalg.norm(offsets(np.full(1000, Role.DISTRACTOR), ring, np.stack([shares, bearings], 1)), axis=1)
@@ -96,6 +96,6 @@ def test_all_places_are_alike_for_distractors():
         ),
     ],
 )
-def test_what_does_not_fit_is_refused(sections, message):
+def test_budgets_that_do_not_fit_are_refused(sections, message):
     with pytest.raises(ConfigError, match=message):
         small_config(**sections)

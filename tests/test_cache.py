@@ -1,4 +1,4 @@
-"""The cache of exports, with an exporter that needs no Blender."""
+"""The cache of exports, with a stand-in for Blender."""
 
 import json
 import os
@@ -31,7 +31,7 @@ MESH = Mesh(np.eye(3), np.array([[0, 1, 2]]))
 
 
 class Exporter:
-    """Stands in for Blender: writes a bundle, and says what files the asset refers to."""
+    """A stand-in for Blender: writes a bundle, and lists the files that the asset refers to."""
 
     def __init__(self) -> None:
         self.read: list[str] = []
@@ -70,7 +70,7 @@ def blend(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def read(exporter: Exporter, blend: Path, tmp_path: Path) -> Callable[..., bool]:
-    """Reads through the cache and says whether the file had to be exported."""
+    """A function that reads through the cache and returns whether the file was exported."""
 
     def run(path: Path = blend, kind: str = "vehicle", **options: object) -> bool:
         before, lines = len(exporter.read), []
@@ -91,15 +91,15 @@ def test_a_file_is_exported_once(read: Callable[..., bool]) -> None:
     assert [read(), read(), read()] == [True, False, False]
 
 
-def test_other_content_options_and_kind_are_other_entries(read: Callable[..., bool], blend: Path) -> None:
+def test_other_content_options_and_kind_give_other_entries(read: Callable[..., bool], blend: Path) -> None:
     assert [read(), read(scale=0.01), read(keep=("a",)), read(kind="scenery")] == [True] * 4
     blend.write_bytes(BLEND + b" altered")
     assert read()
     blend.write_bytes(BLEND + b" content")
-    assert not read(), "the older content is still known"
+    assert not read(), "the older entry is still there"
 
 
-def test_textures_and_libraries_count(
+def test_changes_of_textures_and_libraries_count(
     read: Callable[..., bool], exporter: Exporter, tmp_path: Path, blend: Path
 ) -> None:
     there, gone = tmp_path / "there.png", tmp_path / "gone.png"
@@ -107,7 +107,7 @@ def test_textures_and_libraries_count(
     exporter.files = (str(there), str(gone))
     assert [read(), read()] == [True, False]
     there.write_bytes(b"red")
-    assert not read(), "written anew, but the same"
+    assert not read(), "rewritten with the same content"
     there.write_bytes(b"sea")
     assert [read(), read()] == [True, False]
     gone.write_bytes(b"found")
@@ -116,15 +116,15 @@ def test_textures_and_libraries_count(
     assert [read(), read()] == [True, False]
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "tank.blend").write_bytes(blend.read_bytes())
-    assert read(tmp_path / "other" / "tank.blend"), "its relative paths mean other files there"
+    assert read(tmp_path / "other" / "tank.blend"), "its relative paths lead to other files there"
 
 
 @pytest.mark.skipif(not abi(), reason="without confinement, Blender reads it too")
 @pytest.mark.parametrize("link", [False, True])
-def test_what_an_asset_names_outside_its_folders_is_not_opened(
+def test_files_outside_the_folders_of_an_asset_are_not_opened(
     read: Callable[..., bool], exporter: Exporter, tmp_path: Path, blend: Path, link: bool
 ) -> None:
-    """It was hashed by a process that nothing confines."""
+    """An unconfined process hashed them."""
     asset = tmp_path / "pack" / "models" / "tank.blend"
     asset.parent.mkdir(parents=True)
     blend.rename(asset)
@@ -136,7 +136,7 @@ def test_what_an_asset_names_outside_its_folders_is_not_opened(
     exporter.files = (str(named),)
     assert [read(asset), read(asset)] == [True, False]
     secret.write_bytes(b"blue")
-    assert not read(asset), "as if it were not there"
+    assert not read(asset), "as if it didn't exist"
 
 
 def cut(path: Path) -> None:
@@ -154,7 +154,7 @@ def endless(path: Path) -> None:
 
 
 def forged(entry: Path, **note: object) -> None:
-    """Rewrite an entry as somebody without the user's key can."""
+    """Rewrite an entry as somebody without the user's key could."""
     seal, body = (entry / "entry.json").read_bytes().split(b"\n", 1)
     sealed = json.loads(body)
     sealed["note"].update(note)
@@ -175,7 +175,7 @@ def of_another_asset(path: Path) -> None:
         *[("", partial(forged, files={file: [0, 0, "x"]})) for file in ("/dev/zero", "/dev/random")],
     ],
 )
-def test_an_entry_that_is_not_as_this_user_sealed_it_is_made_again(
+def test_an_entry_without_this_users_seal_is_replaced(
     read: Callable[..., bool], tmp_path: Path, name: str, harm: Callable[[Path], object]
 ) -> None:
     read()
@@ -186,7 +186,7 @@ def test_an_entry_that_is_not_as_this_user_sealed_it_is_made_again(
     assert (entry / "tidy.blend").read_bytes() == was
 
 
-def test_an_entry_in_the_place_of_another_is_made_again(read: Callable[..., bool], tmp_path: Path) -> None:
+def test_an_entry_moved_to_another_key_is_replaced(read: Callable[..., bool], tmp_path: Path) -> None:
     read()
     (first,) = (tmp_path / "cache").glob("*/")
     read(scale=0.01)
@@ -196,17 +196,17 @@ def test_an_entry_in_the_place_of_another_is_made_again(read: Callable[..., bool
     assert read()
 
 
-def test_a_cache_that_another_user_made_is_not_used(
+def test_another_users_entries_are_not_used(
     read: Callable[..., bool], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert read()
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "another"))
     assert [read(), read()] == [True, False]
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    assert not read(), "beside the first user's entry, which is still there"
+    assert not read(), "next to the first user's entry, which is still there"
 
 
-def test_a_lock_that_is_a_link_is_refused_and_not_written_through(read: Callable[..., bool], tmp_path: Path) -> None:
+def test_a_lock_that_is_a_link_is_refused_and_not_followed(read: Callable[..., bool], tmp_path: Path) -> None:
     read()
     (lock,) = (tmp_path / "cache").glob("*.lock")
     lock.unlink(missing_ok=True)
@@ -245,8 +245,8 @@ def config_in(folder: Path, *, vehicles: Sequence[dict] = VEHICLES) -> Config:
 def test_the_assets_of_a_config(exporter: Exporter, tmp_path: Path) -> None:
     library = load_library(config_in(tmp_path))
     assets = library.assets
-    assert list(assets.vehicles) == ["b", "T"], "in the order of the config"
-    assert assets.vehicles["T"].name == "T", "called as in the config, whatever the cache calls it"
+    assert list(assets.vehicles) == ["b", "T"], "in the config's order"
+    assert assets.vehicles["T"].name == "T", "named as in the config, whatever the name in the cache"
     assert assets.categories == {"b": "small", "T": "large"}
     assert list(assets.sceneries) == ["field"]
     assert assets.hdris == ("sky",)
@@ -259,9 +259,7 @@ def test_the_assets_of_a_config(exporter: Exporter, tmp_path: Path) -> None:
     assert sorted(exporter.read) == ["a.blend", "b.blend", "field.blend"]
 
 
-def test_limits_of_the_config_replace_those_of_the_file_without_reading_it_again(
-    exporter: Exporter, tmp_path: Path
-) -> None:
+def test_limits_in_the_config_replace_the_files_without_reading_it_again(exporter: Exporter, tmp_path: Path) -> None:
     exporter.parts = 3
     load_library(config_in(tmp_path))
     vehicles = [
@@ -270,12 +268,12 @@ def test_limits_of_the_config_replace_those_of_the_file_without_reading_it_again
     ]
     assets = load_library(config_in(tmp_path, vehicles=vehicles)).assets
     assert np.degrees(assets.vehicles["a"].part_limits) == pytest.approx(np.array([[0, 0], [-30, 45], [0, 0]]))
-    assert assets.vehicles["b"].part_limits[1].tolist() == [-np.pi, np.pi], "as the file says"
+    assert assets.vehicles["b"].part_limits[1].tolist() == [-np.pi, np.pi], "the limits of the file"
     assert np.degrees(assets.vehicles["b"].part_limits[2]) == pytest.approx([-10, 60])
     assert len(exporter.read) == 3
 
 
-def test_limits_of_a_part_that_is_not_there_are_refused(exporter: Exporter, tmp_path: Path) -> None:
+def test_limits_of_a_missing_part_are_refused(exporter: Exporter, tmp_path: Path) -> None:
     config = config_in(tmp_path, vehicles=[{**VEHICLES[0], "gun_limits_deg": [0, 10]}])
     with pytest.raises(AssetError, match=r"b\.blend: gun_limits_deg is given, but no gun was found"):
         load_library(config)
@@ -292,7 +290,7 @@ def test_strict_refuses_missing_textures(exporter: Exporter, tmp_path: Path) -> 
 
 
 def planned(folder: Path, **assets_section: str) -> Plan:
-    """A plan of `config_in`, with other values in the section of assets in its header."""
+    """A plan of `config_in`, with other values in its header's section of assets."""
     config = config_in(folder)
     assets = load_library(config).assets
     path = folder / "plan.jsonl"
@@ -302,7 +300,7 @@ def planned(folder: Path, **assets_section: str) -> Plan:
 
 
 @pytest.mark.parametrize("cache", ["../elsewhere", "images", "a/../../elsewhere", "$OUT"])
-def test_the_header_of_a_plan_names_no_place_to_write(exporter: Exporter, tmp_path: Path, cache: str) -> None:
+def test_a_plans_header_cannot_choose_where_to_write(exporter: Exporter, tmp_path: Path, cache: str) -> None:
     folder = tmp_path / "project"
     folder.mkdir()
     plan = planned(folder, cache=cache.replace("$OUT", str(tmp_path / "out")))
@@ -313,7 +311,7 @@ def test_the_header_of_a_plan_names_no_place_to_write(exporter: Exporter, tmp_pa
     assert (tmp_path / "mine").is_dir()
 
 
-def test_a_cache_that_is_a_link_is_not_written_through(exporter: Exporter, tmp_path: Path) -> None:
+def test_a_cache_that_is_a_link_is_not_followed(exporter: Exporter, tmp_path: Path) -> None:
     plan = planned(tmp_path)
     (tmp_path / ".hulldown-cache").rename(tmp_path / "was")
     (tmp_path / ".hulldown-cache").symlink_to(tmp_path / "elsewhere")
@@ -331,9 +329,9 @@ def test_a_plan_is_refused_when_a_file_has_changed_since(exporter: Exporter, tmp
 
 
 @pytest.mark.parametrize("content", [b"", b"sky", b"<html>", b"\x89PNG"])
-def test_an_hdri_that_is_no_picture_is_refused(exporter: Exporter, tmp_path: Path, content: bytes) -> None:
+def test_an_hdri_that_is_not_a_picture_is_refused(exporter: Exporter, tmp_path: Path, content: bytes) -> None:
     config = config_in(tmp_path)
     (tmp_path / "sky.exr").write_bytes(content)
     with pytest.raises(AssetError, match=r"sky.exr: isn't an OpenEXR or Radiance picture; copy it again"):
         load_library(config)
-    assert exporter.read == [], "before the long work"
+    assert exporter.read == [], "before the slow work"

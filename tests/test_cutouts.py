@@ -25,18 +25,18 @@ SOFT = AlphaMap(np.random.default_rng(0).integers(0, 256, (8, 8)).astype(np.uint
 
 
 def card(alpha: AlphaMap = CHECKS, *, y: float = 0.0, uv: np.ndarray = CORNERS) -> Mesh:
-    """A square of a meter across y."""
+    """A square of 1 m across y."""
     cut = Cutouts(np.arange(2), uv[HALVES].astype(np.float32), np.zeros(2, int), (alpha,))
     return Mesh(SQUARE + np.array([0.0, y, 0.0]), HALVES, "card", cut)
 
 
 def through(n: int = 4000, seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rays along y, and where they go through the cards."""
+    """Rays along y, and their positions on the cards."""
     at = np.random.default_rng(seed).random((n, 2))
     return np.column_stack([at[:, 0], np.full(n, -3.0), at[:, 1]]), np.tile([0.0, 1.0, 0.0], (n, 1)), at
 
 
-def test_rays_meet_opaque_texels_and_pass_clear_ones():
+def test_rays_hit_opaque_texels_and_pass_clear_ones():
     origins, along, at = through()
     opaque = np.floor(at * 4).sum(axis=1) % 2 == 1
     caster = caster_of(card())
@@ -48,7 +48,7 @@ def test_rays_meet_opaque_texels_and_pass_clear_ones():
     assert not caster.occluded(origins, along, max_distance=2.9).any()
 
 
-def test_transmittance_is_multiplied_and_a_half_hides():
+def test_transmittance_multiplies_and_half_occludes():
     origins, along, at = through()
     mesh, _ = merge([card(SOFT), card(SOFT, y=1e-5), card(SOFT, y=0.5)])
     opacity = SOFT.opacity(at)
@@ -60,7 +60,7 @@ def test_transmittance_is_multiplied_and_a_half_hides():
     np.testing.assert_array_equal(caster.occluded(origins, along)[~near], (opacity >= 0.5)[~near])
 
 
-def test_layers_a_hundredth_of_a_millimeter_apart_are_not_lost():
+def test_layers_10_micrometers_apart_all_count():
     layers = 40
     half = AlphaMap(np.full((1, 1), 0.1, dtype=np.float32))
     mesh, _ = merge([card(half, y=1e-5 * i) for i in range(layers)])
@@ -75,7 +75,7 @@ def test_layers_a_hundredth_of_a_millimeter_apart_are_not_lost():
 
 
 @pytest.mark.parametrize("slant", [1.0, 0.1, 1e-2, 1e-3])
-def test_a_slanting_ray_meets_no_face_twice(slant: float):
+def test_a_slanting_ray_hits_each_face_once(slant: float):
     mesh = card(AlphaMap(np.full((1, 1), 0.5, dtype=np.float32)))
     rng = np.random.default_rng(2)
     on = np.column_stack([rng.uniform(0.2, 0.8, 500), np.zeros(500), rng.uniform(0.2, 0.8, 500)])
@@ -85,7 +85,7 @@ def test_a_slanting_ray_meets_no_face_twice(slant: float):
     np.testing.assert_array_equal(found, 0.5)
 
 
-def test_a_ray_along_a_card_ends():
+def test_a_ray_within_a_card_terminates():
     caster = caster_of(card(SOFT))
     found = caster.transmittance([[-1.0, 0.0, 0.5], [-1.0, 1e-9, 0.3]], [[1.0, 0, 0], [1.0, 0, 0]])
     assert ((found >= 0.0) & (found <= 1.0)).all()
@@ -93,7 +93,7 @@ def test_a_ray_along_a_card_ends():
 
 @pytest.mark.parametrize("extension", Extension)
 @pytest.mark.parametrize("smooth", [False, True])
-def test_a_face_classed_as_opaque_or_clear_is_so_at_every_point(extension: Extension, smooth: bool):
+def test_faces_classified_opaque_or_clear_are_so_everywhere(extension: Extension, smooth: bool):
     rng = np.random.default_rng(3)
     texels = np.repeat(np.repeat(rng.integers(0, 2, (3, 5)) * 255, 4, axis=0), 4, axis=1).astype(np.uint8)
     alpha = AlphaMap(texels, extension, smooth, HARD)
@@ -107,7 +107,7 @@ def test_a_face_classed_as_opaque_or_clear_is_so_at_every_point(extension: Exten
     assert (opacity[cuts == Cut.CLEAR] == 0).all()
 
 
-def test_what_is_exactly_at_the_threshold():
+def test_opacity_exactly_at_the_threshold():
     half = np.full((1, 1), 0.5, dtype=np.float32)
     origins, along, _ = through(5)
     assert caster_of(card(AlphaMap(half))).occluded(origins, along).all()
@@ -126,7 +126,7 @@ def test_flipped_and_degenerate_coordinates():
     )
 
 
-def test_opaque_faces_of_a_mesh_with_holes_keep_their_numbers():
+def test_faces_of_a_mesh_with_and_without_holes_keep_their_numbers():
     wall = Mesh(SQUARE + np.array([0.0, 1.0, 0.0]), HALVES)
     mesh, _ = merge([card(), wall])
     origins, along, at = through()
@@ -138,7 +138,7 @@ def test_opaque_faces_of_a_mesh_with_holes_keep_their_numbers():
 
 def test_instances_of_a_card_share_its_holes():
     origins, along, at = through()
-    flat = np.diag([1.0, 1e-9, 1.0, 1.0])  # is cast as a mesh of its own
+    flat = np.diag([1.0, 1e-9, 1.0, 1.0])  # cast as a separate mesh
     poses = np.array([np.eye(4), rigid(np.eye(3), [0.0, 2.0, 0.0]), flat])
     poses[2, 1, 3] = -1.0
     scene = InstancedScene([card()], [0, 0, 0], poses)
@@ -148,13 +148,13 @@ def test_instances_of_a_card_share_its_holes():
     np.testing.assert_array_equal(scene.occluded(origins, along), opaque)
 
 
-def test_boxes_touch_a_card_where_it_hides():
+def test_boxes_touch_the_opaque_parts_of_a_card():
     scene = InstancedScene([card()], [0], rigid(rotation_z(0.4), [5.0, 2.0, 0.0])[None])
     at = np.random.default_rng(4).uniform(0.02, 0.98, (500, 2))
     world_from_box = np.tile(scene.world_from_instance[0], (500, 1, 1))
     world_from_box[:, :3, 3] += (at[:, :1] * world_from_box[:, :3, 0]) + at[:, 1:] * world_from_box[:, :3, 2]
     touched = Obstacles(scene).touched(np.full((500, 3), 0.05), world_from_box)
-    # A box of 0.1 m about a point of a chequerboard of 0.25 m; away from the edges of its fields.
+    # A box of 0.1 m around a point of a checkerboard of 0.25 m, far from the edges of its fields.
     opaque = np.floor(at * 4).sum(axis=1) % 2 == 1
     inner = (np.abs(at * 4 - np.rint(at * 4)) > 0.25).all(axis=1)
     np.testing.assert_array_equal(touched[inner], opaque[inner])
@@ -163,7 +163,7 @@ def test_boxes_touch_a_card_where_it_hides():
     assert whole.touched(np.full((500, 3), 0.05), world_from_box).all()
 
 
-def test_bundles_keep_holes_and_every_texture_once():
+def test_bundles_keep_holes_and_each_texture_once():
     stepped = AlphaMap(SOFT.texels, Extension.CLIP, smooth=False, curve=0.5 * HARD)
     both, _ = merge([card(SOFT), card(stepped)])
     plain, floats = Mesh(SQUARE, HALVES), card(AlphaMap(np.full((2, 3), 0.25, dtype=np.float32)))
@@ -183,14 +183,14 @@ def test_bundles_keep_holes_and_every_texture_once():
 
 
 @pytest.mark.parametrize(("longest", "shape"), [(8, (8, 8)), (5, (5, 5)), (1, (1, 1))])
-def test_fewer_texels_have_the_same_mean_opacity(longest: int, shape: tuple[int, int]):
+def test_downsampled_textures_keep_their_mean_opacity(longest: int, shape: tuple[int, int]):
     alpha = replace(SOFT, curve=HARD)
     texels = fewer_texels(alpha, longest)
     assert texels.shape == shape
     assert AlphaMap(texels).graded_texels().mean() == pytest.approx(alpha.graded_texels().mean(), abs=1 / 255)
 
 
-def test_a_vehicle_is_seen_through_its_net():
+def test_rays_pass_through_the_net_of_a_vehicle():
     parts, _ = merge([card(y=-1.0), Mesh(SQUARE + np.array([2.0, 0.0, 0.0]), HALVES)])
     shape = vehicle_of(parts, name="net")
     vehicle = PosedVehicle(VehicleTarget(shape), np.eye(4)[None], {})

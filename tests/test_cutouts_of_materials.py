@@ -1,4 +1,4 @@
-"""What is read of materials that cut out, beside what Cycles shows of them."""
+"""Opacity read from materials, compared with Cycles' pictures."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hulldown.reading.export import export
 from hulldown.reading.report import FileReport
 
 STEP, PIXELS = 1.2, 50  # as in cutout_blends.py
-# A lookup is exact; what is baked, and the luminance of colors between texels, is off by little.
+# Lookups are exact; baked opacity, and the luminance of colors between texels, differ a little.
 LOOSE = {
     "colored": 0.02,
     "red": 0.002,
@@ -27,13 +27,13 @@ LOOSE = {
     "noise": 0.02,
 }
 EXACT = 2e-3
-FEW = 0.02  # of the pixels: where a threshold lies between two roundings
-BY_CHANCE = ("principled alpha",)  # where Principled is half opaque, Cycles lets a ray through or not
+FEW = 0.02  # share of pixels where a threshold lies between two roundings
+BY_CHANCE = ("principled alpha",)  # half opaque Principled shaders let a random half of Cycles' rays through
 
 
 @pytest.fixture(scope="module")
 def cards(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], FileReport]:
-    """For each card the picture and what is planned of it; the report."""
+    """For each card the picture and its planned transmittance; the report."""
     folder = tmp_path_factory.mktemp("cards")
     script = Path(__file__).with_name("cutout_blends.py")
     subprocess.run([sys.executable, "-P", str(script), str(folder)], check=True, capture_output=True)
@@ -53,7 +53,7 @@ def cards(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, tuple[np.
     return {name: (shown[at], planned[at]) for name, at in around.items()}, exported.report
 
 
-def test_cards_let_through_what_cycles_shows_through_them(cards):
+def test_planned_transmittance_equals_cycles(cards):
     off = {}
     for name, (shown, planned) in cards[0].items():
         if name == "by angle":
@@ -65,14 +65,14 @@ def test_cards_let_through_what_cycles_shows_through_them(cards):
     assert not off
 
 
-def test_what_depends_on_more_than_coordinates_is_named_and_opaque(cards):
+def test_opacity_that_depends_on_the_view_is_reported_and_counts_as_opaque(cards):
     by_material, report = cards
     assert (by_material["by angle"][1] == 0.0).all()
     about = [doubt for doubt in report.doubts if "transparency" in doubt]
     assert about == ["the material 'by angle' counts as opaque: its transparency depends on the node 'Layer Weight'"]
 
 
-def test_a_missing_image_is_named_and_opaque(cards):
+def test_a_missing_image_is_reported_and_counts_as_opaque(cards):
     by_material, report = cards
     assert (by_material["lost image"][1] == 0.0).all()
     assert [(Path(missing.path).name, missing.wanted_by) for missing in report.missing] == [

@@ -1,4 +1,4 @@
-"""Files as people bring them: what is exported of them is what Cycles shows of them."""
+"""Exports of files as people make them, compared with Cycles' pictures."""
 
 import math
 from pathlib import Path
@@ -18,14 +18,14 @@ pytestmark = pytest.mark.blender
 
 
 @pytest.mark.parametrize("name", [*VEHICLES, *SCENERIES])
-def test_the_exported_silhouette_is_what_cycles_shows(messy: Messy, name: str) -> None:
+def test_the_exported_silhouette_equals_cycles(messy: Messy, name: str) -> None:
     asset = messy.asset(name)
     for camera, shown in zip(messy.cameras(name), messy.shown(name), strict=True):
         assert iou(silhouette(asset, into_asset(asset, camera)), shown) >= 0.99
 
 
 @pytest.mark.parametrize("name", [*VEHICLES, *SCENERIES, "map_in_mesh", "map_in_object"])
-def test_the_tidy_twin_renders_as_the_exported_geometry(messy: Messy, name: str) -> None:
+def test_the_tidy_twin_renders_like_the_exported_geometry(messy: Messy, name: str) -> None:
     asset = messy.asset(name)
     for i, camera in enumerate(messy.cameras(name)):
         tidy = alpha(messy.folder / f"{name}.tidy.{i}.png")
@@ -36,8 +36,8 @@ def test_the_tidy_twin_renders_as_the_exported_geometry(messy: Messy, name: str)
     ("name", "strands"),
     [("hairy", {"Reeds", "Terrain_Fluff", *(f"Reeds.{i:03}" for i in range(6))}), ("furry", {"Terrain_Furry"})],
 )
-def test_hair_hides_as_much_as_cycles_draws(messy: Messy, name: str, strands: set[str]) -> None:
-    """Strands a few pixels wide: the prisms' edges are a fifth of a radius off, what they cover in all is not."""
+def test_hair_covers_as_much_as_in_cycles(messy: Messy, name: str, strands: set[str]) -> None:
+    """Strands are a few pixels wide: edges of their prisms are off by a fifth of a radius, but not the covered area."""
     asset = messy.scenery(name)
     assert asset.instance_gives_way.all()
     assert set(asset.instance_names) == strands
@@ -49,7 +49,7 @@ def test_hair_hides_as_much_as_cycles_draws(messy: Messy, name: str, strands: se
             assert exported.sum() == pytest.approx(drawn.sum(), rel=0.02)
 
 
-def test_planned_angles_turn_what_blender_would_turn(messy: Messy) -> None:
+def test_planned_angles_turn_parts_as_blender_does(messy: Messy) -> None:
     shape = messy.vehicle("keyframes")
     turned = {"turret": math.radians(70), "gun": math.radians(12)}
     at_rest = []
@@ -57,7 +57,7 @@ def test_planned_angles_turn_what_blender_would_turn(messy: Messy) -> None:
         seen = into_asset(shape, camera)
         assert iou(silhouette(shape, seen, turned), shown) >= 0.99
         at_rest.append(iou(silhouette(shape, seen), shown))
-    assert min(at_rest) < 0.93, "the angles do not show"
+    assert min(at_rest) < 0.93, "the angles have no effect"
 
 
 @pytest.mark.parametrize("name", ["keyframes", "linked", "centimeters", "y_up", "faces_minus_y", "glb", "fbx"])
@@ -74,13 +74,13 @@ def test_parts_pivots_and_axes_survive_parents_units_and_formats(messy: Messy, n
     assert high == pytest.approx(1.4 * stretch, abs=1e-5)
     apart = shape.part_pivot[2] - shape.part_pivot[1]
     assert math.hypot(*apart[:2]) == pytest.approx(stretch, abs=1e-5)
-    # The gun rises about the horizontal across its own direction.
+    # The gun rises about the horizontal axis across its direction.
     assert np.cross(shape.part_axis[2], apart / stretch)[2] == pytest.approx(1.0, abs=1e-3)
     assert [p.why for p in report.parts] == ["origin of the empty 'Turret'", "origin of the empty 'Gun'"]
 
 
 @pytest.mark.parametrize("name", ["centimeters", "y_up", "faces_minus_y", "glb", "fbx", "obj"])
-def test_units_and_axes_are_made_alike(messy: Messy, name: str) -> None:
+def test_units_and_axes_give_the_same_vehicle(messy: Messy, name: str) -> None:
     shape, plain = messy.vehicle(name), messy.vehicle("library_vehicle")
     assert np.allclose(shape.size_xyz, plain.size_xyz, atol=2e-5)
     assert np.allclose(shape.mesh.bounds, plain.mesh.bounds, atol=2e-5)
@@ -93,13 +93,13 @@ def _sorted(points: np.ndarray) -> np.ndarray:
     return points[np.lexsort(np.round(points, 3).T)]
 
 
-def test_an_export_in_its_own_process(messy: Messy, tmp_path: Path) -> None:
+def test_an_export_in_a_separate_process(messy: Messy, tmp_path: Path) -> None:
     exported = export(messy.folder / "clutter.blend", tmp_path, name="leopard")
-    assert exported.report.kind == "vehicle", "judged by what is in it"
+    assert exported.report.kind == "vehicle", "the kind is detected"
     shape = load_vehicle(exported.bundle)
     assert shape.name == "leopard"
     assert np.array_equal(shape.mesh.vertices, messy.vehicle("clutter").mesh.vertices)
     assert np.allclose(apply(np.linalg.inv(shape.vehicle_from_file), [[0.0, 0.0, 0.0]])[0, 2], 0.5)
-    assert np.array_equal(shape.underside, underside(shape.mesh).heights), "kept for planning"
+    assert np.array_equal(shape.underside, underside(shape.mesh).heights), "stored for planning"
     with pytest.raises(AssetError, match=r"turret = 'Turm' matches nothing"):
         export(messy.folder / "clutter.blend", tmp_path, options=Options(turret="Turm"))

@@ -1,4 +1,4 @@
-"""Files as people bring them: what is vehicle, part, ground or obstacle, and what is dropped."""
+"""Roles of objects in files as people make them: vehicle, part, ground, obstacle, dropped."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from hulldown.tests.messy_export import Messy
 pytestmark = pytest.mark.blender
 
 
-def test_what_is_not_the_vehicle_is_dropped_and_the_reason_is_given(messy: Messy) -> None:
+def test_dropped_objects_have_a_reason(messy: Messy) -> None:
     rows = {row.name: row for row in messy.exported["clutter"].report.rows}
     reasons = {
         "Floor": "matches 'floor' and reaches",
@@ -34,7 +34,7 @@ def test_what_is_not_the_vehicle_is_dropped_and_the_reason_is_given(messy: Messy
     }
 
 
-def test_hidden_from_render_is_out_and_hidden_from_view_is_in(messy: Messy) -> None:
+def test_objects_hidden_from_render_are_dropped_and_hidden_from_view_kept(messy: Messy) -> None:
     uses = messy.uses("modifiers")
     assert uses["EyeHidden"] == {"hull"}
     assert messy.uses("instances")["MonitorHidden"] == {"hull"}
@@ -42,11 +42,11 @@ def test_hidden_from_render_is_out_and_hidden_from_view_is_in(messy: Messy) -> N
         assert uses[name] == {"dropped"}
 
 
-def test_loose_vertices_do_not_count(messy: Messy) -> None:
+def test_loose_vertices_are_ignored(messy: Messy) -> None:
     assert messy.vehicle("surfaces").mesh.vertices[:, 2].max() < 4
 
 
-def test_origins_left_at_zero_are_not_believed(messy: Messy) -> None:
+def test_origins_at_zero_are_not_used_as_pivots(messy: Messy) -> None:
     shape = messy.vehicle("no_origins")
     reports = messy.exported["no_origins"].report
     inside = shape.mesh.vertices[shape.vertex_part == 1]
@@ -55,7 +55,7 @@ def test_origins_left_at_zero_are_not_believed(messy: Messy) -> None:
     assert sum("turns about" in doubt for doubt in reports.doubts) == 2
 
 
-def test_a_turret_may_be_a_collection_or_a_bone(messy: Messy) -> None:
+def test_a_turret_can_be_a_collection_or_a_bone(messy: Messy) -> None:
     report = messy.exported["collections"].report
     assert report.parts[0].why == "origin of 'pivot', named pivot"
     assert messy.uses("collections") == {"Body": {"hull"}, "a": {"turret"}, "b": {"turret"}, "c": {"gun"}}
@@ -67,37 +67,37 @@ def test_scenery_ground_and_obstacles(messy: Messy) -> None:
     assert sorted(scenery.ground_names) == ["Cube.001", "Ground_cubes", "Ground_spread"]
     names = list(scenery.instance_names)
     assert (names.count("Oak"), names.count("Pebble"), names.count("Ground_cubes")) == (12 + 3, 9 + 3, 4)
-    # Oak, pebble, and the cube of the geometry nodes: one mesh each, however often they stand there.
+    # Oak, pebble, and the cube of the geometry nodes: one mesh each for all instances.
     assert len(scenery.obstacle_meshes) == 3
     for mesh in scenery.obstacle_meshes:
-        assert np.array_equal(mesh.extreme, replace(mesh, extreme=None).extreme_vertices()), "kept for planning"
+        assert np.array_equal(mesh.extreme, replace(mesh, extreme=None).extreme_vertices()), "stored for planning"
     assert messy.uses("scattered")["Skydome"] == {"backdrop"}
     for name in ("Volume", "Terrain_LOD1", "Terrain_LOD2"):
         assert messy.uses("scattered")[name] == {"dropped"}
     assert sum(row.count for row in messy.exported["scattered"].report.rows if row.name == "Oak") == 15
 
 
-def test_ground_without_a_name_for_it_is_found_and_said(messy: Messy) -> None:
+def test_ground_with_a_meaningless_name_is_found_and_reported(messy: Messy) -> None:
     assert len(messy.scenery("unnamed").ground_names) == 1
     doubts = messy.exported["unnamed"].report.doubts
     assert [d for d in doubts if d.startswith("taken as ground: ") and ", by shape" in d]
     assert not [d for d in doubts if d.startswith("NO GROUND")]
 
 
-def test_map_coordinates_in_the_object_keep_what_hangs_on_it(messy: Messy) -> None:
+def test_map_coordinates_in_the_object_keep_its_children_exact(messy: Messy) -> None:
     scenery = messy.scenery("map_in_object")
     assert scenery.origin.tolist() == [500_000.0, 5_400_000.0, 0.0]
     assert scenery.ground is not None
     assert np.allclose(scenery.ground.bounds[:, :2], [[-32, -32], [32, 32]], atol=1e-5)
-    # In float32, Blender's own matrices, this would be 3.0 or 3.03125 and 2.5 or 3.0.
+    # Blender's float32 matrices would give 3.0 or 3.03125 and 2.5 or 3.0.
     places = dict(zip(scenery.instance_names, scenery.world_from_instance[:, :3, 3], strict=True))
     assert np.allclose(places["Hut"], [3.14159, 2.71828, 201.41421], atol=1e-6)
-    # A float32 rotation would move this by 0.15 m.
+    # A float32 rotation would move the barn by 0.15 m.
     east, north = Rotation.from_euler("z", np.float32(0.1)).apply([1_036_604.5, 5_323_106.0, 0.0])[:2]
     assert np.allclose(places["Barn"], [east - 500_000.0, north - 5_400_000.0, 201.0], atol=1e-6)
 
 
-def test_map_coordinates_in_the_mesh_are_those_of_the_file(messy: Messy) -> None:
+def test_map_coordinates_in_the_mesh_equal_those_of_the_file(messy: Messy) -> None:
     scenery = messy.scenery("map_in_mesh")
     assert scenery.origin.tolist() == [500_000.0, 5_400_000.0, 0.0]
     assert scenery.ground is not None
@@ -105,7 +105,7 @@ def test_map_coordinates_in_the_mesh_are_those_of_the_file(messy: Messy) -> None
     assert np.unique(scenery.ground.vertices[:, 1]).tolist() == held.tolist()
 
 
-def test_what_nodes_make_belongs_to_the_part_that_carries_it(messy: Messy) -> None:
+def test_geometry_by_nodes_belongs_to_the_part_that_carries_it(messy: Messy) -> None:
     uses = messy.uses("nodes")
     assert uses["Knob"] == {"hull"}
     assert uses["Turret"] == {"turret"}

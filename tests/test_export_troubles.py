@@ -1,4 +1,4 @@
-"""Files as people bring them: what is lost, broken, hostile or read otherwise than it renders is said."""
+"""Messages about files that are incomplete, broken, hostile, or read differently from how they render."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ DAMAGED = {
 }
 
 
-def test_missing_files_are_named_with_who_wants_them(messy: Messy) -> None:
+def test_missing_files_are_listed_with_their_users(messy: Messy) -> None:
     missing = {Path(m.path).name: m.wanted_by for m in messy.exported["textured"].report.missing}
     assert missing == {"gone.png": ("Turret",), "nested_gone.exr": ("Turret",)}
     assert [Path(m.path).name for m in messy.exported["lost_library"].report.missing] == ["soon_gone.blend"]
@@ -27,25 +27,25 @@ def test_missing_files_are_named_with_who_wants_them(messy: Messy) -> None:
     assert {Path(f).name for f in messy.exported["linked"].files} == {"library_vehicle.blend"}
 
 
-def test_a_file_never_runs_its_scripts_and_drivers(messy: Messy) -> None:
+def test_scripts_and_drivers_of_a_file_never_run(messy: Messy) -> None:
     assert not (messy.folder / "ran").exists()
 
 
 @pytest.mark.parametrize(("name", "problem"), DAMAGED.items())
-def test_a_damaged_file_is_one_clear_line(messy: Messy, name: str, problem: str) -> None:
+def test_a_damaged_file_is_a_one_line_error(messy: Messy, name: str, problem: str) -> None:
     text = str(messy.errors[name])
     assert text.startswith(f"{messy.folder / name}.blend: {problem}")
     assert "\n" not in text
     assert messy.errors[name].remedy
 
 
-def test_nothing_that_is_rendered_says_what_hides_it(messy: Messy) -> None:
+def test_the_error_of_a_file_without_visible_objects_names_what_hides_them(messy: Messy) -> None:
     assert "nothing that is rendered: 'Hull' is hidden from render with its collection 'Off'" in str(
         messy.errors["nothing"]
     )
 
 
-def test_what_is_read_otherwise_than_rendered_is_said(messy: Messy) -> None:
+def test_differences_from_the_render_are_reported(messy: Messy) -> None:
     doubts = "\n".join(messy.exported["odd_ones"].report.doubts)
     for words in (
         "only the scene 'Scene' is read, not 'Other'",
@@ -74,7 +74,7 @@ def test_what_is_read_otherwise_than_rendered_is_said(messy: Messy) -> None:
         ("model.glb", b"BLENDER17-01v0500", "isn't a .glb file"),
     ],
 )
-def test_refused_without_asking_blender(tmp_path: Path, file: str, content: bytes | None, problem: str) -> None:
+def test_files_refused_without_starting_blender(tmp_path: Path, file: str, content: bytes | None, problem: str) -> None:
     if content is not None:
         (tmp_path / file).write_bytes(content)
     with pytest.raises(AssetError) as caught:

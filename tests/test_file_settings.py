@@ -1,4 +1,4 @@
-"""What a .blend sets for Blender, its scene and its view layer ends where the file is opened."""
+"""Settings of a .blend have no effect outside it."""
 
 import json
 import os
@@ -13,8 +13,8 @@ SCRIPT = Path(__file__).with_name("file_settings.py")
 
 
 @pytest.mark.blender
-def test_no_setting_of_a_file_is_left_when_it_is_rendered(tmp_path):
-    """Compared over all the properties that Blender lists, so that one of a later Blender is met here."""
+def test_no_setting_of_a_file_is_in_force_when_it_is_rendered(tmp_path):
+    """The test compares all properties that Blender lists, so it finds new ones of later versions."""
     ran = subprocess.run(
         [sys.executable, "-P", str(SCRIPT), str(tmp_path)],
         env={**os.environ, "PYTHONPATH": str(ROOT)},

@@ -1,4 +1,4 @@
-"""Links in somebody else's dataset: followed inside it, and where the user allows it."""
+"""Links in other people's datasets: followed inside, and outside only where the user allows it."""
 
 import json
 import os
@@ -13,7 +13,7 @@ from hulldown.geometry.errors import DatasetError
 
 @pytest.fixture
 def foreign(tmp_path):
-    """A dataset whose maker has never heard of hulldown, with a file of the user's beside it."""
+    """Somebody's dataset, with a file of the user next to it."""
     folder = tmp_path / "theirs"
     (folder / "images").mkdir(parents=True)
     Image.new("RGB", (8, 6)).save(folder / "images/0.png")
@@ -51,7 +51,7 @@ def a_linked_folder(folder):
 
 @pytest.mark.parametrize("made", [exported, joined])
 @pytest.mark.parametrize("lead_out", [a_link, a_link_to_a_link, a_linked_folder])
-def test_a_link_out_of_a_dataset_is_followed_only_where_it_is_allowed(foreign, tmp_path, made, lead_out):
+def test_a_link_out_of_a_dataset_is_followed_only_where_allowed(foreign, tmp_path, made, lead_out):
     lead_out(foreign)
     with pytest.raises(DatasetError, match=r"1\.png: is a link that leads out of its dataset, to .*mine") as refused:
         made(foreign, tmp_path / "out")
@@ -69,7 +69,7 @@ def test_a_link_inside_a_dataset_is_followed(foreign, tmp_path, made):
 
 
 @pytest.mark.parametrize("made", [exported, joined])
-def test_links_in_a_circle_and_pipes_are_one_line(foreign, tmp_path, made):
+def test_circular_links_and_pipes_are_one_line_errors(foreign, tmp_path, made):
     (foreign / "images/1.png").symlink_to("1.png")
     with pytest.raises(DatasetError, match=r"1\.png(:| cannot be) .*(symbolic links|loop)"):
         made(foreign, tmp_path / "out")

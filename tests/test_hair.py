@@ -1,4 +1,4 @@
-"""Hair as prisms: as wide as the strand from all sides, curve by curve, and nothing where there is nothing to see."""
+"""Hair as prisms: as wide as the strands from all sides, one curve at a time."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ def strand(*points, radius=0.1, straight=True):
 
 
 def widths(mesh, along):
-    """Width of the shadow across `along`, from all sides."""
+    """Width of the projection across `along`, from all sides."""
     across = np.linalg.svd(np.asarray(along, dtype=float)[None])[2][1:]
     turn = np.linspace(0, np.pi, 720, endpoint=False)
     sides = np.cos(turn)[:, None] * across[0] + np.sin(turn)[:, None] * across[1]
@@ -21,14 +21,14 @@ def widths(mesh, along):
 
 
 @pytest.mark.parametrize("along", [(0, 0, 1), (0, 0, -2), (1, 0, 0), (1e-9, 0, 3), (1, -2, 0.5)])
-def test_a_strand_is_as_wide_as_it_is_drawn(along):
+def test_a_strand_has_the_width_of_its_drawing(along):
     seen = widths(strand((5, 5, 5), np.add(5, along)), along)
     assert seen.mean() == pytest.approx(0.2, rel=1e-5)
     assert seen.min() > 0.155
     assert seen.max() < 0.225
 
 
-def test_a_lawn_is_as_dense_from_all_sides():
+def test_a_lawn_has_the_same_density_from_all_sides():
     n = 200
     points = np.stack([[k, 0, z] for k in range(n) for z in (0, 1)]).astype(float)
     lawn = hair_mesh(points, np.full(2 * n, 0.1), 2 * np.arange(n), np.ones(n, dtype=bool), "lawn")
@@ -38,7 +38,7 @@ def test_a_lawn_is_as_dense_from_all_sides():
         assert widths.mean() == pytest.approx(0.2, rel=0.01)
 
 
-def test_a_strand_ends_where_its_points_end():
+def test_a_strand_ends_at_its_last_point():
     mesh = strand((0, 0, 0), (0, 0, 1), (0, 0.5, 2))
     assert mesh.faces.shape == (16, 3)
     assert mesh.bounds[0, 2] == 0.0
@@ -57,7 +57,7 @@ def test_faces_look_outward():
     assert ((np.cross(b - a, c - a) * outward).sum(axis=1) > 0).all()
 
 
-def test_curves_are_not_joined():
+def test_separate_curves_stay_separate():
     points = np.array([[0, 0, 0], [0, 0, 1], [9, 0, 0], [9, 0, 1], [9, 0, 2], [20, 0, 0]], dtype=float)
     mesh = hair_mesh(points, np.full(6, 0.1), np.array([0, 2, 5]), np.array([True, False, True]), "grass")
     assert len(mesh.faces) == 3 * 8
@@ -65,7 +65,7 @@ def test_curves_are_not_joined():
     assert mesh.bounds[1, 0] < 10
 
 
-def test_stretches_without_length_or_thickness_are_left_out():
+def test_segments_without_length_or_thickness_are_left_out():
     assert len(strand((0, 0, 0), (0, 0, 0), (0, 0, 1)).faces) == 8
     assert strand((1, 1, 1), (1, 1, 1)) is None
     assert strand((0, 0, 0), (0, 0, 1), radius=0.0) is None
@@ -74,12 +74,12 @@ def test_stretches_without_length_or_thickness_are_left_out():
     assert hair_mesh(np.empty((0, 3)), none, none.astype(int), none.astype(bool), "grass") is None
 
 
-def test_coordinates_that_are_no_numbers_are_refused():
+def test_nan_coordinates_are_refused():
     with pytest.raises(ValueError, match="vertex"):
         strand((0, 0, 0), (0, np.nan, 1))
 
 
-def test_of_much_fur_some_is_taken_and_hides_as_much(monkeypatch):
+def test_a_sample_of_much_fur_covers_as_much(monkeypatch):
     rng = np.random.default_rng(1)
     points = np.cumsum(rng.uniform(0, 1, (1000, 6, 3)), axis=1).reshape(-1, 3)
     fur = points, rng.uniform(0.01, 0.02, 6000), np.arange(0, 6000, 6), np.ones(1000, dtype=bool), "fur"
@@ -97,7 +97,7 @@ def surface(mesh):
 
 
 def test_a_bent_strand_follows_the_spline_through_its_points():
-    """Of a circle: halfway between points 30 degrees apart, the spline is (9 cos 15 - cos 45) / 8 from the middle."""
+    """On a circle: halfway between points 30 degrees apart, the spline is (9 cos 15 - cos 45) / 8 from the center."""
     turn = np.linspace(-np.pi / 2, np.pi, 10)
     points = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
     bent, chords = (strand(*points, radius=0.005, straight=straight) for straight in (False, True))
@@ -108,9 +108,9 @@ def test_a_bent_strand_follows_the_spline_through_its_points():
 
 
 def axis_points(mesh):
-    """The middles of all prisms."""
+    """Centers of all prisms."""
     return mesh.vertices.reshape(-1, 8, 3).mean(axis=1)
 
 
-def test_straight_stretches_of_a_spline_are_not_cut():
+def test_straight_segments_of_a_spline_are_not_split():
     assert len(strand((0, 0, 0), (0, 0, 1), (0, 0, 2), straight=False).faces) == 16

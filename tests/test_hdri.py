@@ -1,4 +1,4 @@
-"""A sky is checked before it lights anything: mended where that is sound, refused where not."""
+"""Checks of HDRIs: repaired where that is sound, refused otherwise."""
 
 import os
 import subprocess
@@ -24,7 +24,7 @@ def with_pixels(value: float, count: int = 1) -> np.ndarray:
 
 @pytest.mark.parametrize("value", [np.inf, 2 * BRIGHTEST])
 @pytest.mark.parametrize("count", [0, 1, 4])
-def test_a_few_suns_without_end_are_as_bright_as_the_brightest_that_has_one(value: float, count: int) -> None:
+def test_infinite_suns_get_the_brightness_of_the_brightest_finite_one(value: float, count: int) -> None:
     pixels = with_pixels(value, count)
     pixels[9, 9] = 1234.0
     mended, notes = mend(pixels)
@@ -33,8 +33,8 @@ def test_a_few_suns_without_end_are_as_bright_as_the_brightest_that_has_one(valu
     assert np.array_equal(mended.reshape(-1, 3)[count:], pixels.reshape(-1, 3)[count:])
 
 
-def test_a_sky_whose_sun_rings_is_mended_and_not_refused() -> None:
-    # Lanczos windows of three lobes. Of 18 skies that a package ships, 14 ring by more than 0.1 % of their light.
+def test_a_sky_with_ringing_around_its_sun_is_repaired() -> None:
+    # Lanczos windows of three lobes. Of 18 skies in a software package, 14 ring by more than 0.1 % of their light.
     at = np.arange(-3, 4)[:, None] - np.array([0.5, 0.3])
     rows, columns = (np.sinc(at) * np.sinc(at / 3.0) * (abs(at) < 3.0)).T
     pixels = sky()
@@ -60,12 +60,12 @@ def test_a_sky_whose_sun_rings_is_mended_and_not_refused() -> None:
         (sky()[:, :63], "is 63 x 32 pixels"),
     ],
 )
-def test_what_is_no_sky_is_refused(pixels: np.ndarray, problem: str) -> None:
+def test_a_picture_that_is_not_a_sky_is_refused(pixels: np.ndarray, problem: str) -> None:
     with pytest.raises(AssetError, match=problem):
         mend(pixels)
 
 
-def test_the_mean_luminance_weighs_a_pixel_by_what_it_covers_of_the_sphere() -> None:
+def test_mean_luminance_weighs_pixels_by_solid_angle() -> None:
     cap = np.zeros((512, 1024, 3), np.float32)
     cap[:128] = (0.0, 1.0, 0.0)  # 45 degrees around a pole
     assert mean_luminance(cap) == pytest.approx(0.7152 * (1 - np.cos(np.pi / 4)) / 2, rel=1e-4)
@@ -93,7 +93,7 @@ def test_every_compression_of_blender_and_radiance_is_read(files: Path, tmp_path
 
 
 @pytest.mark.blender
-def test_a_sky_is_read_in_the_colors_that_its_file_says(files: Path, tmp_path: Path) -> None:
+def test_a_sky_is_read_in_the_color_space_of_its_file(files: Path, tmp_path: Path) -> None:
     one, two = read_hdris([files / "rec709.exr", files / "acescg.exr"], tmp_path)
     assert one.sha256 != two.sha256
     assert two.light.irradiance == pytest.approx(one.light.irradiance, rel=1e-4)
@@ -101,20 +101,20 @@ def test_a_sky_is_read_in_the_colors_that_its_file_says(files: Path, tmp_path: P
 
 
 @pytest.mark.blender
-def test_a_mended_sky_is_what_is_rendered_and_is_told_from_what_it_was(files: Path, tmp_path: Path) -> None:
+def test_a_repaired_sky_is_rendered_and_has_its_own_hash(files: Path, tmp_path: Path) -> None:
     sun, again = (read_hdris([files / "sun.exr"], tmp_path / "cache")[0] for _ in range(2))
     assert sun == again
     assert sun.notes == ("2 pixels without end are as bright as its brightest finite one, 5000",)
     assert sun.path != files / "sun.exr"
     assert sun.sha256 != sun.mended_sha256
-    assert sky_map(sun).max() <= 5000.0, "pictures are compared with what was rendered"
+    assert sky_map(sun).max() <= 5000.0, "pictures are compared with the rendered sky"
     sound = read_hdris([sun.path], tmp_path / "cache")[0]
     assert (sound.path, sound.notes) == (sun.path, ())
     np.testing.assert_allclose(sky_map(sound), sky_map(sun), rtol=2e-3)  # half floats
     elsewhere = read_hdris([files / "sun.exr"], tmp_path / "another")[0]
-    assert elsewhere.mended_sha256 == sun.mended_sha256, "the same bytes wherever it is mended"
+    assert elsewhere.mended_sha256 == sun.mended_sha256, "the same bytes wherever it is repaired"
     sun.path.write_bytes(b"\x76\x2f\x31\x01")
-    assert read_hdris([files / "sun.exr"], tmp_path / "cache")[0] == sun, "mended anew where the copy is damaged"
+    assert read_hdris([files / "sun.exr"], tmp_path / "cache")[0] == sun, "repaired again if the copy is damaged"
 
 
 @pytest.mark.blender
@@ -130,9 +130,7 @@ def test_a_mended_sky_is_what_is_rendered_and_is_told_from_what_it_was(files: Pa
         ("zero", "is a device, not a file"),
     ],
 )
-def test_a_sky_that_cannot_be_used_is_one_line_with_its_name(
-    files: Path, tmp_path: Path, name: str, problem: str
-) -> None:
+def test_an_unusable_sky_is_a_one_line_error(files: Path, tmp_path: Path, name: str, problem: str) -> None:
     whole = (files / "sky.exr").read_bytes()
     (tmp_path / "half.exr").write_bytes(whole[: len(whole) // 2])
     (tmp_path / "start.exr").write_bytes(whole[:100])

@@ -1,4 +1,4 @@
-"""Files that write when Blender opens them, and a process that tries what it must not, with Landlock and without."""
+"""Files that write when Blender opens them, and a process that tries forbidden things, with and without Landlock."""
 
 import json
 import os
@@ -26,8 +26,8 @@ from hulldown.tests.render_plans import ASSETS, make_row
 ROOT = Path(__file__).resolve().parents[1]
 BLENDS = Path(__file__).with_name("writing_blends.py")
 CASES = ("particles", "cloth", "soft", "paint", "rigid", "fluid", "outputs")
-WRITES_WHEN_OPENED = ("particles", "paint", "fluid")  # those that Blender 5.0 does not hold back by itself
-# Each line is tried by itself; IN can be written, OUT cannot, both are folders with a file in them.
+WRITES_WHEN_OPENED = ("particles", "paint", "fluid")  # cases that Blender 5.0 doesn't prevent
+# Each line is tried separately. IN is writable, OUT isn't; both are folders with a file.
 TRIES = """
 open(f"{OUT}/new", "w")
 open(f"{OUT}/file", "a")
@@ -89,7 +89,7 @@ def names(tmp_path: Path) -> dict[str, object]:
 
 
 def tried(lines: str, names: dict[str, object]) -> list[str]:
-    """Which of the lines succeed in a process that may write IN and read SEEN."""
+    """The lines that succeed in a process that may write IN and read SEEN."""
     listening = socket.create_server(("127.0.0.1", 0))
     names = {**names, "PORT": listening.getsockname()[1]}
     command = [sys.executable, "-I", "-c", TRY, json.dumps(lines.strip().splitlines()), json.dumps(names)]
@@ -113,7 +113,7 @@ def test_a_confined_process_can_do_its_work(names: dict[str, object]) -> None:
     assert tried(MAY, names) == MAY.strip().splitlines()
 
 
-def test_what_is_tried_succeeds_where_nothing_holds_it_back(
+def test_the_forbidden_lines_succeed_without_confinement(
     names: dict[str, object], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("HULLDOWN_CONFINEMENT", "off")
@@ -121,17 +121,17 @@ def test_what_is_tried_succeeds_where_nothing_holds_it_back(
         assert tried(line, names) == [line]
 
 
-def test_a_kernel_without_landlock_runs_the_command_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_kernel_without_landlock_runs_the_unchanged_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(landlock, "abi", lambda: 0)
     assert confined(["/bin/true", "x"], read=[], write=[]) == ["/bin/true", "x"]
 
 
 @needs_landlock
 @pytest.mark.parametrize("version", range(1, 9))
-def test_a_kernel_of_any_version_is_asked_for_what_it_knows(
+def test_a_kernel_of_any_version_is_asked_only_for_rights_it_supports(
     names: dict[str, object], monkeypatch: pytest.MonkeyPatch, version: int
 ) -> None:
-    """An older version's rights are a part of this kernel's; a newer one's that it lacks it would refuse."""
+    """An older kernel has some of these rights, and refuses requests for the others."""
     asked = min(version, abi())
     code = (
         f"from hulldown.reading.confinement import landlock; landlock.abi = lambda: {asked};"
@@ -168,7 +168,7 @@ def blends(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def cleaned(folder: Path) -> set[str]:
-    """What is in it besides the files that try, after whatever earlier tries have left was taken away."""
+    """Content of a folder besides the files that try, after removing what earlier attempts left."""
     for left in [folder / "target", *(folder / "blends").glob("blendcache*")]:
         subprocess.run(["rm", "-rf", str(left)], check=True)
     (folder / "target").mkdir()
@@ -181,8 +181,8 @@ def contents(folder: Path) -> set[str]:
 
 @pytest.mark.blender
 @pytest.mark.parametrize("case", few(WRITES_WHEN_OPENED, "particles"))
-def test_these_files_do_write_when_blender_opens_them(blends: Path, case: str) -> None:
-    """Otherwise the tests below would show nothing."""
+def test_these_files_write_when_blender_opens_them(blends: Path, case: str) -> None:
+    """This shows that the attacks work."""
     before = cleaned(blends)
     command = [sys.executable, "-P", str(BLENDS), "open", str(blends / "blends" / f"{case}.blend")]
     subprocess.run(command, check=False, capture_output=True)
@@ -192,7 +192,7 @@ def test_these_files_do_write_when_blender_opens_them(blends: Path, case: str) -
 @pytest.mark.blender
 @needs_landlock
 @pytest.mark.parametrize("case", few(CASES, "particles"))
-def test_landlock_alone_holds_them_back(blends: Path, tmp_path: Path, case: str) -> None:
+def test_landlock_alone_stops_them(blends: Path, tmp_path: Path, case: str) -> None:
     before = cleaned(blends)
     command = [sys.executable, "-P", str(BLENDS), "open", str(blends / "blends" / f"{case}.blend")]
     read = [*asset_folders(blends / "blends" / "any"), ROOT]
@@ -203,10 +203,10 @@ def test_landlock_alone_holds_them_back(blends: Path, tmp_path: Path, case: str)
 
 @pytest.mark.blender
 @pytest.mark.parametrize("case", few(CASES, *WRITES_WHEN_OPENED))
-def test_reading_them_writes_nothing_with_the_list_alone(
+def test_the_list_of_risky_features_alone_stops_them_when_read(
     blends: Path, tmp_path: Path, case: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With confinement, `tests/test_attacks.py` reads and renders them."""
+    """`tests/test_attacks.py` reads and renders them with confinement."""
     monkeypatch.setenv("HULLDOWN_CONFINEMENT", "off")
     before = cleaned(blends)
     exported = export(blends / "blends" / f"{case}.blend", tmp_path, kind="vehicle")
@@ -218,10 +218,10 @@ def test_reading_them_writes_nothing_with_the_list_alone(
 
 @pytest.mark.blender
 @pytest.mark.parametrize("role", ["scenery", "vehicle"])
-def test_rendering_them_writes_nothing_with_the_list_alone(
+def test_the_list_of_risky_features_alone_stops_them_when_rendered(
     blends: Path, tmp_path: Path, role: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A file that takes the place of a prepared one, as in a cache that came with a plan, through a worker."""
+    """A worker renders a file in place of a prepared one, as in a cache that came with a plan."""
     monkeypatch.setenv("HULLDOWN_CONFINEMENT", "off")
     before = cleaned(blends)
     settings = CyclesSettings(samples=1, denoise=False, adaptive_threshold=0.0, bounces=0)

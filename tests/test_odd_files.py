@@ -1,4 +1,4 @@
-"""Files that are odd, or meant to do harm, are one line with their name: no traceback, no waiting, no end of memory."""
+"""Odd and malicious files are one-line errors with their name: no traceback, no wait, no unlimited memory."""
 
 import json
 import os
@@ -19,7 +19,7 @@ from hulldown.reading.options import Options
 ODD = Path(__file__).with_name("odd_blends.py")
 LIMITS = ReadLimits(silence_s=20.0, memory_bytes=2 * 2**30)
 BOMB_LIMITS = ReadLimits(silence_s=60.0, memory_bytes=2**30)
-# Of zeros, so that it is small on disk: compressed by Blender with Zstandard.
+# Of zeros, compressed by Blender with Zstandard, so that the file is small.
 BOMB = """
 import bpy, sys
 bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -64,7 +64,7 @@ def refused(path: Path, folder: Path, **more: object) -> str:
     ],
 )
 @pytest.mark.parametrize("kind", ["vehicle", pytest.param("scenery", marks=pytest.mark.thorough)])
-def test_an_odd_file_is_one_line(odd: Path, tmp_path: Path, case: str, line: str, kind: str) -> None:
+def test_an_odd_file_is_a_one_line_error(odd: Path, tmp_path: Path, case: str, line: str, kind: str) -> None:
     assert line in refused(odd / f"{case}.blend", tmp_path, kind=kind)
 
 
@@ -72,10 +72,10 @@ def test_an_odd_file_is_one_line(odd: Path, tmp_path: Path, case: str, line: str
 @pytest.mark.parametrize(
     ("case", "names"),
     [
-        ("names", ["unnamed 0"]),  # which are no UTF-8 in the file
-        ("bald", ["Body"]),  # hair of no strands, which ends Blender
-        ("furry", ["Body", "Body"]),  # hair in a material, too
-        ("no_known_tree", ["Body"]),  # a material whose nodes are of no known kind
+        ("names", ["unnamed 0"]),  # names that aren't UTF-8
+        ("bald", ["Body"]),  # hair without strands, which crashed Blender
+        ("furry", ["Body", "Body"]),  # hair with a material
+        ("no_known_tree", ["Body"]),  # a material with nodes of an unknown kind
     ],
 )
 def test_an_odd_file_is_read(odd: Path, tmp_path: Path, case: str, names: list[str]) -> None:
@@ -84,18 +84,18 @@ def test_an_odd_file_is_read(odd: Path, tmp_path: Path, case: str, names: list[s
 
 
 @pytest.mark.blender
-def test_a_hundred_million_instances_end_at_the_limit_of_memory(odd: Path, tmp_path: Path) -> None:
+def test_a_hundred_million_instances_end_at_the_memory_limit(odd: Path, tmp_path: Path) -> None:
     line = refused(odd / "instances.blend", tmp_path, kind="scenery")
     assert "GiB of memory, more than the limit of 2.00 GiB; make it smaller, leave it out, or raise" in line
 
 
 @pytest.mark.blender
-def test_a_reader_that_is_silent_is_given_up(odd: Path, tmp_path: Path) -> None:
+def test_a_silent_reader_is_ended(odd: Path, tmp_path: Path) -> None:
     line = refused(odd / "names_packed.blend", tmp_path, limits=ReadLimits(silence_s=0.2))
     assert "reading it got nowhere for 0.2 s, which is the limit" in line
 
 
-def test_what_is_no_regular_file_is_refused_before_it_is_opened(tmp_path: Path) -> None:
+def test_only_regular_files_are_opened(tmp_path: Path) -> None:
     (tmp_path / "folder.blend").mkdir()
     os.mkfifo(tmp_path / "fifo.blend")
     (tmp_path / "zero.glb").symlink_to("/dev/zero")
@@ -140,7 +140,9 @@ GLTF = {
         ({"asset": {"version": "1.0"}}, "is glTF 1.0, which Blender does not read; convert it to glTF 2.0"),
     ],
 )
-def test_a_malformed_gltf_says_what_is_wrong(tmp_path: Path, change: object, line: str, binary: bool) -> None:
+def test_the_error_of_a_malformed_gltf_names_the_problem(
+    tmp_path: Path, change: object, line: str, binary: bool
+) -> None:
     (tmp_path / "mesh .bin").write_bytes(bytes(36))
     (tmp_path / "zero.bin").symlink_to("/dev/zero")
     os.mkfifo(tmp_path / "fifo.bin")
@@ -167,7 +169,7 @@ def test_a_malformed_gltf_says_what_is_wrong(tmp_path: Path, change: object, lin
         pytest.param({"bufferViews": [{"buffer": True}]}, marks=pytest.mark.thorough),
     ],
 )
-def test_a_gltf_with_wrong_numbers_is_one_line(tmp_path: Path, change: dict) -> None:
+def test_a_gltf_with_wrong_indices_is_a_one_line_error(tmp_path: Path, change: dict) -> None:
     (tmp_path / "mesh .bin").write_bytes(bytes(36))
     (tmp_path / "a.gltf").write_text(json.dumps({**GLTF, **change}))
     assert "export it again" in refused(tmp_path / "a.gltf", tmp_path, kind="vehicle")
@@ -181,7 +183,7 @@ def test_a_gltf_with_wrong_numbers_is_one_line(tmp_path: Path, change: dict) -> 
         ("mtllib a.mtl\n", "bump zero.png", "refers to zero.png, which is a device"),
     ],
 )
-def test_an_obj_that_refers_to_no_file_is_refused(tmp_path: Path, text: str, material: str, line: str) -> None:
+def test_an_obj_that_refers_to_a_device_or_fifo_is_refused(tmp_path: Path, text: str, material: str, line: str) -> None:
     os.mkfifo(tmp_path / "fifo.mtl")
     (tmp_path / "zero.png").symlink_to("/dev/zero")
     (tmp_path / "a.mtl").write_text(material)
@@ -191,7 +193,7 @@ def test_an_obj_that_refers_to_no_file_is_refused(tmp_path: Path, text: str, mat
 
 
 @pytest.mark.blender
-def test_a_compressed_bomb_ends_at_the_limit_of_memory(tmp_path: Path) -> None:
+def test_a_compression_bomb_ends_at_the_memory_limit(tmp_path: Path) -> None:
     path = tmp_path / "bomb.blend"
     for count in (0, 100_000_000):  # 12 bytes each
         subprocess.run([sys.executable, "-P", "-c", BOMB, str(path), str(count)], check=True, capture_output=True)
@@ -204,9 +206,7 @@ def test_a_compressed_bomb_ends_at_the_limit_of_memory(tmp_path: Path) -> None:
 
 @pytest.mark.blender
 @pytest.mark.parametrize("kind", ["scenery", pytest.param("vehicle", marks=pytest.mark.thorough)])
-def test_a_pattern_that_makes_everything_ground_ends_at_the_limit_of_memory(
-    odd: Path, tmp_path: Path, kind: str
-) -> None:
+def test_a_pattern_that_makes_everything_ground_ends_at_the_memory_limit(odd: Path, tmp_path: Path, kind: str) -> None:
     options = Options(include=("**",))
     line = refused(odd / "instances.blend", tmp_path, kind=kind, limits=BOMB_LIMITS, options=options)
     assert "GiB of memory, more than the limit of 1.00 GiB" in line
@@ -216,13 +216,13 @@ def test_a_pattern_that_makes_everything_ground_ends_at_the_limit_of_memory(
 @pytest.mark.parametrize(
     ("accessor", "buffer"),
     [
-        # a buffer that is a hole on disk
+        # a buffer that is a sparse file
         pytest.param({"bufferView": 0, "count": 2**27}, 12 * 2**27, marks=pytest.mark.thorough),
         ({"count": 2**27}, 36),  # zeros without a buffer
         pytest.param({"count": 10**13}, 36, marks=pytest.mark.thorough),
     ],
 )
-def test_a_gltf_bomb_is_one_line(tmp_path: Path, accessor: dict, buffer: int) -> None:
+def test_a_gltf_bomb_is_a_one_line_error(tmp_path: Path, accessor: dict, buffer: int) -> None:
     data = {
         **GLTF,
         "accessors": [{"componentType": 5126, "type": "VEC3", **accessor}],
@@ -236,7 +236,7 @@ def test_a_gltf_bomb_is_one_line(tmp_path: Path, accessor: dict, buffer: int) ->
     assert "memory" in line or "cannot" in line, line
 
 
-def test_the_json_of_a_gltf_is_not_read_however_large(tmp_path: Path) -> None:
+def test_the_json_of_a_gltf_has_a_size_limit(tmp_path: Path) -> None:
     with open(tmp_path / "hole.gltf", "wb") as file:
         file.truncate(2**36)
     with open(tmp_path / "hole.glb", "wb") as file:

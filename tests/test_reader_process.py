@@ -1,4 +1,4 @@
-"""What the exporting process may do to us: crash, lack Blender, say nothing."""
+"""Failures of the exporting process: crash, missing Blender, no answer."""
 
 import os
 from pathlib import Path
@@ -18,33 +18,35 @@ def blend(tmp_path: Path) -> Path:
 
 
 def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None:
-    """A program in the place of Python."""
+    """A program in place of Python."""
     program = tmp_path / "python"
     program.write_text(f"#!/bin/sh\n{script}\n")
     program.chmod(0o755)
     monkeypatch.setattr(hulldown.reading.export.sys, "executable", os.fspath(program))
 
 
-def test_a_crash_of_blender_is_one_line(blend: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_crash_of_blender_is_a_one_line_error(blend: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stand_in(tmp_path, monkeypatch, "kill -SEGV $$")
     with pytest.raises(AssetError) as caught:
         export(blend, tmp_path)
     assert str(caught.value).startswith(f"{blend}: Blender crashed reading it (signal 11); open it in Blender")
 
 
-def test_no_blender_says_what_to_install(blend: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_error_without_blender_tells_what_to_install(
+    blend: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     stand_in(tmp_path, monkeypatch, "echo \"ModuleNotFoundError: No module named 'bpy'\" >&2; exit 1")
     with pytest.raises(AssetError, match=r"needs Blender to be read; install hulldown\[blender\]"):
         export(blend, tmp_path)
 
 
-def test_a_bug_of_ours_stays_a_bug(blend: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_our_bugs_are_not_user_errors(blend: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stand_in(tmp_path, monkeypatch, "echo 'ZeroDivisionError: it was us'; exit 1")
     with pytest.raises(RuntimeError, match="it was us"):
         export(blend, tmp_path)
 
 
-def test_an_answer_of_an_earlier_export_is_not_believed(
+def test_the_answer_of_an_earlier_export_is_not_used(
     blend: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "answer.json").write_text('{"error": {"problem": "old", "remedy": null}}')

@@ -1,4 +1,4 @@
-"""A picture under another sky than its record names is found."""
+"""Pictures with another sky than in their records are found."""
 
 import math
 
@@ -23,7 +23,7 @@ IMAGE = {
 
 
 def sky(red, blue, bright_at):
-    """A map that is red below, blue above, and bright about one azimuth in degrees."""
+    """A map that is red below, blue above, and bright around one azimuth in degrees."""
     rows, columns = np.mgrid[0:64, 0:128]
     azimuth = np.pi - (columns + 0.5) / 128 * 2 * np.pi
     glow = 0.2 + 2.0 * np.exp(3.0 * (np.cos(azimuth - math.radians(bright_at)) - 1.0))
@@ -36,7 +36,7 @@ CHECK = SkyCheck({"plain": World(ground=Plane(0.0))}, SKIES, RUN)
 
 
 def picture(image):
-    """What a camera sees over an endless plain."""
+    """A camera's picture over an endless plain."""
     camera = Camera(
         Intrinsics(image["width"], image["height"], math.radians(image["fov_x_deg"])),
         np.array(image["world_from_camera"]),
@@ -56,7 +56,7 @@ DARK_CORNERS = {"sensor": {"vignetting_ev": 1.5}}
 
 
 @pytest.mark.parametrize("more", [{}, {"weather": {"visibility_m": 900.0, "kind": "fog"}}, DARK_CORNERS])
-def test_the_named_sky_is_no_finding(more):
+def test_the_recorded_sky_gives_no_finding(more):
     image = {**IMAGE, **more}
     noise = np.random.default_rng(0).normal(0.0, 25.0, (90, 160, 1))
     assert list(CHECK(image, [], (picture(image) + noise).clip(0, 255).astype(np.uint8))) == []
@@ -91,18 +91,18 @@ def test_a_black_picture_has_the_wrong_sky():
         {"world_from_camera": [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 2], [0, 0, 0, 1]]},  # straight down
     ],
 )
-def test_what_the_plan_does_not_know_or_shows_no_sky_is_left_alone(change):
+def test_pictures_without_a_planned_or_visible_sky_are_skipped(change):
     assert list(CHECK({**IMAGE, **change}, [], np.zeros((90, 160, 3), np.uint8))) == []
 
 
-def test_a_vehicle_against_the_sky_is_no_sky():
+def test_a_vehicle_in_front_of_the_sky_is_excluded():
     hidden = picture(IMAGE)
     hidden[:60, 20:140] = 0
     assert list(CHECK(IMAGE, [], hidden))
     assert list(CHECK(IMAGE, [{"bbox": [20.0, 0.0, 120.0, 60.0]}], hidden)) == []
 
 
-def test_the_deviation_is_that_of_the_smoothed_difference():
+def test_deviation_is_the_smoothed_difference():
     where = inner(np.ones((20, 30), bool))
     noise = np.tile([[-9.0, 9.0], [9.0, -9.0]], (10, 15))[..., None]
     assert deviation(np.full((20, 30, 3), 104.0) + noise, np.full((20, 30, 3), 100.0), where) == pytest.approx(
@@ -114,7 +114,7 @@ def test_the_deviation_is_that_of_the_smoothed_difference():
     ("horizon_deg", "rows"),
     [(None, [42, 31, 24, 14, 0]), (5.0, [30, 30, 24, 14, 0]), (20.0, [22.5, 22.5, None, 14, 0])],
 )
-def test_rows_of_the_map_lie_at_their_elevations_and_a_horizon_covers_what_is_below(horizon_deg, rows):
+def test_rows_of_the_map_are_elevations_and_a_horizon_covers_those_below(horizon_deg, rows):
     elevation = np.radians([-30.0, 2.0, 22.0, 50.0, 88.0])
     along = np.stack([np.cos(elevation), 0.0 * elevation, np.sin(elevation)], axis=1)
     numbered = np.broadcast_to(np.arange(64.0)[:, None, None], (64, 128, 3))
@@ -126,7 +126,7 @@ def test_rows_of_the_map_lie_at_their_elevations_and_a_horizon_covers_what_is_be
 
 
 @pytest.mark.parametrize("kind", ["fog", "rain", "snow"])
-def test_white_weather_leaves_an_even_sky_as_it_is(kind):
+def test_snow_and_dust_keep_an_even_sky(kind):
     along = np.array([[1.0, 0.0, 0.0], [0.6, 0.0, 0.8], [0.0, 0.0, 1.0]])
     found = radiance(np.full((64, 128, 3), 0.5), along, yaw=0.0, strength=3.0, visibility_m=150.0, kind=kind)
     np.testing.assert_allclose(found, 1.5, rtol=1e-6)

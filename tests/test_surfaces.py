@@ -1,4 +1,4 @@
-"""Water, snow and dust on surfaces, in linear pictures under an even white sky that surface_pictures renders."""
+"""Water, snow, and dust on surfaces, in linear pictures by surface_pictures under an even white sky."""
 
 import subprocess
 import sys
@@ -13,7 +13,7 @@ from hulldown.render.surface_weather import DUST_ALBEDO, SNOW_ALBEDO
 pytestmark = pytest.mark.blender
 MAKER = Path(__file__).with_name("surface_pictures.py")
 YARDS = ["yard", "turned"]  # in meters with z up, and in centimeters with y up
-NOISE = 0.01  # of what 16 samples a pixel and the snow's own patches leave in a mean
+NOISE = 0.01  # noise of a mean, from 16 samples a pixel and the snow's patches
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def folder(tmp_path_factory):
 
 
 def light(folder, name):
-    """Radiance (64, 64, 3); under this sky that of a matt surface is its albedo."""
+    """Radiance (64, 64, 3); under this sky a matte surface's radiance is its albedo."""
     return np.load(folder / f"{name}.npy").astype(np.float64)
 
 
@@ -47,7 +47,7 @@ def middle(folder, name):
         pytest.param("matt", 0.26, 0.16, id="soil, a diffuse shader"),
     ],
 )
-def test_rain_darkens_what_is_porous_as_measured(folder, name, dry, wet):
+def test_rain_darkens_porous_materials_as_measured(folder, name, dry, wet):
     assert middle(folder, f"{name} dry") == pytest.approx(dry, abs=0.005)
     assert middle(folder, f"{name} wet") == pytest.approx(wet, abs=0.005)
 
@@ -57,13 +57,13 @@ def test_paint_metal_and_glass_keep_their_albedo_in_rain(folder, name):
     assert middle(folder, f"{name} wet") == pytest.approx(middle(folder, f"{name} dry"), abs=0.002)
 
 
-def test_no_material_is_left_dry(folder):
+def test_every_material_can_get_wet(folder):
     assert np.load(folder / "left.npy").size == 0
 
 
 @pytest.mark.parametrize("cover", [0.3, 1.0])
-def test_snow_lies_by_the_law_of_slopes(folder, cover):
-    """A black dome from above: a ring of pixels shows one slope. Snow lies in full up to 30 degrees, none from 60."""
+def test_snow_cover_follows_the_law_of_slopes(folder, cover):
+    """A ring of pixels of the dome, seen from above, has one slope. Cover is full up to 30 degrees, and 0 from 60."""
     white = light(folder, f"dome {cover}") / SNOW_ALBEDO
     y, x = np.mgrid[:64, :64] + 0.5
     radius = np.hypot(x - 32, y - 32) / 32
@@ -72,13 +72,13 @@ def test_snow_lies_by_the_law_of_slopes(folder, cover):
         ring = (slope >= low) & (slope < low + 10) & (radius < 0.99)
         cosine = np.cos(np.radians(slope[ring]))
         x = np.clip((cosine - 0.5) / (np.cos(np.radians(30.0)) - 0.5), 0, 1)
-        # Where a part is covered, drifts are as wide as rings of the dome.
+        # With partial cover, drifts are as wide as the rings.
         law, abs_ = (cover * x * x * (3 - 2 * x)).mean(), 0.04 if cover == 1.0 else 0.1
         assert white[ring].mean() == pytest.approx(law, abs=abs_)
 
 
-def test_snow_ends_in_soft_edges(folder):
-    """On 1.5 m of ground that is half covered. Where edges are sharp, a fifth of it is between bare and white."""
+def test_snow_has_soft_edges(folder):
+    """1.5 m of half covered ground. With sharp edges, a fifth of it would be between bare and white."""
     white = light(folder, "drifts").mean(axis=2) / np.mean(SNOW_ALBEDO)
     assert ((white > 0.15) & (white < 0.85)).mean() > 0.33
 
@@ -93,41 +93,41 @@ def test_snow_ends_in_soft_edges(folder):
         pytest.param("lake", 0.0, id="water"),
     ],
 )
-def test_snow_lies_where_it_falls(folder, yard, place, share):
+def test_snow_covers_open_level_ground_only(folder, yard, place, share):
     assert middle(folder, f"{yard} {place}") == pytest.approx(share * np.array(SNOW_ALBEDO), abs=2 * NOISE)
 
 
 @pytest.mark.parametrize("yard", YARDS)
-def test_holes_in_leaves_stay_holes_under_snow(folder, yard):
-    """Half of the card is holes, through which the sky is seen."""
+def test_holes_in_leaves_stay_open_under_snow(folder, yard):
+    """Half of the card is holes that show the sky."""
     assert middle(folder, f"{yard} leaf") == pytest.approx(0.5 + 0.5 * np.array(SNOW_ALBEDO), abs=2 * NOISE)
 
 
 @pytest.mark.parametrize("yard", YARDS)
 @pytest.mark.parametrize(("car", "vehicle", "ground"), [("driven", 0.0, 1.0), ("parked", 1.0, 0.0)])
-def test_vehicles_and_ground_have_their_own_snow(folder, yard, car, vehicle, ground):
-    """From above; both wear a material of the same name."""
+def test_vehicles_and_ground_have_separate_snow_cover(folder, yard, car, vehicle, ground):
+    """Seen from above; both have a material of the same name."""
     picture = light(folder, f"{yard} {car}")
     assert picture[28:36, 28:36].mean(axis=(0, 1)) == pytest.approx(vehicle * np.array(SNOW_ALBEDO), abs=NOISE)
-    beside = picture[:4].mean(axis=(0, 1))  # 4 m from the box, which hides some of the sky
+    beside = picture[:4].mean(axis=(0, 1))  # 4 m from the box, which hides some sky
     assert beside == pytest.approx(ground * np.array(SNOW_ALBEDO), abs=0.06)
 
 
 @pytest.mark.parametrize("yard", YARDS)
-def test_dust_climbs_a_little_way_up_a_vehicle(folder, yard):
-    """The black side of a box from the ground to 3 m, seen level: 6 m in 64 rows, with the ground at row 48."""
-    side = light(folder, f"{yard} dusty")[16:48, 24:40].mean(axis=1)[::-1]  # upwards, of 3 m
+def test_dust_reaches_a_little_way_up_a_vehicle(folder, yard):
+    """The black side of a box, 3 m high, seen level: 64 rows are 6 m, with the ground at row 48."""
+    side = light(folder, f"{yard} dusty")[16:48, 24:40].mean(axis=1)[::-1]  # from the bottom up
     height = (np.arange(32) + 0.5) * 3 / 32
     assert side[(height > 1.5) & (height < 2.8)].max() < 1e-6
     low = side[height < 0.4].mean(axis=0)
     assert low / low.sum() == pytest.approx(np.array(DUST_ALBEDO) / sum(DUST_ALBEDO), abs=0.01)
-    # Noise makes its edge ragged, so that only halves are compared.
+    # Noise makes its edge ragged, so the test compares only halves.
     assert low.sum() > 2 * side[(height > 0.6) & (height < 1.2)].sum(axis=1).mean() > 0
 
 
 @pytest.mark.parametrize("scene", ["yard", "tiles"])
-def test_clear_pictures_do_not_know_what_weather_was_before(folder, scene):
-    """One worker rendered: clear, rain, clear, snow, rain, dust, clear."""
+def test_clear_pictures_show_no_earlier_weather(folder, scene):
+    """One worker rendered clear, rain, clear, snow, rain, dust, clear."""
 
     def picture(kind):
         return np.asarray(Image.open(folder / f"{scene} {kind}.png").convert("RGB"))
@@ -139,8 +139,8 @@ def test_clear_pictures_do_not_know_what_weather_was_before(folder, scene):
         assert not np.array_equal(picture("clear"), picture(kind))
 
 
-def test_masks_do_not_know_of_weather(folder):
-    """Of the vehicle in the camera's view, after a worker rendered it under snow and dust."""
+def test_masks_ignore_weather(folder):
+    """Masks of the vehicle before and after the worker rendered it in snow and dust."""
     before, after = np.load(folder / "mask before.npy"), np.load(folder / "mask after.npy")
     assert before[1].any()
     assert np.array_equal(before, after)

@@ -1,7 +1,7 @@
-"""Builds .blend files that write when Blender evaluates them, and opens them; run in Blender.
+"""Build .blend files that write when Blender evaluates them, and open them; run in Blender.
 
 ``python writing_blends.py build FOLDER TARGET`` writes FOLDER/<case>.blend, each of which would write below TARGET or
-beside itself; it can be rendered as a scenery, and appended as a vehicle. FOLDER/sky.exr is an HDRI.
+next to itself; it can be rendered as a scenery, and appended as a vehicle. FOLDER/sky.exr is an HDRI.
 ``python writing_blends.py open FILE`` opens one as Blender does, without hulldown's precautions.
 """
 
@@ -82,7 +82,7 @@ CASES = {case.__name__: case for case in (particles, cloth, soft, paint, rigid, 
 
 
 def as_vehicle():
-    """Put what is there into a collection, as prepared vehicles have it."""
+    """Move all objects into a collection, as in prepared vehicles."""
     collection = bpy.data.collections.new("A vehicle")
     bpy.context.scene.collection.children.link(collection)
     for obj in [obj for obj in bpy.context.scene.objects if obj.type == "MESH"]:
@@ -106,7 +106,7 @@ def main(what, *paths):
     folder, target = map(Path, paths)
     for name, case in CASES.items():
         bpy.ops.wm.read_factory_settings(use_empty=True)
-        bpy.ops.wm.save_as_mainfile(filepath=str(folder / f"{name}.blend"))  # or caches cannot be on disk
+        bpy.ops.wm.save_as_mainfile(filepath=str(folder / f"{name}.blend"))  # otherwise caches can't be on disk
         case(target)
         as_vehicle()
         bpy.ops.wm.save_as_mainfile(filepath=str(folder / f"{name}.blend"))
@@ -117,4 +117,4 @@ def main(what, *paths):
 if __name__ == "__main__":
     main(*sys.argv[1:])
     sys.stdout.flush()
-    os._exit(0)  # Blender's fluids crash at its end
+    os._exit(0)  # Blender's fluids crash on exit
