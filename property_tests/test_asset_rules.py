@@ -1,4 +1,4 @@
-"""Names, clean-up and parts hold under whatever people call and place things."""
+"""Names, clean-up, and parts are found for any names and positions of objects."""
 
 import numpy as np
 from hypothesis import assume, given
@@ -22,7 +22,7 @@ def test_words_keep_every_letter_and_digit_in_order(name: str) -> None:
 
 
 @given(names, st.integers(1, 999))
-def test_blenders_numbers_change_nothing(name: str, number: int) -> None:
+def test_numbers_added_by_blender_change_nothing(name: str, number: int) -> None:
     assume(name[-4:-3] != ".")
     numbered = f"{name}.{number:03}"
     assert words(numbered) == words(name)
@@ -53,7 +53,7 @@ blocks = st.lists(st.tuples(st.tuples(*[coordinates] * 3), st.tuples(*[sizes] * 
 
 
 @given(blocks, st.permutations(range(3)))
-def test_a_floor_under_a_vehicle_goes_and_nothing_else(parts: list, order: list[int]) -> None:
+def test_only_the_floor_under_a_vehicle_is_dropped(parts: list, order: list[int]) -> None:
     vehicle = [piece(f"Part {i}", np.array(low), np.array(size)) for i, (low, size) in enumerate(parts)]
     before = [role.use for role in vehicle_roles(vehicle)]
     assert before == ["vehicle"] * len(vehicle) or any(p.bounds[1, 2] - p.bounds[0, 2] < 0.2 for p in vehicle)
@@ -72,7 +72,7 @@ def test_a_floor_under_a_vehicle_goes_and_nothing_else(parts: list, order: list[
 
 
 @given(st.floats(-3, 3), st.tuples(coordinates, coordinates, coordinates))
-def test_parts_do_not_depend_on_where_the_file_has_the_vehicle(yaw: float, at: tuple) -> None:
+def test_parts_do_not_depend_on_the_vehicles_position_in_the_file(yaw: float, at: tuple) -> None:
     file_from_vehicle = rigid(rotation_z(yaw), np.array(at))
     cube = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     spots = {"Hull": (0, 0, 0.5), "Turret": (0.4, 0.1, 1.5), "Gun": (1.2, 0.1, 1.5)}

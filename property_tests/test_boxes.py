@@ -1,4 +1,4 @@
-"""Boxes against exact arithmetic, against every vertex, and against pixels."""
+"""Boxes compared with exact arithmetic, with every vertex, and with pixels."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply, rigid, rotation_about
 from hulldown.tests.shapes import vehicle_of
 
-PIXEL_ERROR = 1e-6  # what the boxes promise; relative for boxes larger than a pixel's worth of digits
+PIXEL_ERROR = 1e-6  # the promised error; relative for boxes with more digits than a pixel's
 FIELDS_OF_VIEW = [math.radians(degrees) for degrees in (0.1, 1.0, 30.0, 60.0, 120.0, 179.0)]
 
 
@@ -37,7 +37,7 @@ def random_rotation(rng: np.random.Generator) -> np.ndarray:
 
 
 def random_vehicle(rng: np.random.Generator) -> VehicleShape:
-    """Up to three parts, each a soup, a subdivided box, a ball, a flat plate or a single triangle."""
+    """Up to three parts, each a triangle soup, a subdivided box, a ball, a flat plate, or a single triangle."""
     vertices, faces, part = [], [], []
     count = 0
     parts = int(rng.integers(1, 4))
@@ -101,7 +101,7 @@ PART_KINDS = [soup, subdivided_box, ball, plate, triangle]
 
 
 def random_camera(rng: np.random.Generator, target: np.ndarray) -> Camera:
-    """Looks roughly at the target, from within it to afar; any field of view, any image down to one pixel."""
+    """Cameras roughly towards the target, from inside it to far away, with any field of view and image size."""
     distance = 10.0 ** rng.uniform(-2.0, 2.5)
     rotation = random_rotation(rng)
     aside = rng.normal(size=3) * distance * rng.choice([0.0, 0.05, 0.5])
@@ -122,7 +122,7 @@ def random_view(seed: int) -> tuple[VehicleShape, np.ndarray, Camera, dict[str, 
 def exact_box(
     vertices: np.ndarray, faces: np.ndarray, camera: Camera, *, frame: bool, slack: float
 ) -> tuple[Fraction, ...] | None:
-    """Clips every triangle in rational arithmetic, its planes moved outwards by `slack`; (u0, v0, u1, v1) or None."""
+    """Clip every triangle in rational arithmetic, its planes moved outwards by `slack`; (u0, v0, u1, v1) or None."""
     axes = [[Fraction(float(n)) for n in column] for column in camera.world_from_camera[:3, :3].T]
     position = [Fraction(float(n)) for n in camera.position]
     points = []
@@ -155,7 +155,7 @@ def exact_box(
 
 
 def assert_between(found: np.ndarray | None, least: tuple | None, most: tuple | None) -> None:
-    """The box lies between those of the frustum drawn in and let out by what float64 cannot tell."""
+    """The box is between those of slightly smaller and larger frustums, by the rounding of float64."""
     if found is None:
         assert least is None
         return
@@ -170,13 +170,13 @@ def assert_between(found: np.ndarray | None, least: tuple | None, most: tuple | 
 
 
 @given(st.integers(0, 2**32), st.booleans())
-def test_the_rule_is_exact_clipping(seed: int, frame: bool) -> None:
+def test_clipping_equals_exact_clipping(seed: int, frame: bool) -> None:
     rng = np.random.default_rng(seed)
     n = int(rng.integers(3, 7))
     vertices = rng.normal(size=(n, 3)) * 10.0 ** rng.uniform(-2.0, 2.0)
     faces = rng.integers(0, n, size=(int(rng.integers(1, 5)), 3))
     camera = random_camera(rng, vertices[0])
-    # What rounding of coordinates of this size can move a plane by.
+    # Rounding of coordinates of this size can move a plane by this much.
     slack = 1e-13 * (np.abs(vertices - camera.position).max() + 1.0)
     found = surface_box(vertices, faces, camera, frame=frame)
     assert_between(
@@ -187,14 +187,14 @@ def test_the_rule_is_exact_clipping(seed: int, frame: bool) -> None:
 
 
 @given(st.integers(0, 2**32), st.booleans())
-def test_the_fast_answer_is_the_rule(seed: int, frame: bool) -> None:
+def test_the_fast_box_equals_clipping(seed: int, frame: bool) -> None:
     shape, pose, camera, articulation = random_view(seed)
     found = VehicleBoxes(shape).box(pose, camera, articulation, frame=frame)
     assert_is_the_rule(found, shape, pose, camera, articulation, frame=frame)
 
 
 @given(st.integers(0, 2**32), st.integers(1, 8), st.integers(1, 4), st.integers(1, 4))
-def test_branch_and_bound_is_the_rule(seed: int, leaf: int, group: int, count: int) -> None:
+def test_branch_and_bound_equals_clipping(seed: int, leaf: int, group: int, count: int) -> None:
     rng = np.random.default_rng(seed)
     shape, pose, camera, articulation = random_view(seed)
     with mock.patch.multiple(hulldown.annotate.clusters, SMALL=0, LEAF=leaf, GROUP=group, ROUND=count):
@@ -203,7 +203,7 @@ def test_branch_and_bound_is_the_rule(seed: int, leaf: int, group: int, count: i
             for frame in (True, False):
                 found = boxes.box(pose, camera, articulation, frame=frame)
                 assert_is_the_rule(found, shape, pose, camera, articulation, frame=frame)
-            # From here on what branch and bound is for: a usual lens close by, the vehicle cut by the frame.
+            # From here on, typical uses of branch and bound: a normal lens nearby, the vehicle cut by the frame.
             distance, rotation = rng.uniform(0.5, 6.0), random_rotation(rng)
             aside = rotation[:, :2] @ rng.uniform(-0.6, 0.6, 2) * distance
             position = pose[:3, 3] - distance * rotation[:, 2] + aside
@@ -221,7 +221,7 @@ def assert_is_the_rule(
 ) -> None:
     vertices_world = apply(pose, shape.vertices_at(articulation))
     expected = surface_box(vertices_world, shape.mesh.faces, camera, frame=frame)
-    # Coordinates of 1e4 m carry 1e-12 m of rounding, which a long lens close by turns into pixels.
+    # Coordinates of 1e4 m have rounding errors of 1e-12 m, which a long lens nearby magnifies to pixels.
     far = 1e-15 * np.abs(vertices_world).max() * camera.intrinsics.f_px / NEAR
     assert (expected is None) == (found is None)
     if expected is not None and found is not None:
@@ -230,7 +230,7 @@ def assert_is_the_rule(
 
 
 @given(st.integers(0, 2**32))
-def test_hull_vertices_answer_as_all_vertices_do_bit_for_bit(seed: int) -> None:
+def test_hull_vertices_give_the_bits_of_all_vertices(seed: int) -> None:
     rng = np.random.default_rng(seed)
     shape = random_vehicle(rng)
     camera = Camera(Intrinsics(1920, 1080, 1.0), rigid(np.eye(3), [0.0, 0.0, -60.0]))
@@ -249,7 +249,7 @@ def test_hull_vertices_answer_as_all_vertices_do_bit_for_bit(seed: int) -> None:
 
 
 @given(st.lists(st.integers(0, 2**32), max_size=5), st.integers(0, 2**32))
-def test_a_batch_is_its_rows_bit_for_bit(seeds: list[int], vehicle: int) -> None:
+def test_a_batch_gives_the_bits_of_its_rows(seeds: list[int], vehicle: int) -> None:
     shape = random_vehicle(np.random.default_rng(vehicle))
     boxes = VehicleBoxes(shape)
     views = [random_view(seed) for seed in seeds]
@@ -269,7 +269,7 @@ def test_a_batch_is_its_rows_bit_for_bit(seeds: list[int], vehicle: int) -> None
 
 
 @given(st.integers(0, 2**32))
-def test_truncation_is_between_nothing_and_all(seed: int) -> None:
+def test_truncation_is_between_0_and_1(seed: int) -> None:
     shape, pose, camera, articulation = random_view(seed)
     found = VehicleBoxes(shape).boxes(pose[None], camera.world_from_camera[None], camera.intrinsics, [articulation])
     (box,), (amodal,), (share,) = found.xywh, found.amodal, found.truncated_fraction
@@ -287,7 +287,7 @@ def test_truncation_is_between_nothing_and_all(seed: int) -> None:
 
 
 @given(st.integers(0, 2**32), st.booleans())
-def test_skipping_what_is_inside_or_outside_changes_nothing(seed: int, frame: bool) -> None:
+def test_skipping_inner_and_outer_parts_changes_nothing(seed: int, frame: bool) -> None:
     shape, pose, camera, _ = random_view(seed)
     frustum = Frustum.of(lenses(camera.intrinsics), frame=frame)
     points = np.ascontiguousarray(apply(camera.camera_from_world @ pose, shape.mesh.vertices).T)
@@ -297,7 +297,7 @@ def test_skipping_what_is_inside_or_outside_changes_nothing(seed: int, frame: bo
 
 @pytest.mark.parametrize("kind", [subdivided_box, ball])
 @given(st.integers(0, 2**32))
-def test_the_box_holds_the_mask_and_touches_it_on_four_sides(kind, seed: int) -> None:
+def test_the_box_contains_the_mask_and_touches_it_on_four_sides(kind, seed: int) -> None:
     rng = np.random.default_rng(seed)
     vertices, faces = kind(rng)
     shape = vehicle_of(Mesh(vertices * rng.uniform(1.0, 4.0, 3), faces))
@@ -306,7 +306,7 @@ def test_the_box_holds_the_mask_and_touches_it_on_four_sides(kind, seed: int) ->
     box = VehicleBoxes(shape).box(pose, Camera(Intrinsics(64, 48, 1.0), view))
     if box is None or box[2:].min() < 1.0:
         return
-    # Eight rays a pixel and axis: between pixel centers the pointed end of a surface could slip through.
+    # Eight rays a pixel and axis, since the pointed end of a surface can be between pixel centers.
     fine = Camera(Intrinsics(8 * 64, 8 * 48, 1.0), view)
     around = 8.0 * box + [-16.0, -16.0, 32.0, 32.0]
     inner = mask_box(vehicle_mask(PosedVehicle(VehicleTarget(shape), pose[None], {}), fine, xywh=around))

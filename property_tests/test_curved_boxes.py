@@ -1,4 +1,4 @@
-"""Boxes in distorted images against very many points: any lens and view, the near plane, sides of the image."""
+"""Boxes in distorted images compared with very many points: any lens and view, near plane, image borders."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SIZES = ((1920, 1080), (640, 480), (1080, 1920))
 
 
 @given(st.integers(0, 2**63), st.sampled_from(sorted(LENSES)), st.sampled_from(["before", "large", "across"]))
-def test_a_curved_box_is_off_by_a_hundredth_of_a_pixel_at_most(seed: int, name: str, kind: str) -> None:
+def test_curved_boxes_are_within_a_hundredth_of_a_pixel(seed: int, name: str, kind: str) -> None:
     rng = np.random.default_rng(seed)
     width, height = SIZES[rng.integers(len(SIZES))]
     half = math.radians(rng.uniform(40, 120)) / 2
@@ -43,6 +43,6 @@ def test_a_curved_box_is_off_by_a_hundredth_of_a_pixel_at_most(seed: int, name: 
             assert wanted is None, wanted
             continue
         wanted = np.clip(wanted, -FAR, FAR)
-        # Beside the near plane, pixels are millions apart.
+        # Next to the near plane, pixels are millions apart.
         tolerance = 0.01 if frame else 0.01 + 1e-4 * np.abs(wanted).max()
         assert np.abs(np.append(box[:2], box[:2] + box[2:]) - wanted).max() <= tolerance

@@ -11,7 +11,7 @@ from hulldown.geometry.overlap import triangles_touch_box
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply
 
-# float32 about the center of a scene some 20 m wide, seen at grazing angles.
+# float32 around the center of a scene some 20 m wide, seen at grazing angles.
 CLOSE = 2e-4
 
 
@@ -34,7 +34,7 @@ def scene_and_flat(seed, k, squashed, offset=0.0):
 
 
 def off(triangles, points):
-    """How far points are from triangles, at least: from their planes, and beyond their sides."""
+    """Lower bound of the distance of points from triangles: from their planes, and beyond their sides."""
     side = np.roll(triangles, -1, axis=1) - triangles
     normal = np.cross(side[:, 0], side[:, 1])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -52,19 +52,19 @@ def off(triangles, points):
     offset=st.sampled_from([0.0, 5.4e6]),
     n=st.sampled_from([150, 2 * FEW_RAYS]),
 )
-def test_two_levels_answer_as_one_merged_mesh_does(seed, k, squashed, offset, n):
+def test_instances_give_the_hits_of_one_merged_mesh(seed, k, squashed, offset, n):
     rng, scene, moved = scene_and_flat(seed, k, squashed, offset)
     flat, source = merge(moved)
     first = np.cumsum([0, *(len(m.faces) for m in moved)])
     caster = RayCaster(flat)
     origins, directions = rng.uniform(-8, 8, (n, 3)) + offset, rng.normal(size=(n, 3))
     ours, theirs = scene.cast(origins, directions), caster.cast(origins, directions)
-    # A ray may pass an edge, or one of two surfaces that cross, on different sides in the two float32 frames.
+    # The two float32 frames may put a ray on different sides of an edge, or swap two crossing surfaces.
     same = np.where(theirs.hit, source[theirs.face], -1) == ours.instance
     assert (~same).sum() <= 2 + n / 1000
     both = same & ours.hit
     np.testing.assert_allclose(ours.distance[both], theirs.distance[both], atol=CLOSE)
-    # Faces of a squashed copy lie in one plane: of those that a ray meets together, either may be named.
+    # Faces of a squashed copy are coplanar, so a ray that hits several may report any of them.
     named = flat.vertices[flat.faces[ours.face[both] + first[ours.instance[both]]]]
     along = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     met = origins[both] + ours.distance[both, None] * along[both]
@@ -74,7 +74,7 @@ def test_two_levels_answer_as_one_merged_mesh_does(seed, k, squashed, offset, n)
 
 
 @given(seed=st.integers(0, 2**32), k=st.integers(1, 60), n=st.sampled_from([150, 2 * FEW_RAYS]))
-def test_a_limit_cuts_off_what_lies_beyond_it(seed, k, n):
+def test_a_limit_excludes_hits_beyond_it(seed, k, n):
     rng, scene, _ = scene_and_flat(seed, k, False)
     origins, directions = rng.uniform(-8, 8, (n, 3)), rng.normal(size=(n, 3))
     limit = rng.uniform(0, 10, n)
@@ -87,7 +87,7 @@ def test_a_limit_cuts_off_what_lies_beyond_it(seed, k, n):
 
 
 @given(seed=st.integers(0, 2**32), k=st.integers(1, 40))
-def test_one_more_instance_never_opens_a_view(seed, k):
+def test_adding_an_instance_never_opens_a_view(seed, k):
     rng, scene, _ = scene_and_flat(seed, k, False)
     fewer = InstancedScene(scene.meshes, scene.instance_mesh[:-1], scene.world_from_instance[:-1])
     origins, directions = rng.uniform(-8, 8, (200, 3)), rng.normal(size=(200, 3))
@@ -97,11 +97,11 @@ def test_one_more_instance_never_opens_a_view(seed, k):
 
 
 @given(seed=st.integers(0, 2**32), k=st.integers(0, 30), axis=st.integers(0, 3))
-def test_the_tree_finds_the_boxes_that_a_plain_loop_finds(seed, k, axis):
+def test_the_tree_finds_the_boxes_of_a_plain_loop(seed, k, axis):
     rng = np.random.default_rng(seed)
     low = rng.integers(-4, 5, (k, 3)).astype(float)
     bounds = np.stack([low, low + rng.integers(0, 3, (k, 3))], axis=1)
-    # Whole numbers: rays that run in sides and through edges, boxes that touch and have no thickness.
+    # Whole numbers, so that rays run within sides and through edges, and boxes touch or have no thickness.
     origins = rng.integers(-6, 7, (12, 3)).astype(float)
     directions = rng.integers(-2, 3, (12, 3)).astype(float)
     directions[(directions == 0).all(axis=1)] = np.eye(3)[axis % 3]
@@ -143,7 +143,7 @@ def test_triangles_touch_a_box_where_clipping_leaves_something(seed, size):
 
 
 def _clipped(polygon, half):
-    """Sutherland and Hodgman: what is left of a polygon inside a box about the origin."""
+    """Sutherland and Hodgman: the part of a polygon inside a box around the origin."""
     points = list(polygon)
     for axis in range(3):
         for sign in (-1, 1):

@@ -1,4 +1,4 @@
-"""Masks there and back, with pycocotools and brute force as judges."""
+"""Masks encoded and decoded, compared with pycocotools and brute force."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ noise = sizes.flatmap(lambda size: hnp.arrays(bool, size))
 
 @st.composite
 def blobs(draw: st.DrawFn) -> np.ndarray:
-    """Discs and rectangles, joined and cut out: what vehicles look like, with holes."""
+    """Unions and differences of discs and rectangles, which look like vehicles with holes."""
     h, w = draw(sizes)
     y, x = np.mgrid[:h, :w]
     mask = np.zeros((h, w), dtype=bool)
@@ -44,7 +44,7 @@ def test_run_lengths_round_trip(mask: np.ndarray) -> None:
 
 
 @given(masks, st.data())
-def test_overlap_is_that_of_pycocotools(mask: np.ndarray, data: st.DataObject) -> None:
+def test_overlap_equals_that_of_pycocotools(mask: np.ndarray, data: st.DataObject) -> None:
     other = data.draw(hnp.arrays(bool, mask.shape))
     expected = float(pycocotools_mask.iou([encode(mask)], [encode(other)], [0])[0, 0])
     either = mask.any() or other.any()

@@ -17,7 +17,7 @@ from hulldown.placement.terrain import Terrain
 SIZE = np.array([7.0, 3.5, 2.5])
 RULES = st.sampled_from(["averaged", "least_squares", "support"])
 FIELDS = ("world_from_vehicle", "slope", "tilt", "share", "margin", "gap", "penetration", "rejection")
-# Rounding of heights of some tens of meters, through a division by the footprint's size.
+# Rounding of heights of tens of meters, divided by the footprint's size.
 CLOSE = 1e-12
 
 
@@ -26,7 +26,7 @@ def finite(low, high):
 
 
 def rough_mesh(seed, relief=0.8, half=20.0, cell=1.0):
-    """A square of random heights, with a random slope below them."""
+    """A square of random heights, plus a random slope."""
     rng = np.random.default_rng(seed)
     x = np.linspace(-half, half, round(2 * half / cell) + 1)
     grid = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -46,7 +46,7 @@ PLATE = np.stack([-SIZE[:2], SIZE[:2]]) / 2
 
 
 def random_underside(seed, scale=1.0):
-    """Feet at the corners, and steps and holes all over; some of it is low."""
+    """Feet at the corners, with steps and holes in between, some of them low."""
     rng = np.random.default_rng(seed)
     blocks = rng.choice([0.0, 0.1, 0.4, 0.8, np.inf], (4, 4), p=[0.2, 0.2, 0.2, 0.1, 0.3])
     heights = np.kron(blocks, np.ones((32, 32))) + 0.02 * rng.random((128, 128))
@@ -74,7 +74,7 @@ def turned_by(a, b):
 
 
 @given(seed=st.integers(0, 2**32), rule=RULES, n=st.integers(2, 7))
-def test_poses_are_rigid_keep_position_and_heading_and_stand_upright(seed, rule, n):
+def test_poses_are_rigid_keep_position_and_heading_and_are_upright(seed, rule, n):
     mesh = rough_mesh(seed)
     xy, yaw = candidates_on(mesh, seed)
     settled = settle(Terrain(mesh), SIZE, xy, yaw, rules=SettleRules(rule=rule, n=n, max_slope=1.4, min_share=0.01))
@@ -105,13 +105,13 @@ def test_the_averaged_rule_is_the_mean_of_heights_and_normals(seed):
 
 
 @given(yaw=finite(-10, 10), tilt=finite(0, 1.5), toward=finite(-4, 4), at=vectors(-1e4, 1e4, 3))
-def test_the_contact_point_never_moves_under_tilt_and_the_heading_stays(yaw, tilt, toward, at):
+def test_tilting_keeps_the_contact_point_and_the_heading(yaw, tilt, toward, at):
     up = np.array([math.sin(tilt) * math.cos(toward), math.sin(tilt) * math.sin(toward), math.cos(tilt)])
     tilted, level = rigid(facing(yaw, up), at), rigid(rotation_z(yaw), at)
     np.testing.assert_array_equal(apply(tilted, np.zeros((1, 3))), apply(level, np.zeros((1, 3))))
     np.testing.assert_array_equal(tilted[:3, 2], up)
     assert abs(turned_by(headings(tilted[None]), yaw)) < 1e-13
-    # Tilting is nothing else than turning about the contact point.
+    # Tilting is a rotation about the contact point.
     relative = tilted[:3, :3] @ level[:3, :3].T
     np.testing.assert_allclose(relative @ relative.T, np.eye(3), atol=1e-14)
 
@@ -119,7 +119,7 @@ def test_the_contact_point_never_moves_under_tilt_and_the_heading_stays(yaw, til
 @given(
     gradient=vectors(-1, 1, 2), z=finite(-100, 100), rule=RULES, n=st.integers(2, 6), seed=st.integers(0, 99)
 )  # fmt: skip
-def test_on_a_plane_nothing_gapes_and_nothing_sinks(gradient, z, rule, n, seed):
+def test_on_a_plane_there_is_no_gap_and_no_penetration(gradient, z, rule, n, seed):
     mesh = plane_mesh(gradient, z)
     xy, yaw = candidates(mesh.bounds, 8, rng=np.random.default_rng(seed), margin=0.6)
     settled = settle(Terrain(mesh), SIZE, xy, yaw, rules=SettleRules(rule=rule, n=n, max_slope=1.2))
@@ -134,7 +134,7 @@ def test_on_a_plane_nothing_gapes_and_nothing_sinks(gradient, z, rule, n, seed):
     seed=st.integers(0, 2**32), rule=RULES, turn=finite(-4, 4), scale=finite(0.01, 100),
     shift=vectors(-1e4, 1e4, 3), raised=st.booleans(),
 )  # fmt: skip
-def test_moving_turning_and_scaling_the_world_carries_the_poses_along(seed, rule, turn, scale, shift, raised):
+def test_poses_move_turn_and_scale_with_the_world(seed, rule, turn, scale, shift, raised):
     mesh = rough_mesh(seed, half=12.0)
     xy, yaw = candidates_on(mesh, seed, n=6)
     small, large = (random_underside(seed, s) if raised else None for s in (1.0, scale))
@@ -143,7 +143,7 @@ def test_moving_turning_and_scaling_the_world_carries_the_poses_along(seed, rule
     moved = Mesh(apply(there_from_here, mesh.vertices), mesh.faces, "moved")
     moved_xy = apply(there_from_here, np.column_stack([xy, np.zeros(len(xy))]))[:, :2]
     there = settle(Terrain(moved), scale * SIZE, moved_xy, yaw + turn, footprint=large, rules=SettleRules(rule=rule))
-    # Samples that fall on an edge of the ground may fall to its other side; the seeds met none that mattered.
+    # Samples on an edge of the ground may fall to its other side, which mattered for none of these seeds.
     np.testing.assert_array_equal(there.rejection, here.rejection)
     expected = there_from_here @ here.world_from_vehicle
     expected[:, :3, :3] /= scale
@@ -154,9 +154,9 @@ def test_moving_turning_and_scaling_the_world_carries_the_poses_along(seed, rule
 
 
 @given(toward=finite(-4, 4), yaw=finite(-4, 4), degrees=finite(5, 60), steps=st.sampled_from([-8, 8]))
-def test_the_slope_gate_agrees_with_the_closed_form(toward, yaw, degrees, steps):
+def test_the_slope_gate_equals_the_closed_form(toward, yaw, degrees, steps):
     limit = math.radians(degrees)
-    # Eight steps of float64 beside the limit: what the tangent, the cross product and its length may round away.
+    # Eight float64 steps around the limit, for rounding of the tangent, the cross product, and its length.
     angle = limit + steps * np.spacing(limit)
     gradient = math.tan(angle) * np.array([math.cos(toward), math.sin(toward)])
     for rule in ("averaged", "support"):
@@ -167,7 +167,7 @@ def test_the_slope_gate_agrees_with_the_closed_form(toward, yaw, degrees, steps)
             [yaw],
             rules=SettleRules(rule=rule, max_slope=limit),
         )
-        # The rest plane is judged too, and may round to the other side where the ground itself passes.
+        # The rest plane is also checked, and may round to the other side where the ground passes.
         if steps > 0:
             assert settled.rejection[0] == Rejection.TOO_STEEP
         else:
@@ -175,7 +175,7 @@ def test_the_slope_gate_agrees_with_the_closed_form(toward, yaw, degrees, steps)
 
 
 @given(seed=st.integers(0, 2**32), rule=RULES, raised=st.booleans())
-def test_a_candidate_does_not_depend_on_its_company(seed, rule, raised):
+def test_a_candidate_does_not_depend_on_others(seed, rule, raised):
     mesh = rough_mesh(seed, relief=1.5)
     terrain = Terrain(mesh)
     xy, yaw = candidates(mesh.bounds, 30, rng=np.random.default_rng(seed), margin=1.0)
@@ -188,7 +188,7 @@ def test_a_candidate_does_not_depend_on_its_company(seed, rule, raised):
 
 
 @given(seed=st.integers(0, 2**32), n=st.integers(2, 7))
-def test_the_ground_reaches_the_raised_underside_and_nowhere_above_it(seed, n):
+def test_the_ground_touches_the_raised_underside_and_is_nowhere_above_it(seed, n):
     mesh = rough_mesh(seed)
     terrain, shape = Terrain(mesh), random_underside(seed)
     xy, yaw = candidates(mesh.bounds, 10, rng=np.random.default_rng(seed), margin=0.6)
@@ -203,12 +203,12 @@ def test_the_ground_reaches_the_raised_underside_and_nowhere_above_it(seed, n):
         plane = origin[2] - (points - origin[:2]) @ up[:2] / up[2]
         above = plane + at.height - terrain.top_hits(points).z
         assert above.min() > -1e-10
-        # Three contacts; fewer where one or two right below the center carry all of it.
+        # Three contacts; fewer if one or two right below the center carry all.
         assert (above < 1e-10).sum() >= 1
 
 
 @given(seed=st.integers(0, 2**32), rule=RULES, n=st.integers(2, 9))
-def test_an_underside_without_relief_is_a_plate_to_the_bit(seed, rule, n):
+def test_a_flat_underside_gives_the_bits_of_a_plate(seed, rule, n):
     mesh = rough_mesh(seed)
     xy, yaw = candidates(mesh.bounds, 10, rng=np.random.default_rng(seed), margin=1.0)
     flat = Underside(PLATE, np.zeros((128, 128)))
@@ -220,7 +220,7 @@ def test_an_underside_without_relief_is_a_plate_to_the_bit(seed, rule, n):
 
 
 @given(seed=st.integers(0, 2**32), rule=RULES)
-def test_gap_and_penetration_are_those_of_the_posed_underside(seed, rule):
+def test_gap_and_penetration_equal_those_of_the_posed_underside(seed, rule):
     mesh = rough_mesh(seed)
     terrain, shape = Terrain(mesh), random_underside(seed)
     xy, yaw = candidates(mesh.bounds, 6, rng=np.random.default_rng(seed), margin=0.6)
@@ -230,7 +230,7 @@ def test_gap_and_penetration_are_those_of_the_posed_underside(seed, rule):
         points = apply(settled.world_from_vehicle[i], np.column_stack([at.xy, at.height]))
         ground = terrain.top_hits(points[:, :2]).z
         assert settled.penetration[i] == pytest.approx(max(0.0, (ground - points[:, 2]).max()), abs=1e-10)
-        # Straight below each foot, the plane z = 0 of the vehicle: n . (p - origin) = 0.
+        # Directly below each foot, on the vehicle's plane z = 0: n . (p - origin) = 0.
         up, origin = settled.world_from_vehicle[i, :3, 2], settled.world_from_vehicle[i, :3, 3]
         feet = points[at.foot]
         plane = origin[2] - (feet[:, :2] - origin[:2]) @ up[:2] / up[2]

@@ -1,4 +1,4 @@
-"""Certified top hits against rational arithmetic, on meshes made of every hard case."""
+"""Certified top hits compared with rational arithmetic, on meshes with every hard case."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.placement.terrain import Terrain
 from hulldown.tests.oracles.top_hits import angle, exact_tops
 
-HEIGHT_ULPS = 8  # of the largest |z| of the ground: what top_hits promises
-NORMAL_ERROR = 1e-12  # radians: likewise
+HEIGHT_ULPS = 8  # relative to the largest |z| of the ground, as top_hits promises
+NORMAL_ERROR = 1e-12  # radians, also promised
 OFFSETS = [(0.0, 0.0), (5e5, 5.4e6), (1e7, -1e7), (0.1, 1 / 3)]
 LAYERS = [1e-3, 1e-5, 1e-7, 0.0]
 
 
 def lattice(nx, ny, x, y, z, diagonals):
-    """A grid of quads, each cut along one of its diagonals."""
+    """A grid of quads, each split along one of its diagonals."""
     vertices = np.column_stack([np.repeat(x, ny + 1), np.tile(y, nx + 1), z])
     i = (np.arange(nx)[:, None] * (ny + 1) + np.arange(ny)).ravel()
     a, b, c, d = i, i + ny + 1, i + ny + 2, i + 1
@@ -27,7 +27,7 @@ def lattice(nx, ny, x, y, z, diagonals):
 
 
 def together(*meshes):
-    # Not geometry.meshes.merge: the type checker draws from `random` to check a sequence, which Hypothesis forbids.
+    # Not geometry.meshes.merge: the type checker samples with `random`, which Hypothesis forbids.
     offsets = np.cumsum([0, *(len(m.vertices) for m in meshes)])
     faces = [m.faces + int(o) for m, o in zip(meshes, offsets, strict=False)]
     return Mesh(np.concatenate([m.vertices for m in meshes]), np.concatenate(faces))
@@ -35,7 +35,7 @@ def together(*meshes):
 
 @st.composite
 def grids(draw):
-    """Rough ground, level, on a lattice or off it, at map coordinates or not, of meters, millimeters or kilometers."""
+    """Rough or level ground, on or off a lattice, at map coordinates or not, in meters, millimeters, or kilometers."""
     nx, ny = draw(st.integers(1, 5)), draw(st.integers(1, 5))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     size = draw(st.sampled_from([1e-3, 0.1, 1.0, 5.0, 1e5]))
@@ -50,7 +50,7 @@ def grids(draw):
 
 @st.composite
 def cut_up(draw, meshes):
-    """The same ground with holes, faces in another order and of any winding, and some that no longer share vertices."""
+    """The same ground with holes, shuffled faces of any winding, and some unshared vertices."""
     mesh = draw(meshes)
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     faces = mesh.faces[rng.permutation(len(mesh.faces))]
@@ -66,7 +66,7 @@ def cut_up(draw, meshes):
 
 @st.composite
 def layered(draw, meshes):
-    """The ground and a copy a hair's breadth above or below, or none."""
+    """The ground and perhaps a copy slightly above or below."""
     mesh = draw(meshes)
     gap = draw(st.sampled_from(LAYERS)) * draw(st.sampled_from([-1.0, 1.0]))
     return together(mesh, Mesh(mesh.vertices + np.array([0, 0, gap]), mesh.faces))
@@ -74,7 +74,7 @@ def layered(draw, meshes):
 
 @st.composite
 def cut_twice(draw):
-    """An even plane, level or sloping, with two sheets of different triangles: equal heights without equal corners."""
+    """A plane, level or sloping, as two sheets of different triangles: equal heights, different corners."""
     nx, ny = draw(st.integers(1, 3)), draw(st.integers(1, 3))
     x, y = np.arange(nx + 1.0), np.arange(ny + 1.0)
     z = draw(st.sampled_from([1 / 3, 0.0])) + draw(st.sampled_from([0.0, 0.5])) * np.repeat(x, ny + 1)
@@ -85,7 +85,7 @@ def cut_twice(draw):
 
 @st.composite
 def soups(draw):
-    """Triangles between few lattice points: zero area, repeated corners, walls, duplicates, every kind of touching."""
+    """Triangles between a few lattice points: zero area, repeated corners, walls, duplicates, every kind of contact."""
     n = draw(st.integers(1, 12))
     scale = draw(st.sampled_from([1.0, 0.1, 1e-3]))
     corners = draw(st.lists(st.tuples(*[st.integers(0, 4)] * 2, st.integers(0, 2)), min_size=3 * n, max_size=3 * n))
@@ -99,7 +99,7 @@ def soups(draw):
 
 @st.composite
 def slivers(draw):
-    """A fan of long strips, each a millionth as wide as it is long, in any direction."""
+    """A fan of strips in any direction, each a million times as long as wide."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     length, n = draw(st.sampled_from([1.0, 1e3])), draw(st.integers(1, 6))
     turn = draw(st.sampled_from([0.0, 0.7, np.pi / 2]))
@@ -114,7 +114,7 @@ def slivers(draw):
 
 @st.composite
 def cliffs(draw):
-    """Two terraces with a step between them of 89.9999 degrees, or exactly upright, or overhanging."""
+    """Two terraces with a step between them: of 89.9999 degrees, vertical, or overhanging."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     n, height = draw(st.integers(1, 4)), 10.0
     foot = draw(st.sampled_from([height * np.tan(np.radians(1e-4)), 0.0, -0.5]))
@@ -129,7 +129,7 @@ def cliffs(draw):
 
 @st.composite
 def mixed_sizes(draw):
-    """Triangles of 100 km and, somewhere on or above them, a patch of millimeters."""
+    """Triangles of 100 km with a patch of millimeters on or above them."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     z = rng.uniform(-100, 100, 9)
     large = Mesh(*lattice(2, 2, np.arange(3) * 1e5, np.arange(3) * 1e5, z, rng.random(4) < 0.5))
@@ -148,7 +148,7 @@ def hard_meshes():
 
 
 def points_on(mesh, rng, n=12):
-    """Points where it matters: on vertices and edges and one ulp beside them, inside faces, and anywhere."""
+    """Points on vertices and edges, one ulp off, inside faces, and anywhere."""
     corners = mesh.triangles[rng.integers(len(mesh.faces), size=n)][:, :, :2]
     share = rng.choice([0.0, 0.25, 0.5, 1.0, 0.3], size=(n, 1))
     on_edges = corners[:, 0] + share * (corners[:, 1] - corners[:, 0])
@@ -174,12 +174,12 @@ def assert_exact(mesh, xy):
 
 
 @given(hard_meshes(), st.integers(0, 2**32 - 1))
-def test_certified_is_the_exact_rule_on_every_hard_case(mesh, seed):
+def test_certified_equals_the_exact_rule_on_every_hard_case(mesh, seed):
     assert_exact(mesh, points_on(mesh, np.random.default_rng(seed)))
 
 
 @given(st.lists(hard_meshes(), min_size=2, max_size=3), st.integers(0, 2**32 - 1))
-def test_certified_is_the_exact_rule_on_hard_cases_thrown_together(meshes, seed):
+def test_certified_equals_the_exact_rule_on_combined_hard_cases(meshes, seed):
     mesh = together(*meshes)
     assert_exact(mesh, points_on(mesh, np.random.default_rng(seed)))
 
@@ -198,12 +198,12 @@ def rough(draw):
 
 
 @given(rough(), st.integers(0, 2**32 - 1))
-def test_certified_is_the_exact_rule_on_ground_of_some_hundred_faces(mesh, seed):
+def test_certified_equals_the_exact_rule_on_hundreds_of_faces(mesh, seed):
     assert_exact(mesh, points_on(mesh, np.random.default_rng(seed), n=25))
 
 
 @given(rough(), st.integers(0, 2**32 - 1))
-def test_winding_carries_no_meaning(mesh, seed):
+def test_winding_does_not_matter(mesh, seed):
     rng = np.random.default_rng(seed)
     turned = np.where((rng.random(len(mesh.faces)) < 0.5)[:, None], mesh.faces[:, [0, 2, 1]], mesh.faces)
     xy = points_on(mesh, rng, n=100)

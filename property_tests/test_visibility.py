@@ -1,4 +1,4 @@
-"""What is visible, on any scene: all of it, nothing of it, never more for an added occluder."""
+"""Visibility in any scene: complete, none, and never more with an added occluder."""
 
 import math
 
@@ -33,7 +33,7 @@ def cameras(seed: int, elevation: float, n: int = 6) -> np.ndarray:
 
 
 def boulders(rng: np.random.Generator, k: int) -> InstancedScene:
-    """Cubes, turned, stretched, some mirrored, anywhere within 30 m but not at the target."""
+    """Cubes, turned, stretched, some mirrored, anywhere within 30 m except at the target."""
     around, height = rng.uniform(0, 2 * math.pi, k), rng.uniform(0, 10, k)
     at = np.stack([np.cos(around), np.sin(around), height], 1) * np.stack([rng.uniform(6, 30, k)] * 2 + [np.ones(k)], 1)
     axis = rng.normal(size=(k, 3))
@@ -44,10 +44,10 @@ def boulders(rng: np.random.Generator, k: int) -> InstancedScene:
 
 
 @given(lenses, seeds, elevations, turns)
-def test_on_an_open_plane_all_that_is_in_the_frame_is_visible(
+def test_on_an_open_plane_everything_in_the_frame_is_visible(
     lens: Intrinsics, seed: int, elevation: float, turn: float
 ) -> None:
-    # Its underside rests on the plane: a millimeter above it, as rays at the seam may go either way.
+    # The target is a millimeter above the plane, since rays at the seam may go either way.
     seen = visible_fraction(
         TANK, HERE, cameras(seed, elevation), intrinsics=lens, articulation={"turret": turn}, world=World(Plane(-1e-3))
     )
@@ -59,7 +59,7 @@ def test_on_an_open_plane_all_that_is_in_the_frame_is_visible(
 def test_behind_a_wall_nothing_is_visible(lens: Intrinsics, seed: int, elevation: float, turn: float) -> None:
     n = 2
     poses = cameras(seed, elevation, n)
-    # Across the line of sight, 1 m before the camera.
+    # Across the line of sight, 1 m in front of the camera.
     walls = poses.copy()
     walls[:, :3, 3] += poses[:, :3, 2]
     walls[:, :3, :3] = poses[:, :3, :3] * np.array([1000.0, 1000.0, 0.01])
@@ -95,7 +95,7 @@ def test_an_added_occluder_never_raises_the_fraction(
 
 
 @given(seeds, st.integers(0, 30), st.floats(0.1, 100))
-def test_a_beam_finds_what_its_rays_would_find_one_by_one(seed: int, k: int, fov: float) -> None:
+def test_a_beam_finds_the_hits_of_its_single_rays(seed: int, k: int, fov: float) -> None:
     rng = np.random.default_rng(seed)
     scene, n, r, half = boulders(rng, k), 5, 40, math.tan(math.radians(fov / 2))
     poses = cameras(seed, 0.3, n)
@@ -110,7 +110,7 @@ def test_a_beam_finds_what_its_rays_would_find_one_by_one(seed: int, k: int, fov
 
 
 @given(seeds, st.floats(0.05, 0.8))
-def test_moving_the_world_changes_next_to_nothing(seed: int, elevation: float) -> None:
+def test_moving_the_world_changes_almost_nothing(seed: int, elevation: float) -> None:
     shift = rigid(np.eye(3), [5e5, 5.4e6, 50.0])
     scene = boulders(np.random.default_rng(seed), 8)
     moved = InstancedScene([CUBE], scene.instance_mesh, shift @ scene.world_from_instance)

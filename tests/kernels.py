@@ -1,6 +1,6 @@
-"""Plans made under other processors' arithmetic: `python -m hulldown.tests.kernels --images 20000` counts differences.
+"""Plans made with other processors' arithmetic: `python -m hulldown.tests.kernels --images 20000` counts differences.
 
-NumPy and its OpenBLAS choose their kernels when they are loaded, so each choice takes a process of its own.
+NumPy and its OpenBLAS choose their kernels when they are loaded, so each choice needs a separate process.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from hulldown.tests.planning_assets import bare, hills, small_assets, small_conf
 ROOT = Path(__file__).parents[1]
 AVX512 = "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL"
 NO_AVX512 = {"NPY_DISABLE_CPU_FEATURES": AVX512}
-# The C library has its own choice: its sine with fused multiplication and addition is another one.
+# The C library also chooses: its sine with fused multiplication and addition differs.
 NO_FMA = {
     "NPY_DISABLE_CPU_FEATURES": f"AVX2 FMA3 F16C AVX {AVX512}",
     "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4,-AVX512F",
@@ -30,11 +30,11 @@ CORES = ("Haswell", "SkylakeX", "Zen", "Sandybridge")
 
 
 def core(name: str) -> dict[str, str]:
-    """The environment in which OpenBLAS takes this processor's kernels."""
+    """The environment that selects this processor's kernels in OpenBLAS."""
     return {"OPENBLAS_CORETYPE": name}
 
 
-# Everything that is switched, in few processes; and one by one.
+# All switches in a few processes; and one at a time.
 QUICK = {
     "Haswell, no AVX-512": core("Haswell") | NO_AVX512,
     "SkylakeX": core("SkylakeX"),
@@ -45,7 +45,7 @@ THOROUGH = {name: core(name) for name in CORES} | {"no AVX-512": NO_AVX512, "no 
 
 
 def worlds(images: int) -> list[tuple[Config, Assets]]:
-    """Configs that ask for every rule of resting, every kind of size, companions and cut targets; `images` in all."""
+    """Configs that use every rule of resting, every measure of size, companions, and cut targets; `images` in all."""
     assets = small_assets()
     rough = hills("hills", height=6.0, cells=80, trees=200)
     assets = Assets(assets.vehicles, assets.categories, {"hills": rough, "bare": bare("bare")}, assets.hdris)
@@ -64,7 +64,7 @@ def worlds(images: int) -> list[tuple[Config, Assets]]:
 
 
 def planned_under(environment: dict[str, str], made: Path) -> list[bytes]:
-    """The rows of the pickled worlds, planned in a process with these variables."""
+    """Rows of the pickled worlds, planned in a process with these variables."""
     clean = {name: value for name, value in os.environ.items() if name not in NO_FMA and name not in core("")}
     command = [sys.executable, "-W", "ignore", "-m", "hulldown.tests.kernels", "--child", str(made)]
     done = subprocess.run(command, env=clean | environment, cwd=ROOT, capture_output=True, check=True)
@@ -72,7 +72,7 @@ def planned_under(environment: dict[str, str], made: Path) -> list[bytes]:
 
 
 def main() -> int:
-    """Compare the rows of all kernels with those of this process's own."""
+    """Compare the rows of all kernels with those of this process."""
     parser = argparse.ArgumentParser(prog="python -m hulldown.tests.kernels", description=__doc__)
     parser.add_argument("--images", type=int, default=20_000, help="rows to plan under each (default: 20000)")
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)

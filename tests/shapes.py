@@ -1,4 +1,4 @@
-"""Boxes, and the vehicles and sceneries that tests make of a few meshes."""
+"""Boxes, and vehicles and sceneries made of a few meshes."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def sheet(low, high, z: float = 0.0) -> Mesh:
 
 
 def vehicle_of(*meshes: Mesh, name: str = "box", pivots=((0.0, 0.0, 0.0),) * 3) -> VehicleShape:
-    """A vehicle of a hull, a turret on it, and a gun on that: as many parts as there are meshes."""
+    """A vehicle of a hull, a turret on it, and a gun on that: one part per mesh."""
     parts = len(meshes)
     return VehicleShape(
         name=name,
@@ -49,7 +49,7 @@ def vehicle_of(*meshes: Mesh, name: str = "box", pivots=((0.0, 0.0, 0.0),) * 3) 
 def scenery_of(
     name: str, ground: Mesh | None = None, *, origin=(0.0, 0.0, 0.0), obstacles: Sequence[Mesh] = (), which=(), poses=()
 ) -> Scenery:
-    """A scenery in which obstacle `which[k]` stands at `poses[k]`; without `ground`, the fallback plane."""
+    """A scenery with obstacle `which[k]` at `poses[k]`; without `ground`, the fallback plane."""
     count = len(which)
     return Scenery(
         name=name,

@@ -14,11 +14,11 @@ def test_a_scalar_stays_a_scalar():
     assert checked(2, "z", ()).shape == ()
 
 
-def test_no_rows_are_rows():
+def test_empty_arrays_keep_their_shape():
     assert checked(np.empty((0, 3)), "points", ("n", 3)).shape == (0, 3)
 
 
-def test_leading_axes_are_free_where_asked():
+def test_leading_axes_are_free_if_declared():
     assert checked(np.zeros((2, 5, 4, 4)), "poses", ("...", 4, 4)).shape == (2, 5, 4, 4)
 
 
@@ -34,25 +34,25 @@ def test_leading_axes_are_free_where_asked():
         ([1.0], (3,), float, r"xy: expected shape \(3,\), got \(1,\)"),
     ],
 )
-def test_what_is_wrong_is_named(value, shape, dtype, message):
+def test_the_error_names_what_is_wrong(value, shape, dtype, message):
     with pytest.raises(ValueError, match=message):
         checked(value, "xy", shape, dtype=dtype)
 
 
-def test_infinities_pass_where_they_are_meant():
+def test_infinities_are_accepted_if_declared():
     assert np.isinf(checked([np.inf], "limit", ("n",), finite=False)).all()
 
 
-def test_complex_numbers_do_not_lose_a_part():
+def test_complex_numbers_are_refused():
     with pytest.raises(ValueError, match=r"v: expected float64 array of shape \(2,\), got"):
         checked([1.0, 2.0 + 1j], "v", (2,))
 
 
 @pytest.mark.parametrize("value", [2.5, 2.0, "2", True, None, float("nan")])
-def test_what_is_no_whole_number_is_named(value):
+def test_values_that_are_not_integers_are_refused_as_whole_numbers(value):
     with pytest.raises(ValueError, match="n: expected a whole number, got"):
         whole(value, "n")
 
 
-def test_whole_numbers_of_numpy_are_whole_numbers():
+def test_numpy_integers_are_whole_numbers():
     assert [whole(n, "n") for n in (3, np.int64(3), np.uint8(3))] == [3, 3, 3]

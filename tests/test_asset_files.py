@@ -1,4 +1,4 @@
-"""Files that a cluster's workers use: in place if they're the client's, otherwise copies; only what assets may read."""
+"""Asset files on a cluster's workers: used in place if equal to the client's, otherwise copied; only readable files."""
 
 import hashlib
 from dataclasses import replace
@@ -29,7 +29,7 @@ def textured(tmp_path):
 
 
 def send(cache, asset):
-    """Take the client's files away, and send the worker what it lacks then."""
+    """Overwrite the client's files, and send the worker what it lacks."""
     contents = {file.sha256: Path(file.path).read_bytes() for file in asset.files}
     for file in asset.files:
         Path(file.path).write_bytes(b"another")
@@ -38,14 +38,14 @@ def send(cache, asset):
     assert cache.lacking(asset) == []
 
 
-def test_files_that_are_where_the_client_has_them_are_used(textured):
+def test_files_at_the_clients_paths_are_used(textured):
     asset, cache = textured
     assert cache.lacking(asset) == []
     assert str(cache.place(asset)) == asset.file.path
     assert list(cache.tree.iterdir()) == []
 
 
-def test_what_is_sent_has_the_clients_relative_paths(textured):
+def test_copies_have_the_clients_relative_paths(textured):
     asset, cache = textured
     send(cache, asset)
     place = cache.place(asset)
@@ -56,7 +56,7 @@ def test_what_is_sent_has_the_clients_relative_paths(textured):
 
 
 @pytest.mark.parametrize("what", ["the link", "the content"])
-def test_a_copy_that_was_changed_is_put_right(textured, what):
+def test_a_changed_copy_is_replaced(textured, what):
     asset, cache = textured
     send(cache, asset)
     texture = cache.place(asset).parent / "../textures/bark.png"
@@ -71,7 +71,7 @@ def test_a_copy_that_was_changed_is_put_right(textured, what):
     assert texture.read_bytes() == b"brown"
 
 
-def test_a_path_with_detours_is_no_place(textured):
+def test_a_path_with_detours_is_refused(textured):
     asset, cache = textured
     send(cache, asset)
     with pytest.raises(ValueError, match="without detours"):
@@ -89,7 +89,7 @@ def test_tiles_and_detours_of_references_are_found(tmp_path):
 
 @pytest.fixture
 def curious(tmp_path):
-    """Assets of which the scenery refers to its texture, a secret elsewhere, and a link to that."""
+    """A scenery that refers to its texture, to a secret elsewhere, and to a link to that."""
     folder, secret = tmp_path / "pack" / "worlds" / "a", tmp_path / "secrets" / "passwords"
     for path in (secret, folder / "void.blend", folder / "bark.png", folder / "cube.blend", folder / "sky.exr"):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -109,22 +109,22 @@ def curious(tmp_path):
     ), folder, secret  # fmt: skip
 
 
-def test_a_blend_does_not_choose_which_files_are_sent(curious):
-    """It could name a password file, which went to the workers."""
+def test_a_blend_cannot_choose_the_files_to_send(curious):
+    """It could name a password file, which was sent to the workers."""
     assets, folder, _ = curious
     asset = ClientFiles(assets).asset(str(folder / "void.blend"))
     assert [file.path for file in asset.references] == [str(folder / "bark.png")]
 
 
-def test_a_blend_does_not_choose_what_its_blender_may_read(curious):
-    """The folder of each file that it named was opened to it, and the one around that."""
+def test_a_blend_cannot_choose_what_its_blender_may_read(curious):
+    """Blender could read the folders of all files that it named, and their parents."""
     assets, folder, secret = curious
     readable = ClientFiles(assets).readable
     assert str(folder) in readable
     assert not any(secret.is_relative_to(path) for path in readable)
 
 
-def test_folders_that_the_user_adds_are_sent_from(curious, monkeypatch):
+def test_folders_added_by_the_user_are_sent_from(curious, monkeypatch):
     assets, folder, secret = curious
     monkeypatch.setenv("HULLDOWN_READ", str(secret.parent))
     files = ClientFiles(assets)
@@ -133,7 +133,7 @@ def test_folders_that_the_user_adds_are_sent_from(curious, monkeypatch):
 
 
 @pytest.mark.parametrize("change", [lambda sky: sky.write_bytes(b"other light"), lambda sky: sky.unlink()])
-def test_a_file_that_is_changed_or_gone_when_a_worker_asks_for_it_is_named(tmp_path, change):
+def test_a_file_changed_or_deleted_before_it_is_sent_is_named(tmp_path, change):
     sky = tmp_path / "sky.exr"
     sky.write_bytes(b"light")
     files = ClientFiles(RenderAssets({}, {}, {"sky": sky}))

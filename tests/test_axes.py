@@ -1,4 +1,4 @@
-"""Up, ahead, parts and pivots of vehicles made of plain arrays, in any frame."""
+"""Up and forward axes, parts, and pivots of vehicles made of plain arrays, in any frame."""
 
 import json
 from collections import Counter
@@ -54,7 +54,7 @@ CAR = {k: mesh for k, mesh in TRUCK.items() if k[:2] not in ("W1", "W2")}
 
 
 def drawn(parts: dict[str, Mesh], pose: np.ndarray | None = None, **hidden: bool) -> Evaluated:
-    """The parts in a file, all origins at its zero."""
+    """The parts of a file, with all origins at zero."""
     pose = np.eye(4) if pose is None else pose
     result = Evaluated(left=Counter())
     for i, (name, mesh) in enumerate(parts.items()):
@@ -71,7 +71,7 @@ def read(
     parts: dict[str, Mesh], pose: np.ndarray | None = None, *, stated: str = "z", **options: object
 ) -> BuiltVehicle:
     found = drawn(parts, pose)
-    for i, piece in enumerate(found.pieces):  # bounds as the file says
+    for i, piece in enumerate(found.pieces):  # bounds in the file's frame
         points = apply(meters_from_file(1.0, stated), found.meshes[i].vertices)
         found.pieces[i] = Piece(
             piece.data, piece.chain, i, piece.pose, np.stack([points.min(axis=0), points.max(axis=0)]), piece.faces
@@ -91,12 +91,12 @@ def turned(rotation: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("axis", UPS)
 @pytest.mark.parametrize("stated", ["z", "y"])
 @pytest.mark.parametrize("parts", [TANK, CAR])
-def test_wheels_say_what_is_up_and_overruling_the_file_is_a_doubt(parts: dict, axis: str, stated: str) -> None:
+def test_wheels_show_the_up_axis_and_overruling_the_file_is_a_doubt(parts: dict, axis: str, stated: str) -> None:
     pose = np.linalg.inv(up_matrix(axis))
     built = read(parts, pose, stated=stated)
     assert np.allclose((built.shape.vehicle_from_file @ pose)[2, :3], [0, 0, 1], atol=1e-9)
     doubts = [d for d in built.doubts if f'set up = "{stated}"' in d]
-    # y is what OBJ files have by habit; six wheels and more leave no doubt but which of two ways they are turned.
+    # OBJ files usually have y up; six or more wheels leave only one doubt: which of two directions is forward.
     assert len(doubts) == (stated == "z" and axis != stated and (parts is CAR or axis == "-z"))
     assert all(d.startswith(f"{axis} is taken to be up") for d in doubts)
 
@@ -109,7 +109,7 @@ def test_a_diagonal_vehicle_is_straightened(yaw: float) -> None:
 
 
 @pytest.mark.parametrize("parts", [TANK, TRUCK])
-def test_the_nose_is_where_gun_or_cab_are_and_a_bare_box_on_wheels_is_a_doubt(parts: dict) -> None:
+def test_the_nose_is_at_the_gun_or_cab_and_unknown_on_a_bare_box_on_wheels(parts: dict) -> None:
     for yaw in (0.0, 180.0):
         built = read(parts, turned(rotation_z(np.radians(yaw))))
         assert np.allclose(built.shape.vehicle_from_file[:2, 0], [np.cos(np.radians(yaw)), 0], atol=1e-9)
@@ -125,7 +125,7 @@ def test_the_nose_is_where_gun_or_cab_are_and_a_bare_box_on_wheels_is_a_doubt(pa
         ({"forward": (1.0, -1.0)}, -45.0),
         ({"forward": "-x", "yaw_deg": 10.0}, -170.0),
         ({"yaw_deg": 180.0}, 180.0),
-        # Forward is meant once z is up: the file's -z is then +y.
+        # Forward is given for z up: then the file's -z is +y.
         ({"up": "y", "forward": "+y"}, 90.0),
     ],
 )
@@ -137,7 +137,7 @@ def test_forward_is_an_axis_an_angle_or_a_vector_once_z_is_up(options: dict, nos
         assert np.allclose(built.shape.vehicle_from_file[:3, :3] @ [0, 0, -1], [1, 0, 0], atol=1e-9)
 
 
-def test_origins_at_the_files_zero_are_no_pivots_and_the_ring_is() -> None:
+def test_origins_at_zero_are_not_pivots_but_the_turret_ring_is() -> None:
     built = read(TANK)
     shift = np.linalg.inv(built.shape.vehicle_from_file)
     turret, gun = apply(shift, built.shape.part_pivot[1:])
@@ -148,7 +148,7 @@ def test_origins_at_the_files_zero_are_no_pivots_and_the_ring_is() -> None:
     assert [d for d in built.doubts if "gun_pivot" in d]
 
 
-def test_the_config_says_where_turret_and_gun_turn() -> None:
+def test_pivots_in_the_config_are_used() -> None:
     pose = turned(rotation_z(np.radians(90.0)))
     built = read(TANK, pose, turret_pivot=(0.0, 0.3, 1.5), gun_pivot="Hull")
     assert np.allclose(
@@ -159,7 +159,7 @@ def test_the_config_says_where_turret_and_gun_turn() -> None:
         read(TANK, gun_pivot="Axle")
 
 
-def test_drums_at_the_rear_are_no_gun() -> None:
+def test_drums_at_the_rear_are_not_guns() -> None:
     drums = {f"barrel{i}": tube((-3.2, y, 1.3), (-3.2, y + 0.9, 1.3), 0.28) for i, y in ((1, -1.0), (2, 0.1))}
     built = read(TANK | drums)
     names = [*TANK, *drums]
@@ -170,7 +170,7 @@ def test_drums_at_the_rear_are_no_gun() -> None:
     assert any("no gun was found" in d and "set gun" in d for d in without.doubts)
 
 
-def test_nothing_named_is_found_by_shape_or_is_a_doubt() -> None:
+def test_unnamed_parts_are_found_by_shape_or_doubted() -> None:
     numbered = {f"Object_{i}": mesh for i, mesh in enumerate(TANK.values())}
     doubts = read(numbered).doubts
     assert any("looks like a gun; set gun, and turret" in d for d in doubts)
@@ -178,7 +178,7 @@ def test_nothing_named_is_found_by_shape_or_is_a_doubt() -> None:
     assert any("its names name no part; set turret" in d for d in read(plain).doubts)
 
 
-def test_what_stands_on_a_turret_without_children_turns_with_it() -> None:
+def test_objects_on_a_turret_without_children_turn_with_it() -> None:
     parts = {k: m for k, m in TANK.items() if k != "Turret_Ring"} | {"Hatch": box((0.5, 0.5, 0.1), (-0.4, 0.4, 2.35))}
     built = read(parts)
     assert built.piece_part[list(parts).index("Hatch")] == 1
@@ -197,7 +197,9 @@ def test_what_stands_on_a_turret_without_children_turns_with_it() -> None:
          False, "sticks out of the rest"),
     ],
 )  # fmt: skip
-def test_what_may_be_no_part_of_it_is_a_doubt_with_drop(name: str, mesh: Mesh, hidden: bool, what: str) -> None:
+def test_pieces_that_may_not_belong_are_doubted_with_a_drop_pattern(
+    name: str, mesh: Mesh, hidden: bool, what: str
+) -> None:
     found = drawn(TANK | {name: mesh}, **{name: hidden})
     upright = stand_upright(found, unit=1.0, stated_up="z", up=None)
     (doubt,) = [d for d in build_vehicle("v", found.meshes, upright, (), options=Options()).doubts if "drop" in d]
@@ -227,7 +229,7 @@ STUDIO = Mesh(
     ],
 )
 @pytest.mark.parametrize("yaw", [0.0, 33.0])
-def test_what_two_signs_show_to_be_no_part_is_left_out(
+def test_pieces_with_two_signs_of_not_belonging_are_left_out(
     name: str, mesh: Mesh, hidden: bool, reasons: tuple, yaw: float
 ) -> None:
     found = drawn(TANK | {name: mesh}, turned(rotation_z(np.radians(yaw))), **{name: hidden})
@@ -242,7 +244,7 @@ def test_what_two_signs_show_to_be_no_part_is_left_out(
     assert all(r.use == "vehicle" for r in kept.roles)
 
 
-def test_a_wide_hull_under_a_turret_is_no_backdrop() -> None:
+def test_a_wide_hull_under_a_turret_is_not_a_backdrop() -> None:
     open_below = Mesh(BOX * (8, 5, 1) + (0, 0, 1), BOX_FACES[[0, 1, 2, 3, 4, 5, 6, 7]])
     built = read(
         {"Hull": open_below, "Dome": box((1, 1, 0.6), (0, 0, 1.8)), "Hatch": box((0.3, 0.3, 0.1), (0, 0, 2.1))}
@@ -250,7 +252,7 @@ def test_a_wide_hull_under_a_turret_is_no_backdrop() -> None:
     assert all(r.use == "vehicle" for r in built.roles)
 
 
-def test_tubes_rise_ahead_and_turn_at_the_top_of_their_plates() -> None:
+def test_launch_tubes_point_ahead_and_turn_at_the_top_of_their_plates() -> None:
     rise = rotation_z(0.0)
     rise[:3, :3] = [[np.cos(0.4), 0, -np.sin(0.4)], [0, 1, 0], [np.sin(0.4), 0, np.cos(0.4)]]
     tubes = {f"Launch_Gun_{i}": tube((-3, y, 0.8), (2.0, y, 0.8), 0.3) for i, y in enumerate((-0.8, 0.0, 0.8))}
@@ -267,7 +269,7 @@ def test_tubes_rise_ahead_and_turn_at_the_top_of_their_plates() -> None:
         assert any("gun_pivot" in d for d in built.doubts)
 
 
-def test_mirrors_say_where_the_nose_is() -> None:
+def test_mirrors_show_the_nose() -> None:
     car = {k: m for k, m in CAR.items() if k != "Cab"} | {
         f"P{s}": box((0.1, 0.3, 0.3), (1.2, 1.55 * s, 1.9)) for s in (-1, 1)
     }
@@ -277,8 +279,8 @@ def test_mirrors_say_where_the_nose_is() -> None:
         assert any("its nose was found by shape alone" in d for d in built.doubts)
 
 
-def test_a_sheet_on_its_edge_is_refused_where_it_is_read():
-    """It was a traceback when it was planned."""
+def test_a_sheet_on_its_edge_is_refused_when_read():
+    """Planning crashed with it."""
     sheet = Mesh(np.array([[-0.5, 0, 0], [0.5, 0, 0], [-0.5, 0, 1.0]]), np.array([[0, 1, 2]]))
     with pytest.raises(AssetError, match="no length or no width"):
         read({"Hull": sheet})

@@ -19,7 +19,7 @@ INTRINSICS = Intrinsics(200, 100, math.pi / 2)
 
 
 def camera_at(x: float, y: float, z: float, intrinsics: Intrinsics = INTRINSICS) -> Camera:
-    """Looks along +z of the world, x right and y down."""
+    """A camera along +z of the world, with x right and y down."""
     return Camera(intrinsics, rigid(np.eye(3), [x, y, z]))
 
 
@@ -29,13 +29,13 @@ def assert_box(box: np.ndarray | None, expected: list[float] | np.ndarray | None
 
 
 def vehicle() -> VehicleShape:
-    """A cube with a smaller cube on it that turns about z."""
+    """A cube with a smaller cube on top that turns about z."""
     cubes = box((-1, -1, -1), (1, 1, 1)), box((0.5, -0.5, 1.0), (1.5, 0.5, 2.0))
     return vehicle_of(*cubes, name="cubes", pivots=[[0, 0, 0], [0, 0, 1]])
 
 
 def test_box_of_a_framed_cube_in_closed_form():
-    # The near face, 4 m away and 2 m wide, spans 100 / 4 pixels a meter about the center.
+    # The near face, 4 m away and 2 m wide, spans 100 / 4 pixels a meter around the center.
     box = surface_box(CUBE, FACES, camera_at(0.0, 0.0, -5.0))
     assert_box(box, [75.0, 25.0, 50.0, 50.0])
 
@@ -49,12 +49,12 @@ def test_box_of_a_framed_cube_in_closed_form():
         (camera_at(0.0, 0.0, 1.0 - NEAR * 0.9, Intrinsics(200, 100, 0.01)), "between camera and near plane"),
     ],
 )
-def test_nothing_in_the_frame_is_none(camera, why):
+def test_targets_outside_the_frame_have_no_box(camera, why):
     assert surface_box(CUBE, FACES, camera) is None, why
     assert VehicleBoxes(vehicle()).box(rigid(np.eye(3), [0.0, 0.0, -1e-3]), camera) is None, why
 
 
-def test_vertices_that_no_face_uses_do_not_count():
+def test_unused_vertices_do_not_count():
     vertices = np.concatenate([CUBE, [[0.0, 30.0, 3.0]]])
     camera = camera_at(0.0, 0.0, -5.0)
     assert_box(surface_box(vertices, FACES, camera), [75.0, 25.0, 50.0, 50.0])
@@ -65,12 +65,12 @@ def test_vertices_that_no_face_uses_do_not_count():
     assert np.array_equal(VehicleBoxes(stray).box(pose, camera), VehicleBoxes(shape).box(pose, camera))
 
 
-def test_unknown_part_is_named():
+def test_an_unknown_part_is_named():
     with pytest.raises(ValueError, match=r"'cubes' has no part 'gun'; it has \['turret'\]"):
         VehicleBoxes(vehicle()).box(np.eye(4), camera_at(0, 0, -5), {"gun": 1.0})
 
 
-def test_batch_has_a_row_for_each_pose_and_nan_for_what_is_not_there():
+def test_a_batch_has_a_row_per_pose_and_nan_for_invisible_targets():
     boxes = VehicleBoxes(vehicle())
     cameras = [camera_at(0, 0, -8), camera_at(4, 0, -5), camera_at(0, 0, 5), camera_at(30, 0, -5)]
     found = boxes.boxes(np.tile(np.eye(4), (4, 1, 1)), [c.world_from_camera for c in cameras], INTRINSICS)
@@ -107,7 +107,7 @@ def test_face_indices_out_of_range_are_refused():
         surface_box(CUBE, [[0, 1, 8]], camera_at(0, 0, -5))
 
 
-def test_no_faces_have_no_box():
+def test_a_mesh_without_faces_has_no_box():
     assert surface_box(CUBE, np.empty((0, 3), dtype=int), camera_at(0, 0, -5)) is None
 
 

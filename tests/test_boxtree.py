@@ -1,4 +1,4 @@
-"""Which boxes rays cross, against asking for every pair."""
+"""Boxes that rays cross, compared with testing every pair."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def _crossed(bounds: np.ndarray, origins: np.ndarray, directions: np.ndarray, re
 
 @pytest.mark.parametrize("toward", [(1, 0, 0), (0, -1, 0), (0, 0, 1), (-1, 1, -1), (0.5, 0, -0.1)])
 @pytest.mark.parametrize("spread", [0.0, 0.02, 2.0])
-def test_rays_side_by_side_cross_the_boxes_that_each_crosses_alone(toward: tuple, spread: float) -> None:
+def test_a_bundle_of_rays_crosses_the_boxes_of_its_single_rays(toward: tuple, spread: float) -> None:
     rng = np.random.default_rng(5)
     low = rng.uniform(-40, 40, (300, 3))
     bounds = np.stack([low, low + rng.uniform(0.5, 15, (300, 3))], axis=1)

@@ -1,4 +1,4 @@
-"""Child processes: what they say is heard, and they end when they should."""
+"""Child processes: their output is heard, and they end in time."""
 
 import os
 import queue
@@ -25,7 +25,7 @@ def heard():
     return queue.SimpleQueue()
 
 
-def test_it_is_told_lines_and_answers_and_ends_with_its_stdin(heard):
+def test_it_gets_lines_and_answers_and_ends_with_its_stdin(heard):
     with started(ECHO, heard) as child:
         child.write(b"abc\n")
         assert heard.get(timeout=60) == b"cba\n"
@@ -43,7 +43,7 @@ def test_leaving_the_context_kills_it(heard):
     assert child.memory == 0
 
 
-def test_last_words_are_those_of_this_process(heard, tmp_path):
+def test_last_words_belong_to_this_process(heard, tmp_path):
     (tmp_path / "log").write_text("of another\n")
     for code, words in (("import sys; sys.exit('no disk')", "no disk"), ("import sys; sys.exit(3)", "")):
         with started(code, heard, log=tmp_path / "log") as child:
@@ -52,8 +52,8 @@ def test_last_words_are_those_of_this_process(heard, tmp_path):
             assert child.last_words() == (f"{how}; its last words: {words}" if words else how)
 
 
-def test_what_it_has_started_keeps_nobody_waiting(heard):
-    """A grandchild holds the other end of stdout."""
+def test_a_surviving_grandchild_does_not_block(heard):
+    """It holds the other end of stdout."""
     code = "import subprocess, sys; print(subprocess.Popen(['sleep', '600']).pid, flush=True); sys.stdin.read()"
     with started(code, heard) as child:
         grandchild = int(heard.get(timeout=60))
@@ -61,7 +61,7 @@ def test_what_it_has_started_keeps_nobody_waiting(heard):
     os.kill(grandchild, signal.SIGKILL)
 
 
-def test_it_sees_its_parent_die():
+def test_it_notices_the_end_of_its_parent():
     code = (
         "import os, sys; from hulldown.geometry.child import Child;"
         f"child = Child([sys.executable, '-I', '-c', {ECHO!r}], env=os.environ, hear=print);"

@@ -34,11 +34,11 @@ def judge(room: CameraRoom, *position: float, **limits: object) -> Rejection:
         (1e6, Rejection.NONE),
     ],
 )
-def test_cameras_keep_above_the_ground(z: float, expected: Rejection) -> None:
+def test_cameras_stay_above_the_ground(z: float, expected: Rejection) -> None:
     assert judge(CameraRoom(Terrain(3.0), NOTHING), 0.0, 0.0, z, ground_clearance=0.5) == expected
 
 
-def test_cameras_beside_the_ground_are_told_apart_from_low_ones() -> None:
+def test_cameras_off_the_ground_and_low_cameras_have_different_reasons() -> None:
     ground = Terrain(Mesh(np.array([[0.0, 0, 0], [9, 0, 0], [0, 9, 0]]), np.array([[0, 1, 2]])))
     room = CameraRoom(ground, NOTHING)
     assert judge(room, 50.0, 0.0, 5.0) == Rejection.CAMERA_OFF_GROUND
@@ -60,12 +60,12 @@ def test_cameras_keep_clear_of_obstacles(x: float, expected: Rejection) -> None:
 
 @pytest.mark.parametrize("name", ["obstacle_clearance", "vehicle_clearance"])
 @pytest.mark.parametrize("meters", [-0.1, math.nan])
-def test_a_clearance_that_is_none_is_refused(name: str, meters: float) -> None:
+def test_an_invalid_clearance_is_refused(name: str, meters: float) -> None:
     with pytest.raises(ValueError, match=f"{name}: expected meters of 0 or more, got {meters}"):
         judge(CameraRoom(Terrain(0.0), STREET), 20.0, 0.0, 3.0, **{name: meters})
 
 
-def test_no_surface_is_nearer_than_the_clearance() -> None:
+def test_no_surface_is_closer_than_the_clearance() -> None:
     room, rng = CameraRoom(Terrain(0.0), STREET), np.random.default_rng(0)
     place = rng.uniform([10, -8, 0.1], [30, 8, 9], (3000, 3))
     free = room.rejections(place, obstacle_clearance=1.0) == Rejection.NONE

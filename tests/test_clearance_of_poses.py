@@ -16,31 +16,31 @@ def pose(x, y, z=0.0, yaw=0.0):
 
 
 def post(height=3.0):
-    """A thin post that stands at the origin."""
+    """A thin post at the origin."""
     return InstancedScene([box([-0.1, -0.1, 0], [0.1, 0.1, height])], [0], [np.eye(4)])
 
 
 def clear_of_obstacles(scene, size, poses, clearance=0.0, *, solid=None):
-    """Whether boxes that stand on the origins of these poses, grown to the sides and upwards, are clear."""
+    """Whether boxes at the origins of these poses, grown to the sides and upwards, are clear."""
     half = np.asarray(size) / 2 + clearance * np.array([1.0, 1.0, 0.5])
     boxes = compose(np.array(poses), rigid(np.eye(3), [0, 0, half[2]]))
     return ~Obstacles(scene, solid=solid).touched(np.tile(half, (len(boxes), 1)), boxes)
 
 
-def test_clearance_is_kept_above_and_not_below():
+def test_clearance_is_kept_above_but_not_below():
     beam = InstancedScene([box([-9, -0.1, 0], [9, 0.1, 0.2])], [0], [np.eye(4)])
     heights = [0.22, -1.45, -1.55, -1.75]
     assert clear_of_obstacles(beam, SIZE, [pose(0, 0, z) for z in heights], 0.0).tolist() == [True, False, True, True]
     assert clear_of_obstacles(beam, SIZE, [pose(0, 0, z) for z in heights], 0.1).tolist() == [True, False, False, True]
 
 
-def test_a_turned_vehicle_passes_where_its_upright_box_would_not():
+def test_a_turned_vehicle_fits_where_its_axis_aligned_box_would_not():
     diagonal = pose(1.2, -1.2, yaw=math.pi / 4)
     assert clear_of_obstacles(post(), SIZE, [diagonal, pose(1.2, -0.8)]).tolist() == [True, False]
 
 
-def test_between_the_bounds_and_the_triangles_lies_room():
-    # An arch: its bounds hold the vehicle, its stone does not.
+def test_a_vehicle_fits_under_an_arch():
+    # The arch's bounds contain the vehicle, its stone doesn't.
     arch, _ = merge([box([-3, 3, 0], [3, 4, 5]), box([-3, -4, 0], [3, -3, 5]), box([-3, -4, 4], [3, 4, 5])])
     scene = InstancedScene([arch], [0], [pose(50, 0, yaw=0.3)])
     poses = [pose(50, 0, yaw=0.3), pose(50, 0, yaw=0.3 + math.pi / 2), pose(50, 0, 3.0, yaw=0.3)]
@@ -48,12 +48,12 @@ def test_between_the_bounds_and_the_triangles_lies_room():
     assert clear_of_obstacles(scene, [9.0, 2.0, 1.5], poses, 0.5).tolist() == [True, False, False]
 
 
-def test_a_vehicle_wholly_inside_an_obstacle_is_not_clear():
+def test_a_vehicle_inside_an_obstacle_is_not_clear():
     hall = InstancedScene([box([-9, -9, -1], [9, 9, 9])], [0], [pose(100, 0, yaw=1.0)])
     assert clear_of_obstacles(hall, SIZE, [pose(100, 0), pose(100, 20)]).tolist() == [False, True]
 
 
-def test_what_gives_way_stands_in_nobodys_way():
+def test_obstacles_that_give_way_are_ignored():
     mesh = box([-0.1, -0.1, 0], [0.1, 0.1, 0.3])
     field = InstancedScene([mesh], [0, 0], [pose(0, 0), pose(0, 20)])
     places = [pose(0, 0), pose(0, 20)]
@@ -61,7 +61,7 @@ def test_what_gives_way_stands_in_nobodys_way():
     assert clear_of_obstacles(field, SIZE, places, solid=np.array([False, True])).tolist() == [True, False]
 
 
-def test_mirrored_stretched_and_squashed_copies_are_held_where_they_are():
+def test_mirrored_stretched_and_squashed_copies_are_in_the_right_place():
     mesh = box([0, 0, 0], [1, 1, 1])
     flat = np.diag([5.0, 0.0, 2.0, 1.0])
     flat[:3, 3] = [-2.5, 30, 0]
@@ -71,7 +71,7 @@ def test_mirrored_stretched_and_squashed_copies_are_held_where_they_are():
     assert clear_of_obstacles(scene, SIZE, poses).tolist() == [False, True, False, True, True, False, True]
 
 
-def test_tilted_boxes_are_apart_exactly_if_some_sampled_point_is_not_shared():
+def test_tilted_boxes_are_apart_exactly_if_they_share_no_sampled_point():
     rng = np.random.default_rng(7)
     poses = rigid(
         rotation_about(_unit(rng.normal(size=(400, 3))), rng.uniform(-3, 3, 400)), rng.uniform(-4, 4, (400, 3))
@@ -79,7 +79,7 @@ def test_tilted_boxes_are_apart_exactly_if_some_sampled_point_is_not_shared():
     first, second = (compose(at, rigid(np.eye(3), [0, 0, up])) for at, up in ((poses, 0.75), (np.eye(4), 1.0)))
     half = np.tile(np.array([3.0, 1.0, 2.0]) / 2, (400, 1))
     clear = ~boxes_touch(np.tile(SIZE / 2, (400, 1)), half, compose(invert_rigid(first), second))
-    # Points of the second box, seen from the first: one inside proves contact, none nearly disproves it.
+    # Points of the second box in the first one's frame: one inside proves contact, none almost disproves it.
     points = np.stack(np.meshgrid(*(np.linspace(a, b, 21) for a, b in ((-1.5, 1.5), (-0.5, 0.5), (0, 2)))), -1)
     seen = np.einsum("nji,npj->npi", poses[:, :3, :3], points.reshape(1, -1, 3) - poses[:, None, :3, 3])
     shared = ((seen >= [-2, -1, 0]) & (seen <= [2, 1, 1.5])).all(axis=2).any(axis=1)

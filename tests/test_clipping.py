@@ -1,4 +1,4 @@
-"""Boxes that leave their images: slight cases are clipped, all others are listed at once."""
+"""Boxes that leave their images: slight cases are clipped, all others are listed together."""
 
 import json
 
@@ -44,7 +44,7 @@ def test_a_box_slightly_outside_is_clipped(tmp_path):
 
 
 @pytest.mark.parametrize("use", [lambda folder, out: read_sources({"real": folder}), export])
-def test_all_other_boxes_are_listed_at_once(tmp_path, use):
+def test_all_other_boxes_are_listed_together(tmp_path, use):
     folder = dataset(tmp_path, (-5, 2, 10, 5), (1, 1, 4, 4), (30, 20, 9, 4), (3, 3, 0, 4))
     with pytest.raises(DatasetError) as error:
         use(folder, tmp_path / "out")
@@ -54,7 +54,7 @@ def test_all_other_boxes_are_listed_at_once(tmp_path, use):
     assert not (tmp_path / "out").exists()
 
 
-def test_export_clips_all_boxes_if_asked_to(tmp_path):
+def test_export_clips_all_boxes_on_request(tmp_path):
     folder = dataset(tmp_path, (-5, 2, 10, 5), (30, 20, 9, 9), (40, 2, 9, 9), (1, 1, 4, 4))
     assert exported(folder, tmp_path / "out", clip=True) == [[0, 2, 5, 5], [30, 20, 2, 4], [1, 1, 4, 4]]
 

@@ -1,4 +1,4 @@
-"""The demo assets: what they are, that they are read as meant, and that a seed makes them again."""
+"""The demo assets: content, interpretation, and reproducibility by seed."""
 
 import json
 import subprocess
@@ -29,7 +29,7 @@ from hulldown.tests.parameters import few
 
 ROOT = Path(__file__).resolve().parent.parent
 
-# Prints what the files draw: for each object its pose and its evaluated points, hashed, rounding nothing.
+# Prints hashes of the pose and the evaluated points of each object, without rounding.
 FINGERPRINT = """
 import hashlib, json, sys
 import bpy, numpy as np
@@ -85,12 +85,12 @@ def sceneries(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return _build(tmp_path_factory.mktemp("land"), *SCENERIES)
 
 
-def test_building_goes_on_after_a_crash(tmp_path, monkeypatch):
+def test_building_continues_after_a_crash(tmp_path, monkeypatch):
     fake = tmp_path / "hulldown" / "demo"
     fake.mkdir(parents=True)
     for package in (fake.parent, fake):
         (package / "__init__.py").write_text("")
-    # Stands for Blender: "builds" nine files, then dies of a signal.
+    # A stand-in for Blender: "builds" nine files, then crashes.
     (fake / "__main__.py").write_text(
         "import os, pathlib, signal, sys\n"
         "folder, only = pathlib.Path(sys.argv[1]), sys.argv[5:]\n"
@@ -112,7 +112,7 @@ def test_building_goes_on_after_a_crash(tmp_path, monkeypatch):
         build.build_demo_assets(tmp_path / "out")
 
 
-def test_a_project_has_a_config_that_names_every_asset(tmp_path, monkeypatch):
+def test_the_config_of_a_project_names_every_asset(tmp_path, monkeypatch):
     monkeypatch.setattr(project, "build_demo_assets", lambda folder, **_: folder.mkdir(parents=True))
     config = project.create_project(tmp_path / "mine")
     parsed = tomllib.loads(config.read_text(encoding="utf-8"))
@@ -125,7 +125,7 @@ def test_a_project_has_a_config_that_names_every_asset(tmp_path, monkeypatch):
         project.create_project(tmp_path / "mine")
 
 
-def test_a_small_project_asks_for_twelve_small_images(tmp_path, monkeypatch):
+def test_a_small_project_has_twelve_small_images(tmp_path, monkeypatch):
     monkeypatch.setattr(project, "build_demo_assets", lambda folder, **_: None)
     parsed = tomllib.loads(project.create_project(tmp_path, small=True).read_text(encoding="utf-8"))
     budget = make_budget(Config.of(parsed).budget, CATEGORY)
@@ -146,7 +146,7 @@ def test_the_same_seed_makes_the_same_vehicles(vehicles, tmp_path):
 
 @pytest.mark.blender
 @pytest.mark.thorough
-def test_sceneries_come_again_with_their_seed_and_change_with_it(sceneries, tmp_path):
+def test_sceneries_are_reproducible_and_change_with_the_seed(sceneries, tmp_path):
     path = "sceneries/dry_steppe.blend"
     same, other = (_build(tmp_path / str(seed), "dry_steppe", seed=seed) for seed in (0, 1))
     one, two, three = _fingerprints(sceneries / path, same / path, other / path)
@@ -155,17 +155,17 @@ def test_sceneries_come_again_with_their_seed_and_change_with_it(sceneries, tmp_
 
 
 @pytest.mark.blender
-def test_sceneries_hold_copies_instances_and_the_litter_of_real_files(sceneries):
+def test_sceneries_have_copies_instances_and_clutter_like_real_files(sceneries):
     for found in _fingerprints(*(sceneries / path for path in SCENERY_FILES)):
         assert found["kinds"]["CAMERA"] == 1
         assert found["kinds"]["CURVES"] > 1000
-        assert found["instances"] > 2000  # of collections and geometry nodes
+        assert found["instances"] > 2000  # by collections and geometry nodes
         assert found["kinds"]["MESH"] - found["instances"] > 1500  # copies of one mesh
 
 
 @pytest.mark.blender
 @pytest.mark.parametrize("name", few(CATEGORY, "mbt_slab", "truck_canvas", "sam_rails"))
-def test_vehicles_are_read_as_meant(vehicles, name, tmp_path):
+def test_vehicles_are_read_as_intended(vehicles, name, tmp_path):
     from hulldown.assets.bundle import load_vehicle
     from hulldown.reading.export import export
 
@@ -175,14 +175,14 @@ def test_vehicles_are_read_as_meant(vehicles, name, tmp_path):
     assert 6.5 < length < 12
     assert 2.5 < width < 4.1
     assert 2.4 < height < 7.5
-    assert length > width  # the nose is along x
+    assert length > width  # the nose points along x
     assert 5_000 <= len(shape.mesh.faces) <= 60_000
     assert shape.part_names == (("hull",) if CATEGORY[name] == TRUCK else ("hull", "turret", "gun"))
     assert {row.name for row in exported.report.rows if row.use == "dropped"} >= {"Floor", "Grid", "Camera", "Sun"}
     assert not exported.report.missing
     np.testing.assert_allclose(shape.mesh.bounds[0][2], 0, atol=1e-6)
     if CATEGORY[name] != TRUCK:
-        # A raised gun moves up in front of its pivot and moves nothing else.
+        # Raising the gun moves it up in front of its pivot and moves nothing else.
         rest, raised = shape.vertices_at({}), shape.vertices_at({"gun": 0.2})
         moved = np.abs(raised - rest).max(axis=1) > 1e-9
         assert moved.any()
@@ -193,7 +193,7 @@ def test_vehicles_are_read_as_meant(vehicles, name, tmp_path):
 
 @pytest.mark.blender
 @pytest.mark.parametrize("name", few(DISTRACTORS, "civilian_car", "bale_stack"))
-def test_distractors_are_read_as_meant(distractors, name, tmp_path):
+def test_distractors_are_read_as_intended(distractors, name, tmp_path):
     from hulldown.assets.bundle import load_vehicle
     from hulldown.reading.export import export
 
@@ -209,7 +209,7 @@ def test_distractors_are_read_as_meant(distractors, name, tmp_path):
 
 
 @pytest.mark.blender
-def test_computed_skies_are_as_bright_as_they_say(tmp_path):
+def test_computed_skies_have_their_stated_brightness(tmp_path):
     code = """
 import sys, json
 import bpy, numpy as np

@@ -4,7 +4,7 @@ from hulldown.geometry.files import replacing, stays_inside
 from hulldown.tests.oracles.synced import synced_bytes
 
 
-def test_a_replaced_file_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
+def test_a_replaced_file_is_synced_before_it_gets_its_name(tmp_path, monkeypatch):
     path, synced = tmp_path / "plan.json", synced_bytes(monkeypatch)
     path.write_bytes(b"old")
     with replacing(path) as file:
@@ -15,7 +15,7 @@ def test_a_replaced_file_is_on_the_disk_before_it_has_its_name(tmp_path, monkeyp
     assert synced[path.stat().st_ino] == b"new"
 
 
-def test_an_error_leaves_the_file_as_it_was(tmp_path):
+def test_an_error_keeps_the_old_file(tmp_path):
     path = tmp_path / "plan.json"
     path.write_bytes(b"old")
     with pytest.raises(TypeError), replacing(path) as file:
@@ -24,6 +24,6 @@ def test_an_error_leaves_the_file_as_it_was(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["/a.png", "..", "a/../../b", "a\\..\\b", "C:a.png", "\\a.png", "a\0b", "", None])
-def test_names_that_leave_their_folder_on_some_system(name):
+def test_names_that_leave_their_folder_on_any_system(name):
     assert not stays_inside(name)
     assert stays_inside("images/a b.png")

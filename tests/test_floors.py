@@ -1,4 +1,4 @@
-"""Floors of labels in a finished dataset, and labels where there must be none."""
+"""Lower limits of labels in a finished dataset, and images that must have no labels."""
 
 import pytest
 
@@ -10,7 +10,7 @@ LABELS = [
     sealed({"id": 1, "bbox": [0, 0, 40, 20], "visible_fraction": 0.9, "truncated_fraction": 0.0, "iscrowd": 0}),
     {"id": 2, "bbox": [0, 0, 0.8, 2.4], "visible_fraction": 1.0, "truncated_fraction": 0.95, "iscrowd": 0},
     {"id": 3, "bbox": [0, 0, 40, 20], "visible_fraction": 0.1, "iscrowd": 0},
-    {"id": 4, "bbox": [0, 0, 40, 20]},  # of a photograph
+    {"id": 4, "bbox": [0, 0, 40, 20]},  # for a photograph
     {"id": 5, "bbox": [0, 0, 40, 20], "iscrowd": 1},
 ]
 
@@ -27,14 +27,14 @@ LABELS = [
         ({"min_visible_fraction": 0.3, "max_truncated_fraction": 0.5, "below": "left_out"}, [], [1, 4]),
     ],
 )
-def test_what_shows_too_little_is_ignored_or_left_out(floors, crowds, left):
+def test_labels_below_the_limits_are_ignored_or_left_out(floors, crowds, left):
     kept = LabelFloors(**floors).kept(LABELS)
     assert [label["id"] for label in kept] == left
     assert [label["id"] for label in kept if label.get("iscrowd")] == crowds
     assert not any(broken(label) for label in kept)
 
 
-def test_without_floors_labels_stay_as_they_are():
+def test_without_limits_labels_are_unchanged():
     assert ALL_LABELS.kept(LABELS) == LABELS
     assert RECORD_KEY in LABELS[0]
 

@@ -18,7 +18,7 @@ def test_four_wheels_span_the_footprint():
     np.testing.assert_allclose(contact_footprint(np.concatenate([HULL, wheels])), [[-1.5, -0.8], [1.6, 0.8]])
 
 
-def test_a_flat_sheet_and_a_single_point_stand_on_all_they_have():
+def test_flat_sheets_and_single_points_have_the_footprint_of_their_bounds():
     np.testing.assert_array_equal(contact_footprint([[0, 0, 1], [2, 3, 1]]), [[0, 0], [2, 3]])
     np.testing.assert_array_equal(contact_footprint([[4, 5, 6]]), [[4, 5], [4, 5]])
 
@@ -29,7 +29,7 @@ def tank(belly=0.45):
     return merge([*rails, box((-3.4, -1.2, belly), (3.4, 1.2, 1.5))])[0]
 
 
-def test_the_underside_is_low_at_the_tracks_and_high_between_them():
+def test_the_underside_is_low_at_the_tracks_and_high_between():
     seen = underside(tank())
     np.testing.assert_array_equal(seen.box, [[-3.0, -1.6], [3.0, 1.6]])
     y = seen.box[0, 1] + (np.arange(seen.heights.shape[1]) + 0.5) * 3.2 / seen.heights.shape[1]
@@ -37,7 +37,7 @@ def test_the_underside_is_low_at_the_tracks_and_high_between_them():
     np.testing.assert_array_equal(seen.heights[:, np.abs(y) < 0.97], 0.45)
 
 
-def test_a_barrel_beyond_the_footprint_is_over_none_of_it():
+def test_a_barrel_outside_the_footprint_is_ignored():
     wheels = [box((x - 0.1, y - 0.1, 0.0), (x + 0.1, y + 0.1, 0.6)) for x in (-2.0, 2.0) for y in (-1.0, 1.0)]
     barrels = [box((2.5, -0.1, 1.7), (5.0, 0.1, 1.9)), box((-0.1, -5.0, 1.7), (0.1, -2.5, 1.9))]
     seen = underside(merge([*wheels, *barrels])[0])
@@ -45,7 +45,7 @@ def test_a_barrel_beyond_the_footprint_is_over_none_of_it():
     assert np.isin(seen.heights, [0.0, np.inf]).all()
 
 
-def test_a_sheet_of_small_pieces_on_its_edge_stands():
+def test_a_sheet_of_small_pieces_on_its_edge_has_a_footprint():
     x = np.linspace(-2.0, 2.0, 301)  # shorter than a cell
     i = np.arange(300)
     faces = np.concatenate([np.stack([i, i + 1, i + 302], 1), np.stack([i, i + 302, i + 301], 1)])
@@ -58,7 +58,7 @@ def test_a_sheet_of_small_pieces_on_its_edge_stands():
     assert (seen.heights[:, 1:-1] == 0.5).all()
 
 
-def test_a_slanting_belly_is_as_high_as_its_plane():
+def test_a_slanting_belly_has_the_height_of_its_plane():
     corners = np.array([[-3.0, -1.6], [3.0, -1.6], [3.0, 1.6], [-3.0, 1.6]])
     slant = np.array([0.1, -0.05])
     belly = Mesh(np.column_stack([corners, 0.5 + corners @ slant]), np.array([[0, 1, 2], [0, 2, 3]]))
@@ -68,13 +68,13 @@ def test_a_slanting_belly_is_as_high_as_its_plane():
     middle = seen.box[0] + (np.indices((128, 128)).transpose(1, 2, 0) + 0.5) * cell
     between = np.abs(middle[0, :, 1]) < 1.35
     off = (seen.heights - (0.5 + middle @ slant))[:, between]
-    # The edge between the two triangles passes some cells where they are lower than in their middles.
+    # Some cells of the edge between the two triangles are lower there than in their centers.
     assert off.max() < 1e-12
     assert off.min() > -np.abs(slant) @ cell
     assert (np.abs(off) < 1e-12).mean() > 0.95
 
 
-def test_both_edges_of_a_track_have_their_spots():
+def test_both_edges_of_a_track_have_spots():
     at = underside_samples(underside(tank()), 5)
     y = at.xy[:, 1].reshape(5, 5)
     np.testing.assert_allclose(y[2], [-1.6, -1.0, 0.0, 1.0, 1.6], atol=0.03)
@@ -84,7 +84,7 @@ def test_both_edges_of_a_track_have_their_spots():
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 7, 9])
-def test_a_spot_is_as_low_as_anything_near_its_point(n):
+def test_a_spot_is_as_low_as_the_geometry_around_its_point(n):
     rng = np.random.default_rng(n)
     seen = Underside(
         np.array([[-3.5, -1.75], [3.5, 1.75]]),
@@ -111,6 +111,6 @@ def test_a_wrong_call_names_the_argument(vertices, band, message):
         contact_footprint(vertices, band=band)
 
 
-def test_one_low_point_is_no_footprint():
+def test_one_low_point_is_not_a_footprint():
     hook = np.array([[-2.9, 0.0, 0.3]])
     np.testing.assert_allclose(contact_footprint(np.concatenate([HULL, hook])), [[-3.0, -1.7], [3.0, 1.7]])

@@ -1,4 +1,4 @@
-"""`hulldown init DIR --from FOLDER`: a config of somebody's files."""
+"""`hulldown init DIR --from FOLDER`: a config for the user's files."""
 
 import subprocess
 import sys
@@ -34,13 +34,13 @@ for x in (-40, 40):
     cube("Rock", (2, 2, 2), (x, 0, 1))
 save("mine/outside/park.blend")
 """
-# Two rows of four pixels, as Radiance writes them without run lengths.
+# Two rows of four pixels, in Radiance's format without run lengths.
 SKY = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n" + bytes([128, 130, 140, 129]) * 7 + bytes([9, 9, 9, 128])
 SQUARE = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 2\n" + bytes([128, 130, 140, 129]) * 4
 
 
 @pytest.mark.blender
-def test_a_folder_becomes_a_config_with_what_was_found_as_comments(
+def test_a_folder_becomes_a_config_with_findings_as_comments(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -75,7 +75,7 @@ def test_a_folder_becomes_a_config_with_what_was_found_as_comments(
     assert "# not used: ../mine/tanks/normal.hdr: is 2 x 2 pixels" in text
     assert "tidy" not in text
     assert cli.main(["inspect", "project/hulldown.toml"]) == 0
-    assert cli.main(["init", "project", "--from", "mine"]) == 2  # and what is there stays
+    assert cli.main(["init", "project", "--from", "mine"]) == 2  # and existing files stay
     assert text == Path("project/hulldown.toml").read_text(encoding="utf-8")
 
 
@@ -88,7 +88,7 @@ def test_a_folder_becomes_a_config_with_what_was_found_as_comments(
         (None, "mine: is no folder; name the folder"),
     ],
 )
-def test_nothing_found_is_one_line_and_nothing_is_written(
+def test_a_folder_without_assets_is_a_one_line_error(
     files: dict[str, bytes] | None, problem: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
@@ -100,11 +100,11 @@ def test_nothing_found_is_one_line_and_nothing_is_written(
     assert cli.main(["init", "project", "--from", "mine"]) == 2
     *bar, line = capsys.readouterr().err.splitlines()
     assert line.startswith(f"hulldown: {problem}")
-    assert len(bar) <= 1  # of progress, where files were read
+    assert len(bar) <= 1  # of progress, if files were read
     assert not Path("project").exists()
 
 
-def test_what_is_found_of_one_name_gets_names_of_its_own(tmp_path: Path) -> None:
+def test_files_with_equal_names_get_different_asset_names(tmp_path: Path) -> None:
     found = [
         FoundFile(Path("vehicles/tanks/a/scene.gltf"), "vehicle", ("a", "name with \x1b[2J")),
         FoundFile(Path("trucks/scene.gltf"), "vehicle", ()),
@@ -128,14 +128,14 @@ def test_what_is_found_of_one_name_gets_names_of_its_own(tmp_path: Path) -> None
     assert missing_kinds(found[:3]) == ["scenery", "HDRI"]
 
 
-def test_a_name_that_no_config_can_hold_is_not_listed(tmp_path: Path) -> None:
+def test_a_name_that_a_config_cannot_hold_is_not_listed(tmp_path: Path) -> None:
     (tmp_path / "tank\n\udcff.glb").write_bytes(b"glTF")
     with pytest.raises(AssetError, match=r"(?s)none of its 1 files can be used.*rename it"):
         read_found(tmp_path, asset_files(tmp_path))
 
 
 @pytest.mark.parametrize("other", ["--bare", "--small"])
-def test_from_goes_with_no_other_kind_of_project(other: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_from_excludes_other_kinds_of_projects(other: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         cli.main(["init", "project", "--from", "mine", other])
     assert "not allowed with argument" in capsys.readouterr().err

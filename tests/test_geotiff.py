@@ -1,4 +1,4 @@
-"""Terrain from GeoTIFFs: the heights that rasterio reads, whatever they are stored as, and where on Earth they are."""
+"""Terrain from GeoTIFFs, compared with rasterio: heights in any encoding, and map coordinates."""
 
 import json
 
@@ -36,7 +36,7 @@ def heights(shape=(40, 50), seed=0):
 
 
 def write(path, z, *, crs=UTM, transform=None, unit="", scale=None, **profile):
-    """A GeoTIFF of 2 m cells, or of bands."""
+    """A GeoTIFF with cells of 2 m, perhaps with several bands."""
     bands = z if z.ndim == 3 else z[None]
     transform = transform or from_origin(*CORNER, 2.0, 2.0)
     size = dict(zip(("count", "height", "width"), bands.shape, strict=True))
@@ -57,7 +57,7 @@ def elevations(path, area=None, scale=None):
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("holes", [False, True])
 @pytest.mark.parametrize("kind", ["int16", "uint16", "int32", "uint32", "float32", "float64"])
-def test_heights_are_those_that_rasterio_reads(tmp_path, kind, holes, layout):
+def test_heights_equal_those_of_rasterio(tmp_path, kind, holes, layout):
     options = dict(LAYOUTS[layout])
     if kind.startswith("float") and "predictor" in options:
         options["predictor"] = 3
@@ -81,7 +81,8 @@ def test_heights_are_those_that_rasterio_reads(tmp_path, kind, holes, layout):
     assert np.array_equal(tops.hit, known)
     assert np.abs(tops.z + read.anchor[2] - wanted)[known].max() < 1e-9
     assert (_normals(read)[:, 2] > 0).all()
-    assert len(read.faces) == 2 * 39 * 49 - (2 * 5 * 4 - 2 if holes else 0)  # two triangles at corners of the hole stay
+    # Two triangles at the hole's corners remain.
+    assert len(read.faces) == 2 * 39 * 49 - (2 * 5 * 4 - 2 if holes else 0)
 
 
 def _mesh(read):
@@ -100,7 +101,7 @@ def _normals(read):
         (Affine(2, 0, CORNER[0], 0, -5, CORNER[1]), "cells that aren't square"),
     ],
 )
-def test_rasters_may_be_turned_and_flipped(tmp_path, transform, upright):
+def test_turned_and_flipped_rasters(tmp_path, transform, upright):
     path = write(tmp_path / "dem.tif", heights(), transform=transform)
     read = elevations(path)
     middle = np.array(rasterio.transform.xy(transform, 17, 31))
@@ -132,7 +133,7 @@ def test_geographic_and_stretched_grids_are_projected_to_utm(tmp_path):
 
 
 @pytest.mark.parametrize(("unit", "meters"), [("m", 1.0), ("ft", 0.3048), ("US survey foot", 1200 / 3937), ("", 1.0)])
-def test_heights_have_units(tmp_path, unit, meters):
+def test_heights_are_converted_to_meters(tmp_path, unit, meters):
     path = write(tmp_path / "dem.tif", heights(), unit=unit)
     read = elevations(path)
     assert read.vertices[0, 2] + read.anchor[2] == pytest.approx(heights()[0, 0] * meters, abs=1e-9)
@@ -140,12 +141,12 @@ def test_heights_have_units(tmp_path, unit, meters):
     assert read.vertices[0, 2] + read.anchor[2] == 2.0 * heights()[0, 0]
 
 
-def test_the_unit_of_heights_may_be_that_of_their_datum(tmp_path):
+def test_the_unit_of_heights_can_come_from_their_datum(tmp_path):
     read = elevations(write(tmp_path / "dem.tif", heights(), crs="EPSG:32612+6360"))  # NAVD88 height (ftUS)
     assert read.vertices[0, 2] + read.anchor[2] == pytest.approx(heights()[0, 0] * 1200 / 3937, abs=1e-9)
 
 
-def test_an_area_takes_the_cells_whose_centers_are_in_it(tmp_path):
+def test_an_area_selects_cells_by_their_centers(tmp_path):
     path = write(tmp_path / "dem.tif", heights())
     west, north = CORNER
     read = elevations(path, area=(west + 10, north - 40, west + 31, north - 20))
@@ -169,7 +170,7 @@ def test_an_area_takes_the_cells_whose_centers_are_in_it(tmp_path):
         (np.zeros((8, 8), np.int16), {"crs": "EPSG:4326", "transform": from_origin(7, 89.9, 0.01, 0.01)}, "pole"),
     ],
 )  # fmt: skip
-def test_what_has_no_heights_is_refused(tmp_path, z, options, problem):
+def test_files_without_heights_are_refused(tmp_path, z, options, problem):
     with pytest.raises(AssetError, match=problem):
         elevations(write(tmp_path / "dem.tif", z, **options))
 
@@ -182,7 +183,7 @@ def test_damaged_files_and_other_formats_are_refused(tmp_path):
             elevations(tmp_path / "cut.tif")
 
 
-def test_orthophotos_are_laid_over_the_terrain_whatever_their_map(tmp_path):
+def test_orthophotos_cover_the_terrain_in_any_map_projection(tmp_path):
     west, north = CORNER
     columns = np.tile(np.arange(100, dtype=np.uint8), (80, 1))
     picture = np.stack([columns, columns.T[:80, :1].repeat(100, 1), np.full((80, 100), 200, np.uint8)])
@@ -252,7 +253,7 @@ def test_buildings_stand_on_the_terrain(tmp_path):
         feature((x + 10, y - 40), 12.0, {"height": "8.5 m"}),
         feature((x + 40, y - 70), 20.0, {"building:levels": 4}, hole=8.0),
         feature((x + 70, y - 30), 5.0, {}),
-        feature((x - 3, y - 30), 5.0, {}),  # over the edge
+        feature((x - 3, y - 30), 5.0, {}),  # over the edge of the terrain
     ]
     (tmp_path / "town.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
     read = export(path, tmp_path, options=Options(buildings="town.geojson"))
@@ -269,8 +270,8 @@ def test_buildings_stand_on_the_terrain(tmp_path):
         assert low == pytest.approx(below.min() - 1.0, abs=1e-3)
         a, b, c = np.moveaxis(vertices[mesh.faces], 1, 0)
         cross = np.cross(b - a, c - a)
-        assert (a * cross).sum() / 6 == pytest.approx(area * (high - low), rel=1e-3), "closed, faces outward"
-        assert cross[cross[:, 2] > 1e-6, 2].sum() / 2 == pytest.approx(area, rel=1e-3), "a roof with its courtyard"
+        assert (a * cross).sum() / 6 == pytest.approx(area * (high - low), rel=1e-3), "closed, with outward faces"
+        assert cross[cross[:, 2] > 1e-6, 2].sum() / 2 == pytest.approx(area, rel=1e-3), "a roof with a courtyard"
     (tmp_path / "town.geojson").write_text(json.dumps(feature((x + 9000, y), 12.0, {})))
     with pytest.raises(AssetError, match="no building on the terrain"):
         export(path, tmp_path, options=Options(buildings="town.geojson"))

@@ -1,4 +1,4 @@
-"""What `hulldown inspect` says and draws."""
+"""Output and pictures of `hulldown inspect`."""
 
 import subprocess
 import sys
@@ -33,20 +33,20 @@ VEHICLE = vehicle_of(box((-3, -1.5, 0), (3, 1.5, 1)), box((-1, -1, 1), (1, 1, 2)
 
 
 def hue_of(pixels: np.ndarray) -> np.ndarray:
-    """Which of the part colors a shaded pixel is, -1 for paper and ink."""
+    """Index of the part color of each shaded pixel, -1 for paper and ink."""
     length = np.linalg.norm(pixels, axis=-1, keepdims=True)
     near = (pixels / np.maximum(length, 1)) @ (COLORS / np.linalg.norm(COLORS, axis=1, keepdims=True)).T
     return np.where(near.max(axis=-1) > 0.995, near.argmax(axis=-1), -1)
 
 
-def test_the_picture_shows_each_part_in_its_color_where_it_is() -> None:
+def test_the_picture_shows_each_part_in_its_color() -> None:
     size = 200
     image = np.asarray(draw(VEHICLE, size=size)).astype(float)
     assert image.shape == (2 * size, 2 * size, 3)
-    scale = size / (6 * 1.25)  # pixels a meter in the view from the left: the length fills it
+    scale = size / (6 * 1.25)  # pixels per meter in the view from the left, which the length fills
     left = hue_of(image[:size, :size])
     middle = left[:, size // 2 + 20]
-    # From above to below: turret (upper meter), hull (lower meter).
+    # From top to bottom: turret (upper meter), hull (lower meter).
     assert (middle == 1).sum() == pytest.approx(scale, abs=2)
     assert (middle == 0).sum() == pytest.approx(scale, abs=2)
     assert np.flatnonzero(middle == 1).max() < np.flatnonzero(middle == 0).min()
@@ -55,7 +55,7 @@ def test_the_picture_shows_each_part_in_its_color_where_it_is() -> None:
 
 
 @pytest.mark.parametrize("ground", [True, False])
-def test_a_scenery_is_drawn_too(ground: bool) -> None:
+def test_a_scenery_is_drawn(ground: bool) -> None:
     land = box((-50, -50, -1), (50, 50, 0)) if ground else None
     scenery = scenery_of("s", land, obstacles=[box((0, 0, 0), (5, 5, 5))], which=[0], poses=np.eye(4))
     image = np.asarray(draw(scenery, size=120)).astype(float)
@@ -89,8 +89,8 @@ def test_a_file_is_inspected(tmp_path: Path) -> None:
         write_pictures([inspected], tmp_path / "none" / "x.png")
 
 
-def test_many_pictures_are_pages(tmp_path: Path) -> None:
-    # One sheet of all the demo's assets had 3,000 x 8,000 pixels.
+def test_many_pictures_are_split_into_pages(tmp_path: Path) -> None:
+    # One sheet with all of the demo's assets had 3,000 x 8,000 pixels.
     report = FileReport("vehicle", "a.blend", (1.0, 1.0, 1.0), 12, 1.0, "z")
     many = [Inspected(f"v{k}", report, Image.new("RGB", (96, 96))) for k in range(PAGE + 1)]
     (tmp_path / "all-2.png").write_bytes(b"of somebody else")

@@ -1,4 +1,4 @@
-"""What `hulldown inspect` says of a config: its files as its options make of them."""
+"""`hulldown inspect` of a config, which reads files with their options."""
 
 import json
 import math
@@ -33,7 +33,7 @@ cube("Lawn", (100, 100, 1), (0, 0, 0))
 cube("Rock", (2, 2, 2), (0, 0, 1))
 bpy.ops.wm.save_as_mainfile(filepath="park.blend")
 """
-# Two rows of four pixels, as Radiance writes them without run lengths.
+# Two rows of four pixels, in Radiance's format without run lengths.
 SKY = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n" + bytes([128, 130, 140, 129]) * 7 + bytes([9, 9, 9, 128])
 CONFIG = """
 [assets]
@@ -88,7 +88,7 @@ def test_the_files_of_a_config_are_read_with_its_options(
 
 
 @pytest.mark.blender
-def test_what_a_plan_has_read_is_not_read_again(project: Path) -> None:
+def test_files_read_for_a_plan_are_not_read_again(project: Path) -> None:
     inspect_config(Config.read(project / "hulldown.toml"))
     read: list[str] = []
     inspect_config(Config.read(project / "hulldown.toml"), progress=read.append)
@@ -106,7 +106,7 @@ def test_what_a_plan_has_read_is_not_read_again(project: Path) -> None:
         (CONFIG.replace("*.hdr", "sky.hdr"), "hulldown: tank.blend: does not exist"),
     ],
 )
-def test_what_is_wrong_with_a_config_is_one_line(
+def test_a_mistake_in_a_config_is_a_one_line_error(
     text: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -120,12 +120,12 @@ def test_what_is_wrong_with_a_config_is_one_line(
     assert printed.err.count("\n") == 1
 
 
-def test_a_config_that_is_not_there_says_how_to_get_one() -> None:
+def test_the_error_of_a_missing_config_tells_how_to_get_one() -> None:
     with pytest.raises(ConfigError, match="no such file; `hulldown init` writes one to start from"):
         Config.read("none.toml")
 
 
-def test_a_page_that_is_somebody_elses_is_found_before_files_are_read(
+def test_an_existing_page_of_another_program_is_found_before_reading(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)

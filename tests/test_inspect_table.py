@@ -1,4 +1,4 @@
-"""The table of `inspect`: whole names wherever it goes, and what is left out in few rows."""
+"""The table of `inspect`: whole names in any output, and few rows for dropped objects."""
 
 import io
 import tomllib
@@ -28,13 +28,13 @@ def shown(monkeypatch, table, **console):
     return file.getvalue()
 
 
-def test_a_name_with_a_line_break_stays_in_its_line():
+def test_a_name_with_a_line_break_stays_in_one_line():
     odd = replace(report(), materials=(MaterialRow("Ty\nre", 1.0, (0.0, 0.0, 0.0), "is rubber"),))
     assert odd.notes()[-1] == "materials left alone: Ty\\nre (is rubber)"
 
 
-def test_a_piped_table_has_every_name_in_one_line(monkeypatch):
-    # They were cut at 80 columns, where the name is needed for `drop`.
+def test_a_piped_table_has_whole_names_in_one_line(monkeypatch):
+    # They were cut at 80 columns, but `drop` needs them.
     text = shown(monkeypatch, report(ObjectRow(LONG, "MESH", "hull", "by default")).table())
     assert any(LONG in line for line in text.splitlines())
 
@@ -48,8 +48,8 @@ def test_a_terminal_shows_every_character_of_a_name(monkeypatch):
     assert "…" not in text
 
 
-def test_what_is_left_out_for_one_reason_shares_a_row():
-    # Hidden and dropped objects took 16 of 24 rows.
+def test_objects_dropped_for_one_reason_share_a_row():
+    # Hidden and dropped objects filled 16 of 24 rows.
     hidden = [
         ObjectRow(f"helper {k} of mine", "MESH", "dropped", "hidden from render", 1, 5) for k in "abcdefghijklmnop"
     ]
@@ -63,12 +63,12 @@ def test_what_is_left_out_for_one_reason_shares_a_row():
     assert rows[3][2] == "its name matches 'lamp'"
 
 
-def test_the_report_itself_keeps_every_object():
+def test_the_report_keeps_every_object():
     rows = [ObjectRow(f"a{k}x", "MESH", "dropped", "hidden from render") for k in range(20)]
     assert len(report(*rows).to_json()["rows"]) == 20
 
 
-def test_init_bare_writes_the_config_alone(tmp_path, capsys):
+def test_init_bare_writes_only_the_config(tmp_path, capsys):
     assert main(["init", str(tmp_path / "mine"), "--bare"]) == 0
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["hulldown.toml"]
     assert Config.read(tmp_path / "mine" / "hulldown.toml").assets.vehicles[0].path == "vehicles/tank.blend"
@@ -78,6 +78,6 @@ def test_init_bare_writes_the_config_alone(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_few_objects_left_out_keep_their_rows(count):
+def test_a_few_dropped_objects_keep_their_rows(count):
     rows = [ObjectRow(f"a{k}x", "MESH", "dropped", "hidden from render") for k in range(count)]
     assert report(*rows).table().row_count == count

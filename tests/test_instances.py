@@ -14,7 +14,7 @@ def at(*position, stretch=(1.0, 1.0, 1.0)):
 
 
 @pytest.mark.parametrize("stretch", [(-1, 1, 1), (5, 0.2, 1), (-0.01, 1, -300)])
-def test_distances_are_meters_of_the_world_in_mirrored_and_stretched_copies(stretch):
+def test_distances_are_world_meters_in_mirrored_and_stretched_copies(stretch):
     scene = InstancedScene([CUBE], [0], [at(0, 0, 0, stretch=stretch)])
     center = np.array([0.1, 0.1, np.sign(stretch[2])]) * np.abs(stretch)
     side = np.eye(3)[0] * 1000
@@ -32,7 +32,7 @@ def test_a_copy_squashed_flat_still_stops_rays(axis):
     np.testing.assert_allclose(hits.distance, origin[axis], atol=1e-5)
 
 
-def test_a_scene_of_nothing_is_never_hit():
+def test_an_empty_scene_is_never_hit():
     for meshes in ([], [CUBE]):
         scene = InstancedScene(meshes, [], np.zeros((0, 4, 4)))
         assert scene.bounds.shape == (0, 2, 3)
@@ -40,15 +40,15 @@ def test_a_scene_of_nothing_is_never_hit():
         assert not scene.occluded([[0, 0, 0]], [[0, 0, 1]]).any()
 
 
-def test_a_short_ray_beside_a_pebble_in_a_wide_scene_meets_it():
-    # Boxes are widened by the scene's extent before Embree sorts out idle rays: here to a hundred times the pebble.
+def test_a_short_ray_near_a_pebble_in_a_wide_scene_hits_it():
+    # Boxes are widened by the scene's extent before Embree skips idle rays: here to a hundred times the pebble.
     scene = InstancedScene([CUBE], [0] * 20, [at(x, 0, 0, stretch=(0.01,) * 3) for x in np.linspace(0, 1e5, 20)])
     origin, down = [[0.0, 0.0, 0.03]], [[0.0, 0.0, -1.0]]
     assert scene.occluded(origin, down, max_distance=0.02).all()
     assert scene.cast(origin, down, max_distance=0.02).instance.tolist() == [0]
 
 
-def test_no_rays_are_legal():
+def test_zero_rays_are_legal():
     scene = InstancedScene([CUBE], [0], [np.eye(4)])
     assert scene.cast(np.zeros((0, 3)), np.zeros((0, 3))).distance.shape == (0,)
     assert scene.occluded(np.zeros((0, 3)), np.zeros((0, 3))).shape == (0,)

@@ -1,4 +1,4 @@
-"""The same plan on every processor: BLAS kernels, NumPy's SIMD and the C library's functions play no part in it."""
+"""Plans don't depend on BLAS kernels, NumPy's SIMD, or the C library's functions."""
 
 import pickle
 from concurrent.futures import ThreadPoolExecutor
@@ -13,7 +13,7 @@ IMAGES = 320
 
 @pytest.fixture(scope="module")
 def plans(tmp_path_factory):
-    # The worlds are made once: their hills are sines, which differ between processors.
+    # The worlds are made once, since sines for their hills differ between processors.
     made = tmp_path_factory.mktemp("kernels") / "worlds"
     made.write_bytes(pickle.dumps(worlds(IMAGES)))
     with ThreadPoolExecutor(2) as pool:
@@ -21,6 +21,6 @@ def plans(tmp_path_factory):
 
 
 @pytest.mark.parametrize("kernel", QUICK)
-def test_rows_are_the_same_to_the_byte(plans, kernel):
+def test_rows_are_equal_to_the_byte(plans, kernel):
     assert len(plans[kernel]) == IMAGES
     assert plans[kernel] == plans["SkylakeX"]

@@ -1,4 +1,4 @@
-"""Keypoints: where they are, what hides them, how they are configured, stored, and exported."""
+"""Keypoints: position, visibility, configuration, storage, export."""
 
 import json
 
@@ -26,7 +26,7 @@ from hulldown.tests.planning_assets import small_assets
 from hulldown.tests.shapes import FACES
 from hulldown.tests.test_masks import CAMERA, CUBE, SHAPE
 
-# On each face of the cube, in its middle, and in front of the camera but out of the picture.
+# In the center of each face of the cube, and in front of the camera but outside the picture.
 POINTS = {
     "near": ([0.0, -1.0, 0.2], None),
     "far": ([0.0, 1.0, 0.2], None),
@@ -43,7 +43,7 @@ def seen(vehicle, *others, camera=CAMERA, ground=None):
     return dict(zip(vehicle.target.shape.keypoint_names, found.tolist(), strict=True))
 
 
-def test_what_is_behind_a_surface_is_hidden_and_what_is_out_of_the_picture_is_not_labeled():
+def test_keypoints_behind_a_surface_are_hidden_and_outside_the_picture_unlabeled():
     here = PosedVehicle(VehicleTarget(CUBE_WITH_POINTS), np.eye(4)[None], {})
     found = seen(here)
     assert [found[name][2] for name in POINTS] == [2, 1, 1, 2, 0, 0]
@@ -54,7 +54,7 @@ def test_what_is_behind_a_surface_is_hidden_and_what_is_out_of_the_picture_is_no
     assert seen(here, ground=wall)["near"][2] == 1
 
 
-def test_a_keypoint_moves_with_the_part_whose_surface_is_nearest(tmp_path):
+def test_a_keypoint_moves_with_the_part_of_the_nearest_surface(tmp_path):
     shape = next(shape for shape in small_assets().vehicles.values() if len(shape.part_names) == 3)
     points = shape.mesh.vertices[:: max(1, len(shape.mesh.vertices) // 40)]
     marked = shape.with_keypoints({f"p{i}": (point, None) for i, point in enumerate(points)})
@@ -68,7 +68,7 @@ def test_a_keypoint_moves_with_the_part_whose_surface_is_nearest(tmp_path):
     assert np.array_equal(again.keypoints_at(turned), marked.keypoints_at(turned))
 
 
-def test_names_and_lines_of_categories(tmp_path):
+def test_names_and_skeletons_of_categories(tmp_path):
     shapes = [CUBE_WITH_POINTS, SHAPE.with_keypoints({"muzzle": ([1, 0, 0], 0), "turret": ([0, 0, 1], 0)})]
     found = category_fields(shapes, ["muzzle", "turret", "[fn]ear*"], None, path=tmp_path)
     assert found == {"keypoints": ["muzzle", "turret", "near"], "skeleton": [[1, 2]]}
@@ -117,7 +117,7 @@ def test_pycocotools_evaluates_them(dataset, tmp_path, capsys):
     assert evaluation.stats[0] == 1.0
 
 
-def test_yolo_pose_is_as_ultralytics_documents_it(dataset, tmp_path):
+def test_yolo_pose_has_ultralytics_format(dataset, tmp_path):
     export(dataset, tmp_path / "out", layout="yolo-pose", fractions=(1.0, 0.0, 0.0))
     data = yaml.safe_load((tmp_path / "out/data.yaml").read_text())
     assert (data["kpt_shape"], data["flip_idx"], data["names"]) == ([3, 3], [0, 2, 1], {0: "tank"})
@@ -138,7 +138,7 @@ def test_yolo_pose_is_as_ultralytics_documents_it(dataset, tmp_path):
         ({"keypoints": "many"}, "no list of numbers"),
     ],
 )
-def test_verify_finds_keypoints_that_are_none(dataset, change, problem):
+def test_verify_finds_invalid_keypoints(dataset, change, problem):
     coco = json.loads((dataset / "annotations.json").read_text())
     coco["annotations"][0] |= change
     (dataset / "annotations.json").write_text(json.dumps(coco))
@@ -156,7 +156,7 @@ def test_other_keypoints_of_a_category_are_refused(dataset, tmp_path):
         export(tmp_path / "plain", tmp_path / "out", layout="yolo-pose")
 
 
-def test_empties_mark_points_of_the_part_that_they_hang_from():
+def test_empties_mark_points_of_their_parents_part():
     def link(name, x, kind="EMPTY"):
         pose = np.eye(4)
         pose[0, 3] = x

@@ -29,34 +29,34 @@ def square(x: int, y: int, w: int, h: int) -> np.ndarray:
 
 
 def test_mask_of_a_cube_in_closed_form():
-    # The near face, 4 m away and 2 m wide, spans 50 pixels about the center.
+    # The near face, 4 m away and 2 m wide, spans 50 pixels around the center.
     assert np.array_equal(vehicle_mask(HERE, CAMERA), square(75, 25, 50, 50))
 
 
-def test_only_the_box_is_looked_at_and_nothing_is_lost():
+def test_only_the_box_is_rendered_and_nothing_is_lost():
     box = VehicleBoxes(SHAPE).box(np.eye(4), CAMERA)
     assert np.array_equal(vehicle_mask(HERE, CAMERA, xywh=box), vehicle_mask(HERE, CAMERA))
     assert np.array_equal(vehicle_mask(HERE, CAMERA, xywh=[80.0, 30.0, 10.0, 10.0]), square(80, 30, 10, 10))
-    # A pixel belongs to the box with its center.
+    # A pixel belongs to the box that contains its center.
     assert np.array_equal(vehicle_mask(HERE, CAMERA, xywh=[80.6, 30.4, 9.8, 10.0]), square(81, 30, 9, 10))
 
 
-def test_what_stands_in_front_hides_and_what_stands_behind_does_not():
+def test_objects_in_front_hide_and_objects_behind_do_not():
     wall = CUBE * [1.0, 0.1, 1.0] + [1.0, -3.0, 0.0]
     assert np.array_equal(vehicle_mask(HERE, CAMERA, world=World(RayCaster(Mesh(wall, FACES)))), square(75, 25, 25, 50))
     behind = RayCaster(Mesh(wall + np.array([0.0, 9.0, 0.0]), FACES))
     assert np.array_equal(vehicle_mask(HERE, CAMERA, world=World(behind)), square(75, 25, 50, 50))
 
 
-def test_nothing_nearer_than_the_near_plane_is_seen():
+def test_nothing_before_the_near_plane_is_visible():
     close = Camera(CAMERA.intrinsics, rigid(AXES, [0.0, -1.0 - NEAR / 2.0, 0.0]))
-    # The near face is cut away; the walls behind it fill the image.
+    # The near face is cut away, so the walls behind it fill the image.
     assert area(vehicle_mask(HERE, close)) == 200 * 100
     away = Camera(CAMERA.intrinsics, rigid(AXES, [0.0, 1.0 - NEAR / 2.0, 0.0]))
     assert area(vehicle_mask(HERE, away)) == 0
 
 
-def test_out_of_the_image_the_mask_is_empty():
+def test_the_mask_is_empty_outside_the_image():
     assert area(vehicle_mask(PosedVehicle(HERE.target, rigid(np.eye(3), [99.0, 0.0, 0.0])[None], {}), CAMERA)) == 0
     assert area(vehicle_mask(HERE, CAMERA, xywh=[10.2, 10.2, 0.2, 0.2])) == 0
 
@@ -74,13 +74,13 @@ def test_uncompressed_run_lengths_and_polygons_are_read():
         ([], "at least three points"),
     ],
 )
-def test_wrong_segmentations_are_refused(segmentation, message):
+def test_invalid_segmentations_are_refused(segmentation, message):
     with pytest.raises(ValueError, match=message):
         decode(segmentation, 3, 2)
 
 
-def test_damaged_run_lengths_harm_nothing():
-    """Given to pycocotools, some of these write past its memory, and end the process then or later."""
+def test_damaged_run_lengths_do_no_harm():
+    """pycocotools writes beyond its memory with some of these, and crashes then or later."""
     rng = np.random.default_rng(0)
     refused = 0
     for text in rng.integers(40, 120, (2000, 24), dtype=np.uint8):
@@ -103,13 +103,13 @@ LENGTHS = [None, 5, {}, "zzz", "", "o", "0 0", "\u00e9", "oooooooo0", "1", [-1],
         *({"size": [3, 4], "counts": counts} for counts in LENGTHS),
     ],
 )
-def test_what_is_no_segmentation_is_refused(segmentation):
+def test_values_of_other_types_are_refused(segmentation):
     with pytest.raises(ValueError, match="segmentation: expected"):
         decode(segmentation, 4, 3)
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_the_extent_is_that_of_the_mask_unfolded(seed):
+def test_the_extent_equals_that_of_the_decoded_mask(seed):
     rng = np.random.default_rng(seed)
     mask = rng.random((13, 17)) < (0.0, 0.01, 0.1, 0.9)[seed % 4]
     pixels, box = extent(encode(mask), 17, 13)
@@ -118,7 +118,7 @@ def test_the_extent_is_that_of_the_mask_unfolded(seed):
     assert (box is None) if expected is None else box.tolist() == expected.tolist()
 
 
-def test_a_mask_of_40_000_million_pixels_takes_no_memory():
+def test_a_mask_of_40_000_million_pixels_needs_no_memory():
     n = 200_000
     pixels, box = extent({"size": [n, n], "counts": [5 * n + 7, 3, n * n - 5 * n - 10]}, n, n)
     assert (pixels, box.tolist()) == (3, [5.0, 7.0, 1.0, 3.0])

@@ -1,4 +1,4 @@
-"""Mesh files without Blender: what is written is read, and what is no mesh is refused in one line."""
+"""Mesh files without Blender: round trips, and one-line errors for other files."""
 
 import numpy as np
 import pytest
@@ -23,18 +23,18 @@ def test_a_saved_mesh_is_loaded_again(tmp_path, ending):
     mesh.save(tmp_path / f"hill{ending}")
     loaded = Mesh.load(tmp_path / f"hill{ending}")
     assert loaded.name == "hill"
-    # Face by face, for STL repeats vertices; OBJ is written in full, the others in float32.
+    # Compared face by face, since STL repeats vertices; OBJ is exact, the others are float32.
     rounded = mesh.triangles if ending == ".obj" else mesh.triangles.astype(np.float32)
     np.testing.assert_allclose(loaded.triangles, rounded, rtol=0, atol=1e-16)
     assert [path.name for path in tmp_path.iterdir()] == [f"hill{ending}"]
 
 
-def test_terrain_of_a_file_is_one_line(tmp_path):
+def test_a_terrain_from_a_file_is_one_line_of_code(tmp_path):
     hill().save(tmp_path / "hill.obj")
     assert Terrain(Mesh.load(tmp_path / "hill.obj")).top_hits([[1.0, 0.0]]).z[0] == np.sin(1.0) / 3.0
 
 
-def test_a_scene_is_read_where_it_puts_its_meshes(tmp_path):
+def test_meshes_of_a_scene_are_in_their_places(tmp_path):
     box = trimesh.creation.box((2.0, 2.0, 2.0))
     scene = trimesh.Scene()
     scene.add_geometry(box, transform=rigid(np.eye(3), [10.0, 0.0, 0.0]))
@@ -58,7 +58,7 @@ def test_a_scene_is_read_where_it_puts_its_meshes(tmp_path):
         ("a.ply", None, "isn.t a file; check the path"),
     ],
 )
-def test_what_is_no_mesh_is_refused_with_its_name(tmp_path, name, content, message):
+def test_a_file_without_a_mesh_is_refused_with_its_name(tmp_path, name, content, message):
     if content is not None:
         (tmp_path / name).write_bytes(content)
     with pytest.raises(AssetError, match=message) as refused:
@@ -67,14 +67,14 @@ def test_what_is_no_mesh_is_refused_with_its_name(tmp_path, name, content, messa
     assert "\n" not in str(refused.value)
 
 
-def test_nowhere_to_write_is_said(tmp_path):
+def test_an_unwritable_path_is_named(tmp_path):
     with pytest.raises(AssetError, match="cannot be written"):
         hill().save(tmp_path / "missing" / "hill.ply")
     with pytest.raises(AssetError, match=r"has the ending '\.txt'"):
         hill().save(tmp_path / "hill.txt")
 
 
-def test_normals_are_those_of_trimesh():
+def test_normals_equal_those_of_trimesh():
     vertices = np.random.default_rng(0).normal(size=(60, 3))
     mesh = Mesh(vertices, np.arange(60).reshape(-1, 3))
     oracle = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).face_normals

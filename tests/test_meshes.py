@@ -22,23 +22,23 @@ FACES = np.array([[0, 1, 2], [0, 2, 3]])
         (np.where(SQUARE == 2, np.inf, SQUARE), FACES, r"mesh 'hill': vertex 3 is \[0\.0, 1\.0, inf\]"),
     ],
 )
-def test_bad_meshes_are_refused_naming_mesh_and_first_offender(vertices, faces, message):
+def test_the_error_of_a_bad_mesh_names_it_and_the_first_bad_element(vertices, faces, message):
     with np.errstate(invalid="ignore"), pytest.raises(ValueError, match=message):
         Mesh(vertices, faces, "hill")
 
 
-def test_any_integers_and_any_floats_are_taken():
+def test_any_integer_and_float_types_are_accepted():
     mesh = Mesh(SQUARE.astype(np.float32), FACES.astype(np.uint8))
     assert mesh.vertices.dtype == np.float64
     assert mesh.faces.dtype == np.int32
 
 
-def test_bounds_leave_out_vertices_that_no_face_uses():
+def test_bounds_exclude_unused_vertices():
     mesh = Mesh(np.vstack([SQUARE, [9.0, 9.0, 9.0]]), FACES)
     np.testing.assert_array_equal(mesh.bounds, [[0, 0, 0], [1, 1, 2]])
 
 
-def test_merging_tells_every_face_its_mesh():
+def test_merging_gives_the_mesh_of_each_face():
     merged, source = merge([Mesh(SQUARE, FACES[:1]), Mesh(SQUARE + 5, FACES)])
     assert source.tolist() == [0, 1, 1]
     np.testing.assert_array_equal(merged.triangles[1:], SQUARE[FACES] + 5)
@@ -49,7 +49,7 @@ def test_merging_nothing_is_an_error():
         merge([])
 
 
-def test_the_first_of_equal_points_stands_for_all():
+def test_the_first_of_equal_points_represents_them():
     points = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, -0.0], [0.0, 1.0], [5e-324, 1.0]])
     assert first_alike(points).tolist() == [0, 1, 0, 1, 4]
     assert first_alike(np.empty((0, 2))).tolist() == []

@@ -1,4 +1,4 @@
-"""Oriented boxes: the smallest rectangle around a mask, the ground under a vehicle, and who reads their exports."""
+"""Oriented boxes: the smallest rectangle around a mask, the ground rectangle of a vehicle, and their exports."""
 
 import importlib
 import json
@@ -27,12 +27,12 @@ from hulldown.training.evaluation.evaluate import Evaluation, Threshold
 
 def reader(name):
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # its own, when it is imported
+        warnings.simplefilter("ignore")  # its own warning on import
         return importlib.import_module(name)
 
 
 def random_mask(rng, kind):
-    """Specks, a turned bar, whole columns with one pixel more, or a disc; sometimes nothing."""
+    """Specks, a turned bar, whole columns plus one pixel, or a disc; sometimes nothing."""
     h, w = rng.integers(1, 60, 2).tolist()
     y, x = np.mgrid[:h, :w]
     if kind == 0:
@@ -49,7 +49,7 @@ def random_mask(rng, kind):
     return (x - w / 2) ** 2 + (y - h / 2) ** 2 < (min(w, h) * rng.random()) ** 2
 
 
-def test_the_rectangle_is_the_smallest_of_all_that_hold_a_mask():
+def test_the_rectangle_is_the_smallest_around_the_mask():
     rng = np.random.default_rng(0)
     for i in range(1000):
         mask = random_mask(rng, i % 4)
@@ -59,7 +59,7 @@ def test_the_rectangle_is_the_smallest_of_all_that_hold_a_mask():
             continue
         y, x = np.nonzero(mask)
         corners = np.concatenate([np.stack([x + a, y + b], axis=1) for a in (0, 1) for b in (0, 1)])
-        # The smallest lies along one side of the convex hull: Freeman and Shapira, CACM 18(7), 1975.
+        # The smallest one has a side along the convex hull: Freeman and Shapira, CACM 18(7), 1975.
         hull = corners[ConvexHull(corners).vertices]
         sides = np.roll(hull, -1, axis=0) - hull
         sides = sides / np.linalg.norm(sides, axis=1)[:, None]
@@ -80,7 +80,7 @@ def planned():
 
 @pytest.fixture(scope="module")
 def dataset(planned, tmp_path_factory):
-    """The planned rows with their labels, over gray pictures."""
+    """The planned rows with their labels and gray pictures."""
     assets, rows = planned
     folder = tmp_path_factory.mktemp("oriented")
     segmenter = Segmenter(assets.vehicles, assets.sceneries)
@@ -93,7 +93,7 @@ def dataset(planned, tmp_path_factory):
     return folder
 
 
-def test_the_ground_is_below_the_vehicle_with_its_front_first(planned, dataset):
+def test_the_ground_rectangle_is_below_the_vehicle_with_its_front_first(planned, dataset):
     coco = json.loads((dataset / "annotations.json").read_text())
     images = {image["id"]: image for image in coco["images"]}
     label_of = {label["image_id"]: label for label in coco["annotations"][::-1]}
@@ -117,7 +117,7 @@ def changed(dataset, folder, change):
 @pytest.mark.parametrize(
     "by", [[0.0, 0, 0, 0, 0], [9.0, 0, 0, 0, 0], [0, 0, 1, 0, 0], [0, 0, 0, 0, 0.7], [0, 0, 0, -1e9, 0]]
 )
-def test_verify_finds_a_rectangle_that_is_not_its_masks(dataset, tmp_path, by):
+def test_verify_finds_a_rectangle_that_does_not_fit_its_mask(dataset, tmp_path, by):
     problems = changed(
         dataset, tmp_path, lambda label: label.update(obb=[a + b for a, b in zip(label["obb"], by, strict=True)])
     )
@@ -153,13 +153,13 @@ def test_supervision_and_hotcoco_read_the_corners(dataset, tmp_path, ground):
         labels = [one for one in loaded["annotations"] if one["image_id"] == image["id"]]
         for found, (name, corners, _) in zip(labels, wanted[image["file_name"]], strict=True):
             assert known[found["category_id"]] == name.replace(" ", "-")
-            if not ground:  # it makes rectangles of other quadrilaterals
+            if not ground:  # it turns other quadrilaterals into rectangles
                 np.testing.assert_allclose(
                     np.sort(rectangle_corners(found["obb"]), axis=0), np.sort(corners, axis=0), rtol=0, atol=1e-3
                 )
 
 
-def test_labels_without_a_pose_have_no_ground(dataset, tmp_path):
+def test_labels_without_a_pose_have_no_ground_rectangle(dataset, tmp_path):
     with CocoDataset.open(tmp_path / "photographs", categories=["truck"]) as photographs:
         photographs.append(
             {"file_name": "1.png", "width": 9, "height": 9}, [{"category": "truck", "bbox": [1, 1, 5, 4]}]
@@ -174,7 +174,7 @@ def test_labels_without_a_pose_have_no_ground(dataset, tmp_path):
 
 
 def oriented_case(seed):
-    """Turned boxes near each other, some in crowds, as labels and as detections."""
+    """Turned boxes close to each other, some crowds, as labels and as detections."""
     rng = np.random.default_rng(seed)
 
     def box():
@@ -200,7 +200,7 @@ def mask_box_of(rectangle):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_average_precision_of_oriented_boxes_is_hotcocos(seed):
+def test_average_precision_of_oriented_boxes_equals_hotcocos(seed):
     hotcoco = reader("hotcoco")
     coco, found = oriented_case(seed)
     labels, predictions = loaded(coco, found)

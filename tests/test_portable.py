@@ -1,4 +1,4 @@
-"""Functions that are the same on every processor: close to the truth, and exact where the truth is a float64."""
+"""Functions with the same results on every processor: close to the truth, and exact where it's a float64."""
 
 import math
 
@@ -14,7 +14,7 @@ SPREAD = RNG.normal(size=(2, N)) * 10 ** RNG.uniform(-8, 8, (2, N))
 
 
 def ulps(got, wanted):
-    """Largest error, in units of the last place of the truth, which is in long double."""
+    """Largest error in ulps of the truth, which is a long double."""
     return float((np.abs(got.astype(np.longdouble) - wanted) / np.spacing(np.abs(wanted).astype(float))).max())
 
 
@@ -37,11 +37,11 @@ def exactly(function, *arguments):
         (portable.log, np.log, [RNG.uniform(0.5, 2.0, N)], 1.0),
     ],
 )
-def test_within_a_few_ulp_of_the_truth(function, reference, arguments, most):
+def test_results_are_within_a_few_ulp(function, reference, arguments, most):
     assert ulps(function(*arguments), exactly(reference, *arguments)) < most
 
 
-def test_where_the_truth_is_a_float64():
+def test_results_that_are_float64_are_exact():
     sine, cosine = portable.sin_cos([0.0])
     assert (sine[0], cosine[0], portable.tan(0.0)) == (0.0, 1.0, 0.0)
     assert portable.exp(0.0) == 1.0
@@ -52,7 +52,7 @@ def test_where_the_truth_is_a_float64():
     assert portable.arcsin([-1.0, 0.0, 1.0]).tolist() == [-quarter, 0.0, quarter]
 
 
-def test_one_number_and_a_whole_array_have_the_same_bits():
+def test_numbers_and_arrays_give_the_same_bits():
     angles = ANGLES[:200]
     sine, cosine = portable.sin_cos(angles)
     assert all(portable.sin(a) == s for a, s in zip(angles, sine, strict=True))

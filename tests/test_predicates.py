@@ -23,10 +23,10 @@ def sign(*coordinates):
     [
         (0.0, 0.0, 1.0, 0.0, 0.0, 1.0),
         (0.0, 0.0, 1.0, 1.0, 0.5, 0.5),
-        # One ulp beside a diagonal.
+        # One ulp off a diagonal.
         (12.0, 12.0, 24.0, 24.0, 0.5, np.nextafter(0.5, 1)),
         (12.0, 12.0, 24.0, 24.0, np.nextafter(0.5, 1), 0.5),
-        # Where the plain float64 determinant has the wrong sign.
+        # The plain float64 determinant has the wrong sign here.
         (
             0.007353958401157934,
             0.5068930771678104,
@@ -43,7 +43,7 @@ def sign(*coordinates):
             0.20130174081543842,
             -0.2973773154806362,
         ),
-        # Differences that float64 cannot hold.
+        # Differences that don't fit into float64.
         (1e16, 1.0, -1.0, 1e-16, 1.0, 3e-16),
         (0.1, 0.1, 1e7, 1e7, 1 / 3, 1 / 3),
         (0.1, 0.1, 1e7, 1e7, 1 / 3, np.nextafter(1 / 3, 0)),
@@ -51,7 +51,7 @@ def sign(*coordinates):
         (5e-324, 0.0, 0.0, 5e-324, 0.0, 0.0),
         (1e-200, 1e-200, 3e-200, 3e-200, 2e-200, np.nextafter(2e-200, 0)),
         (1e-160, 0.0, 1e-170, 1e-310, 0.0, 0.0),
-        # The largest that terrain may have.
+        # The largest allowed coordinates of terrain.
         (1e30, -1e30, -1e30, 1e30, 1.0, np.nextafter(-1.0, 0)),
     ],
 )
@@ -59,7 +59,7 @@ def test_orientation_is_exact_where_float64_is_not(coordinates):
     assert sign(*coordinates) == exact_sign(*coordinates)
 
 
-# Few numbers, so that points fall on lines, and their neighbors one ulp off.
+# A few numbers, so that points fall on lines, and their neighbors one ulp off.
 NUMBERS = st.builds(
     lambda v, toward: float(np.nextafter(v, toward)) if toward is not None else v,
     st.sampled_from([0.0, 0.1, 0.2, 0.3, 1 / 3, 1.0, 2.0, 3.0, 5e5, 1e7, -1e7, 1e-7, 1e-160, 1e-300]),
@@ -74,7 +74,7 @@ def test_orientation_is_exact_in_batches(rows):
 
 
 @given(st.lists(st.tuples(*[NUMBERS] * 11), min_size=1, max_size=8))
-def test_heights_are_exact_and_divide_to_the_nearest_float64(rows):
+def test_heights_are_exact_and_rounded_to_the_nearest_float64(rows):
     rows = [r for r in rows if exact_sign(r[0], r[1], r[3], r[4], r[6], r[7])]
     corners = np.array([r[:9] for r in rows]).reshape(-1, 3, 3)
     x, y = np.array([r[9:] for r in rows]).reshape(-1, 2).T.copy()
@@ -88,7 +88,7 @@ def test_heights_are_exact_and_divide_to_the_nearest_float64(rows):
         assert Fraction(top, bottom) == z
 
 
-def test_normals_of_near_vertical_faces_keep_their_digits():
+def test_normals_of_nearly_vertical_faces_keep_their_digits():
     corners = np.array([[[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1e-12, 0.0, 10.0]]])
     np.testing.assert_allclose(normals(corners), [[-1.0, 0.0, 1e-13]], rtol=1e-15)
     np.testing.assert_allclose(normals(corners[:, ::-1]), [[-1.0, 0.0, 1e-13]], rtol=1e-15)

@@ -11,14 +11,14 @@ HOUSE = Mesh(np.array(FLOOR + ROOF, dtype=float), np.array([[0, 1, 2], [0, 2, 3]
 DOWN = [0.0, 0.0, -1.0]
 
 
-def test_the_first_face_is_met_and_its_distance_is_in_meters_whatever_the_direction_measures():
+def test_the_first_face_is_hit_at_a_distance_in_meters_for_directions_of_any_length():
     hits = RayCaster(HOUSE).cast([[0.75, 0.25, 3], [-0.25, -0.5, 3], [5, 5, 3]], [DOWN, [0, 0, -7], DOWN])
     assert hits.face.tolist() == [2, 0, -1]
     np.testing.assert_allclose(hits.distance, [2, 3, np.inf], rtol=1e-6)
     assert hits.hit.tolist() == [True, True, False]
 
 
-def test_nothing_beyond_the_limit_is_met():
+def test_nothing_beyond_the_limit_is_hit():
     caster = RayCaster(HOUSE)
     origins, directions = [[-0.25, -0.5, 3.0]] * 2, [DOWN] * 2
     assert caster.cast(origins, directions, max_distance=[2.9, 3.1]).face.tolist() == [-1, 0]
@@ -35,7 +35,7 @@ def test_occlusion_agrees_with_casting():
 
 
 @pytest.mark.parametrize("offset", [[5e5, 5.4e6, 0], [1e7, -1e7, 1e7]])
-def test_map_coordinates_cost_no_digits(offset):
+def test_map_coordinates_keep_all_digits(offset):
     rng = np.random.default_rng(1)
     origins, directions = rng.uniform(-3, 3, (2000, 3)), rng.normal(size=(2000, 3))
     near = RayCaster(HOUSE).cast(origins, directions)
@@ -45,7 +45,7 @@ def test_map_coordinates_cost_no_digits(offset):
     np.testing.assert_allclose(far.distance[same], near.distance[same], rtol=0, atol=1e-5)
 
 
-def test_an_origin_far_away_costs_no_digits():
+def test_a_distant_origin_keeps_all_digits():
     rng = np.random.default_rng(2)
     targets = np.column_stack([rng.uniform(-1, 1, (1000, 2)), np.zeros(1000)])
     directions = np.array([1.0, 2.0, -2.0]) / 3
@@ -67,14 +67,14 @@ def test_threads_and_batches_change_nothing():
     assert (few.distance == one.distance[:50]).all()
 
 
-def test_five_thousand_casters_live_side_by_side():
+def test_five_thousand_casters_coexist():
     floors = [Mesh(HOUSE.vertices + np.array([0, 0, height]), HOUSE.faces) for height in range(5000)]
-    casters = [RayCaster(floor) for floor in floors]  # each with a device of its own crashed the process near 1,000
+    casters = [RayCaster(floor) for floor in floors]  # with a separate device each, the process crashed at about 1,000
     met = np.array([caster.down(np.array([-0.25]), np.array([-0.5]))[0] for caster in casters])
     assert (met == 0).all()
 
 
-def test_no_rays_are_no_hits():
+def test_zero_rays_give_zero_hits():
     caster = RayCaster(HOUSE)
     assert len(caster.cast(np.empty((0, 3)), np.empty((0, 3))).face) == 0
     assert len(caster.occluded(np.empty((0, 3)), np.empty((0, 3)))) == 0
@@ -91,19 +91,19 @@ def test_no_rays_are_no_hits():
         ([[0, 0, 1]], [DOWN], np.nan, "max_distance: expected meters, got nan"),
     ],
 )
-def test_wrong_calls_are_named(origins, directions, limit, message):
+def test_the_error_of_a_wrong_call_names_the_argument(origins, directions, limit, message):
     with pytest.raises(ValueError, match=message):
         RayCaster(HOUSE).cast(origins, directions, max_distance=limit)
 
 
-def test_coordinates_out_of_all_proportion_are_refused():
+def test_coordinates_of_extreme_size_are_refused():
     with pytest.raises(ValueError, match="mesh 'house': expected coordinates within 1e30 m"):
         RayCaster(Mesh(HOUSE.vertices * 1e31, HOUSE.faces, "house"))
 
 
 @pytest.mark.parametrize("n", [0, 1, 5000, 3 * BLOCK])
 @pytest.mark.parametrize("threads", [1, 3])
-def test_blocks_hold_every_point_once_and_neighbors_together(n, threads):
+def test_blocks_contain_every_point_once_and_neighbors_together(n, threads):
     points = np.random.default_rng(4).uniform(0, 100, (n, 2))
     with WorkerThreads(threads) as pool:
         blocks = list(coherent_blocks(points, pool))
@@ -111,4 +111,4 @@ def test_blocks_hold_every_point_once_and_neighbors_together(n, threads):
     assert np.sort(order).tolist() == list(range(n))
     if n > 4096:
         step = np.abs(np.diff(points[order], axis=0)).sum(axis=1)
-        assert np.median(step) < 3.0  # two random points are 67 apart
+        assert np.median(step) < 3.0  # random points are 67 apart

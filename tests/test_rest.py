@@ -28,7 +28,7 @@ def test_least_squares_agrees_with_a_general_solver():
         np.testing.assert_allclose([*rest.gradient[i], rest.height[i]], [gx, gy, z], atol=1e-11)
 
 
-def test_the_average_counts_valid_hits_alone():
+def test_the_average_uses_only_valid_hits():
     heights, normals, valid = rows(2)
     rest = averaged(SAMPLES, heights, normals, valid)
     for i, seen in enumerate(valid):
@@ -39,7 +39,7 @@ def test_the_average_counts_valid_hits_alone():
 
 
 @pytest.mark.parametrize("rule", ["averaged", "least_squares", "support"])
-def test_a_plane_is_found_from_any_hits_that_carry_one(rule):
+def test_any_hits_that_define_a_plane_give_it(rule):
     rng = np.random.default_rng(3)
     gradient, z = rng.uniform(-1, 1, (50, 2)), rng.uniform(-99, 99, 50)
     valid = rng.random((50, 20)) < 0.8
@@ -56,7 +56,7 @@ def test_a_plane_is_found_from_any_hits_that_carry_one(rule):
     np.testing.assert_allclose(rest.height[rest.found], z[rest.found], atol=1e-11)
 
 
-def test_hits_on_one_line_or_none_carry_no_plane():
+def test_hits_on_one_line_or_none_give_no_plane():
     heights, normals = np.zeros((3, 20)), np.tile([0.0, 0.0, 1.0], (3, 20, 1))
     valid = np.array([np.zeros(20, bool), np.arange(20) < 4, np.arange(20) == 7])
     assert least_squares(SAMPLES, heights, valid).found.tolist() == [False] * 3

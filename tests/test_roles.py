@@ -1,4 +1,4 @@
-"""Names, roles and parts, without Blender."""
+"""Names, roles, and parts, without Blender."""
 
 import numpy as np
 import pytest
@@ -77,7 +77,7 @@ def test_patterns(name: str, patterns: list[str], says_so: bool) -> None:
         ("pieza_11", TURRET_HINTS, False),
     ],
 )
-def test_words_inside_words_and_of_other_languages(name: str, stems: tuple[str, ...], found: bool) -> None:
+def test_words_inside_words_and_in_other_languages(name: str, stems: tuple[str, ...], found: bool) -> None:
     assert bool(hints(name, stems)) is found
 
 
@@ -98,13 +98,13 @@ def test_words_inside_words_and_of_other_languages(name: str, stems: tuple[str, 
         (piece("Light bar", size=(0.2, 2, 0.2), at=(0, 0, 2)), "vehicle"),
     ],
 )
-def test_helpers_go_by_name_and_stages_and_sheets_by_place(thing: Piece, use: str) -> None:
+def test_helpers_are_found_by_name_and_stages_and_sheets_by_position(thing: Piece, use: str) -> None:
     for pieces in ((HULL, thing), (thing, HULL)):
         assert vehicle_uses(*pieces)[pieces.index(thing)] == use
 
 
 def test_a_body_modeled_from_a_plane_is_the_vehicle() -> None:
-    """Exporters write "truck_Plane", and a mesh is called "Plane" for ever after the sheet that it began as."""
+    """Exporters write "truck_Plane", and a mesh that began as a plane keeps the name "Plane"."""
     wheels = piece("wheels", size=(4, 2, 0.8), at=(0, 0, 0.4))
     for body in (
         piece("car_shell", data="Plane", size=(6, 2, 1.4), at=(0, 0, 1)),
@@ -116,7 +116,7 @@ def test_a_body_modeled_from_a_plane_is_the_vehicle() -> None:
         assert vehicle_uses(wheels, body) == ["vehicle", "vehicle"]
 
 
-def test_two_floors_do_not_vouch_for_each_other() -> None:
+def test_two_floors_are_no_evidence_for_each_other() -> None:
     floors = [
         piece("A", size=(90, 70, 0.01)),
         piece("B", size=(80, 70, 0.01), at=(9, 0, -0.1)),
@@ -125,7 +125,7 @@ def test_two_floors_do_not_vouch_for_each_other() -> None:
     assert vehicle_uses(*floors, HULL) == ["dropped", "dropped", "dropped", "vehicle"]
 
 
-def test_the_config_beats_the_rules_and_keep_beats_drop() -> None:
+def test_the_config_overrides_the_rules_and_keep_overrides_drop() -> None:
     floor, wheel, spare = piece("Floor", size=(20, 20, 0.1)), piece("Wheel"), piece("Wheel_spare")
     got = vehicle_uses(HULL, floor, wheel, spare, keep=["floor", "*spare"], drop=["wheel*"])
     assert got == ["vehicle", "vehicle", "dropped", "vehicle"]
@@ -145,18 +145,18 @@ def test_the_config_beats_the_rules_and_keep_beats_drop() -> None:
         (piece("Cube"), "obstacle"),
         (piece("Skydome"), "backdrop"),
         (piece("Ground", unseen="a holdout"), "dropped"),
-        # The tree is scattered over the ground; the ground carries it and must not lend it its name.
+        # The tree is scattered over the ground, which carries it but mustn't pass on its name.
         (piece("Oak", link("Ground", "Terrain")), "obstacle"),
         (piece(link("Oak", "Landscape"), scattered=True), "obstacle"),
         (piece("Ground", scattered=True, anonymous=True), "obstacle"),
         (piece("GroundTile", scattered=True), "ground"),
     ],
 )
-def test_ground_by_object_then_mesh_then_collection(thing: Piece, use: str) -> None:
+def test_ground_by_name_of_object_then_mesh_then_collection(thing: Piece, use: str) -> None:
     assert scenery_uses(thing) == [use]
 
 
-def test_a_file_with_ground_and_more_than_a_vehicle_is_a_scenery() -> None:
+def test_a_file_with_ground_and_other_objects_is_a_scenery() -> None:
     ground, far = piece("Terrain", size=(200, 200, 1)), piece("Tree", at=(60, 0, 2))
     assert likely_kind([ground, HULL, far], Options()) == "scenery"
     assert likely_kind([ground, HULL], Options()) == "vehicle"
@@ -164,7 +164,7 @@ def test_a_file_with_ground_and_more_than_a_vehicle_is_a_scenery() -> None:
     assert likely_kind([piece("Grid", size=(24, 120, 0))], Options()) == "scenery"
 
 
-def test_a_scenery_listed_as_a_vehicle_is_refused_unless_the_config_says_more() -> None:
+def test_a_scenery_listed_as_a_vehicle_is_refused_unless_options_are_given() -> None:
     files = [piece("Ground", size=(200, 200, 5)), piece("House", size=(40, 10, 10))], [piece("Water", size=(99, 99, 0))]
     for pieces in files:
         with pytest.raises(AssetError, match=r"looks like a scenery but is listed as a vehicle: .* \[\[assets.scener"):
@@ -174,7 +174,7 @@ def test_a_scenery_listed_as_a_vehicle_is_refused_unless_the_config_says_more() 
             assert refuse_wrong_kind("vehicle", pieces, options) == ""
 
 
-def test_a_tank_in_centimeters_is_no_scenery_for_its_tracks() -> None:
+def test_a_tank_in_centimeters_is_not_a_scenery() -> None:
     tank = [piece("Hull", size=(600, 300, 100), at=(0, 0, 100)), piece("Track_L", size=(600, 60, 90), at=(0, 150, 45))]
     assert scenery_uses(*tank) == ["obstacle", "ground"]
     assert refuse_wrong_kind("vehicle", tank, Options()) == ""
@@ -184,7 +184,7 @@ def test_a_tank_in_centimeters_is_no_scenery_for_its_tracks() -> None:
         refuse_wrong_kind("vehicle", [piece("Slope", size=(600, 300, 100)), tank[1]], Options())
 
 
-def test_a_vehicle_listed_as_a_scenery_is_refused_if_its_names_say_so() -> None:
+def test_a_vehicle_listed_as_a_scenery_is_refused_by_its_names() -> None:
     floor = piece("Floor", size=(50, 50, 0.1))
     for pieces in ([HULL], [floor, HULL]):
         with pytest.raises(AssetError, match=r"looks like a vehicle but is listed as a scenery: it contains 'Hull'"):
@@ -199,7 +199,7 @@ def test_a_vehicle_listed_as_a_scenery_is_refused_if_its_names_say_so() -> None:
 
 
 def parts_of(*chains: tuple[Link, ...] | Link, markers: tuple = (), **names: str) -> tuple[dict[str, str], object]:
-    """By object, the part it belongs to; each object a small box at its origin."""
+    """The part of each object; each object is a small box at its origin."""
     pieces = [piece(*(c if isinstance(c, tuple) else (c,))) for c in chains]
     cube = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     points = [cube + p.chain[0].pose[:3, 3] for p in pieces]
@@ -207,7 +207,7 @@ def parts_of(*chains: tuple[Link, ...] | Link, markers: tuple = (), **names: str
     return {p.name: found.names[i] for p, i in zip(pieces, found.piece_part, strict=True)}, found
 
 
-def test_children_of_a_turret_belong_to_it_and_its_gun_rides_on_it() -> None:
+def test_children_of_a_turret_belong_to_it_and_carry_its_gun() -> None:
     turret, gun = link("Turret_01", kind="EMPTY", at=(1, 0, 2)), link("Gun.001", kind="EMPTY", at=(2, 0, 2.2))
     belongs, parts = parts_of(link("Hull"), (link("Dome"), turret), (link("Tube", at=(4, 0, 2.2)), gun, turret))
     assert belongs == {"Hull": "hull", "Dome": "turret", "Tube": "gun"}
@@ -219,34 +219,34 @@ def test_children_of_a_turret_belong_to_it_and_its_gun_rides_on_it() -> None:
 @pytest.mark.parametrize(
     ("chains", "expected"),
     [
-        # The vehicle's own name names no part.
+        # The vehicle's name isn't used for parts.
         ((link("A", "SAM launcher"), link("B", "SAM launcher")), ("hull",)),
         ((link("A", "x", "SPG gun"), link("Turret", "x", "SPG gun")), ("hull", "turret")),
-        # A launcher is a turret only where there is no turret, and never one for smoke.
+        # A launcher is a turret only if there's no other turret, and a smoke launcher never is.
         ((link("Hull"), link("Launcher")), ("hull", "turret")),
         ((link("Hull"), link("Smoke_Launcher")), ("hull",)),
         ((link("Hull"), link("Machine_Gun"), link("MG barrel"), link("Oil_barrel")), ("hull",)),
-        # Both names in one.
+        # Both words in one name.
         ((link("Hull"), link("Gun_Turret")), ("hull", "turret")),
         ((link("Hull"), link("Turret"), link("Turret_Gun")), ("hull", "turret", "gun")),
         ((link("Only turret"),), ("hull",)),
     ],
 )
-def test_names_that_mislead(chains: tuple, expected: tuple[str, ...]) -> None:
+def test_misleading_names(chains: tuple, expected: tuple[str, ...]) -> None:
     assert parts_of(*chains)[1].names == expected
 
 
 @pytest.mark.parametrize(
     ("chains", "options", "expected"),
     [
-        # Words inside words count only where no word fits.
+        # Words inside words count only if no whole word matches.
         ((link("Hull"), link("turretpivot"), link("gunbarrel", at=(3, 0, 0))), {}, ("hull", "turret", "gun")),
         ((link("Hull"), link("Turret"), link("turretshelf"), link("Gun", at=(3, 0, 0))), {},
          ("hull", "turret", "turret", "gun")),
-        # The nearest name decides.
+        # The closest name decides.
         ((link("Hull"), link("Turret", "Guns"), (link("Sight"), link("Turret")), link("Tube", "Guns")), {},
          ("hull", "turret", "turret", "gun")),
-        # The config's names replace the words.
+        # Names in the config replace the words.
         ((link("Turret"), link("Turm"), link("Rohr")), {"turret": "Turm", "gun": "roh*"}, ("hull", "turret", "gun")),
         ((link("Hull"), link("Turret")), {"turret": ""}, ("hull", "hull")),
     ],
@@ -255,14 +255,14 @@ def test_names_of_parts(chains: tuple, options: dict, expected: tuple[str, ...])
     assert tuple(parts_of(*chains, **options)[0].values()) == expected
 
 
-def test_a_pivot_may_be_an_empty_that_carries_nothing() -> None:
+def test_an_empty_without_children_can_be_a_pivot() -> None:
     marker = (link("Pivot", "Turret", kind="EMPTY", at=(0.3, 0.1, 0)),)
     _, parts = parts_of(link("Hull", "Rest"), link("a", "Turret"), link("b", "Turret"), markers=(marker,))
     assert parts.pivot[1].tolist() == [0.3, 0.1, 0]
     assert parts.why[1] == "origin of 'Pivot', named pivot"
 
 
-def test_a_gun_does_not_turn_about_its_middle() -> None:
+def test_a_gun_does_not_turn_about_its_center() -> None:
     pieces = [piece("Hull"), piece("Barrel", at=(4, 0, 2))]
     tube = np.array([[x, y, z] for x in (2.0, 6.0) for y in (-0.1, 0.1) for z in (1.9, 2.1)])
     middle = Piece("m", (link("Barrel", at=(4, 0, 2)),), 0, np.eye(4), pieces[1].bounds, 12)
@@ -272,7 +272,7 @@ def test_a_gun_does_not_turn_about_its_middle() -> None:
 
 
 @pytest.mark.parametrize("yaw", [0.0, 90.0, 180.0, -90.0, 37.0])
-def test_positive_angles_raise_a_gun_wherever_it_points(yaw: float) -> None:
+def test_positive_angles_raise_a_gun_in_any_direction(yaw: float) -> None:
     c, s = np.cos(np.radians(yaw)), np.sin(np.radians(yaw))
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     tube = np.array([[x, y, z] for x in (0.0, 4.0) for y in (-0.1, 0.1) for z in (1.9, 2.1)]) @ turn.T

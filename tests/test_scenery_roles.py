@@ -1,4 +1,4 @@
-"""What a scenery's pieces are: by the config's patterns, by name, material and shape. Without Blender."""
+"""Roles of a scenery's pieces by the config's patterns, name, material, and shape, without Blender."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def lake(name: str, *, size: tuple = (60, 40, 0), level: float = 1.0, **more: ob
         *("woda", "jezioro", "voda", "река", "озеро", "sjö", "水", "湖"),
     ],
 )  # fmt: skip
-def test_water_by_name_in_many_languages(name: str) -> None:
+def test_water_by_name_in_several_languages(name: str) -> None:
     assert uses(lake(name)) == ["water"]
     assert uses(lake("Plane", data=name)) == ["water"]
     assert uses(lake("Plane", materials=(name,))) == ["water"]
@@ -55,11 +55,11 @@ def test_water_by_name_in_many_languages(name: str) -> None:
     ],
     ids=lambda one: f"{one.name} {one.data} {one.chain[0].collections}",
 )  # fmt: skip
-def test_what_is_only_about_water_is_none(dry: Piece) -> None:
+def test_names_related_to_water_are_not_water(dry: Piece) -> None:
     assert uses(dry) != ["water"]
 
 
-def test_water_by_its_material_is_wide_and_no_window() -> None:
+def test_water_by_material_is_wide_and_not_a_window() -> None:
     assert uses(lake("Plane.007", clear=True)) == ["water"]
     assert uses(lake("Plane.007", clear=True, scattered=True)) == ["water"]
     assert uses(lake("Skylight", size=(3, 3, 0), clear=True)) == ["obstacle"]
@@ -67,21 +67,21 @@ def test_water_by_its_material_is_wide_and_no_window() -> None:
     assert uses(lake("Pane", clear=True, level=0.0)) == ["obstacle"]
 
 
-def test_water_that_is_only_a_volume_is_known_by_name() -> None:
+def test_water_that_is_only_a_volume_is_found_by_name() -> None:
     assert uses(lake("Ocean", unseen=VOLUME, clear=True)) == ["water"]
     assert uses(lake("Mist", unseen=VOLUME, clear=True)) == ["dropped"]
     assert uses(lake("Ocean", unseen="a holdout")) == ["dropped"]
     assert uses(lake("Mist", unseen=VOLUME), water=("Mist",)) == ["water"]
 
 
-def test_the_key_water_is_all_the_water_there_is() -> None:
+def test_the_key_water_replaces_detection() -> None:
     pieces = [lake("Lake"), lake("Plane.001", at=(0, 0, 20)), lake("Plane.002", clear=True), piece("Terrain")]
     assert uses(*pieces) == ["water", "obstacle", "water", "ground"]
     assert uses(*pieces, water=("Plane.001",)) == ["obstacle", "water", "obstacle", "ground"]
     assert uses(*pieces, water=()) == ["obstacle", "obstacle", "obstacle", "ground"]
 
 
-def test_a_flat_sheet_among_the_hills_is_water_by_shape_and_that_is_said() -> None:
+def test_a_flat_sheet_among_hills_is_water_by_shape_and_reported() -> None:
     terrain, sheet = piece("Terrain", size=(200, 200, 30), level=0.9), lake("Object_7", at=(0, 0, -5))
     roles = scenery_roles([terrain, sheet], Options())
     assert [role.use for role in roles] == ["ground", "water"]
@@ -97,7 +97,7 @@ def test_a_flat_sheet_among_the_hills_is_water_by_shape_and_that_is_said() -> No
     assert uses(terrain, sheet, water=()) == ["ground", "obstacle"]
 
 
-def test_ground_that_wears_water_and_a_small_nameless_sheet_are_doubts() -> None:
+def test_ground_with_a_water_material_and_a_small_unnamed_sheet_are_doubts() -> None:
     terrain = piece("Terrain", size=(200, 200, 30), level=0.9, materials=("Grass", "Lake water"))
     puddle = lake("Plane.003", size=(8, 6, 0), at=(0, 0, -5))
     pieces = [terrain, puddle]
@@ -126,14 +126,16 @@ def test_ground_that_wears_water_and_a_small_nameless_sheet_are_doubts() -> None
         pytest.param([lake("Water", size=(200, 200, 0)), *HOUSES], [], id="water is no ground"),
     ],
 )  # fmt: skip
-def test_ground_by_shape_is_large_level_lowest_and_carries_the_rest(pieces: list[Piece], expected: list[str]) -> None:
+def test_ground_by_shape_is_large_level_lowest_and_carries_other_objects(
+    pieces: list[Piece], expected: list[str]
+) -> None:
     expected = ["Plane.003"] if expected == ["ground"] else expected
     for order in (pieces, pieces[::-1]):
         roles = scenery_roles(order, Options())
         assert sorted(p.name for p, role in zip(order, roles, strict=True) if role.use == "ground") == expected
 
 
-def test_a_bare_file_of_houses_on_a_floor_is_no_vehicle() -> None:
+def test_houses_on_a_floor_are_not_a_vehicle() -> None:
     floor = piece("Object_1", size=(300, 300, 0.2), level=1.0)
     town = [piece(f"Object_{i + 2}", size=(12, 12, 9), at=(40 * i - 120, 0, 4.5), level=0.4) for i in range(7)]
     assert likely_kind([floor, *town], Options()) == "scenery"
@@ -155,12 +157,12 @@ def test_a_bare_file_of_houses_on_a_floor_is_no_vehicle() -> None:
         ("material:grass*", True), ("Grass_A", False), ("Hills", False), ("nothing:Plane.003", False),
     ],
 )  # fmt: skip
-def test_a_pattern_is_an_objects_whole_name(pattern: str, matches: bool) -> None:
+def test_a_pattern_matches_whole_object_names(pattern: str, matches: bool) -> None:
     one = piece(link("Plane.003", "Hills"), data="Terrain_mesh", materials=("Grass_A",))
     assert bool(matching(one, (pattern,))) is matches
 
 
-def test_the_sceneries_own_patterns_come_before_those_of_all() -> None:
+def test_patterns_of_a_scenery_precede_patterns_for_all() -> None:
     pieces = [piece("Plane"), piece("Plane.001"), piece("Terrain"), piece("Terrain.001")]
     got = uses(*pieces, ground=("Plane",), not_ground=("Terrain",), include=("Plane*",), exclude=("Plane.001",))
     assert got == ["ground", "obstacle", "obstacle", "ground"]
@@ -168,13 +170,13 @@ def test_the_sceneries_own_patterns_come_before_those_of_all() -> None:
     assert uses(*pieces, exclude=("Plane",), ground=("Plane",)) == ["ground", "obstacle", "ground", "ground"]
 
 
-def test_what_geometry_nodes_make_is_not_ground_by_the_name_of_what_carries_it() -> None:
+def test_geometry_by_nodes_is_not_ground_by_its_carriers_name() -> None:
     blades = piece("Plane.003", size=(9, 9, 1), scattered=True, anonymous=True, carrier="Plane.003")
     assert uses(HILLS, blades, ground=("Plane.003",)) == ["ground", "obstacle"]
     assert uses(HILLS, piece("Oak", scattered=True, carrier="Plane.003"), drop=("Plane.003",)) == ["removed"] * 2
 
 
-def test_the_proposed_pattern_works_and_names_nothing_else() -> None:
+def test_the_proposed_pattern_works_and_matches_nothing_else() -> None:
     slope = piece("Plane.003", size=(200, 200, 90), level=0.4)
     pieces = [
         slope,
@@ -191,7 +193,7 @@ def test_the_proposed_pattern_works_and_names_nothing_else() -> None:
     assert uses(*pieces, ground=("Plane.003",)) == ["ground", "obstacle", "obstacle"]
 
 
-def test_a_dome_around_everything_is_a_doubt_with_what_to_drop() -> None:
+def test_a_dome_around_everything_is_a_doubt_with_a_drop_pattern() -> None:
     dome = piece("Sphere", size=(900, 900, 900), level=0.13)
     pieces = [dome, HILLS, *HOUSES]
     doubts = scenery_doubts((9e2, 9e2, 9e2), pieces, scenery_roles(pieces, Options()), (), unit=1.0, options=Options())
@@ -205,7 +207,7 @@ def test_a_pattern_that_matches_nothing_is_refused(key: str) -> None:
         build_scenery("s", Evaluated(pieces=[HILLS]), [], meters=np.eye(4), options=Options(**{key: ("Plane.03",)}))
 
 
-def test_only_drop_names_what_carries_a_piece():
+def test_only_drop_matches_the_carrier_of_a_piece():
     leaves = [piece("leaf", carrier="Emitter")]
     assert unmatched(leaves, Options(drop=("Emitter",))) is None
     assert unmatched(leaves, Options(ground=("Emitter",))) == ("ground", "Emitter")

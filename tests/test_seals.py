@@ -1,4 +1,4 @@
-"""What was changed after it was recorded is found: pictures, records, journal lines."""
+"""Changes to pictures, records, and journal lines after writing are found."""
 
 import json
 import os
@@ -20,7 +20,7 @@ PLAN = "c" * 64
 
 
 def fill(folder, n=3, *, seals=True, key=PLAN):
-    """A dataset as rendering leaves it, noise for pictures."""
+    """A rendered dataset, with noise as pictures."""
     with CocoDataset.open(folder, categories=["tank", "truck"]) as dataset:
         run = dataset.run(key, images=n, annotations=n)
         for i in range(n):
@@ -48,7 +48,7 @@ def errors(folder, **options):
     return [str(finding) for finding in verify(folder, **options) if finding.severity == "error"]
 
 
-def test_every_record_says_what_it_and_its_picture_hash_to(tmp_path):
+def test_every_record_has_hashes_of_itself_and_its_picture(tmp_path):
     coco = read_coco(fill(tmp_path))
     assert list(verify(tmp_path)) == []
     for image in coco["images"]:
@@ -56,7 +56,7 @@ def test_every_record_says_what_it_and_its_picture_hash_to(tmp_path):
     assert all(record[RECORD_KEY] == seal_of(record) for record in (*coco["images"], *coco["annotations"]))
 
 
-def test_pictures_of_equal_size_that_changed_places_are_found(tmp_path):
+def test_swapped_pictures_of_equal_size_are_found(tmp_path):
     fill(tmp_path)
     a, b = (tmp_path / f"images/{i:08d}.png" for i in (1, 2))
     os.rename(a, tmp_path / "images/x.png")
@@ -78,7 +78,7 @@ def test_pictures_of_equal_size_that_changed_places_are_found(tmp_path):
         lambda c: c["images"][1].pop(PICTURE_KEY),
     ],
 )
-def test_a_record_that_was_changed_is_found_unless_somebody_says_so(tmp_path, change):
+def test_a_changed_record_is_found_unless_it_is_marked_as_edited(tmp_path, change):
     edit(fill(tmp_path), change)
     found = errors(tmp_path)
     assert found
@@ -88,14 +88,14 @@ def test_a_record_that_was_changed_is_found_unless_somebody_says_so(tmp_path, ch
     assert not any("was changed" in line for line in errors(tmp_path))
 
 
-def test_a_record_without_its_seal_is_worth_a_look(tmp_path):
+def test_a_record_without_a_seal_is_a_warning(tmp_path):
     edit(fill(tmp_path), lambda c: c["annotations"][1].pop(RECORD_KEY))
     (found,) = verify(tmp_path)
     assert found.severity == "warning"
     assert f"has no {RECORD_KEY}" in found.problem
 
 
-def test_old_datasets_and_photographs_are_read_as_they_are(tmp_path):
+def test_old_datasets_and_photographs_need_no_seals(tmp_path):
     fill(tmp_path, seals=False)
     journal = tmp_path / "journal.jsonl"
     old = [json.loads(line) for line in journal.read_text().splitlines()]
@@ -134,7 +134,7 @@ def _found(folder):
         return [error]
 
 
-def test_joining_keeps_the_seals_and_refuses_what_they_do_not_fit(tmp_path):
+def test_join_keeps_seals_and_refuses_records_that_do_not_match(tmp_path):
     part = fill(tmp_path / "part")
     fill(tmp_path / "all", key="e" * 64)
     join([part], tmp_path / "all")
@@ -145,7 +145,7 @@ def test_joining_keeps_the_seals_and_refuses_what_they_do_not_fit(tmp_path):
     assert not (tmp_path / "new").exists()
 
 
-def test_an_export_has_records_that_fit(tmp_path):
+def test_an_export_has_matching_seals(tmp_path):
     fill(tmp_path / "all")
     edit(tmp_path / "all", lambda c: c["images"][1].update(width=31))
     export(tmp_path / "all", tmp_path / "out", fractions=(1.0, 0.0, 0.0))
@@ -154,7 +154,7 @@ def test_an_export_has_records_that_fit(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["annotations.json", "journal.jsonl", "failures.jsonl", "provenance.json"])
-def test_a_pipe_in_place_of_a_file_is_not_waited_for(tmp_path, name):
+def test_a_pipe_in_place_of_a_file_does_not_block(tmp_path, name):
     part = fill(tmp_path / "part")
     (part / name).unlink(missing_ok=True)
     os.mkfifo(part / name)
@@ -162,7 +162,7 @@ def test_a_pipe_in_place_of_a_file_is_not_waited_for(tmp_path, name):
         join([part], tmp_path / "new")
 
 
-def test_a_pipe_in_place_of_a_picture_is_not_waited_for(tmp_path):
+def test_a_pipe_in_place_of_a_picture_does_not_block(tmp_path):
     name = "images/00000002.png"
     (fill(tmp_path) / name).unlink()
     os.mkfifo(tmp_path / name)
@@ -170,7 +170,7 @@ def test_a_pipe_in_place_of_a_picture_is_not_waited_for(tmp_path):
     assert "isn't a regular file" in line
 
 
-def test_a_name_of_a_megabyte_is_shown_in_part(tmp_path):
+def test_a_name_of_a_megabyte_is_abbreviated(tmp_path):
     edit(fill(tmp_path), lambda c: c["images"][1].update(file_name="x" * 1_000_000))
     assert max(len(str(finding)) for finding in verify(tmp_path)) < 3000
     with pytest.raises(DatasetError) as refused:
@@ -179,7 +179,7 @@ def test_a_name_of_a_megabyte_is_shown_in_part(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["images/./00000001.png", "images//00000001.png", "./images/00000001.png"])
-def test_two_names_of_one_file_are_one_name(tmp_path, name):
+def test_two_spellings_of_one_path_are_one_name(tmp_path, name):
     with CocoDataset.open(fill(tmp_path, 1)) as target, pytest.raises(ValueError, match="is in the dataset already"):
         target.append({"file_name": name, "width": 32, "height": 24}, [])
     edit(tmp_path, lambda c: c["images"].append({**c["images"][0], "id": 9, "file_name": name}))
@@ -187,7 +187,7 @@ def test_two_names_of_one_file_are_one_name(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", [".unfinished/1.png", "annotations.json", "Journal.jsonl", "logs/1.png", "."])
-def test_what_the_dataset_keeps_for_itself_is_no_name_of_a_picture(tmp_path, name):
+def test_names_of_the_datasets_own_files_are_refused_for_pictures(tmp_path, name):
     with (
         CocoDataset.open(tmp_path) as target,
         pytest.raises(ValueError, match="a path inside the dataset that is free"),

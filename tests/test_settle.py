@@ -45,7 +45,7 @@ def slope(angle, half=20.0):
 
 
 @pytest.mark.parametrize("rule", RULES)
-def test_on_a_slope_the_vehicle_lies_flat_on_it(rule):
+def test_a_vehicle_on_a_slope_is_parallel_to_it(rule):
     angle = math.radians(20)
     yaw = np.linspace(-3, 3, 7)
     settled = settle(slope(angle), TANK, np.tile([1.0, 2.0], (7, 1)), yaw, rules=SettleRules(rule=rule))
@@ -61,7 +61,7 @@ def test_on_a_slope_the_vehicle_lies_flat_on_it(rule):
     assert (settled.share == 1).all()
 
 
-def test_each_refusal_has_its_reason_and_leaves_what_was_not_reached_nan():
+def test_each_rejection_has_its_reason_and_later_fields_are_nan():
     ground = height_field(lambda x, y: np.where(x > 0, 4.0 * x, 0.0))
     xy = [[-10.0, 0.0], [10.0, 0.0], [100.0, 0.0], [-19.9, 0.0], [-0.2, 0.0]]
     settled = settle(Terrain(ground), TANK, xy, np.zeros(5))
@@ -98,14 +98,14 @@ def test_the_support_plane_finds_the_rest_pose_that_the_average_misses(height, n
     terrain = Terrain(height_field(height, half=8, cell=0.05))
     support = settle(terrain, TANK, [[0.0, 0.0]], [0.0], rules=SettleRules(rule="support", n=n))
     averaged = settle(terrain, TANK, [[0.0, 0.0]], [0.0], rules=SettleRules(rule="averaged", n=n))
-    # The reference stands on whole ground; samples 0.2 m apart miss the edge by at most that.
+    # The reference rests on solid ground; samples 0.2 m apart miss the edge by at most that.
     assert abs(nose_up(support) - rest) < 0.5
     assert abs(nose_up(averaged) - rest) > 1.5
     assert support.penetration[0] < 0.02 < averaged.penetration[0]
 
 
-def test_the_margin_is_how_far_the_center_lies_inside_its_contacts():
-    # Three cones to stand on, under samples of 5 x 5: the nose, and both sides 1.75 m behind the center.
+def test_the_margin_is_the_distance_of_the_center_from_the_contact_polygon():
+    # Three cones as feet, under samples of 5 x 5: at the nose, and on both sides 1.75 m behind the center.
     def cones(x, y):
         return sum(np.maximum(0.0, 0.2 - np.hypot(x - a, y - b)) for a, b in ((3.5, 0), (-1.75, 1.75), (-1.75, -1.75)))
 
@@ -118,7 +118,7 @@ def test_the_margin_is_how_far_the_center_lies_inside_its_contacts():
     assert np.isnan(settle(terrain, TANK, xy, yaw, rules=SettleRules(rule="averaged")).margin).all()
 
 
-def test_a_bump_between_the_rays_is_seen_by_the_denser_measurement():
+def test_the_denser_measurement_finds_a_bump_between_the_rays():
     terrain = Terrain(height_field(lambda x, y: 0.4 * np.exp(-(x**2 + (y - 0.44) ** 2) / 0.15**2), half=8, cell=0.05))
     free, limited = (
         settle(terrain, TANK, [[0.0, 0.0]], [0.0], rules=SettleRules(max_penetration=d)) for d in (math.inf, 0.3)
@@ -134,7 +134,7 @@ def test_a_gap_over_a_hole_is_limited():
     np.testing.assert_allclose(settled.gap, 1.0, atol=1e-9)
 
 
-def test_the_footprint_may_lie_off_the_origin():
+def test_the_footprint_can_be_off_the_origin():
     ground = Terrain(height_field(lambda x, y: 0.1 * x + np.where(x > 2.1, 5.0, 0.0)))
     whole = settle(ground, TANK, [[0.0, 0.0]], [0.0])
     rear = settle(ground, TANK, [[0.0, 0.0]], [0.0], footprint=[[-3.5, -1.75], [1.5, 1.75]])
@@ -146,15 +146,15 @@ def test_the_footprint_may_lie_off_the_origin():
 RAILS = underside(tank(belly=0.45))
 
 
-STEEP = 1.2  # the sides of a ridge are no slope to be refused
+STEEP = 1.2  # the sides of a ridge aren't slopes to refuse
 
 
 def along(height, half_width=0.5):
-    """A ridge along x whose crest is that high."""
+    """A ridge along x of this height."""
     return Terrain(height_field(lambda x, y: np.maximum(0, height * (1 - np.abs(y) / half_width)), half=8, cell=0.1))
 
 
-def test_a_ridge_that_fits_between_the_rails_lifts_nothing():
+def test_a_ridge_that_fits_between_the_rails_does_not_lift_the_vehicle():
     yaw = [0.0, math.pi]
     plate, rails = (
         settle(along(0.4), TANK, [[0.5, 0.0]] * 2, yaw, footprint=f, rules=SettleRules(max_slope=STEEP))
@@ -167,15 +167,15 @@ def test_a_ridge_that_fits_between_the_rails_lifts_nothing():
         np.testing.assert_array_equal([settled.gap, settled.penetration], np.zeros((2, 2)))
 
 
-def test_a_ridge_higher_than_the_belly_carries_it():
+def test_a_ridge_higher_than_the_belly_carries_the_vehicle():
     settled = settle(along(0.6), TANK, [[0.0, 0.0]], [0.0], footprint=RAILS, rules=SettleRules(max_slope=STEEP))
     np.testing.assert_allclose(settled.world_from_vehicle[0, :3, 2], [0, 0, 1], atol=1e-12)
     np.testing.assert_allclose(settled.world_from_vehicle[0, 2, 3], 0.15, atol=1e-12)
     np.testing.assert_allclose([settled.gap[0], settled.penetration[0]], [0.15, 0.0], atol=1e-12)
 
 
-def test_an_axle_between_the_samples_is_stood_on():
-    # A bump under both middle wheels; samples of 5 x 5 are 0.75 m away from it.
+def test_an_axle_between_the_samples_can_carry_the_vehicle():
+    # A bump under both middle wheels, 0.75 m from samples of 5 x 5.
     six = underside(wheels(-2.9, 0.75, 2.9))
     bump = Terrain(height_field(lambda x, y: np.where(np.abs(x - 0.75) < 0.25, 0.2, 0.0), half=8, cell=0.05))
     plate, seen = (settle(bump, TANK, [[0.0, 0.0]], [0.0], footprint=f) for f in (six.box, six))
@@ -186,8 +186,8 @@ def test_an_axle_between_the_samples_is_stood_on():
 
 @pytest.mark.parametrize("corners", [[(-2, 1.5), (2, 1.5), (-2, -1.5)], [(-2, -1), (2, 1.5), (-2, -1.5)]])
 @pytest.mark.parametrize("mirror", [1.0, -1.0])
-def test_a_triangular_footprint_stands_wherever_its_middle_is(corners, mirror):
-    # The middle of its bounding box is on the long side of one, and outside the other: both found no place anywhere.
+def test_a_triangular_footprint_rests_in_either_direction(corners, mirror):
+    # The center of its bounding box is on the long side of one and outside the other; neither found a place.
     base = np.array(corners, dtype=float) * [1.0, mirror]
     vertices = np.concatenate([np.column_stack([base, np.full(3, z)]) for z in (0.0, 1.0)])
     walls = [[i, j, 3 + j] for i, j in ((0, 1), (1, 2), (2, 0))] + [
@@ -225,6 +225,6 @@ def test_a_wrong_call_names_the_argument(options, message):
         ([7.0, 0.0, 2.5], {}, r"size_xyz: expected lengths above 0, got \[7.0, 0.0, 2.5\]"),
     ],
 )
-def test_a_vehicle_or_thread_count_that_cannot_be_is_refused(size, options, message):
+def test_an_invalid_vehicle_or_thread_count_is_refused(size, options, message):
     with pytest.raises(ValueError, match=message):
         settle(slope(0.1), size, [[0.0, 0.0]], [0.0], **options)

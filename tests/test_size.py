@@ -12,7 +12,7 @@ POINTS = np.random.default_rng(0).uniform(-1, 1, (60, 3)) * [3.5, 1.7, 1.2]
 
 
 def test_a_size_that_no_distance_gives_is_nan() -> None:
-    # The point that comes nearest stays in the middle, so the height stays below that of the far corners.
+    # The closest point stays in the center, so the height stays below that of the far corners.
     arrow = np.array([[5.0, 0, 0], [-1, 1, 1], [-1, -1, 1], [-1, 0, -1]])
     pose = camera_pose([0, 0, 0], 50.0, 0.0, 0.0)[None]
     limit = 2 * HD.f_px / 6

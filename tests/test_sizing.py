@@ -1,4 +1,4 @@
-"""Targets as large as asked: the exact measures of `camera.size_measure`, from config to plan to check."""
+"""Targets of the requested size: the exact measures of `camera.size_measure`, from config to plan to check."""
 
 import math
 
@@ -10,7 +10,7 @@ from hulldown.geometry.transforms import apply
 from hulldown.planning.row import encode_rows
 from hulldown.tests.planning_assets import plan, small_assets, small_config
 
-# Of the wanted size: what the plan promises.
+# relative to the requested size, as plans promise
 RELATIVE = 1e-9
 MEASURES = {
     "height": lambda w, h: h / 1080,
@@ -32,7 +32,7 @@ def config_of(**camera):
 
 
 def amodal_size(row, assets):
-    """By the exact rule, from the row's poses alone."""
+    """Size by the exact rule, from the row's poses alone."""
     shape = assets.vehicles[row.target.vehicle]
     vertices = apply(row.target.world_from_vehicle, shape.vertices_at(row.target.articulation))
     return surface_box(vertices, shape.mesh.faces, row.camera, frame=False)[2:]
@@ -40,14 +40,14 @@ def amodal_size(row, assets):
 
 @pytest.mark.parametrize("truncated", [[0.0, 0.0], [0.1, 0.4]], ids=["whole", "cut"])
 @pytest.mark.parametrize("measure", MEASURES)
-def test_the_box_has_the_size_that_was_asked_for(assets, measure, truncated):
+def test_the_box_has_the_requested_size(assets, measure, truncated):
     config = config_of(size_measure=measure, target_fraction=0.15, framing=1.0, truncated_fraction=truncated)
     for row in plan(config, assets):
         assert MEASURES[measure](*amodal_size(row, assets)) == pytest.approx(0.15, rel=RELATIVE)
         assert truncated[0] <= row.target.truncated_fraction <= truncated[1]
 
 
-def test_sizes_fill_their_range_and_the_factor_plays_no_part(assets):
+def test_sizes_cover_their_range_and_the_distance_factor_is_unused(assets):
     options = {"size_measure": "area", "target_fraction": [0.0005, 0.0044]}
     rows = list(plan(config_of(**options, distance_factor=1.0), assets))
     shares = [MEASURES["area"](*amodal_size(row, assets)) for row in rows]
@@ -56,7 +56,7 @@ def test_sizes_fill_their_range_and_the_factor_plays_no_part(assets):
 
 
 def test_a_size_that_no_distance_gives_is_counted(assets):
-    # A box ten times as high as the image has the camera among the vehicle's vertices, or too near the vehicle.
+    # A box ten times as high as the image needs a camera inside the vehicle or too close to it.
     config = config_of(
         size_measure="height", target_fraction=[0.3, 10.0], truncated_fraction=[0.0, 1.0], distance_m=[0.0, 5000.0],
         obstacle_clearance=0.0, fov_x_deg=120.0, max_tries=500,

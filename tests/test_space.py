@@ -1,4 +1,4 @@
-"""Boxes in space that labels have: they hold the vehicle, are seen where it is seen, and are checked."""
+"""3D boxes of labels: they contain the vehicle, project onto it, and are checked."""
 
 import copy
 import math
@@ -34,7 +34,7 @@ def points_of(assets, vehicle, row):
     return apply(np.linalg.inv(row.world_from_camera), points)
 
 
-def test_the_box_holds_every_vertex_and_none_of_its_sides_is_loose(assets, rows):
+def test_the_box_contains_every_vertex_and_touches_some_on_each_side(assets, rows):
     for row in rows:
         for vehicle in row.vehicles:
             box = space_of(vehicle, row)["bbox_3d"]
@@ -43,7 +43,7 @@ def test_the_box_holds_every_vertex_and_none_of_its_sides_is_loose(assets, rows)
             np.testing.assert_allclose(inside.max(axis=0), np.array(box["size"]) / 2, rtol=0, atol=1e-7)
 
 
-def test_the_box_is_seen_around_the_label(rows):
+def test_the_projected_box_contains_the_label(rows):
     for row in rows:
         label = label_records(row)[0]
         corners = corners_of(label["bbox_3d"])
@@ -55,7 +55,7 @@ def test_the_box_is_seen_around_the_label(rows):
         assert (seen.max(axis=0) >= [x + w - 1e-3, y + h - 1e-3]).all()
 
 
-def test_distance_and_side_are_those_of_the_center(rows):
+def test_distance_and_azimuth_are_those_of_the_center(rows):
     for row in rows:
         label = label_records(row)[0]
         assert label["distance"] == pytest.approx(np.linalg.norm(label["bbox_3d"]["center"]), abs=1e-8)
@@ -65,7 +65,7 @@ def test_distance_and_side_are_those_of_the_center(rows):
         assert label["azimuth_seen"] == pytest.approx(math.atan2(eye[1], eye[0]), abs=1e-8)
 
 
-def test_kittis_turn_and_place_are_the_boxs(rows):
+def test_kittis_rotation_and_location_are_the_boxs(rows):
     for row in rows:
         label = label_records(row)[0]
         numbers = [float(word) for word in label_line(label, "tank").split()[1:]]
@@ -94,7 +94,7 @@ def turned(box):
         (lambda label: label["bbox_3d"]["rotation"][1].__setitem__(0, 2.0), "rotation that is none"),
     ],
 )
-def test_a_box_that_is_none_is_found(rows, change, problem):
+def test_an_invalid_box_is_found(rows, change, problem):
     label = copy.deepcopy(label_records(rows[0])[0])
     assert list(check_space(label)) == []
     change(label)

@@ -1,4 +1,4 @@
-"""Files as other programs write them, read in one process: what's made of them, and what a person is told."""
+"""Files from other programs, read in one process: their interpretation, and messages to the user."""
 
 from dataclasses import replace
 
@@ -68,7 +68,7 @@ ATLAS = "newmtl m\nillum 2\nmap_Kd atlas.png\n"
 
 
 def write_obj(path, parts, materials, mtl, uv=None):
-    """Write named meshes with z up as OBJ with y up; each has one texture coordinate, in `uv` or 0."""
+    """Write named meshes with z up as OBJ with y up; each has one texture coordinate, from `uv` or 0."""
     path.parent.mkdir(parents=True)
     path.with_suffix(".mtl").write_text(mtl)
     lines, count = [f"mtllib {path.stem}.mtl"], 1
@@ -105,7 +105,7 @@ def curb(half, width):
 
 @pytest.fixture(scope="module")
 def read(tmp_path_factory):
-    """What each file is read as, by its name."""
+    """The assets read from each file, by its name."""
     folder = tmp_path_factory.mktemp("strangers")
     tree = box([1, 1, 6], [100, 100, 3])
     files = {
@@ -149,7 +149,7 @@ def read(tmp_path_factory):
         (folder / "moved" / name).parent.mkdir(parents=True, exist_ok=True)
         Image.new("RGB", (4, 4), (level, level, level)).save(folder / "moved" / name)
     Image.new("RGB", (4, 4)).save(folder / "white/Diffuse.png")
-    atlas = Image.new("RGB", (8, 8), "white")  # with a white border that no face shows
+    atlas = Image.new("RGB", (8, 8), "white")  # with a white border that no face uses
     atlas.paste((60, 66, 40), (1, 1, 4, 7))
     atlas.paste((25, 25, 27), (5, 1, 7, 7))
     atlas.save(folder / "atlas/atlas.png")
@@ -201,24 +201,24 @@ def read(tmp_path_factory):
     return {name: exported_by(job) for name, job in zip(files, jobs, strict=True)}
 
 
-def test_only_what_an_mtl_calls_glass_is_glass(read):
+def test_only_materials_that_an_mtl_names_glass_are_glass(read):
     rows = {row.name: row.left_alone for row in read["max"].report.materials}
     assert rows == {"body": "", "window": "it is transparent"}
 
 
-def test_a_vehicle_of_glass_is_a_doubt(read):
+def test_a_vehicle_made_of_glass_is_a_doubt(read):
     assert any("of its surface is transparent" in doubt for doubt in read["clear"].report.doubts)
     assert not any("of its surface is transparent" in doubt for doubt in read["max"].report.doubts)
 
 
-def test_a_white_vehicle_may_have_lost_its_textures(read):
+def test_a_white_vehicle_is_a_doubt_about_lost_textures(read):
     doubts = {name: [d for d in read[name].report.doubts if "white or light gray" in d] for name in read}
     assert [len(doubts[name]) for name in ("max", "plain", "atlas", "pivots", "white")] == [0, 0, 0, 1, 1]
     assert "'Diffuse.png'" in doubts["white"][0]
     assert "beside it" not in doubts["pivots"][0]
 
 
-def test_a_texture_is_found_near_the_file_where_only_one_can_be_meant(read):
+def test_an_unambiguous_texture_near_the_file_is_found(read):
     doubts = read["moved"].report.doubts
     assert any(
         "skin.png" in doubt and "'../materials/textures/skin.png' is used in its place" in doubt for doubt in doubts
@@ -229,19 +229,19 @@ def test_a_texture_is_found_near_the_file_where_only_one_can_be_meant(read):
     assert skin.color[0] < 0.2
 
 
-def test_a_sheet_over_the_whole_scenery_is_a_doubt_whatever_it_is_called(read):
+def test_a_sheet_over_the_whole_scenery_is_a_doubt_with_any_name(read):
     assert any("'Grass' is a level sheet 6.0 m above" in doubt for doubt in read["sheet"].report.doubts)
     assert not any("level sheet" in doubt for doubt in read["pit"].report.doubts)
 
 
-def test_ground_far_below_the_main_ground_is_none(read):
+def test_ground_far_below_the_main_ground_is_dropped(read):
     uses = {row.name: row.use for row in read["pit"].report.rows}
     assert uses == {"Terrain": "ground", "Terrain_low": "obstacle", "tree": "obstacle"}
     assert load_scenery(read["pit"].bundle).ground.vertices[:, 2].min() > -3.0
     assert any("'Terrain_low' isn't used as ground" in doubt for doubt in read["pit"].report.doubts)
 
 
-def test_an_hdri_with_a_sun_of_one_color_is_a_doubt(tmp_path):
+def test_an_hdri_with_a_one_colored_sun_is_a_doubt(tmp_path):
     pixels = np.full((32, 64, 4), (128, 128, 128, 128), dtype=np.uint8)
     for name, sun in (("white", (200, 200, 200, 142)), ("blue", (0, 0, 200, 142))):
         pixels[6, 10] = sun
@@ -253,7 +253,7 @@ def test_an_hdri_with_a_sun_of_one_color_is_a_doubt(tmp_path):
     assert "tinted" in blue.doubts[0]
 
 
-def test_serious_doubts_come_first_in_one_warning_for_each_file(read):
+def test_serious_doubts_come_first_in_one_warning_per_file(read):
     doubts = {name: read[name].report.doubts for name in ("max", "moved", "clear", "sheet", "pit")}
     lines = warnings_of(doubts)
     assert [line.partition("\n")[0] for line in lines] == ["moved", "clear", "sheet", "max", "pit"]
@@ -261,7 +261,7 @@ def test_serious_doubts_come_first_in_one_warning_for_each_file(read):
     assert "missing: " in lines[0].splitlines()[1]
 
 
-def test_land_on_an_hdri_is_hidden_or_counted_where_the_terrain_ends(tmp_path):
+def test_land_in_an_hdri_is_hidden_or_reported_where_the_terrain_ends(tmp_path):
     plain = np.full((64, 128, 3), 0.3)
     grass = plain * np.where(np.arange(128) % 2, 1.0, 0.4)[:, None]
     assert shows_land(grass)
@@ -273,7 +273,7 @@ def test_land_on_an_hdri_is_hidden_or_counted_where_the_terrain_ends(tmp_path):
         plan = write_plan(config, assets, tmp_path / f"{backdrop}.jsonl")
         seen[backdrop] = land_above_horizon(plan, assets)
     images = len(plan)
-    assert images > seen["hdri"][0] > 0, "hills end and the bare plane doesn't"
+    assert images > seen["hdri"][0] > 0, "hills end, the fallback plane doesn't"
     assert seen == {"hdri": (seen["hdri"][0], images), "auto": (0, images)}
 
 
@@ -281,20 +281,20 @@ def test_land_on_an_hdri_is_hidden_or_counted_where_the_terrain_ends(tmp_path):
     ("light", "kept"),
     [((0.54, 0.8, 1.08), 0.0), ((1.0, 1.0, 1.0), 0.0), ((1.0, 0.45, 0.12), 1.0), ((0.1, 0.1, 1.0), 1.0)],
 )
-def test_fog_is_gray_unless_the_light_is_colored(light, kept):
+def test_fog_is_gray_unless_the_light_has_a_color(light, kept):
     light = np.array(light)
     gray = light @ LUMINANCE * np.ones(3)
     np.testing.assert_allclose(airlight("fog", light), gray + kept * (light - gray))
     assert not airlight("fog", np.zeros(3)).any()
 
 
-def test_paint_leaves_tires_and_windows_by_part_by_color_or_not_at_all(read):
+def test_paint_keeps_tires_and_windows_by_part_by_color_or_not_at_all(read):
     rows = {name: read[name].report.materials[0] for name in ("max", "atlas", "dim", "plain")}
     assert rows["max"].left_alone == "", "its wheels are named"
     assert rows["atlas"].left_alone == "", rows
     assert rows["atlas"].keeps_dark
     olive = linear_color("#3c4228")
-    np.testing.assert_allclose(rows["atlas"].color, olive, rtol=0.05)  # neither tires nor white that isn't shown
+    np.testing.assert_allclose(rows["atlas"].color, olive, rtol=0.05)  # neither tires nor unused white pixels
     assert all("nothing tells" in rows[name].left_alone for name in ("dim", "plain"))
     (doubt,) = paint_doubts([PaintEntry(colors=("#4b5320",))], [rows["plain"]])
     assert "give its whole name" in doubt
@@ -308,22 +308,22 @@ def test_paint_leaves_tires_and_windows_by_part_by_color_or_not_at_all(read):
         (["light tank 1", "light tank 2", "light tank 3", "antenna"], [1, 1, 1, 1], [False] * 4),
     ],
 )
-def test_parts_are_left_alone_by_name(names, materials, kept):
+def test_parts_are_left_unpainted_by_name(names, materials, kept):
     assert parts_left_alone(names, np.ones(4), materials).tolist() == kept
 
 
-def test_flat_tubes_tell_nothing_and_names_outweigh_raised_ones(read):
+def test_flat_tubes_are_no_evidence_and_names_outweigh_raised_tubes(read):
     reports = {name: read[name].report for name in ("raised", "signed", "flat")}
     assert any("only its raised tubes tell" in doubt for doubt in reports["raised"].doubts)
     assert any("what is named front is at the other" in doubt for doubt in reports["signed"].doubts)
     assert "names of what is in front" in reports["flat"].axes
-    for name in ("signed", "flat"):  # the cab is ahead
+    for name in ("signed", "flat"):  # the cab is in front
         shape = load_vehicle(read[name].bundle)
         high = shape.mesh.vertices[shape.mesh.vertices[:, 2] > 2.6]
         assert high[:, 0].max() > 4.0
 
 
-def test_pivot_helpers_are_pivots_and_what_stands_on_the_turret_turns(read):
+def test_pivot_helpers_are_pivots_and_objects_on_the_turret_turn(read):
     shape = load_vehicle(read["pivots"].bundle)
     parts = {row.name: row.use for row in read["pivots"].report.rows}
     assert {parts[name] for name in ("turretgunbase", "gun_rack", "turretpivot")} == {"turret"}
@@ -347,7 +347,7 @@ def test_a_tire_and_its_rim_are_one_wheel(read):
         ({"name": "suv", "category": "car", "scale": 0.001, "allow_missing": True}, ""),
     ],
 )
-def test_a_vehicle_of_odd_size_or_without_its_textures_is_refused_unless_allowed(tmp_path, entry, problem):
+def test_a_vehicle_of_odd_size_or_without_textures_is_refused_unless_allowed(tmp_path, entry, problem):
     big = {name: part.copy().apply_scale(1000) for name, part in CAR.items()}
     write_obj(tmp_path / "cars/suv.obj", big, {"*": "tire"}, MOVED)
     write_obj(tmp_path / "land/land.obj", {"Terrain": hills()}, {"*": "body"}, "")
@@ -376,19 +376,19 @@ def test_dropping_the_hull_is_a_doubt_and_many_pieces_get_a_pattern():
     assert 'ground = ["TERR*"]' in doubts[0]
 
 
-def test_a_gun_that_sticks_out_decides_which_way_a_hull_faces(read):
-    """Item 9: the gun's mesh has its mantlet in it, so that it's no slender barrel."""
+def test_a_protruding_gun_shows_the_front_of_a_hull(read):
+    """The gun's mesh includes its mantlet, so it isn't a slender barrel."""
     assert "'Mesh_Canon' sticks out there" in read["howitzer"].report.axes
     assert not any("set forward" in doubt for doubt in read["howitzer"].report.doubts)
 
 
-def test_a_vehicle_on_show_is_told_from_its_platform_and_faces_along_its_gun(read):
+def test_a_vehicle_on_a_show_platform_faces_along_its_gun(read):
     uses = {row.name: row.use for row in read["shown"].report.rows}
     assert (uses["Show_Platform"], uses["tower"], uses["gun"]) == ("dropped", "turret", "gun")
     assert "along its gun, 'gun' points ahead" in read["shown"].report.axes
 
 
-def test_a_curb_around_a_track_is_no_water(read):
+def test_a_curb_around_a_track_is_not_water(read):
     uses = {row.name: row.use for row in read["track"].report.rows}
     assert uses == {"Terrain": "ground", "Object_7": "obstacle"}
 
@@ -400,13 +400,13 @@ def test_a_lawn_as_wide_as_the_scenery_is_ground(read):
     assert {row.name: row.use for row in read["sheet"].report.rows}["Grass"] == "obstacle"
 
 
-def test_a_terrain_that_stands_upright_is_a_doubt_with_its_key(read):
+def test_an_upright_terrain_is_a_doubt_with_the_key_to_set(read):
     """Robot simulators write .obj files with z up."""
     (doubt,) = (doubt for doubt in read["upright"].report.doubts if "stands on its edge" in doubt)
     assert 'set up = "z"' in doubt
 
 
-def test_ground_with_houses_in_its_mesh_is_a_doubt(read):
+def test_ground_that_includes_houses_is_a_doubt(read):
     assert any("'Ground' is ground, and 5" in doubt for doubt in read["village"].report.doubts), read[
         "village"
     ].report.doubts
@@ -414,7 +414,7 @@ def test_ground_with_houses_in_its_mesh_is_a_doubt(read):
 
 
 @pytest.mark.parametrize(("group", "asked"), [("Grp_Upper", 1), ("Grp_Door_FL", 0), ("Interior", 0)])
-def test_a_group_may_turn_unless_its_name_says_that_it_cannot(group, asked):
+def test_a_group_can_turn_unless_its_name_excludes_it(group, asked):
     pieces = [piece("lower", size=(6, 3, 1), at=(0, 0, 0.5))]
     pieces += [piece(name, group, size=(1, 1, 1), at=(0, 0, 2)) for name in ("left", "right")]
     bounds = np.array([one.bounds for one in pieces])

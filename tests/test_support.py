@@ -9,7 +9,7 @@ GRID = np.stack(np.meshgrid(np.linspace(-3.5, 3.5, 5), np.linspace(-1.75, 1.75, 
 
 
 def slow_twin(xy, heights, valid):
-    """Of all triangles around the center, the one that carries it highest: the dual, tried one by one."""
+    """The highest triangle around the center that carries it, compared with trying all of the dual's."""
     best = -np.inf
     center = NUDGE * np.ptp(xy, axis=0)
     for corners in itertools.combinations(np.flatnonzero(valid), 3):
@@ -33,7 +33,7 @@ def test_the_plane_is_the_lowest_above_all_samples(share):
     assert plane.found.mean() > 0.5
     f = plane.found
     at_center = plane.height[f] + plane.gradient[f] @ (NUDGE * np.ptp(GRID, axis=0))
-    # Where the plane may tip several ways, their mean is as high at the center and not quite beside it.
+    # Where several planes touch, their mean has the same height at the center, but not around it.
     np.testing.assert_allclose(at_center, expected[f], atol=1e-5)
     above = plane.height[f, None] + plane.gradient[f] @ GRID.T - heights[f]
     assert above[valid[f]].min() > -1e-11
@@ -41,20 +41,20 @@ def test_the_plane_is_the_lowest_above_all_samples(share):
     assert np.take_along_axis(valid[f], plane.contacts[f], axis=1).all()
 
 
-def test_over_an_edge_it_tips_to_the_mean_of_both_sides():
+def test_over_an_edge_the_plane_is_the_mean_of_both_sides():
     roof = np.where(GRID[:, 0] < 0, 0.2, -0.4) * GRID[:, 0]
-    roof[12] = -1.0  # nothing right below the center
+    roof[12] = -1.0  # nothing directly below the center
     both = np.ones((1, 25), dtype=bool)
     np.testing.assert_allclose(support_plane(GRID, roof[None], both).gradient, [[-0.1, 0.0]], atol=1e-15)
-    # Where there is no ground beyond the edge there is one side only.
+    # Without ground beyond the edge there's only one side.
     one = (GRID[:, 0] >= 0)[None]
     np.testing.assert_allclose(support_plane(GRID, roof[None], one).gradient, [[-0.4, 0.0]], atol=1e-15)
 
 
 @pytest.mark.parametrize("n", [2, 3, 4, 9, 21])
 @pytest.mark.parametrize("share", [1.0, 0.6])
-def test_at_any_density_the_contacts_touch_surround_the_center_and_nothing_is_above(n, share):
-    # By duality no lower plane exists then. Steps of 0.1 m, so that many triangles tie.
+def test_at_any_density_contacts_touch_surround_the_center_and_nothing_is_above(n, share):
+    # By duality there's no lower plane then. Steps of 0.1 m give many ties.
     rng = np.random.default_rng(n)
     side = np.linspace(-1, 1, n)
     xy = np.stack(np.meshgrid(3.5 * side, 1.75 * side, indexing="ij"), -1).reshape(-1, 2)
@@ -74,7 +74,7 @@ def test_at_any_density_the_contacts_touch_surround_the_center_and_nothing_is_ab
     assert above[valid[f]].min() > -1e-11
 
 
-def test_the_margin_is_the_distance_from_the_center_to_the_nearest_side():
+def test_the_margin_is_the_distance_from_the_center_to_the_closest_side():
     heights = np.full((1, 25), -1.0)
     on = [np.flatnonzero((at == GRID).all(axis=1))[0] for at in ([3.5, 0.0], [-1.75, 1.75], [-1.75, -1.75])]
     heights[0, on] = 0.0
@@ -92,6 +92,6 @@ def test_few_samples_and_no_rows_are_legal():
     assert not support_plane(line, np.zeros((3, 2)), np.ones((3, 2), bool)).found.any()
 
 
-def test_relief_too_small_to_divide_by_is_flat():
+def test_relief_below_the_smallest_divisor_is_flat():
     plane = support_plane(GRID, 1e-308 * GRID[:, 0][None], np.ones((1, 25), dtype=bool))
     np.testing.assert_allclose(plane.gradient, [[0.0, 0.0]], atol=1e-300)

@@ -35,7 +35,7 @@ def sheets_of(mesh):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_slope_has_its_height_normal_and_face(method):
+def test_a_slope_has_the_right_height_normal_and_face(method):
     mesh = Mesh(np.array([[0.0, 0, 0], [4, 0, 2], [0, 4, 0]]), np.array([[0, 2, 1]]))
     hits = Terrain(mesh).top_hits([[1, 1], [3, 3]], method=method)
     assert hits.face.tolist() == [0, -1]
@@ -45,7 +45,7 @@ def test_a_slope_has_its_height_normal_and_face(method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_no_points_are_no_hits(method):
+def test_zero_points_give_zero_hits(method):
     hits = Terrain(sheet(0.0)).top_hits(np.empty((0, 2)), method=method)
     assert hits.z.shape == (0,)
     assert hits.normal.shape == (0, 3)
@@ -53,7 +53,7 @@ def test_no_points_are_no_hits(method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_points_at_the_ends_of_float64_miss_without_a_warning(method):
+def test_points_at_the_limits_of_float64_miss_without_a_warning(method):
     far = np.array([[1e308, -1e308], [-1e308, 1e308], [5e-324, -1e308], [1.7e308, 1.7e308]])
     hits = Terrain(hills(5)).top_hits(np.concatenate([np.tile(far, (2000, 1)), [[2.5, 2.5]]]), method=method)
     assert hits.hit.tolist() == [False] * 8000 + [True]
@@ -61,7 +61,7 @@ def test_points_at_the_ends_of_float64_miss_without_a_warning(method):
 
 def test_ties_go_to_the_lowest_face():
     mesh = merge([sheet(0.0), sheet(0.0)])[0]
-    # inside, on the diagonal, on a corner, on the far borders that Embree never hits
+    # inside, on the diagonal, on a corner, and on the far borders that Embree never hits
     xy = [[3, 1], [1, 3], [5, 5], [0, 0], [10, 5], [5, 10]]
     assert Terrain(mesh).top_hits(xy).face.tolist() == [
         0,
@@ -75,7 +75,7 @@ def test_ties_go_to_the_lowest_face():
     assert Terrain(backward).top_hits(xy).face.tolist() == [1, 0, 0, 0, 1, 0]
 
 
-def test_upright_and_empty_triangles_are_no_ground():
+def test_vertical_and_empty_triangles_are_not_ground():
     wall = [[0.0, 0, 0], [1, 1, 0], [0.5, 0.5, 9]]
     line = [[0.0, 0, 7], [1, 0, 7], [3, 0, 7]]
     point = [[0.5, 0.5, 5]] * 3
@@ -87,12 +87,12 @@ def test_upright_and_empty_triangles_are_no_ground():
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_mesh_of_walls_alone_is_hit_nowhere(method):
+def test_a_mesh_of_walls_is_never_hit(method):
     terrain = Terrain(Mesh(np.array([[0.0, 0, 0], [1, 1, 0], [0.5, 0.5, 9]]), np.array([[0, 1, 2]])))
     assert not terrain.top_hits([[0.5, 0.5], [0, 0]], method=method).hit.any()
 
 
-def test_clean_ground_is_proven_to_be_one_sheet_but_for_its_border():
+def test_clean_ground_is_certified_as_one_sheet_except_at_its_border():
     sheets = sheets_of(hills(20))
     xy = np.random.default_rng(0).uniform(1, 19, (2000, 2))
     assert (sheets.state(*xy.T.copy()) == SINGLE).all()
@@ -100,15 +100,15 @@ def test_clean_ground_is_proven_to_be_one_sheet_but_for_its_border():
     assert (sheets.state(np.array([-9.0, 40.0]), np.array([10.0, 1e9])) == EMPTY).all()
 
 
-def test_a_hole_is_proven_empty_inside():
+def test_a_hole_is_certified_empty():
     outer = hills(20)
     kept = np.abs(outer.triangles[:, :, :2] - 10).max(axis=(1, 2)) > 4
     sheets = sheets_of(Mesh(outer.vertices, outer.faces[kept]))
     assert (sheets.state(np.array([10.0, 2.0]), np.array([10.0, 2.0])) == [EMPTY, SINGLE]).all()
 
 
-def test_a_long_border_across_many_cells_is_marked_all_along():
-    large = sheet(0.0, high=1000.0)  # its diagonal is no border; a strip laid across it has two
+def test_a_long_border_across_many_cells_is_marked_along_its_length():
+    large = sheet(0.0, high=1000.0)  # its diagonal is no border; a strip placed across it has two
     strip = Mesh(np.array([[100.0, 0, 1], [103.0, 0, 1], [900.0, 1000, 1]]), np.array([[0, 1, 2]]))
     mesh = merge([large, hills(40), strip])[0]
     xy = np.column_stack([np.linspace(101, 899, 300), np.linspace(0.1, 999, 300)])
@@ -127,7 +127,7 @@ def test_threads_and_batches_change_nothing():
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_the_methods_agree_where_float32_suffices(method):
+def test_the_methods_agree_where_float32_is_enough(method):
     mesh = hills(30)
     xy = np.random.default_rng(2).uniform(1, 29, (5000, 2))
     certified, other = Terrain(mesh).top_hits(xy), Terrain(mesh).top_hits(xy, method=method)
@@ -158,30 +158,30 @@ def test_the_plane_is_hit_everywhere(method):
         ([[0, 0]], {"threads": 0}, r"threads: expected at least 1, got 0"),
     ],
 )
-def test_wrong_calls_are_named(xy, options, message):
+def test_the_error_of_a_wrong_call_names_the_argument(xy, options, message):
     with pytest.raises(ValueError, match=message):
         Terrain(sheet(0.0)).top_hits(xy, **options)
 
 
-def test_an_unknown_method_is_named():
+def test_an_unknown_method_is_refused():
     with pytest.raises((ValueError, TypeError), match="method"):
         Terrain(sheet(0.0)).top_hits([[0, 0]], method="fast")
 
 
 @pytest.mark.parametrize("high", [1e31, 1e300])
-def test_coordinates_out_of_all_proportion_are_refused(high):
+def test_coordinates_of_extreme_size_are_refused(high):
     with pytest.raises(ValueError, match="mesh 'mesh': expected coordinates within 1e30 m"):
         Terrain(sheet(0.0, high=high))
 
 
-def test_vertices_that_no_face_uses_may_be_anywhere():
+def test_unused_vertices_can_be_anywhere():
     mesh = sheet(1.0)
     stray = Mesh(np.vstack([mesh.vertices, [1e300, -1e300, 1e300]]), mesh.faces)
     assert Terrain(stray).top_hits([[5, 5]]).z.tolist() == [1.0]
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-160, 1e-30, 1e29])
-def test_ground_of_any_size_is_answered(scale):
+def test_ground_of_any_size_works(scale):
     mesh = hills(3)
     mesh = Mesh(mesh.vertices * scale, mesh.faces)
     xy = np.random.default_rng(3).uniform(-1, 4, (40, 2)) * scale

@@ -40,7 +40,7 @@ def test_a_tiny_turn_keeps_its_digits():
     assert turn[1, 1] == 1.0
 
 
-def test_rigid_inverses_undo():
+def test_inverses_of_rigid_transforms():
     pose = rigid(some_rotations(), np.random.default_rng(2).uniform(-1e6, 1e6, (20, 3)))
     np.testing.assert_allclose((invert_rigid(pose) @ pose)[:, :3, :3], np.tile(np.eye(3), (20, 1, 1)), atol=1e-14)
     np.testing.assert_allclose((invert_rigid(pose) @ pose)[:, :3, 3], 0, atol=1e-8)
@@ -81,7 +81,7 @@ def test_a_wrong_call_names_the_argument(call, message):
         call()
 
 
-def test_products_written_out_are_those_of_matrices():
+def test_products_written_out_equal_matrix_products():
     rng = np.random.default_rng(5)
     c_from_b, b_from_a = np.tile(np.eye(4), (2, 7, 1, 1))
     c_from_b[:, :3], b_from_a[:, :3] = rng.normal(size=(2, 7, 3, 4))

@@ -1,4 +1,4 @@
-"""Objects that are read without being evaluated are read as if they were."""
+"""Objects that are read without evaluation equal evaluated ones."""
 
 import json
 import subprocess
@@ -12,7 +12,7 @@ from hulldown.assets.bundle import load_scenery
 
 SCRIPT = Path(__file__).with_name("twin_blends.py")
 ALIKE = {
-    # Those that others hang on are no twins: 0 and 1 are parents, 4 to 9 targets; 10 is the first, and is kept.
+    # Objects that others depend on aren't twins: 0 and 1 are parents, 4 to 9 targets; 10 is the first, which is kept.
     *(f"posed {number}" for number in (2, 3, *range(11, 24))),
     *("without faces 1", "unrendered 1", "unrendered 2", "excluded 1", "excluded 2", "in the scene and one 1"),
     *("spare equal", "spare equal too", "spare unnamed 1"),
@@ -26,7 +26,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_only_what_nothing_tells_apart_is_a_twin(folder: Path) -> None:
+def test_only_indistinguishable_objects_are_twins(folder: Path) -> None:
     assert set(json.loads((folder / "answer.json").read_text())["taken"]) == ALIKE
 
 
@@ -61,7 +61,7 @@ def test_reports_are_equal(folder: Path) -> None:
     assert sum("xcluded" in json.dumps(row) for row in every["report"]["rows"])
 
 
-def test_what_is_rendered_is_equal(folder: Path) -> None:
+def test_renders_are_equal(folder: Path) -> None:
     answer = json.loads((folder / "answer.json").read_text())
     assert answer["all"] == answer["few"]
     assert len(answer["all"]) > 50

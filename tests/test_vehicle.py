@@ -1,4 +1,4 @@
-"""Where a vehicle's parts go when they turn."""
+"""Poses of a vehicle's parts when they turn."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ TURNED = {"turret": 0.8, "gun": -0.3}
 
 
 def twin(articulation: dict[str, float]) -> np.ndarray:
-    """Part after part, by matrix products."""
+    """One part after the other, by matrix products."""
     poses = [np.eye(4)]
     for i, name in enumerate(SHAPE.part_names[1:], start=1):
         turn = rotation_about(SHAPE.part_axis[i], articulation.get(name, 0.0))
@@ -35,14 +35,14 @@ def twin(articulation: dict[str, float]) -> np.ndarray:
 @pytest.mark.parametrize(
     "articulation", [{}, TURNED, {"mast": 3.0}, {"gun": 1e-9}, {"turret": -2.0, "gun": 0.4, "mast": 1.0}]
 )
-def test_parts_turn_about_their_pivots_and_ride_on_their_parents(articulation: dict[str, float]) -> None:
+def test_parts_turn_about_their_pivots_and_move_with_their_parents(articulation: dict[str, float]) -> None:
     expected = twin(articulation)
     np.testing.assert_allclose(SHAPE.vehicle_from_parts(articulation), expected, rtol=0, atol=1e-15 * 8)
     vertices = np.concatenate([apply(expected[i], SHAPE.mesh.vertices[3 * i : 3 * i + 3]) for i in range(4)])
     np.testing.assert_allclose(SHAPE.vertices_at(articulation), vertices, rtol=0, atol=1e-14)
 
 
-def test_a_turret_turns_counter_clockwise_and_takes_the_gun_along() -> None:
+def test_a_turret_turns_counterclockwise_and_moves_the_gun() -> None:
     _, turret, gun, mast = SHAPE.vehicle_from_parts({"turret": np.pi / 2})
     pivot = SHAPE.part_pivot[1]
     np.testing.assert_allclose(apply(turret, pivot[None] + [[1, 0, 0]]), pivot[None] + [[0, 1, 0]], atol=1e-15)
@@ -50,7 +50,7 @@ def test_a_turret_turns_counter_clockwise_and_takes_the_gun_along() -> None:
     np.testing.assert_array_equal(mast, np.eye(4))
 
 
-def test_one_articulation_is_a_row_of_many_bit_for_bit() -> None:
+def test_one_articulation_equals_a_row_of_many_bit_for_bit() -> None:
     drawn = RNG.uniform(-3, 3, (7, 3)) * (RNG.random((7, 3)) < 0.6)
     many = [dict(zip(SHAPE.part_names[1:], row, strict=True)) for row in [*drawn.tolist(), [0.0] * 3]]
     poses = SHAPE.vehicle_from_parts(many)
@@ -61,6 +61,6 @@ def test_one_articulation_is_a_row_of_many_bit_for_bit() -> None:
     assert SHAPE.vehicle_from_parts([]).shape == (0, 4, 4, 4)
 
 
-def test_a_part_that_is_not_there_is_named() -> None:
+def test_a_missing_part_is_named() -> None:
     with pytest.raises(ValueError, match=r"articulation: 'rig' has no part 'hull'; it has \['turret', 'gun', 'mast'\]"):
         SHAPE.vehicle_from_parts([{}, {"hull": 1.0}])

@@ -26,7 +26,7 @@ TANK = VehicleTarget(
     )
 )
 HERE = np.eye(4)[None]
-# From +x, looking at the crate's 3 m x 2 m front.
+# From +x, towards the crate's front of 3 m x 2 m.
 FRONT = camera_pose([0, 0, 1.0], 30.0, 0.0, 0.0)[None]
 
 
@@ -40,14 +40,14 @@ def scene_of(*meshes: Mesh) -> InstancedScene:
     return InstancedScene(meshes, np.arange(len(meshes)), np.tile(np.eye(4), (len(meshes), 1, 1)))
 
 
-def test_what_stands_behind_the_target_or_behind_the_camera_hides_nothing() -> None:
+def test_objects_behind_the_target_or_the_camera_hide_nothing() -> None:
     everywhere = ((-50.0, 50.0), (-50.0, 50.0))
     scene = scene_of(wall(*everywhere, x=-3.1), wall(*everywhere, x=30.1), wall(*everywhere, x=30 - NEAR / 2))
     assert visible_fraction(CRATE, HERE, FRONT, intrinsics=VGA, world=World(obstacles=scene)).fraction[0] == 1
 
 
-def test_the_hidden_share_is_told_by_what_hides_it_first_ground_then_obstacles_then_vehicles() -> None:
-    # From afar, in parallel: the bottom fifth behind a ridge, the left third of the rest behind a wall, ...
+def test_hidden_shares_are_counted_by_the_first_occluder_ground_obstacles_or_vehicles() -> None:
+    # Parallel view from afar: the bottom fifth is behind a ridge, the left third of the rest behind a wall, ...
     lens = Intrinsics(640, 480, math.radians(0.5))
     far = camera_pose([0, 0, 1.0], 2000.0, 0.0, 0.0)[None]
     ridge = RayCaster(wall((-50, 50), (-50, 0.4)))
@@ -56,7 +56,7 @@ def test_the_hidden_share_is_told_by_what_hides_it_first_ground_then_obstacles_t
     other = PosedVehicle(CRATE, rigid(rotation_z(0.0), [10.0, 2.0, 0])[None], {})
     seen = visible_fraction(CRATE, HERE, far, intrinsics=lens, world=World(ridge, side, [other]), rays=10_000)
     shares = [seen.fraction[0], seen.by_ground[0], seen.by_obstacles[0], seen.by_vehicles[0]]
-    # Perspective at 2 km shifts these edges by less than 1 %.
+    # Perspective at 2 km moves these edges by less than 1 %.
     np.testing.assert_allclose(shares, [0.8 / 3, 0.2, 0.8 / 3, 0.8 / 3], atol=0.006)
     assert sum(shares) == pytest.approx(1, abs=1e-15)
     assert seen.area[0] == pytest.approx(6.0 * (lens.f_px / 1997) ** 2, rel=0.01)
@@ -88,7 +88,7 @@ SCENES = {
 
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("articulation", [{}, {"turret": 1.0, "gun": 0.3}])
-def test_agrees_with_a_per_pixel_truth(name: str, articulation: dict) -> None:
+def test_visibility_equals_a_per_pixel_reference(name: str, articulation: dict) -> None:
     pose, yaw = camera_pose([0, 0, 1.0], 16.0, 0.0, 0.02), 0.6
     truth, area = reference(TANK, Camera(VGA, pose), articulation, yaw, SCENES[name])
     seen = visible_fraction(
@@ -105,8 +105,8 @@ def test_agrees_with_a_per_pixel_truth(name: str, articulation: dict) -> None:
     assert seen.area[0] == pytest.approx(area, rel=0.01)
 
 
-def test_the_stated_error_covers_and_is_met_by_dust() -> None:
-    # A wall of holes far smaller than the cells: what a ray meets is chance, the case that the bound is made for.
+def test_the_stated_error_holds_and_is_reached_with_dust() -> None:
+    # A wall of holes far smaller than the cells: hits are random, the worst case for the bound.
     rng = np.random.default_rng(0)
     grid = np.argwhere(rng.random((120, 160)) < 0.5) * 0.025
     squares = np.array([[10, 0, 0], [10, 0.025, 0], [10, 0.025, 0.025], [10, 0, 0.025]])
@@ -123,11 +123,11 @@ def test_the_stated_error_covers_and_is_met_by_dust() -> None:
     for confidence in (0.5, 0.8, 0.95):
         bound = np.array([error_bound(v.hits, confidence=confidence)[0] for v in views])
         assert (np.abs(off) <= bound).mean() >= confidence
-    # Unbiased, to three standard errors of the mean.
+    # Unbiased, within three standard errors of the mean.
     assert abs(off.mean()) < 3 * off.std() / math.sqrt(250)
 
 
-def test_edges_that_are_lines_do_several_times_better_than_the_bound() -> None:
+def test_straight_edges_are_several_times_better_than_the_bound() -> None:
     ground = RayCaster(SCENES["a corner"])
     truth = visible_fraction(TANK, HERE, FRONT, intrinsics=VGA, world=World(ground), rays=100_000).fraction[0]
     off = [
@@ -146,9 +146,9 @@ def test_error_bounds() -> None:
         error_bound([1], confidence=1.0)
 
 
-def test_targets_out_of_the_frame_have_no_fraction() -> None:
+def test_targets_outside_the_frame_have_no_fraction() -> None:
     away = FRONT.copy()
-    away[:, :3, :3] = away[:, :3, :3] @ np.diag([1.0, -1, -1])  # turned about
+    away[:, :3, :3] = away[:, :3, :3] @ np.diag([1.0, -1, -1])  # turned around
     aside = camera_pose([0, 40.0, 1], 30.0, 0.0, 0.0)
     seen = visible_fraction(CRATE, HERE, np.stack([away[0], aside]), intrinsics=VGA, world=World(Plane(0.0)))
     assert np.isnan(seen.fraction).all()
@@ -157,22 +157,22 @@ def test_targets_out_of_the_frame_have_no_fraction() -> None:
     assert seen.area.tolist() == [0, 0]
 
 
-def test_cameras_inside_the_vehicle_or_with_it_across_the_near_plane() -> None:
+def test_cameras_inside_the_vehicle_or_with_the_vehicle_across_the_near_plane() -> None:
     inside = camera_pose([0, 0, 1.0], 0.5, 0.3, 0.1)
     across = camera_pose([3.0, 0, 1.0], NEAR / 2, 0.0, 0.0)
     seen = visible_fraction(CRATE, HERE, np.stack([inside, across]), intrinsics=VGA)
     np.testing.assert_array_equal(seen.fraction, [1, 1])
-    # From inside, the vehicle is all there is in the frame.
+    # From inside, the vehicle fills the frame.
     assert seen.hits.tolist() == [256, 256]
 
 
-def test_no_cameras_is_legal() -> None:
+def test_zero_cameras_are_legal() -> None:
     seen = visible_fraction(CRATE, HERE, np.zeros((0, 4, 4)), intrinsics=VGA, world=World(Plane(0.0), scene_of()))
     assert seen.fraction.shape == (0,)
 
 
 @pytest.mark.parametrize("flat", [False, True])
-def test_few_points_hold_many(flat: bool) -> None:
+def test_few_points_stand_for_many(flat: bool) -> None:
     rng = np.random.default_rng(0)
     ball = rng.normal(size=(3000, 3))
     ball /= np.linalg.norm(ball, axis=1, keepdims=True)
@@ -184,7 +184,7 @@ def test_few_points_hold_many(flat: bool) -> None:
     assert ((around @ along.T).max(axis=0) >= (ball @ along.T).max(axis=0)).all()
 
 
-def test_an_answer_does_not_depend_on_company_or_threads() -> None:
+def test_results_do_not_depend_on_other_rows_or_threads() -> None:
     n = 1500  # in two blocks
     rng = np.random.default_rng(0)
     cameras = camera_pose([0, 0, 1], rng.uniform(5, 60, n), rng.uniform(0, 6, n), rng.uniform(0, 1.5, n))

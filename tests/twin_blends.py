@@ -1,7 +1,7 @@
-"""Writes a .blend of many like objects with every kind that must not be taken for one; run in Blender.
+"""Write a .blend of many equal objects, with every kind of object that isn't quite equal; run in Blender.
 
-``python twin_blends.py FOLDER``: ``twins.blend`` is read with all objects evaluated, to the folder ``all``, and with as
-few as possible, to ``few``; ``answer.json`` says what both draw and which objects were not evaluated.
+``python twin_blends.py FOLDER`` reads ``twins.blend`` with all objects evaluated, into the folder ``all``, and with as
+few as possible, into ``few``; ``answer.json`` has what both render and the objects that weren't evaluated.
 """
 
 import json
@@ -47,13 +47,13 @@ def material(name):
 
 
 def pairs(name, data, change, count=2):
-    """Objects that are alike, and changed in the same way; so that what is taken of them is seen."""
+    """Equal objects, all changed in the same way, so that mistakes show."""
     for number in range(count):
         change(add(f"{name} {number}", data), number)
 
 
 def copies(stone, red):
-    """Objects with meshes of their own: two that are equal, and others that differ in one thing each."""
+    """Objects with separate meshes: two equal ones, and others that differ in one thing each."""
 
     def sharpen(data):
         data.polygons[0].use_smooth = True
@@ -154,7 +154,7 @@ def make():
     pairs("shade", stone, shade, 5)
     pairs("hide", stone, hide, 4)
 
-    # Collections: one that is drawn elsewhere too, within another, one that is not rendered, one that is left out.
+    # Collections: one also instanced elsewhere, one inside another, one not rendered, one excluded.
     inner = collection("inner", collection("outer"))
     places = {"instanced": inner, "unrendered": collection("unrendered"), "excluded": collection("out")}
     for name, where in places.items():
@@ -170,7 +170,7 @@ def make():
 
 
 def drawn(path):
-    """What a tidy twin draws: pose, mesh, materials and look of each."""
+    """What a tidy twin renders: pose, mesh, materials, and visibility of each object."""
     open_blend(str(path))
     found = []
     for each in bpy.context.evaluated_depsgraph_get().object_instances:
@@ -190,7 +190,7 @@ if __name__ == "__main__":
     bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=False)
     odd = path.read_bytes()
     assert b"Axtribute" in odd
-    path.write_bytes(odd.replace(b"Axtribute", b"A\xfctribute"))  # no UTF-8, as old files hold them
+    path.write_bytes(odd.replace(b"Axtribute", b"A\xfctribute"))  # not UTF-8, as in old files
     answer = {}
     for name, fewest in (("all", 10**9), ("few", 1)):
         (folder / name).mkdir()

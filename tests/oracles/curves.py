@@ -1,4 +1,4 @@
-"""The box of triangles that a distorting lens shows, by very many points: slow, and without any cleverness."""
+"""The box of triangles behind a distorting lens, by very many points: slow and simple."""
 
 import math
 
@@ -17,11 +17,12 @@ LENSES = {
     "mustache": (-0.3, 0.25, 0.0, 0.0, -0.02),
     "calibrated": (-0.21, 0.07, 3e-4, -1e-4, 0.0),
 }
-ALONG, FINER, ZOOMS = 4001, 41, 4  # points along an edge; about what matters, so many in place of one, so often
+# Points along an edge, points that refine one near the extremes, and the number of such refinements.
+ALONG, FINER, ZOOMS = 4001, 41, 4
 
 
 def dense_extent(triangles: np.ndarray, intrinsics: Intrinsics, *, frame: bool) -> np.ndarray | None:
-    """Lowest u and v, highest u and v, of triangles (f, 3, 3) in the camera's frame; None if nothing is seen."""
+    """Lowest u and v, highest u and v, of triangles (f, 3, 3) in the camera's frame; None if nothing is visible."""
     radius, size = seen_radius(intrinsics.distortion), np.array([intrinsics.width, intrinsics.height])
     found = [np.empty((0, 2))]
 
@@ -43,7 +44,7 @@ def dense_extent(triangles: np.ndarray, intrinsics: Intrinsics, *, frame: bool) 
                 pixels, seen = image(start + t[:, None] * (end - start))
                 step = np.abs(np.diff(pixels, axis=0)).max(axis=1)
                 fine = seen[1:] != seen[:-1]
-                if frame:  # beside a side of the image, which the edge may touch between two points
+                if frame:  # next to an image border, which the edge may touch between two points
                     low, high = np.minimum(pixels[1:], pixels[:-1]), np.maximum(pixels[1:], pixels[:-1])
                     room = 2 * step[:, None]
                     beside = (np.abs(np.stack([low, high, low - size, high - size])) < room).any(axis=(0, 2))
@@ -84,7 +85,7 @@ def opencv(points: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
 
 
 def _ahead(triangle):
-    """The corners of what is left of a triangle in front of the near plane."""
+    """Corners of the part of a triangle in front of the near plane."""
     corners = []
     for a, b in zip(triangle, np.roll(triangle, -1, axis=0), strict=True):
         corners += [a] if a[2] >= NEAR else []
@@ -93,7 +94,7 @@ def _ahead(triangle):
 
 
 def _met(triangles, points):
-    """Whether the rays through points at unit depth meet any triangle in front of the near plane."""
+    """Whether the rays through points at unit depth hit any triangle in front of the near plane."""
     rays, met = np.c_[points, np.ones(len(points))], np.zeros(len(points), dtype=bool)
     for a, b, c in triangles:
         normal = np.cross(b - a, c - a)

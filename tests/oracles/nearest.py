@@ -1,4 +1,4 @@
-"""What rays meet first of many triangles, by float64 arithmetic on every one: no tree, no box, no frames."""
+"""First hits of rays among many triangles, by float64 arithmetic on each: no tree, no box, no frames."""
 
 import numpy as np
 

@@ -1,6 +1,6 @@
-"""Kill `hulldown render` again and again, and compare the dataset with that of a run left alone.
+"""Kill `hulldown render` again and again, and compare the dataset with that of an undisturbed run.
 
-Whoever is killed, run or worker, is killed without warning (SIGKILL).
+Runs and workers are killed without warning (SIGKILL).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from hulldown.render.session import LOGS_NAME
 ROOT = Path(__file__).parents[2]
 POLL_S = 0.01
 SPARE_RUNS = (
-    5  # runs that may end by themselves before the last; a worker killed three times while it starts ends its run
+    5  # runs that may end by themselves before the last; a worker killed three times while starting ends its run
 )
 
 
@@ -41,7 +41,7 @@ class Kill:
 
 @dataclass(eq=False, slots=True)
 class Course:
-    """How a run went: the kills of each victim, and the starts until everything was done."""
+    """The kills of each victim, and the number of starts."""
 
     killed: dict[str, int] = field(default_factory=lambda: {"run": 0, "worker": 0})
     started: int = 0
@@ -67,7 +67,7 @@ def render(plan: Path, dataset: Path, kills: Sequence[Kill] = ()) -> Course:
 
 
 def _strike(run: subprocess.Popen, dataset: Path, kills: list[Kill], course: Course) -> None:
-    """Watch a run to its end and kill its victims on the way; kills that were done leave the list."""
+    """Watch a run to its end and kill its victims; completed kills are removed from the list."""
     then = now = _count(dataset)
     due: float | None = None
     while run.poll() is None:

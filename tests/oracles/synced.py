@@ -1,4 +1,4 @@
-"""Which bytes would survive a crash of the machine."""
+"""Bytes that would survive a crash of the machine."""
 
 import os
 import stat
@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def synced_bytes(monkeypatch):
-    """Watch `os.fsync`; return a dictionary of each file's number (inode) and its bytes when it was last synced."""
+    """Watch `os.fsync`; return a dictionary from each file's inode to its bytes when it was last synced."""
     found, fsync = {}, os.fsync
 
     def noted(descriptor):

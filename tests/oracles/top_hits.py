@@ -1,4 +1,4 @@
-"""The rule of the top hit in rational arithmetic, face by face: slow, short, and sharing no line with the product."""
+"""The rule of the top hit in rational arithmetic, face by face: slow, short, and without code of the product."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hulldown.geometry.meshes import Mesh
 
 @dataclass(frozen=True)
 class Top:
-    """The exact top hit at one point: lowest face index among the highest, height, upward normal of any length."""
+    """The exact top hit at a point: lowest face index among the highest, height, upward normal of any length."""
 
     face: int
     z: Fraction
@@ -20,7 +20,7 @@ class Top:
 
 
 def exact_tops(mesh: Mesh, xy: np.ndarray) -> list[Top | None]:
-    """For each point the exact top hit, or None on a miss."""
+    """The exact top hit of each point, None for a miss."""
     corners = mesh.triangles
     low, high = corners[:, :, :2].min(axis=1), corners[:, :, :2].max(axis=1)
     tops = []
@@ -36,7 +36,7 @@ def exact_tops(mesh: Mesh, xy: np.ndarray) -> list[Top | None]:
 
 
 def on_face(face: int, corners: np.ndarray, p: list[Fraction]) -> Top | None:
-    """The exact hit on one face, or None beside it or on a face without XY area."""
+    """The exact hit on a face; None outside it or if it has no XY area."""
     a, b, c = ([Fraction(float(v)) for v in corner] for corner in corners)
     u, v = [b[i] - a[i] for i in range(3)], [c[i] - a[i] for i in range(3)]
     n = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
@@ -51,9 +51,9 @@ def on_face(face: int, corners: np.ndarray, p: list[Fraction]) -> Top | None:
 
 
 def angle(normal: np.ndarray, exact: tuple[Fraction, Fraction, Fraction]) -> float:
-    """Angle in radians between a unit normal and an exact one, without loss at small angles."""
+    """Angle in radians between a unit normal and an exact one, precise for small angles."""
     largest = max(abs(v) for v in exact)
     n = np.array([float(v / largest) for v in exact])
     n /= np.linalg.norm(n)
-    # Chords keep the digits that a cosine loses.
+    # Chords keep digits that a cosine loses.
     return float(2 * np.arcsin(min(1.0, 0.5 * np.linalg.norm(normal - n))))
