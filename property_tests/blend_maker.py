@@ -16,6 +16,7 @@ from pathlib import Path
 import bpy
 
 from hulldown.reading.blender import duplicates, reader
+from hulldown.tests.node_trees import node_group
 
 MOST_MEMORY = 8 * 2**30  # a damaged file may claim all memory; other tests check the limits of reading
 
@@ -94,27 +95,22 @@ def modify(obj, kind):
 
 def scatter(obj):
     """A group that adds geometry and an instance of another object, or of the object itself, on its corners."""
-    group = bpy.data.node_groups.new("scatter", "GeometryNodeTree")
-    for way in ("INPUT", "OUTPUT"):
-        group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
-    given, result, info, on_points, join, worn = (
-        group.nodes.new(f"{family}{name}")
-        for family, name in [
-            *[("NodeGroup", "Input"), ("NodeGroup", "Output"), ("GeometryNode", "ObjectInfo")],
-            *[("GeometryNode", "InstanceOnPoints"), ("GeometryNode", "JoinGeometry"), ("GeometryNode", "SetMaterial")],
-        ]
+    group, given, result = node_group("Geometry")
+    info, on_points, join, worn = (
+        group.nodes.new(f"GeometryNode{name}")
+        for name in ("ObjectInfo", "InstanceOnPoints", "JoinGeometry", "SetMaterial")
     )
     info.inputs["Object"].default_value = bpy.data.objects[0]
     info.inputs["As Instance"].default_value = len(bpy.data.objects) % 2 == 0
-    group.links.new(given.outputs[0], on_points.inputs["Points"])
+    group.links.new(given[0], on_points.inputs["Points"])
     group.links.new(info.outputs["Geometry"], on_points.inputs["Instance"])
     group.links.new(on_points.outputs["Instances"], join.inputs[0])
     if bpy.data.materials:
         worn.inputs["Material"].default_value = bpy.data.materials[0]
         worn.inputs["Selection"].default_value = len(bpy.data.materials) % 2 == 0
-    group.links.new(given.outputs[0], worn.inputs[0])
+    group.links.new(given[0], worn.inputs[0])
     group.links.new(worn.outputs[0], join.inputs[0])
-    group.links.new(join.outputs[0], result.inputs[0])
+    group.links.new(join.outputs[0], result[0])
     return group
 
 

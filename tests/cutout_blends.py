@@ -10,10 +10,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
+from hulldown.reading.blender.add_nodes import add_node
 from hulldown.render.blender import cycles
 from hulldown.render.blender.object_index import ONE_RAY, PIXEL_CENTER
+from hulldown.tests.node_trees import material_of, node_group, write_picture
 
 TEXELS = 24
 STEP, PIXELS = 1.2, 50  # meters between cards, pixels per meter
@@ -32,43 +32,26 @@ def waves():
 
 
 def image(name, rgba, *, data=False, suffix="png"):
-    made = bpy.data.images.new(name, TEXELS, TEXELS, alpha=True, float_buffer=suffix == "exr")
-    made.pixels.foreach_set(np.dstack(rgba).astype(np.float32).ravel())
-    made.filepath_raw = str(FOLDER / f"{name}.{suffix}")
-    made.file_format = {"png": "PNG", "exr": "OPEN_EXR"}[suffix]
-    made.save()
-    bpy.data.images.remove(made)
-    found = bpy.data.images.load(str(FOLDER / f"{name}.{suffix}"))
+    path = write_picture(FOLDER / f"{name}.{suffix}", np.dstack(rgba))
+    found = bpy.data.images.load(str(path))
     if data:
         found.colorspace_settings.name = "Non-Color"
     if name == "packed":
         found.pack()
-        (FOLDER / f"{name}.{suffix}").unlink()
+        path.unlink()
     return found
 
 
 class Tree:
     """Node tree of a material that is black where it's opaque; nodes by short names."""
 
-    def __init__(self, name):
-        self.material = bpy.data.materials.new(name)
-        self.tree = self.material.node_tree
-        self.tree.nodes.clear()
+    def __init__(self, tree):
+        self.tree = tree
         self.black = self.add("Emission", None, 0.0).outputs[0]
 
     def add(self, kind, *inputs, **settings):
-        node = self.tree.nodes.new(f"ShaderNode{kind}")
-        for name, setting in settings.items():
-            setattr(node, name, setting)
-        self.give(node, *inputs)
-        return node
-
-    def give(self, node, *inputs):
-        for socket, value in zip(node.inputs, inputs, strict=False):
-            if isinstance(value, bpy.types.NodeSocket):
-                self.tree.links.new(value, socket)
-            elif value is not None:
-                socket.default_value = value
+        given = {i: value for i, value in enumerate(inputs) if value is not None}
+        return add_node(self.tree, kind, given, **settings)
 
     def texture(self, name, coordinates=None, **settings):
         return self.add("TexImage", coordinates, image=IMAGES[name], **settings)
@@ -83,21 +66,19 @@ class Tree:
         return self.add("Math", *inputs, operation=operation).outputs[0]
 
     def principled(self, alpha):
-        node = self.add("BsdfPrincipled", (0.0, 0.0, 0.0, 1.0))
-        self.tree.links.new(alpha, node.inputs["Alpha"])
-        return node.outputs[0]
+        black = {"Base Color": (0.0, 0.0, 0.0, 1.0)}
+        return add_node(self.tree, "BsdfPrincipled", {**black, "Alpha": alpha}).outputs[0]
 
     def through(self, share, first=None):
         return self.add("MixShader", share, first or self.add("BsdfTransparent").outputs[0], self.black).outputs[0]
 
 
 def card(name, build, uv=QUAD, layer="UVMap"):
-    tree, x = Tree(name), STEP * len(CARDS)
-    tree.add("OutputMaterial", build(tree))
+    x = STEP * len(CARDS)
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata([(x, 0, 0), (x + 1, 0, 0), (x + 1, 0, 1), (x, 0, 1)], [], [(0, 1, 2, 3)])
     mesh.uv_layers.new(name=layer).uv.foreach_set("vector", np.array(uv, np.float32).ravel())
-    mesh.materials.append(tree.material)
+    mesh.materials.append(material_of(name, lambda tree: build(Tree(tree))))
     bpy.context.scene.collection.objects.link(bpy.data.objects.new(name, mesh))
     CARDS.append(name)
 
@@ -108,21 +89,13 @@ def mapped(tree, **settings):
 
 
 def grouped(tree):
-    group = bpy.data.node_groups.new("cut", "ShaderNodeTree")
-    for way, kind in (("INPUT", "Float"), ("INPUT", "Shader"), ("OUTPUT", "Shader")):
-        group.interface.new_socket(f"{way} {kind}", in_out=way, socket_type=f"NodeSocket{kind}")
-    nodes, link = group.nodes, group.links.new
-    given, result = nodes.new("NodeGroupInput"), nodes.new("NodeGroupOutput")
-    mix, through = nodes.new("ShaderNodeMixShader"), nodes.new("ShaderNodeBsdfTransparent")
-    link(given.outputs[0], mix.inputs[0])
-    link(through.outputs[0], mix.inputs[1])
-    link(given.outputs[1], mix.inputs[2])
-    link(mix.outputs[0], result.inputs[0])
-    node = tree.add("Group", node_tree=group)
+    group, given, result = node_group("Shader", {"Share": "Float", "Shader": "Shader"}, {"Shader": "Shader"})
+    through = add_node(group, "BsdfTransparent").outputs[0]
+    mix = add_node(group, "MixShader", {0: given[0], 1: through, 2: given[1]})
+    group.links.new(mix.outputs[0], result[0])
     bend = tree.tree.nodes.new("NodeReroute")
     tree.tree.links.new(tree.alpha(), bend.inputs[0])
-    tree.give(node, bend.outputs[0], tree.black)
-    return node.outputs[0]
+    return tree.add("Group", bend.outputs[0], tree.black, node_tree=group).outputs[0]
 
 
 def muted(tree):

@@ -9,6 +9,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from hulldown.tests.node_trees import textured, write_picture
 from hulldown.tests.render_worlds import box, field, fresh, gray, save
 
 FOLDER = Path(sys.argv[1])
@@ -17,31 +18,21 @@ FOLDER = Path(sys.argv[1])
 def picture(path, color):
     """A checkered picture on disk."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    image = bpy.data.images.new(path.stem, 16, 16)
-    pixels = np.ones((16, 16, 4), dtype=np.float32)
-    pixels[:, :, :3] = color
-    pixels[::2, ::2, :3] *= 0.3
-    image.pixels.foreach_set(pixels.ravel())
-    image.filepath_raw, image.file_format = str(path), "PNG"
-    image.save()
-    bpy.data.images.remove(image)
+    pixels = np.tile(np.array(color), (16, 16, 1))
+    pixels[::2, ::2] *= 0.3
+    write_picture(path, pixels)
 
 
-def textured(name, path):
+def shown(name, path):
     """A material with a picture, referred to by this path, mapped onto the object."""
-    material = bpy.data.materials.new(name)
-    nodes, links = material.node_tree.nodes, material.node_tree.links
-    texture = nodes.new("ShaderNodeTexImage")
-    texture.image = bpy.data.images.load(str(path))
-    links.new(texture.outputs["Color"], nodes["Principled BSDF"].inputs["Base Color"])
-    return material
+    return textured(name, bpy.data.images.load(str(path)))
 
 
 def library(path, texture):
     """A boulder in a collection named like the file."""
     fresh()
     path.parent.mkdir(parents=True, exist_ok=True)
-    box("boulder", (5.0, 5.0, 4.0), (0.0, 0.0, 1.0), textured("stone", texture))
+    box("boulder", (5.0, 5.0, 4.0), (0.0, 0.0, 1.0), shown("stone", texture))
     collection = bpy.data.collections.new(path.stem)
     bpy.context.scene.collection.children.link(collection)
     collection.objects.link(bpy.context.object)
@@ -78,7 +69,7 @@ def main():
     def drape():
         ground = bpy.data.objects["ground"]
         ground.data.materials.clear()
-        ground.data.materials.append(textured("soil", textures / "soil.png"))
+        ground.data.materials.append(shown("soil", textures / "soil.png"))
         for x, y in ((-15.0, 0.0), (15.0, 10.0), (0.0, -20.0)):
             link(near, (x, y, 0.0))
 
@@ -87,7 +78,7 @@ def main():
         link(far, (x, y, 0.0))
     save_absolute(scenery)
     fresh()
-    skin = textured("skin", textures / "skin.png")
+    skin = shown("skin", textures / "skin.png")
     box("hull", (6.0, 3.0, 1.5), (0.0, 0.0, 0.75), skin)
     turret = box("turret", (2.6, 2.0, 0.9), (-0.4, 0.0, 1.95), skin)
     box("gun", (4.0, 0.4, 0.4), (2.9, 0.0, 1.95), skin, turret)

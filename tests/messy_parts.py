@@ -10,6 +10,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from hulldown.tests.node_trees import node_group
+
 FOLDER = Path(sys.argv[1]) if len(sys.argv) > 1 else Path()
 CASES: dict[str, Callable[[], dict]] = {}
 
@@ -73,26 +75,21 @@ def tank(parent=None, coll=None, *, turret_deg=0.0, gun_deg=0.0, turn=(0, 0, 0))
 
 def scatter(name, obj=None):
     """A node group that keeps the mesh and puts an instance (of `obj`, or of a new cube) on each vertex."""
-    group = bpy.data.node_groups.new(name, "GeometryNodeTree")
-    for way in ("INPUT", "OUTPUT"):
-        group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
-    nodes = {k: group.nodes.new(k) for k in ("NodeGroupInput", "NodeGroupOutput", "GeometryNodeJoinGeometry")}
-    on_points = group.nodes.new("GeometryNodeInstanceOnPoints")
+    group, given, result = node_group("Geometry")
+    group.name = name
+    nodes, link = group.nodes, group.links.new
     if obj:
-        source = group.nodes.new("GeometryNodeObjectInfo")
+        source = nodes.new("GeometryNodeObjectInfo")
         source.inputs["Object"].default_value, source.inputs["As Instance"].default_value = obj, True
         made = source.outputs["Geometry"]
     else:
-        made = group.nodes.new("GeometryNodeMeshCube").outputs["Mesh"]
-    join = nodes["GeometryNodeJoinGeometry"]
-    for a, b in (
-        (made, on_points.inputs["Instance"]),
-        (nodes["NodeGroupInput"].outputs[0], on_points.inputs["Points"]),
-        (nodes["NodeGroupInput"].outputs[0], join.inputs[0]),
-        (on_points.outputs[0], join.inputs[0]),
-        (join.outputs[0], nodes["NodeGroupOutput"].inputs[0]),
-    ):
-        group.links.new(a, b)
+        made = nodes.new("GeometryNodeMeshCube").outputs["Mesh"]
+    on_points, join = nodes.new("GeometryNodeInstanceOnPoints"), nodes.new("GeometryNodeJoinGeometry")
+    link(made, on_points.inputs["Instance"])
+    link(given[0], on_points.inputs["Points"])
+    link(given[0], join.inputs[0])
+    link(on_points.outputs[0], join.inputs[0])
+    link(join.outputs[0], result[0])
     return group
 
 

@@ -11,19 +11,14 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from hulldown.tests.node_trees import grouped, principled, shader_group, textured
+
 
 def matt(name, color):
-    material = bpy.data.materials.new(name)
-    shader(material).inputs["Base Color"].default_value = (*color, 1.0)
-    shader(material).inputs["Roughness"].default_value = 1.0
-    return material
+    return principled(name, color, 1.0)
 
 
-def shader(material):
-    return material.node_tree.nodes["Principled BSDF"]
-
-
-def textured(name):
+def lined(name):
     """A dark texture with bright lines."""
     image = bpy.data.images.new(name, 64, 64)
     pixels = np.full((64, 64, 4), 0.3, np.float32)
@@ -31,34 +26,7 @@ def textured(name):
     pixels[..., 3] = 1.0
     image.pixels.foreach_set(pixels.ravel())
     image.pack()
-    material = matt(name, (0.0, 0.0, 0.0))
-    node = material.node_tree.nodes.new("ShaderNodeTexImage")
-    node.image = image
-    material.node_tree.links.new(node.outputs["Color"], shader(material).inputs["Base Color"])
-    return material
-
-
-def shader_group():
-    group = bpy.data.node_groups.new("Shader", "ShaderNodeTree")
-    group.interface.new_socket("Color", in_out="INPUT", socket_type="NodeSocketColor")
-    group.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
-    given, result = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
-    inner = group.nodes.new("ShaderNodeBsdfPrincipled")
-    inner.inputs["Roughness"].default_value = 1.0
-    group.links.new(given.outputs[0], inner.inputs["Base Color"])
-    group.links.new(inner.outputs[0], result.inputs[0])
-    return group
-
-
-def grouped(name, group, color):
-    material = matt(name, color)
-    tree = material.node_tree
-    node = tree.nodes.new("ShaderNodeGroup")
-    node.node_tree = group
-    node.inputs[0].default_value = (*color, 1.0)
-    tree.links.new(node.outputs[0], tree.get_output_node("CYCLES").inputs["Surface"])
-    tree.nodes.remove(shader(material))
-    return material
+    return textured(name, image, roughness=1.0)
 
 
 def box(name, size, at, material, over=None):
@@ -79,8 +47,8 @@ def main(folder):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     with bpy.data.libraries.load(str(folder / "library.blend"), link=True) as (_, target):
         target.materials = ["stone"]
-    group = shader_group()
-    box("hull", (6.0, 3.0, 1.2), (0.0, 0.0, 1.2), textured("Skin"))
+    group = shader_group(1.0)
+    box("hull", (6.0, 3.0, 1.2), (0.0, 0.0, 1.2), lined("Skin"))
     box("turret", (2.6, 2.0, 0.7), (-0.4, 0.0, 2.15), grouped("soil", group, (0.2, 0.2, 0.2)))
     box("gun", (4.0, 0.4, 0.4), (2.9, 0.0, 2.15), grouped("Gun", group, (0.2, 0.2, 0.2)))
     for side, y in (("left", 1.7), ("right", -1.7)):

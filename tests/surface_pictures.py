@@ -12,6 +12,7 @@ import numpy as np
 
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.weather_kinds import Weather
+from hulldown.reading.blender.add_nodes import add_node, maths
 from hulldown.reading.blender.tidy_properties import PART, REST
 from hulldown.render.blender import cycles
 from hulldown.render.blender.renderer import Renderer
@@ -26,88 +27,38 @@ from hulldown.render.messages import (
     VehicleInput,
     to_json,
 )
+from hulldown.tests.node_trees import grouped, material_of, principled, shader_group, write_picture
+from hulldown.tests.render_worlds import fresh, save
 
 TILES = ("asphalt", "soil", "paint", "metal", "glass", "grouped", "mixed", "matt")
 Z_FROM_Y_UP = [[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]]
 SETTINGS = CyclesSettings(samples=16, denoise=False, adaptive_threshold=0.0, bounces=2)
 
 
-def principled(name, albedo, rough, **inputs):
-    material = bpy.data.materials.new(name)
-    shader = material.node_tree.nodes["Principled BSDF"]
-    shader.inputs["Base Color"].default_value = (albedo, albedo, albedo, 1.0)
-    shader.inputs["Roughness"].default_value = rough
-    for key, value in inputs.items():
-        shader.inputs[key.replace("_", " ")].default_value = value
-    return material
+def gray(value):
+    return (value, value, value)
 
 
-def grouped(name):
-    """Soil with its shader inside a group, as in material packs."""
-    material = bpy.data.materials.new(name)
-    tree = bpy.data.node_groups.new("pack", "ShaderNodeTree")
-    tree.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
-    tree.interface.new_socket("Color", in_out="INPUT", socket_type="NodeSocketColor")
-    shader, end, start = (tree.nodes.new(k) for k in ("ShaderNodeBsdfPrincipled", "NodeGroupOutput", "NodeGroupInput"))
-    shader.inputs["Roughness"].default_value = 0.95
-    tree.links.new(start.outputs["Color"], shader.inputs["Base Color"])
-    tree.links.new(shader.outputs[0], end.inputs[0])
-    nodes = material.node_tree.nodes
-    nodes.remove(nodes["Principled BSDF"])
-    group = nodes.new("ShaderNodeGroup")
-    group.node_tree = tree
-    group.inputs["Color"].default_value = (0.245, 0.245, 0.245, 1.0)
-    material.node_tree.links.new(group.outputs[0], nodes["Material Output"].inputs["Surface"])
-    return material
+def matt(tree):
+    return add_node(tree, "BsdfDiffuse", {"Color": (*gray(0.26), 1.0)}).outputs[0]
 
 
-def mixed(name):
+def mixed(tree):
     """A mix of two soils with different shaders."""
-    material = principled(name, 0.245, 0.95)
-    tree = material.node_tree
-    first, output = tree.nodes["Principled BSDF"], tree.nodes["Material Output"]
-    second, mix = tree.nodes.new("ShaderNodeBsdfDiffuse"), tree.nodes.new("ShaderNodeMixShader")
-    second.inputs["Color"].default_value = (0.26, 0.26, 0.26, 1.0)
-    tree.links.new(first.outputs[0], mix.inputs[1])
-    tree.links.new(second.outputs[0], mix.inputs[2])
-    tree.links.new(mix.outputs[0], output.inputs["Surface"])
-    return material
+    first = add_node(tree, "BsdfPrincipled", {"Base Color": (*gray(0.245), 1.0), "Roughness": 0.95})
+    return add_node(tree, "MixShader", {1: first.outputs[0], 2: matt(tree)}).outputs[0]
 
 
-def matt(name):
-    material = bpy.data.materials.new(name)
-    tree = material.node_tree
-    tree.nodes.remove(tree.nodes["Principled BSDF"])
-    shader = tree.nodes.new("ShaderNodeBsdfDiffuse")
-    shader.inputs["Color"].default_value = (0.26, 0.26, 0.26, 1.0)
-    tree.links.new(shader.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
-    return material
-
-
-def holes(name):
+def holes(tree):
     """A black leaf card with holes in stripes 0.1 m wide."""
-    material = principled(name, 0.0, 1.0)
-    tree = material.node_tree
-    wave, place = tree.nodes.new("ShaderNodeMath"), tree.nodes.new("ShaderNodeNewGeometry")
-    split, scale = tree.nodes.new("ShaderNodeSeparateXYZ"), tree.nodes.new("ShaderNodeMath")
-    scale.operation, scale.inputs[1].default_value = "MULTIPLY", 5.0
-    wave.operation = "FRACT"
-    step = tree.nodes.new("ShaderNodeMath")
-    step.operation, step.inputs[1].default_value = "GREATER_THAN", 0.5
-    tree.links.new(place.outputs["Position"], split.inputs[0])
-    tree.links.new(split.outputs[0], scale.inputs[0])
-    tree.links.new(scale.outputs[0], wave.inputs[0])
-    tree.links.new(wave.outputs[0], step.inputs[0])
-    tree.links.new(step.outputs[0], tree.nodes["Principled BSDF"].inputs["Alpha"])
-    return material
+    across = add_node(tree, "SeparateXYZ", {0: add_node(tree, "NewGeometry").outputs["Position"]}).outputs[0]
+    alpha = maths(tree, "GREATER_THAN", maths(tree, "FRACT", maths(tree, "MULTIPLY", across, 5.0)), 0.5)
+    black = {"Base Color": (*gray(0.0), 1.0), "Roughness": 1.0}
+    return add_node(tree, "BsdfPrincipled", {**black, "Alpha": alpha}).outputs[0]
 
 
-def fresh():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-
-
-def save(path):
-    bpy.ops.wm.save_as_mainfile(filepath=str(path), check_existing=False)
+def black(name):
+    return principled(name, gray(0.0), 1.0, Specular_IOR_Level=0.0)
 
 
 def plane(size, location, material, rotation=(0.0, 0.0, 0.0)):
@@ -119,14 +70,14 @@ def tiles(path):
     """Level squares of 1 m in a row, one of each material; the center of the n-th is at x = n."""
     fresh()
     made = [
-        principled("asphalt", 0.1, 0.85),
-        principled("soil", 0.245, 0.95),
-        principled("paint", 0.2, 0.3),
-        principled("metal", 0.6, 0.6, Metallic=1.0),
-        principled("glass", 1.0, 0.0, Transmission_Weight=1.0),
-        grouped("grouped"),
-        mixed("mixed"),
-        matt("matt"),
+        principled("asphalt", gray(0.1), 0.85),
+        principled("soil", gray(0.245), 0.95),
+        principled("paint", gray(0.2), 0.3),
+        principled("metal", gray(0.6), 0.6, Metallic=1.0),
+        principled("glass", gray(1.0), 0.0, Transmission_Weight=1.0),
+        grouped("grouped", shader_group(0.95), gray(0.245)),
+        material_of("mixed", mixed),
+        material_of("matt", matt),
     ]
     for n, material in enumerate(made):
         plane(1.0, (n, 0.0, 0.0), material)
@@ -138,19 +89,19 @@ def dome(path):
     fresh()
     bpy.ops.mesh.primitive_uv_sphere_add(segments=128, ring_count=64, radius=80.0)
     bpy.ops.object.shade_smooth()
-    bpy.context.object.data.materials.append(principled("rock", 0.0, 1.0, Specular_IOR_Level=0.0))
+    bpy.context.object.data.materials.append(black("rock"))
     save(path)
 
 
 def yard(path, scenery_from_file=None):
     """Black ground, an empty roof of 12 m, a wall at x = 12, water, and a leaf card beyond the ground."""
     fresh()
-    soil = principled("black", 0.0, 1.0, Specular_IOR_Level=0.0)
+    soil = black("black")
     plane(100.0, (0.0, 0.0, 0.0), soil)
     plane(12.0, (0.0, 0.0, 2.0), soil)
     plane(8.0, (12.0, 0.0, 4.0), soil, (0.0, math.pi / 2, 0.0))
-    plane(6.0, (0.0, 20.0, 0.1), principled("lake", 0.0, 1.0, Specular_IOR_Level=0.0))
-    plane(4.0, (-80.0, 0.0, 5.0), holes("leaf"))
+    plane(6.0, (0.0, 20.0, 0.1), black("lake"))
+    plane(4.0, (-80.0, 0.0, 5.0), material_of("leaf", holes))
     if scenery_from_file is not None:
         file_from_scenery = np.linalg.inv(scenery_from_file)
         for obj in bpy.data.objects:
@@ -164,7 +115,7 @@ def vehicle(path):
     fresh()
     bpy.ops.mesh.primitive_cube_add(size=1.0)
     obj = bpy.context.object
-    obj.data.materials.append(principled("black", 0.0, 1.0, Specular_IOR_Level=0.0))
+    obj.data.materials.append(black("black"))
     rest = np.diag([4.0, 4.0, 3.0, 1.0])
     rest[2, 3] = 1.5
     obj[PART], obj[REST] = 0, rest.ravel().tolist()
@@ -173,12 +124,8 @@ def vehicle(path):
     bpy.data.libraries.write(str(path), {collection}, fake_user=True)
 
 
-def white(path, value=1.0):
-    image = bpy.data.images.new(path.stem, 8, 4, float_buffer=True)
-    image.colorspace_settings.name = "Non-Color"
-    image.pixels.foreach_set(np.full(8 * 4 * 4, value, dtype=np.float32))
-    image.filepath_raw, image.file_format = str(path), "OPEN_EXR"
-    image.save()
+def white(path):
+    write_picture(path, np.ones((4, 8, 3)))
 
 
 def weather(kind, ground, vehicles):

@@ -14,21 +14,9 @@ from hulldown.reading.confinement.references import refuse_odd_references
 from hulldown.reading.confinement.watch import ReadLimits
 from hulldown.reading.export import export
 from hulldown.reading.formats import format_of
-from hulldown.reading.options import Options
 
 ODD = Path(__file__).with_name("odd_blends.py")
 LIMITS = ReadLimits(silence_s=20.0, memory_bytes=2 * 2**30)
-BOMB_LIMITS = ReadLimits(silence_s=60.0, memory_bytes=2**30)
-# Of zeros, compressed by Blender with Zstandard, so that the file is small.
-BOMB = """
-import bpy, sys
-bpy.ops.wm.read_factory_settings(use_empty=True)
-for name, count in (("Hull", 8), ("Dust", int(sys.argv[2]))):
-    mesh = bpy.data.meshes.new(name)
-    mesh.vertices.add(count)
-    bpy.context.scene.collection.objects.link(bpy.data.objects.new(name, mesh))
-bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1], compress=True)
-"""
 
 
 @pytest.fixture(scope="module")
@@ -51,21 +39,16 @@ def refused(path: Path, folder: Path, **more: object) -> str:
     ("case", "line"),
     [
         ("nan_location", "object 'Body' has a position that isn't finite; repair or delete it"),
-        ("nan_scale", "object 'Body'"),
-        ("nan_quaternion", "object 'Body' has a position that isn't finite; repair or delete it"),
-        ("far_vertices", "object 'Body' reaches 3e+38 m from the origin, more than 1e+08 m; move"),
-        ("far_location", "object 'Body' reaches 1e+20 m from the origin"),
+        ("far_location", "object 'Body' reaches 1e+20 m from the origin, more than 1e+08 m; move"),
         ("nan_vertices", "object 'Body': "),
         ("nan_strands", "object 'Body': the strands of 'Hair' have coordinates that aren't numbers; repair or delete"),
         ("library", "lib.blend, which is a FIFO, not a file"),
-        ("library_packed", "lib.blend, which is a FIFO, not a file"),
+        ("library_compressed", "lib.blend, which is a FIFO, not a file"),
         ("font", "font.woff2, which is a FIFO, not a file"),
-        ("font_packed", "font.woff2, which is a FIFO, not a file"),
     ],
 )
-@pytest.mark.parametrize("kind", ["vehicle", pytest.param("scenery", marks=pytest.mark.thorough)])
-def test_an_odd_file_is_a_one_line_error(odd: Path, tmp_path: Path, case: str, line: str, kind: str) -> None:
-    assert line in refused(odd / f"{case}.blend", tmp_path, kind=kind)
+def test_an_odd_file_is_a_one_line_error(odd: Path, tmp_path: Path, case: str, line: str) -> None:
+    assert line in refused(odd / f"{case}.blend", tmp_path, kind="vehicle")
 
 
 @pytest.mark.blender
@@ -91,7 +74,7 @@ def test_a_hundred_million_instances_end_at_the_memory_limit(odd: Path, tmp_path
 
 @pytest.mark.blender
 def test_a_silent_reader_is_ended(odd: Path, tmp_path: Path) -> None:
-    line = refused(odd / "names_packed.blend", tmp_path, limits=ReadLimits(silence_s=0.2))
+    line = refused(odd / "names.blend", tmp_path, limits=ReadLimits(silence_s=0.2))
     assert "reading it got nowhere for 0.2 s, which is the limit" in line
 
 
@@ -158,20 +141,9 @@ def test_the_error_of_a_malformed_gltf_names_the_problem(
 
 
 @pytest.mark.blender
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"nodes": [{"children": [0]}]},
-        pytest.param({"nodes": [{"children": [i + 1]} for i in range(999)] + [{}]}, marks=pytest.mark.thorough),
-        pytest.param({"nodes": [{"mesh": "x"}]}, marks=pytest.mark.thorough),
-        pytest.param({"accessors": []}, marks=pytest.mark.thorough),
-        pytest.param({"scenes": [{"nodes": [-1]}]}, marks=pytest.mark.thorough),
-        pytest.param({"bufferViews": [{"buffer": True}]}, marks=pytest.mark.thorough),
-    ],
-)
-def test_a_gltf_with_wrong_indices_is_a_one_line_error(tmp_path: Path, change: dict) -> None:
+def test_a_gltf_with_wrong_indices_is_a_one_line_error(tmp_path: Path) -> None:
     (tmp_path / "mesh .bin").write_bytes(bytes(36))
-    (tmp_path / "a.gltf").write_text(json.dumps({**GLTF, **change}))
+    (tmp_path / "a.gltf").write_text(json.dumps({**GLTF, "nodes": [{"children": [0]}]}))
     assert "export it again" in refused(tmp_path / "a.gltf", tmp_path, kind="vehicle")
 
 
@@ -193,47 +165,13 @@ def test_an_obj_that_refers_to_a_device_or_fifo_is_refused(tmp_path: Path, text:
 
 
 @pytest.mark.blender
-def test_a_compression_bomb_ends_at_the_memory_limit(tmp_path: Path) -> None:
-    path = tmp_path / "bomb.blend"
-    for count in (0, 100_000_000):  # 12 bytes each
-        subprocess.run([sys.executable, "-P", "-c", BOMB, str(path), str(count)], check=True, capture_output=True)
-        with open(path, "rb") as file:
-            assert file.read(4) == b"\x28\xb5\x2f\xfd"
-        line = refused(path, tmp_path, kind="vehicle", limits=BOMB_LIMITS)
-        assert ("GiB of memory, more than the limit of 1.00 GiB" in line) == (count > 0)
-    assert path.stat().st_size < 2**20
-
-
-@pytest.mark.blender
-@pytest.mark.parametrize("kind", ["scenery", pytest.param("vehicle", marks=pytest.mark.thorough)])
-def test_a_pattern_that_makes_everything_ground_ends_at_the_memory_limit(odd: Path, tmp_path: Path, kind: str) -> None:
-    options = Options(include=("**",))
-    line = refused(odd / "instances.blend", tmp_path, kind=kind, limits=BOMB_LIMITS, options=options)
-    assert "GiB of memory, more than the limit of 1.00 GiB" in line
-
-
-@pytest.mark.blender
-@pytest.mark.parametrize(
-    ("accessor", "buffer"),
-    [
-        # a buffer that is a sparse file
-        pytest.param({"bufferView": 0, "count": 2**27}, 12 * 2**27, marks=pytest.mark.thorough),
-        ({"count": 2**27}, 36),  # zeros without a buffer
-        pytest.param({"count": 10**13}, 36, marks=pytest.mark.thorough),
-    ],
-)
-def test_a_gltf_bomb_is_a_one_line_error(tmp_path: Path, accessor: dict, buffer: int) -> None:
-    data = {
-        **GLTF,
-        "accessors": [{"componentType": 5126, "type": "VEC3", **accessor}],
-        "bufferViews": [{"buffer": 0, "byteLength": buffer}],
-        "buffers": [{"uri": "mesh.bin", "byteLength": buffer}],
-    }
-    (tmp_path / "bomb.gltf").write_text(json.dumps(data))
-    with open(tmp_path / "mesh.bin", "wb") as file:
-        file.truncate(buffer)
-    line = refused(tmp_path / "bomb.gltf", tmp_path, kind="vehicle", limits=BOMB_LIMITS)
-    assert "memory" in line or "cannot" in line, line
+def test_a_gltf_bomb_is_a_one_line_error(tmp_path: Path) -> None:
+    """Zeros without a buffer, which Blender makes up."""
+    (tmp_path / "mesh .bin").write_bytes(bytes(36))
+    accessors = [{"componentType": 5126, "type": "VEC3", "count": 2**27}]
+    (tmp_path / "bomb.gltf").write_text(json.dumps({**GLTF, "accessors": accessors}))
+    line = refused(tmp_path / "bomb.gltf", tmp_path, kind="vehicle")
+    assert "GiB of memory, more than the limit of 2.00 GiB; make it smaller, leave it out, or raise" in line
 
 
 def test_the_json_of_a_gltf_has_a_size_limit(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import bpy
 import numpy as np
 
 from hulldown.reading.blender.tidy_properties import PART, REST
+from hulldown.tests.node_trees import write_picture
 
 
 def cube(name="Body"):
@@ -91,10 +92,7 @@ def as_vehicle():
 
 
 def sky(path):
-    image = bpy.data.images.new("sky", 64, 32, float_buffer=True)
-    image.pixels.foreach_set(np.linspace(0.1, 1.0, 4 * 64 * 32, dtype=np.float32))
-    image.filepath_raw, image.file_format = str(path), "OPEN_EXR"
-    image.save()
+    write_picture(path, np.linspace(0.1, 1.0, 3 * 64 * 32).reshape(32, 64, 3))
 
 
 def main(what, *paths):
