@@ -1,4 +1,4 @@
-"""Values that anybody may write into a file, and what a user is told of them."""
+"""Values that people may write into files, and the messages that they get."""
 
 from collections.abc import Callable
 from typing import Any
@@ -17,19 +17,19 @@ ODD = (
 
 
 def values_of(*more: Any) -> st.SearchStrategy[Any]:
-    """Odd values, these among them, and numbers and texts of any kind."""
+    """Odd values, including these, and numbers and texts of any kind."""
     numbers = st.integers(-(2**63), 2**63 - 1) | st.floats(allow_nan=False, allow_infinity=False)
     return st.sampled_from([*ODD, *more]) | numbers | st.text(max_size=5)
 
 
 def containers(value: Any) -> list[Any]:
-    """Every object and list in a JSON value, itself included."""
+    """Every object and list in a JSON value, including itself."""
     inner = list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else []
     return [value] * isinstance(value, (dict, list)) + [found for each in inner for found in containers(each)]
 
 
 def refusal(use: Callable[..., object], *arguments: object) -> str:
-    """What a user is told of a mistake in a file; any other error is one of the program, and not caught."""
+    """The user's message about a mistake in a file; any other error is a bug, and not caught."""
     try:
         use(*arguments)
     except HulldownError as error:

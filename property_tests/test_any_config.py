@@ -1,4 +1,4 @@
-"""Configs that anybody may have written: understood, or refused in one line that names the key."""
+"""Any config is accepted, or refused in one line that names the key."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SOUND: dict[str, Any] = {
 
 
 def all_places(model: type[BaseModel] = Config, path: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
-    """Where a config may say something: the keys of all tables, and those of the tables in lists."""
+    """Places for values in a config: the keys of all tables, and of tables in lists."""
     found: list[tuple[str | int, ...]] = []
     for name, field in model.model_fields.items():
         found.append((*path, name))
@@ -41,12 +41,12 @@ def all_places(model: type[BaseModel] = Config, path: tuple[str | int, ...] = ()
 
 
 def _bare(annotation: Any) -> Any:
-    """What an annotation is of that says more than a type."""
+    """An annotation without metadata."""
     return next(iter(get_args(annotation)), None)
 
 
 def put(data: Any, place: tuple[str | int, ...], value: Any) -> None:
-    """Set a key, unless another change has put something else than a table around it."""
+    """Set a key, unless another change has replaced a table around it."""
     for step, following in pairwise(place):
         if isinstance(data, dict):
             data = data.setdefault(step, [{}] if following == 0 else {})
@@ -75,7 +75,7 @@ places = st.sampled_from(all_places())
 
 @MANY
 @given(st.lists(st.tuples(places, values), min_size=1, max_size=3))
-def test_any_value_in_any_key_is_understood_or_refused(changes: list[tuple[tuple[str | int, ...], Any]]) -> None:
+def test_any_value_of_any_key_is_accepted_or_refused(changes: list[tuple[tuple[str | int, ...], Any]]) -> None:
     data = copy.deepcopy(SOUND)
     for place, value in changes:
         put(data, place, copy.deepcopy(value))
@@ -89,7 +89,7 @@ numerals = st.tuples(st.sampled_from([b"seed", b"budget.images_per_class", b"x"]
 
 @MANY
 @given(st.binary(max_size=60) | numerals | st.text(max_size=60).map(lambda text: text.encode("utf-8", "surrogatepass")))
-def test_any_file_is_understood_or_refused(content: bytes) -> None:
+def test_any_file_is_accepted_or_refused(content: bytes) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "hulldown.toml"
         path.write_bytes(content)

@@ -1,4 +1,4 @@
-"""Plans that anybody may have edited: reading, checking, drawing and rendering them ends in at most one line."""
+"""Reading, checking, drawing, and rendering any edited plan gives at most one line of error."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ NAMES = {"t72", "car", "hills"}
 
 
 def config(*, images: int = 1, vehicles: int = 1, distractors: int = 0, background_share: float = 0.0) -> Config:
-    """A config for a plan of a row or two, since each is planned again."""
+    """A config for a plan of a few rows, since each plan is made again."""
     return small_config(
         assets={
             "vehicles": [{"path": "t72.blend", "category": "tank"}],
@@ -62,7 +62,7 @@ def config(*, images: int = 1, vehicles: int = 1, distractors: int = 0, backgrou
     )
 
 
-# Two shots of a position; a companion; a distractor; a background.
+# Two images of a position, a companion, a distractor, and a background.
 CONFIGS = [config(images=2), config(vehicles=2), config(distractors=1), config(background_share=0.5)]
 FILES = RenderAssets(
     vehicles={name: VehicleFile(shape, Path(f"{name}.blend")) for name, shape in ASSETS.vehicles.items()},
@@ -84,7 +84,7 @@ change = st.tuples(
 
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory: pytest.TempPathFactory) -> list[list[bytes]]:
-    """The lines of plans in which nothing is wrong."""
+    """Lines of valid plans."""
     folder = tmp_path_factory.mktemp("sound")
     paths = [write_plan(made, ASSETS, folder / f"{i}.jsonl").path for i, made in enumerate(CONFIGS)]
     return [path.read_bytes().splitlines() for path in paths]
@@ -92,16 +92,16 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> list[list[bytes]]:
 
 @lru_cache(maxsize=8)
 def planner_of(header: str) -> Planner | None:
-    """What a plan with this config is checked against, None if it names other assets.
+    """The library for checking a plan with this config, None if it names other assets.
 
-    As long as the config is left alone, it is built once.
+    It's built once for an unchanged config.
     """
     config = Config.of(json.loads(header), path=Path("plan.jsonl"))
     return Planner(config, ASSETS) if names_of(config) == NAMES else None
 
 
 def change_line(line: dict[str, Any], at: int, which: int, key: str, new: Any, how: str) -> None:
-    """Another value, key or scale somewhere in a line."""
+    """Replace a value, key, or scale somewhere in a line."""
     place = (found := [each for each in containers(line) if each] or [line])[at % len(found)]
     keys = list(place) if isinstance(place, dict) else list(range(len(place)))
     one = keys[which % len(keys)] if keys else key
@@ -112,11 +112,11 @@ def change_line(line: dict[str, Any], at: int, which: int, key: str, new: Any, h
     elif how == "scale" and keys and isinstance(place[one], float):
         place[one] *= 1.0 + 1e-6 * which
     elif keys or isinstance(place, dict):
-        place[one] = copy.deepcopy(new)  # it may be changed itself
+        place[one] = copy.deepcopy(new)  # later changes must not reach `new`
 
 
 def job_of(row: Row, plan: Path) -> None:
-    """What a worker would be told, which `hulldown render` refuses as here."""
+    """Make a row's job for a worker, which refuses rows like `hulldown render`."""
     try:
         render_job(row, FILES, SETTINGS, plan.parent / "1.png")
         mask_job(row, FILES, plan.parent / "1.png")
@@ -125,7 +125,7 @@ def job_of(row: Row, plan: Path) -> None:
 
 
 def used(path: Path) -> None:
-    """All that is done with a plan up to Blender."""
+    """Use a plan in every way except rendering it."""
     opened: list[Plan] = []
     messages = [refusal(lambda: opened.append(read_plan(path)))]
     messages += [line for plan in opened for line in all_uses(plan, path)]
@@ -133,7 +133,7 @@ def used(path: Path) -> None:
 
 
 def all_uses(plan: Plan, path: Path) -> list[str]:
-    """What is said by each use of a plan that can be opened."""
+    """Messages of each use of a plan that can be opened."""
     rows: list[Row] = []
     planners: list[Planner | None] = []
     return [
@@ -150,17 +150,17 @@ def all_uses(plan: Plan, path: Path) -> list[str]:
 
 
 def names_of(config: Config) -> set[str]:
-    """Of all the assets."""
+    """For all assets."""
     return {entry.name for entry in config.assets.entries}
 
 
 def posed_uses(plan: Plan, planner: Planner, rows: list[Row]) -> list[str]:
-    """What is said by the check, and by previews."""
+    """Messages of the check, and of previews."""
     return [refusal(check_rows, plan, planner), *(refusal(draw, plan, planner, row) for row in rows[:1])]
 
 
 def draw(plan: Plan, planner: Planner, row: Row) -> None:
-    """A preview."""
+    """Draw a preview."""
     Artist(plan, ASSETS).picture(row, width=8)
 
 
@@ -169,7 +169,7 @@ plans = st.integers(0, len(CONFIGS) - 1)
 
 @MANY
 @given(plans, st.lists(change, min_size=1, max_size=3))
-def test_any_edited_plan_is_used_or_refused(sound: list[list[bytes]], which: int, changes: list) -> None:
+def test_any_edited_plan_is_accepted_or_refused(sound: list[list[bytes]], which: int, changes: list) -> None:
     lines = [json.loads(line) for line in sound[which]]
     for number, *what in changes:
         change_line(lines[number % len(lines)], *what)
@@ -181,7 +181,7 @@ def test_any_edited_plan_is_used_or_refused(sound: list[list[bytes]], which: int
 
 @MANY
 @given(plans, st.binary(max_size=80), st.integers(0, 2), st.booleans())
-def test_any_bytes_in_a_plan_are_refused_in_a_line(
+def test_any_bytes_in_a_plan_are_refused_in_one_line(
     sound: list[list[bytes]], which: int, content: bytes, number: int, alone: bool
 ) -> None:
     lines = sound[which]

@@ -1,4 +1,4 @@
-"""Budgets: exact for any counts, balanced at every beginning, positions that tile the images."""
+"""Budgets: exact for any counts, balanced in every prefix, with positions that cover all images."""
 
 import numpy as np
 from hypothesis import given
@@ -12,10 +12,10 @@ CLASSES = st.lists(st.integers(1, 5), min_size=1, max_size=5)
 
 @st.composite
 def budgets(draw):
-    """Models per class, a budget section, and what each class should get."""
+    """Models per class, a budget section, and each class's images."""
     models = draw(CLASSES)
     categories = {f"{c}-{m}": f"class {c}" for c, n in enumerate(models) for m in range(n)}
-    # The order in the config need not be by class.
+    # The config doesn't need to be sorted by class.
     categories = {name: categories[name] for name in draw(st.permutations(list(categories)))}
     shots = draw(st.integers(1, 7))
     share = draw(st.sampled_from([0.0, 0.0, 0.05, 0.3, 0.9]))
@@ -31,7 +31,7 @@ def budgets(draw):
 
 
 def visited(budget):
-    """Every position, one by one, in the obvious way: classes take turns, each gives its next model's next position."""
+    """Every position by simple iteration: classes take turns, and each gives the next position of its next model."""
     left = {v: int(n) for v, n in zip(budget.vehicles, budget.images, strict=True)}
     queues = [
         [budget.vehicles[i] for i in range(budget.class_starts[c], budget.class_starts[c + 1])]
@@ -53,7 +53,7 @@ def visited(budget):
 
 
 @given(budgets())
-def test_positions_are_those_of_taking_turns_one_by_one(given_budget):
+def test_positions_equal_taking_turns_one_by_one(given_budget):
     categories, section, _ = given_budget
     budget = make_budget(section, categories)
     p = budget.positions(np.arange(budget.n_positions))
@@ -66,7 +66,7 @@ def test_positions_are_those_of_taking_turns_one_by_one(given_budget):
 
 
 @given(budgets())
-def test_every_class_gets_exactly_its_images_and_its_models_share_them(given_budget):
+def test_every_class_gets_exactly_its_images_shared_by_its_models(given_budget):
     categories, section, wanted = given_budget
     budget = make_budget(section, categories)
     p = budget.positions(np.arange(budget.n_positions))
@@ -87,7 +87,7 @@ def test_every_class_gets_exactly_its_images_and_its_models_share_them(given_bud
 
 
 @given(budgets(), st.randoms(use_true_random=False))
-def test_any_positions_asked_in_any_order_answer_the_same(given_budget, random):
+def test_positions_can_be_asked_in_any_order(given_budget, random):
     categories, section, _ = given_budget
     budget = make_budget(section, categories)
     everything = budget.positions(np.arange(budget.n_positions))
@@ -101,7 +101,7 @@ def test_any_positions_asked_in_any_order_answer_the_same(given_budget, random):
 
 
 @given(budgets())
-def test_any_beginning_has_its_share_of_backgrounds(given_budget):
+def test_every_prefix_has_its_share_of_backgrounds(given_budget):
     categories, section, _ = given_budget
     budget = make_budget(section, categories)
     p = budget.positions(np.arange(budget.n_positions))

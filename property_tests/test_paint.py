@@ -1,4 +1,4 @@
-"""Draws of paint: within what the config allows, a function of seed, position and place alone, whatever the company."""
+"""Drawn paint: within the config's ranges, and a function of seed, position, and place alone."""
 
 import numpy as np
 from hypothesis import given
@@ -29,7 +29,7 @@ POSITIONS = st.lists(st.integers(0, 10**9), min_size=1, max_size=20, unique=True
 
 
 @given(ENTRIES, SEEDS, POSITIONS, st.integers(0, 200))
-def test_coats_are_what_the_config_allows(entries, seed, positions, place):
+def test_coats_are_within_the_config(entries, seed, positions, place):
     for coats in draw_coats(entries, RandomStreams(seed), position=np.array(positions), place=place):
         for coat, entry in zip(coats, entries, strict=True):
             assert (coat.color or OWN) in entry.colors
@@ -41,7 +41,7 @@ def test_coats_are_what_the_config_allows(entries, seed, positions, place):
 
 
 @given(ENTRIES, SEEDS, POSITIONS, st.data())
-def test_coats_do_not_depend_on_the_company(entries, seed, positions, data):
+def test_coats_do_not_depend_on_other_rows(entries, seed, positions, data):
     places = data.draw(st.lists(st.integers(0, 200), min_size=len(positions), max_size=len(positions)))
     order = data.draw(st.permutations(range(len(positions))))
     together = draw_coats(entries, RandomStreams(seed), position=np.array(positions), place=np.array(places))
@@ -51,7 +51,7 @@ def test_coats_do_not_depend_on_the_company(entries, seed, positions, data):
 
 
 @given(SEEDS, st.integers(0, 10**6))
-def test_places_of_a_row_draw_numbers_of_their_own(seed, position):
+def test_places_of_a_row_use_different_random_numbers(seed, position):
     entry = PaintEntry(value=(0.0, 10.0))
     drawn = [
         draw_coats([entry], RandomStreams(seed), position=np.array([position]), place=k)[0][0].value for k in range(8)

@@ -1,4 +1,4 @@
-"""Plans of random configs: every limit holds when recomputed another way; who plans what when never matters."""
+"""Plans of random configs: every limit holds when recomputed independently, and the cut of work doesn't matter."""
 
 import math
 from collections import Counter
@@ -22,19 +22,19 @@ from hulldown.planning.relabel import relabeled
 from hulldown.render.annotations import Segmenter
 from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, small_assets, small_config
 
-# What rows are rounded to: see planning/row.py.
+# Rounding of rows: see planning/row.py.
 ROUNDED, ROTATION, PIXELS = 1e-9, 1e-12, 1e-6
 
 ASSETS = small_assets(distractors=True)
 SHAPES = {**ASSETS.vehicles, **ASSETS.distractors}
 CASTERS = {name: RayCaster(scenery.ground) for name, scenery in ASSETS.sceneries.items() if scenery.ground}
 TERRAINS = {name: Terrain(scenery.ground) for name, scenery in ASSETS.sceneries.items() if scenery.ground}
-# A plan takes long beside what Hypothesis is made for.
+# Plans take longer than Hypothesis expects.
 FEW = settings(max_examples=max(4, settings.default.max_examples // 8), suppress_health_check=list(HealthCheck))
 
 
 def interval(low, high, least=0.0):
-    """[a, b] within bounds, at least so wide."""
+    """[a, b] within bounds, with a minimum width."""
     return st.tuples(st.floats(low, high - least), st.floats(0.0, 1.0)).map(
         lambda p: [p[0], p[0] + least + p[1] * (high - p[0] - least)]
     )
@@ -100,7 +100,7 @@ def planned(config):
         planner = Planner(config, ASSETS)
         return planner, planner.rows(0, planner.budget.n_positions)
     except ConfigError:
-        # Some configs cannot be met; tests/test_planner.py looks at how they say so.
+        # Some configs can't be met; tests/test_planner.py checks their errors.
         reject()
 
 
@@ -128,14 +128,14 @@ def test_every_row_keeps_every_limit(config):
 
 
 def budget_is_met(rows, budget):
-    """Every vehicle has exactly its images, and backgrounds come beside them."""
+    """Every vehicle has exactly its images, in addition to backgrounds."""
     images = Counter(row.target.vehicle for row in rows if not row.background)
     assert [images[name] for name in budget.vehicles] == budget.images.tolist()
     assert sum(row.background for row in rows) == budget.backgrounds
 
 
 def labels_follow_from_the_poses(row, again):
-    """Each row alone gives the labels that were planned in batches."""
+    """Labels of each single row equal those planned in batches."""
     for one, other in zip(row.planned, again.planned, strict=True):
         assert (one.label, one.bounds) == (other.label, other.bounds)
         for key in ("visible_fraction", "truncated_fraction", "air_contrast", "slope_deg", "gap", "penetration"):
@@ -143,7 +143,7 @@ def labels_follow_from_the_poses(row, again):
 
 
 def guests_keep_their_distance(row, config):
-    """Companions and distractors are as far from the target as drawn, and no vertex is in another vehicle's box."""
+    """Companions and distractors have the drawn distance from the target, and no vertex is in another vehicle's box."""
     limits = config.placement
     for kind, (low, high) in (("companions", limits.companion_distance), ("distractors", limits.distractor_distance)):
         for vehicle in getattr(row, kind):
@@ -160,7 +160,7 @@ def guests_keep_their_distance(row, config):
 
 
 def labels_are_what_is_seen(row, config):
-    """No label without pixels, and no pixels of a class without a label, if only one to be ignored."""
+    """Every label has pixels, and all pixels of a class have a label, perhaps an ignored one."""
     everything = [vehicle for vehicle in row.vehicles if vehicle.bbox is not None]
     shown = Segmenter(SHAPES, ASSETS.sceneries).pixels(row, everything)
     for vehicle, pixels in zip(everything, shown, strict=True):
@@ -170,7 +170,7 @@ def labels_are_what_is_seen(row, config):
         if pixels and vehicle.category is not None:
             assert label != "none" or config.annotate.below == "left_out"
     assert not (row.background and row.labeled)
-    # COCO's word for labels that neither count as missed nor as false alarms.
+    # COCO's term for labels that count neither as missed nor as false positives.
     crowds = [record["iscrowd"] for record in label_records(row)]
     assert crowds == [{"full": 0, "ignored": 1}[vehicle.label] for vehicle in row.labeled]
 
@@ -191,12 +191,12 @@ def stands_within_limits(row, vehicle, config, *, target):
     low, high = scenery.ground.bounds[:, :2]
     if target:
         assert (np.abs(pose[:2, 3] - (low + high) / 2) <= limits.margin * (high - low) / 2 + 1e-9).all()
-    # Of these vehicles the hull touches the ground; its box ends where its vertices do.
+    # The hulls of these vehicles touch the ground; their boxes end at their vertices.
     under = shape.mesh.vertices[:8, :2] if limits.contact == "footprint" else shape.mesh.bounds[:, :2]
     (x0, y0), (x1, y1) = under.min(axis=0), under.max(axis=0)
     grid = [[x, y, 0.0] for x in np.linspace(x0, x1, 9) for y in np.linspace(y0, y1, 9)]
     points = apply(pose, grid)
-    # Straight from Embree, not through placement: an independent look at the ground.
+    # Cast by Embree directly, independently of placement.
     above_them = points + np.array([0.0, 0.0, 100.0])
     hits = CASTERS[scenery.name].cast(above_them, np.tile([0.0, 0.0, -1.0], (len(points), 1)))
     above = (hits.distance - 100.0)[hits.hit]
@@ -250,7 +250,7 @@ def camera_within_limits(row, config):
 
 
 def share_of_the_image(row, measure):
-    """How much of the image the box fills, frame or no frame."""
+    """Share of the image that the box fills, with or without the frame."""
     (width, height), (image_width, image_height) = row.target.bbox_amodal[2:], (row.width, row.height)
     return {
         "height": height / image_height,
@@ -282,7 +282,7 @@ def light_within_limits(row, config):
 
 
 def outcome(config, cuts, order=None):
-    """The lines, or why there are none, of positions planned in blocks that begin at these, in any order."""
+    """Lines or the error of positions planned in blocks that begin at these, in any order."""
     try:
         planner = Planner(config, ASSETS)
         blocks = list(zip([0, *cuts], [*cuts, planner.budget.n_positions], strict=True))
@@ -303,7 +303,7 @@ def test_lines_and_failures_never_depend_on_how_the_work_is_cut(config, tries, c
         reject()
     cuts = sorted(data.draw(st.sets(st.integers(1, n - 1), max_size=4))) if n > 1 else []
     whole = outcome(config, [])
-    # The first of several failures is named, which in another order may be another one.
+    # The first of several failures is reported, which depends on the order.
     order = data.draw(st.permutations(range(len(cuts) + 1))) if isinstance(whole, list) else None
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("hulldown.planning.search.positions.CANDIDATES", candidates)

@@ -1,4 +1,4 @@
-"""Parameters that `make test` takes only some of."""
+"""Parameters of which `make test` uses a part."""
 
 from collections.abc import Iterable
 
@@ -6,5 +6,5 @@ import pytest
 
 
 def few(cases: Iterable[str], *always: str) -> list:
-    """Return the cases, all but those that are always taken marked as thorough."""
+    """Mark all cases as thorough, except those that always run."""
     return [case if case in always else pytest.param(case, marks=pytest.mark.thorough) for case in cases]

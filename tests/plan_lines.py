@@ -1,4 +1,4 @@
-"""Lines of a plan, made by hand: its header, and rows of which tests change a key."""
+"""Handwritten lines of a plan: its header, and rows in which tests change a key."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A small world for planning tests: boxy vehicles with turret and gun, hills, trees and rocks."""
+"""A small world for planning tests: boxy vehicles with turret and gun, hills, trees, and rocks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ VEHICLE_ENTRIES = [{"path": f"vehicles/{name}.blend", "category": category} for 
 
 
 def vehicle(name, scale=1.0):
-    """Hull, turret and gun; the gun reaches beyond the hull."""
+    """Hull, turret, and gun; the gun is longer than the hull."""
     boxes = [
         box((-3.4, -1.7, 0), (3.4, 1.7, 1.4)),
         box((-1.2, -1.1, 1.4), (1.3, 1.1, 2.3)),
@@ -52,7 +52,7 @@ def hills(name, *, height=3.0, cells=40, size=240.0, trees=30, seed=0):
 
 
 def with_water(scenery, mesh, *poses):
-    """The scenery with a water surface, in one place or in several."""
+    """The scenery with a water surface, in one or several places."""
     poses = np.array(poses or [np.eye(4)])
     wet = len(poses)
     return replace(
@@ -67,7 +67,7 @@ def with_water(scenery, mesh, *poses):
 
 
 def bare(name, origin_z=0.0):
-    """A scenery whose file has nothing in it: the fallback plane."""
+    """A scenery from an empty file: the fallback plane."""
     return scenery_of(name, origin=(0.0, 0.0, origin_z))
 
 
@@ -102,7 +102,7 @@ def small_config(**sections):
 
 
 def plan(config, assets):
-    """Yield the rows of a whole plan in order."""
+    """Yield the rows of a plan in order."""
     planner = Planner(config, assets)
     for start in range(0, planner.budget.n_positions, BLOCK):
         yield from planner.rows(start, min(start + BLOCK, planner.budget.n_positions))

@@ -1,4 +1,4 @@
-"""`import hulldown`: what it offers, what it does not load, and how plans and datasets show themselves."""
+"""`import hulldown`: its names, its lazy imports, and displays of plans and datasets."""
 
 import importlib
 import io
@@ -66,13 +66,13 @@ def test_import_and_help_load_nothing_heavy(code):
 
 
 @pytest.mark.parametrize("name", PROMISED)
-def test_names_that_other_code_relies_on_have_an_example(name):
+def test_relied_on_names_have_an_example(name):
     module, _, attribute = name.rpartition(".")
     assert ">>>" in getattr(importlib.import_module(f"hulldown.{module}"), attribute).__doc__
 
 
 @pytest.mark.parametrize("name", hd.__all__)
-def test_every_public_name_is_there_and_explains_itself_by_an_example(name):
+def test_every_public_name_exists_and_has_an_example(name):
     assert name in dir(hd)
     found = getattr(hd, name)
     found = importlib.import_module("hulldown.render.supervisor").render if name == "render" else found
@@ -101,20 +101,20 @@ def test_a_table_of_a_plan_has_the_keys_of_its_lines(plan):
     assert table["fov_x_deg"][3] == line["fov_x_deg"]
 
 
-def test_without_pandas_the_table_says_what_to_install(plan, monkeypatch):
+def test_without_pandas_the_error_tells_what_to_install(plan, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(hd.HulldownError, match="pip install pandas"):
         plan.to_pandas()
 
 
-def test_a_plan_whose_assets_are_gone_still_shows_what_it_holds(plan):
+def test_a_plan_without_its_assets_can_be_displayed(plan):
     page = plan._repr_html_()
     assert "tank" in page
     assert "<img" not in page
     assert plan._repr_png_() is None
 
 
-def test_a_dataset_shows_counts_and_pictures(dataset):
+def test_a_dataset_displays_counts_and_pictures(dataset):
     page = dataset._repr_html_()
     assert "<th>labels of tank</th><td>8</td>" in page
     assert "<img" in page
@@ -122,15 +122,15 @@ def test_a_dataset_shows_counts_and_pictures(dataset):
         assert picture.width > 900
 
 
-def test_what_is_shown_cannot_be_html_of_the_files(tmp_path):
+def test_displays_escape_html_in_files(tmp_path):
     with CocoDataset.open(tmp_path, categories=["<script>"]) as writer:
         writer.append({"file_name": "none.png", "width": 64, "height": 48}, [])
     page = hd.Dataset.read(tmp_path)._repr_html_()
     assert "<script>" not in page
-    assert "none.png" in page  # which can't be read
+    assert "none.png" in page  # an unreadable picture
 
 
-def test_datasets_and_plans_are_paths(dataset, plan, tmp_path):
+def test_datasets_and_plans_are_path_like(dataset, plan, tmp_path):
     assert hd.verify(dataset) == []
     assert hd.join([dataset], tmp_path / "joined").added == 8
     assert sum(hd.export(dataset, tmp_path / "out").values()) == 8
@@ -140,13 +140,13 @@ def test_datasets_and_plans_are_paths(dataset, plan, tmp_path):
     assert not (tmp_path / "rendered").exists()
 
 
-def test_settings_of_a_training_are_checked_by_key():
+def test_training_settings_are_validated_by_key():
     with pytest.raises(hd.HulldownError, match="budgt"):
         hd.train({}, "run", settings={"budgt": 5})
     assert load_settings(None, {"budget": 5}).budget == 5
 
 
-def test_a_config_built_in_python_is_checked_like_a_file():
+def test_a_config_made_in_python_is_validated_like_a_file():
     sections = {
         "assets": {"vehicles": [{"path": "a.blend", "category": "tank"}], "sceneries": [{"path": "b.blend"}]},
         "budget": {"images_per_class": 4},
@@ -159,7 +159,7 @@ def test_a_config_built_in_python_is_checked_like_a_file():
 @pytest.mark.blender
 @pytest.mark.thorough
 def test_a_project_from_config_to_dataset(tmp_path):
-    """Plan, look, render half, go on, verify: as docs/python.md has it, at the least size."""
+    """Plan, preview, render half, continue, verify: as in docs/python.md, with the smallest sizes."""
     config = hd.Config.read(create_project(tmp_path, small=True))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)

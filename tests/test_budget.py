@@ -1,4 +1,4 @@
-"""Budgets: the position of an image, and messages about impossible ones."""
+"""Budgets: the position of an image, and errors of impossible budgets."""
 
 import numpy as np
 import pytest
@@ -28,12 +28,12 @@ def test_position_of_an_image():
         ({"positions_per_vehicle": 0}, "no image would be made"),
     ],
 )
-def test_a_budget_that_makes_no_sense(section, message):
+def test_an_impossible_budget_is_refused(section, message):
     with pytest.raises(ConfigError, match=message):
         make_budget(BudgetSection(**section), CATEGORIES)
 
 
-def test_a_position_that_is_not_there():
+def test_a_position_out_of_range_is_refused():
     budget = make_budget(BudgetSection(images_per_class=5), CATEGORIES)
     with pytest.raises(ValueError, match="index: expected positions 0 to"):
         budget.positions([budget.n_positions])

@@ -1,4 +1,4 @@
-"""`hulldown check`: a plan against the plan that its config gives, and labels against poses."""
+"""`hulldown check`: a plan compared with one made from its config, and labels with poses."""
 
 import json
 from functools import cache
@@ -41,7 +41,7 @@ OTHERS = {
     "companions": [], "distractors": [], "rejected": {"gap": 1000}, "weather": {"visibility_m": 5.5, "kind": "fog"},
     "geo": {"crs": "EPSG:32632", "easting": 1.0, "northing": 2.0, "longitude": 3.0, "latitude": 4.0},
 }  # fmt: skip
-# The file's own reader refuses another index, image number, or class.
+# The file's reader refuses another index, image number, or class.
 READER = {"index", "image_id", "category"}
 FOLLOWS = {"bbox", "bbox_amodal", "visible_fraction", "truncated_fraction", "slope_deg", "gap", "penetration", "label",
            "bounds", "air_contrast", "geo"}  # fmt: skip
@@ -49,7 +49,7 @@ FOLLOWS = {"bbox", "bbox_amodal", "visible_fraction", "truncated_fraction", "slo
 
 @pytest.fixture(scope="module")
 def planner():
-    """It plans once for all tests."""
+    """A library that plans once for all tests."""
     planner = Planner(CONFIG, ASSETS)
     planner.rows = cache(planner.rows)
     return planner
@@ -68,7 +68,7 @@ def edited(made, path, change):
 
 
 def other(row, key):
-    """Another value of a field."""
+    """Another value for a field."""
     if key.startswith("world_from"):
         return [[1.0, 0.0, 0.0, row[key][0][3] + 1e-3], *np.eye(4).tolist()[1:]]
     if key == "background":
@@ -80,7 +80,7 @@ def other(row, key):
     return row[key] + (1 if isinstance(row[key], int) else 1e-5 if row[key] < 0.5 else -1e-5)
 
 
-def test_a_plan_is_what_its_config_gives(made, planner):
+def test_an_unchanged_plan_has_no_findings(made, planner):
     seen = []
     assert check_rows(made, planner, progress=lambda done, n: seen.append((done, n))) == []
     assert seen[-1] == (len(made), len(made))
@@ -88,9 +88,9 @@ def test_a_plan_is_what_its_config_gives(made, planner):
 
 @pytest.mark.parametrize("whose", ["", "companions", "distractors"])
 def test_every_changed_field_is_found(made, planner, tmp_path, whose):
-    """One field of one row after the other, in rounds of as many fields as there are rows."""
+    """Change one field in each row, in as many rounds as needed for all fields."""
     keys = [key for key in fields(PlannedVehicle if whose else Row) if key not in READER]
-    keys.sort(key=lambda key: key not in ("companions", "distractors"))  # with rows that have some
+    keys.sort(key=lambda key: key not in ("companions", "distractors"))  # first, as the rows that have some
     rows = sorted(made, key=lambda row: not (row.companions and row.distractors))
     rows = [row.index for row in rows if not whose or getattr(row, whose)]
     for start in range(0, len(keys), len(rows)):
@@ -110,7 +110,7 @@ def test_every_changed_field_is_found(made, planner, tmp_path, whose):
         assert {int(line.split()[1].rstrip(":")) for line in findings} == set(some)
 
 
-def test_a_moved_vehicle_with_its_own_labels_differs_from_the_plan_only(made, planner, tmp_path):
+def test_a_moved_vehicle_with_matching_labels_differs_only_from_the_plan(made, planner, tmp_path):
     row = next(row for row in made if not row.background and row.scenery == "hills")
     pose = row.target.world_from_vehicle.copy()
     pose[2, 3] += 0.05
@@ -144,7 +144,7 @@ def test_a_changed_config_is_found(made, tmp_path, section, changes, message):
     assert any(message in line for line in findings), findings[:20]
 
 
-def test_findings_are_listed_up_to_a_limit(made, planner, tmp_path, monkeypatch):
+def test_findings_are_limited_in_number(made, planner, tmp_path, monkeypatch):
     monkeypatch.setattr("hulldown.planning.check.MOST", 3)
     plan = edited(made, tmp_path / "plan.jsonl", lambda _, rows: [row.update(tries=99) for row in rows])
     findings = check_rows(plan, planner)
@@ -153,7 +153,7 @@ def test_findings_are_listed_up_to_a_limit(made, planner, tmp_path, monkeypatch)
 
 
 @pytest.mark.parametrize("whose", ["", "companions", "distractors"])
-def test_a_part_that_its_vehicle_lacks_is_one_line(made, planner, tmp_path, whose):
+def test_an_unknown_part_is_a_one_line_error(made, planner, tmp_path, whose):
     number = next(row.index for row in made if not whose or getattr(row, whose))
 
     def change(_, rows):
@@ -166,5 +166,5 @@ def test_a_part_that_its_vehicle_lacks_is_one_line(made, planner, tmp_path, whos
         Artist(plan, ASSETS).picture(list(plan)[number], width=8)
 
 
-def test_the_header_has_the_whole_config(made):
+def test_the_header_has_the_complete_config(made):
     assert Config.of(made.header.config) == CONFIG

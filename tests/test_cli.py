@@ -1,4 +1,4 @@
-"""The command's manners: exit codes, one line for a mistake, results on stdout and the rest on stderr."""
+"""The command line: exit codes, one-line errors, results on stdout, and messages on stderr."""
 
 import json
 import os
@@ -26,7 +26,7 @@ def command(*words):
 
 
 def run_apart(*words, cwd):
-    """The command in a process of its own."""
+    """The command in a separate process."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     return subprocess.run(command(*words), cwd=cwd, capture_output=True, text=True, env=environment, timeout=120)
 
@@ -39,7 +39,7 @@ def run(tmp_path, monkeypatch, capsys):
     def call(*words):
         try:
             code = cli.main([*map(str, words)])
-        except SystemExit as stop:  # argparse's
+        except SystemExit as stop:  # by argparse
             code = stop.code
         shown = capsys.readouterr()
         return SimpleNamespace(returncode=code, stdout=shown.out, stderr=shown.err)
@@ -48,7 +48,7 @@ def run(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_help_says_what_a_verb_reads_and_writes(verb, capsys):
+def test_help_names_what_a_verb_reads_and_writes(verb, capsys):
     with pytest.raises(SystemExit) as stop:
         cli.main([verb, "--help"])
     assert stop.value.code == 0
@@ -109,7 +109,7 @@ def test_an_argument_out_of_range_is_refused(words, expected, run):
     ("words", "expected"),
     [(["export", "d", "-o", "out"], "nothing was written"), (["join", "d", "-o", "out"], "goes on from here")],
 )
-def test_stopping_says_what_is_left(words, expected, monkeypatch, capsys):
+def test_a_stopped_run_reports_what_is_left(words, expected, monkeypatch, capsys):
     def stopped(*_):
         raise KeyboardInterrupt
 
@@ -119,7 +119,7 @@ def test_stopping_says_what_is_left(words, expected, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize(("flags", "seconds"), [([], None), (["--image-timeout", "7.5"], 7.5)])
-def test_the_time_for_a_picture_reaches_the_pool(flags, seconds, monkeypatch):
+def test_the_time_limit_of_a_picture_reaches_the_pool(flags, seconds, monkeypatch):
     given = {}
 
     def rendered(plan, output, **options):
@@ -131,7 +131,7 @@ def test_the_time_for_a_picture_reaches_the_pool(flags, seconds, monkeypatch):
     assert given["engine"].limits.job_s == seconds
 
 
-def test_join_says_what_it_has_done(run, tmp_path):
+def test_join_reports_its_result(run, tmp_path):
     for part in ("a", "b"):
         with CocoDataset.open(tmp_path / part, categories=["tank"]) as dataset:
             dataset.run("p" * 64, images=3, annotations=0)
@@ -143,7 +143,7 @@ def test_join_says_what_it_has_done(run, tmp_path):
     assert json.loads(run(*words).stdout)["already"] == 2
 
 
-def test_a_warning_is_one_line_too(tmp_path):
+def test_a_warning_is_one_line(tmp_path):
     with CocoDataset.open(tmp_path / "d", categories=["tank"]):
         pass
     (tmp_path / "d" / "annotations.json").unlink()
@@ -153,7 +153,7 @@ def test_a_warning_is_one_line_too(tmp_path):
 
 
 @pytest.mark.blender
-def test_doctor_speaks_json_wherever_the_user_is(tmp_path):
+def test_doctor_prints_json_in_any_folder(tmp_path):
     (tmp_path / "render").mkdir()
     for shadow in ("render/__init__.py", "bpy.py"):
         (tmp_path / shadow).write_text("raise RuntimeError('not what was meant')")
@@ -165,7 +165,7 @@ def test_doctor_speaks_json_wherever_the_user_is(tmp_path):
 
 
 @pytest.mark.parametrize("verb", ["preview", "inspect"])
-def test_no_picture_is_written_over_a_config(verb, run, tmp_path):
+def test_a_config_is_never_overwritten_by_a_picture(verb, run, tmp_path):
     config = tmp_path / "hulldown.toml"
     config.write_text("seed = 0\n")
     ran = run(verb, "x.jsonl", "-o", config.name)
@@ -178,7 +178,7 @@ def test_no_picture_is_written_over_a_config(verb, run, tmp_path):
     ("output", "message"),
     [("folder", "is a folder"), (".", "is a folder"), ("file/x", "cannot be written")],
 )
-def test_a_plan_that_cannot_be_written_is_refused_before_assets_are_read(output, message, run, tmp_path):
+def test_an_unwritable_plan_is_refused_before_assets_are_read(output, message, run, tmp_path):
     (tmp_path / "folder").mkdir()
     (tmp_path / "file").touch()
     vehicles, sceneries = '[{ path = "none.blend", category = "tank" }]', '[{ path = "none.blend" }]'
@@ -193,7 +193,7 @@ def test_a_plan_that_cannot_be_written_is_refused_before_assets_are_read(output,
 @pytest.mark.parametrize(
     ("output", "message"), [("folder.png", "is a folder; name a file"), ("file/x.png", "cannot be written")]
 )
-def test_a_picture_that_cannot_be_written_is_refused_before_the_work(output, message, run, tmp_path):
+def test_an_unwritable_picture_is_refused_before_the_work(output, message, run, tmp_path):
     (tmp_path / "folder.png").mkdir()
     (tmp_path / "file").touch()
     ran = run("inspect", "none.blend", "-o", output)
@@ -209,14 +209,14 @@ def dataset_with_findings(folder, n):
     return folder
 
 
-def test_a_finding_is_one_line_however_narrow_the_terminal(run, tmp_path):
+def test_a_finding_is_one_line_in_a_narrow_terminal(run, tmp_path):
     ran = run("verify", dataset_with_findings(tmp_path / "dataset", 3))
     assert ran.returncode == 1
     missing = [line for line in ran.stdout.splitlines() if line.endswith(".png: is missing")]
     assert len(missing) == 3
 
 
-def test_nobody_listens_or_no_room_for_the_result(tmp_path):
+def test_a_closed_pipe_and_a_full_disk_for_the_result(tmp_path):
     words = command("verify", dataset_with_findings(tmp_path / "dataset", 2000))
     where = {"env": {**os.environ, "PYTHONPATH": str(ROOT)}, "stderr": subprocess.PIPE, "text": True, "cwd": tmp_path}
     reading, writing = os.pipe()
@@ -235,7 +235,7 @@ def beside_progress(stderr):
 
 
 @pytest.mark.parametrize("words", [["init", "file"], ["init", "file/project"], ["demo", "--output", "file"]])
-def test_a_project_in_place_of_a_file_is_refused(words, run, tmp_path):
+def test_a_file_in_place_of_the_output_folder_is_refused(words, run, tmp_path):
     (tmp_path / "file").write_text("mine")
     ran = run(*words)
     assert (ran.returncode, ran.stdout) == (2, "")
@@ -244,8 +244,8 @@ def test_a_project_in_place_of_a_file_is_refused(words, run, tmp_path):
 
 
 @pytest.mark.parametrize("console", [cli.STDOUT, cli.STDERR])
-def test_names_cannot_steer_the_terminal(console, capsys):
-    """Escape codes, backspaces, bells and changes of direction, wherever a name from a file is shown."""
+def test_names_cannot_control_the_terminal(console, capsys):
+    """Escape codes, backspaces, bells, and changes of direction, wherever a name from a file is printed."""
     table = Table("object")
     table.add_row("\x1b]0;title\x07")
     for shown in ("\x1b[2Jtank\x9b31m", "tank\b\b\b", "a\u202eb\u2066c", table):

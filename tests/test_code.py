@@ -1,4 +1,4 @@
-"""What counts as the same code: all modules."""
+"""The fingerprint of the code covers all modules."""
 
 import shutil
 
@@ -15,7 +15,7 @@ def copied(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_any_change_of_a_module_counts_and_where_it_is_installed_does_not(copied):
+def test_any_changed_module_counts_and_its_location_does_not(copied):
     before = code.code_sha256()
     assert code.code_sha256.__wrapped__() == before
     for changed in ("camera/fog.py", "render/blender/worker.py", "training/train.py"):

@@ -1,4 +1,4 @@
-"""Datasets next to photographs: distances, what chance explains, and sentences about what to change."""
+"""Datasets compared with photographs: distances, what chance explains, and advice."""
 
 import json
 
@@ -25,7 +25,7 @@ WIDTH, HEIGHT = 64, 48
 
 
 def coco(folder, count, *, seed, height=0.3, x=0.5, bright=90, pictures=True):
-    """A dataset of one box a picture, whose height and place scatter about what is asked for."""
+    """A dataset of one box a picture, with scattered heights and positions."""
     rng = np.random.default_rng(seed)
     (folder / "images").mkdir(parents=True)
     images, labels = [], []
@@ -48,15 +48,15 @@ def compared(folder, photographs):
     return compare(Dataset.read(folder), read_photographs(photographs), pixels=True)
 
 
-def test_the_same_distribution_is_within_chance(tmp_path):
+def test_equal_distributions_are_within_chance(tmp_path):
     one, other = coco(tmp_path / "a", 80, seed=1), coco(tmp_path / "b", 80, seed=2)
     found = compared(one, other)
     assert {each.feature.name for each in found.features} >= {"height", "x", "y", "aspect", "count", "brightness"}
-    assert sum(each.differs for each in found.features) <= 1  # in 5 of 100 cases chance does it
+    assert sum(each.differs for each in found.features) <= 1  # chance exceeds the threshold in 5 of 100 cases
     assert all(each.distance < 0.3 for each in found.features)
 
 
-def test_what_differs_is_named_with_its_keys(tmp_path):
+def test_differences_are_named_with_their_keys(tmp_path):
     own = coco(tmp_path / "a", 60, seed=1, height=0.6, x=0.5, bright=150)
     photographs = coco(tmp_path / "b", 60, seed=2, height=0.2, x=0.7, bright=90)
     found = compared(own, photographs)
@@ -70,12 +70,12 @@ def test_what_differs_is_named_with_its_keys(tmp_path):
     written = found.to_json()
     json.dumps(written, allow_nan=False)
     own_shares = written["features"]["height"]["own"]
-    assert sum(own_shares) == pytest.approx(1.0, abs=1e-4)  # rounded to 1e-6 each
+    assert sum(own_shares) == pytest.approx(1.0, abs=1e-4)  # each rounded to 1e-6
     write_report(Dataset.read(own), tmp_path / "page.html", comparison=found)
     assert "Next to the photographs" in (tmp_path / "page.html").read_text()
 
 
-def test_few_photographs_and_photographs_without_pictures(tmp_path):
+def test_few_photographs_and_photographs_without_files(tmp_path):
     own = coco(tmp_path / "a", 20, seed=1)
     one = compared(own, coco(tmp_path / "one", 1, seed=2, height=0.1))
     assert one.sentences == []
@@ -92,21 +92,21 @@ def test_photographs_without_boxes_are_refused(tmp_path):
         compared(coco(tmp_path / "a", 4, seed=1), coco(tmp_path / "none", 0, seed=1))
 
 
-def test_the_distance_of_shifted_values():
+def test_distance_of_shifted_values():
     assert distance(np.arange(4.0), np.arange(4.0) + 2) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("slope", [-1.0, -2.0, -3.0])
-def test_the_slope_of_a_spectrum_is_that_of_its_noise(slope):
+def test_the_slope_of_a_spectrum_equals_that_of_its_noise(slope):
     side = 256
     frequency = np.hypot(np.fft.fftfreq(side)[:, None], np.fft.rfftfreq(side))
     frequency[0, 0] = 1.0
     white = np.fft.rfft2(np.random.default_rng(0).standard_normal((side, side)))
     noise = np.fft.irfft2(white * frequency ** (slope / 2), s=(side, side))
-    assert spectral_slope(noise) == pytest.approx(slope, abs=0.15)  # the window mixes neighbors
+    assert spectral_slope(noise) == pytest.approx(slope, abs=0.15)  # the window mixes neighboring frequencies
 
 
-def test_looks_of_a_plain_color():
+def test_appearance_of_an_even_color():
     red = np.zeros((40, 40, 3), dtype=np.uint8)
     red[..., 0] = 255
     found = looks(red)
@@ -114,24 +114,24 @@ def test_looks_of_a_plain_color():
     assert np.isnan(found[4])
 
 
-def test_coverage_and_density_of_equal_distributions_are_their_expectations():
+def test_coverage_and_density_of_equal_distributions_have_their_expected_values():
     rng = np.random.default_rng(0)
     images, photographs = rng.standard_normal((600, 4)), rng.standard_normal((400, 4))
     found = coverage_of(images, photographs)
-    missed = np.prod([(400 - i) / (1000 - i) for i in range(1, 6)])  # its expectation, from Naeem et al.
+    missed = np.prod([(400 - i) / (1000 - i) for i in range(1, 6)])  # expected value by Naeem et al.
     assert found.coverage == pytest.approx(1.0 - missed, abs=0.02)
     assert found.density == pytest.approx(1.0, abs=0.1)
     assert found.coverage_floor == pytest.approx(1.0 - 0.5**5, abs=0.02)
     assert found.density_floor == pytest.approx(1.0, abs=0.1)
 
 
-def test_images_of_one_kind_cover_few_photographs():
+def test_uniform_images_cover_few_photographs():
     photographs = np.random.default_rng(0).standard_normal((200, 8))
     found = coverage_of(np.repeat(photographs[:1], 100, axis=0), photographs)
     assert found.coverage < 0.1 < found.coverage_floor
 
 
-def test_whole_images_are_compared_in_the_features_of_an_encoder(tmp_path, capsys):
+def test_whole_images_are_compared_by_features_of_an_encoder(tmp_path, capsys):
     own, photographs = coco(tmp_path / "a", 30, seed=1), coco(tmp_path / "b", 24, seed=2)
     weights = tmp_path / "nano.pt"
     torch.save(nano_weights(tmp_path), weights)

@@ -1,4 +1,4 @@
-"""The config: defaults from the paper, every mistake named with its key, its value and what is allowed."""
+"""The config: defaults from the paper; errors name key, value, and what is allowed."""
 
 import pickle
 import re
@@ -34,7 +34,7 @@ def read(tmp_path):
     return from_text
 
 
-def test_defaults_are_the_papers(read):
+def test_defaults_equal_those_of_the_paper(read):
     config = read(MINIMAL)
     assert (config.render.width, config.render.height) == (1920, 1080)
     assert config.render.samples == 128
@@ -46,13 +46,13 @@ def test_defaults_are_the_papers(read):
     assert config.placement.vehicles_per_image == (1, 1)
 
 
-def test_the_template_says_the_defaults_and_nothing_else(read):
+def test_the_template_has_the_defaults_and_nothing_else(read):
     values = tomllib.loads(bare_text())
     values["assets"] = {"hdris": ["hdris/*.exr"], **tomllib.loads(MINIMAL)["assets"]}
     assert Config.of(values).model_dump() == read(MINIMAL).model_dump()
 
 
-def test_the_template_mentions_every_key():
+def test_the_template_has_every_key():
     def keys(model, section=""):
         for name, field in model.model_fields.items():
             inner = field.annotation
@@ -66,7 +66,7 @@ def test_the_template_mentions_every_key():
         assert re.search(rf"(?m)^(# )?(\[\[assets\.)?{name}( =|\]\])", part), f"{section}.{name}"
 
 
-def test_every_key_has_a_meaning_and_the_docs_have_it():
+def test_every_key_has_a_description_in_the_docs():
     for kind in (Config, *sections().values(), *ENTRIES.values()):
         assert all(key.meaning for key in keys_of(kind)), kind
         assert all(key.default or key.example or key.required or key.name == "name" for key in keys_of(kind)), kind
@@ -99,12 +99,12 @@ def test_the_template_for_given_assets(read):
 
 
 @pytest.mark.parametrize("key", ["render.pixels", "budget.width"])
-def test_the_template_refuses_values_it_has_no_line_for(key):
+def test_the_template_refuses_values_without_a_line(key):
     with pytest.raises(ValueError, match=key):
         config_text(vehicles=[], sceneries=[], hdris=[], values={key: 1})
 
 
-def test_a_profile_sets_what_is_not_given(read):
+def test_a_profile_sets_missing_values(read):
     fast = read(MINIMAL + '[render]\nprofile = "fast"\nbounces = 7\n').render
     assert fast.samples < 128
     assert fast.bounces == 7
@@ -121,21 +121,21 @@ preset = "phone"
 
 
 @pytest.mark.parametrize("camera", ["fov_x_deg = 50\n", CALIBRATED])
-def test_a_resolved_config_reads_back_as_itself(read, camera):
+def test_a_resolved_config_round_trips(read, camera):
     config = read(MINIMAL + "[light]\nhdris = ['noon', { name = 'dusk*', weight = 2 }]\n[camera]\n" + camera)
     assert Config.of(config.model_dump(mode="json")).model_dump() == config.model_dump()
     assert pickle.loads(pickle.dumps(config)) == config
     assert pickle.loads(pickle.dumps(config)).path == config.path
 
 
-def test_names_come_from_files(read):
+def test_names_default_to_file_names(read):
     config = read(MINIMAL)
     assert config.assets.vehicles[0].name == "t72"
     assert config.assets.sceneries[0].name == "hills"
 
 
 WEATHER = "[weather]\nfog = 0.6\nrain = 0.5"
-WRONG = [  # what is added, the key that is named, and what is said of it
+WRONG = [  # the addition, the key in the error, and its text
     ("[placement]\nmax_slope = 20", "unknown key placement.max_slope", "did you mean placement.max_slope_deg?"),
     ("[placement]\nfov_x_deg = 20", "unknown key placement.fov_x_deg", "did you mean camera.fov_x_deg?"),
     ("[placment]\nmargin = 1", "unknown key placment", "did you mean placement?"),
@@ -156,7 +156,7 @@ WRONG = [  # what is added, the key that is named, and what is said of it
 
 
 @pytest.mark.parametrize(("extra", "key", "problem"), WRONG)
-def test_a_wrong_value_is_named_with_what_is_allowed(read, tmp_path, extra, key, problem):
+def test_the_error_of_a_wrong_value_names_what_is_allowed(read, tmp_path, extra, key, problem):
     with pytest.raises(ConfigError) as caught:
         read(MINIMAL + extra)
     assert str(caught.value).startswith(f"{tmp_path / 'config.toml'}: {key}")
@@ -164,7 +164,7 @@ def test_a_wrong_value_is_named_with_what_is_allowed(read, tmp_path, extra, key,
 
 
 TANK, HILLS, COUNT = 'category = "tank"', 'path = "hills.blend"', "images_per_class = 140"
-INSTEAD = [  # a line of the config, what is in its place, and what is said of it
+INSTEAD = [  # a line of the config, its replacement, and the error
     (COUNT, "", "budget: expected exactly one of images_per_class and positions_per_vehicle"),
     (COUNT, COUNT + "\npositions_per_vehicle = 1", "budget: expected exactly one of"),
     (COUNT, "images_per_class = -1", "budget.images_per_class = -1: expected a whole number"),
@@ -192,7 +192,7 @@ INSTEAD = [  # a line of the config, what is in its place, and what is said of i
 
 
 @pytest.mark.parametrize(("old", "new", "message"), INSTEAD)
-def test_a_wrong_section_is_named(read, old, new, message):
+def test_the_error_of_a_wrong_section_names_it(read, old, new, message):
     with pytest.raises(ConfigError, match=re.escape(message)):
         read(MINIMAL.replace(old, new))
 
@@ -205,7 +205,7 @@ def test_a_wrong_section_is_named(read, old, new, message):
         (b"\xff\xfe\x00", "cannot be read"),
     ],
 )
-def test_what_is_no_config_is_said(tmp_path, content, message):
+def test_a_file_that_is_not_a_config_is_refused(tmp_path, content, message):
     if content is not None:
         (tmp_path / "c.toml").write_bytes(content)
     with pytest.raises(ConfigError, match=rf"c.toml: {message}"):
@@ -221,7 +221,7 @@ def test_hdris_are_found_by_pattern(read, tmp_path):
     assert hdri_paths(config) == {n: tmp_path / f for n, f in (("night", "night.hdr"), ("a", "a.exr"), ("b", "b.exr"))}
 
 
-def test_two_hdris_of_one_name(read, tmp_path):
+def test_two_hdris_with_one_name_are_refused(read, tmp_path):
     for folder in ("x", "y"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "a.exr").touch()
@@ -238,7 +238,7 @@ def test_two_hdris_of_one_name(read, tmp_path):
         ("n*", r"'n\*' matches 'notes.txt', which isn't a .exr or .hdr file; narrow the pattern"),
     ],
 )
-def test_patterns_that_are_none(read, tmp_path, pattern, message):
+def test_patterns_without_matches_are_refused(read, tmp_path, pattern, message):
     for name in ("notes.txt", "z.exr"):
         (tmp_path / name).touch()
     with pytest.raises(ConfigError, match=f"assets.hdris: {message}"):

@@ -1,6 +1,6 @@
-"""What README and docs tell a reader to type must work.
+"""The commands in README and docs work.
 
-Every link leads somewhere, and every `hulldown` line has arguments that the command takes. `make thorough` runs them.
+Every link has a target, and the command accepts the arguments of every `hulldown` line. `make thorough` runs them.
 """
 
 import os
@@ -21,7 +21,7 @@ from hulldown.planning.config.template import config_text
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 FENCE = re.compile(r"^ *```(?:sh|console)\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
-# Instead of 420 pictures of 1080p: two of each class, as small as stamps.
+# Two tiny pictures per class in place of 420 pictures of 1080p.
 SMALL = {
     "budget.images_per_class": 2,
     "budget.images_per_position": 2,
@@ -39,7 +39,7 @@ def commands(page):
 
 
 def python_code():
-    """The Python of docs/python.md, in four pieces."""
+    """The Python code of docs/python.md, in four pieces."""
     code = re.findall(r"(?ms)^```python\n(.*?)^```", (ROOT / "docs" / "python.md").read_text(encoding="utf-8"))
     assert len(code) == 4
     return code
@@ -54,7 +54,7 @@ def hulldown(words, folder):
 
 
 def shrink(config):
-    """The same project with a vehicle of each class, one scenery and a handful of small pictures."""
+    """The same project with one vehicle per class, one scenery, and a few small pictures."""
     parsed = tomllib.loads(config.read_text(encoding="utf-8"))
     one_a_class = {entry["category"]: entry for entry in parsed["assets"]["vehicles"]}
     text = config_text(
@@ -68,7 +68,7 @@ def shrink(config):
 
 @pytest.fixture(scope="module")
 def reader(tmp_path_factory):
-    """A folder in which the README was followed from top to bottom, and what each command answered."""
+    """A folder in which the README was followed from top to bottom, and the output of each command."""
     folder = tmp_path_factory.mktemp("reader")
     answers = {}
     for command in commands(ROOT / "README.md"):
@@ -96,7 +96,7 @@ def test_every_command_of_the_readme_works(reader):
 
 @pytest.mark.blender
 @pytest.mark.thorough
-def test_following_the_readme_ends_in_a_dataset(reader):
+def test_following_the_readme_makes_a_dataset(reader):
     folder, _ = reader
     coco = COCO(folder / "project" / "dataset" / "annotations.json")
     assert len(coco.imgs) == len(coco.anns) == 6
@@ -120,7 +120,7 @@ def test_every_command_of_a_page_works_in_that_project(page, reader):
 
 @pytest.mark.blender
 @pytest.mark.thorough
-def test_the_python_of_the_page_about_it_runs_in_that_project(reader):
+def test_the_code_of_the_python_page_runs_in_that_project(reader):
     folder, _ = reader
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     ran = subprocess.run(
@@ -135,25 +135,25 @@ def test_the_python_of_the_page_about_it_runs_in_that_project(reader):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_the_command_takes_the_arguments_of_every_line(page):
+def test_the_command_accepts_the_arguments_of_every_line(page):
     for line in commands(page):
         assert callable(cli.parser().parse_args(shlex.split(line, comments=True)[1:]).run), line
 
 
-def test_the_python_of_the_page_about_it_imports_what_there_is():
+def test_the_code_of_the_python_page_imports_existing_names():
     code = "\n".join(python_code())
     compile(code, "python.md", "exec")
     exec("\n".join(line for line in code.splitlines() if line.startswith(("import ", "from "))), {})
 
 
 def anchors(page):
-    """What `#...` can lead to in a page, made from its headings as GitHub makes them."""
+    """Anchors of a page's headings, made as GitHub makes them."""
     headings = re.findall(r"(?m)^#+ (.+)$", re.sub(r"(?ms)^```.*?^```", "", page.read_text(encoding="utf-8")))
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_every_link_leads_somewhere(page):
+def test_every_link_has_a_target(page):
     lost = []
     for link in re.findall(r"\]\(([^)]+)\)", page.read_text(encoding="utf-8")):
         name, _, anchor = link.partition("#")

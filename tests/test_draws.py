@@ -1,4 +1,4 @@
-"""Random numbers by counter: the same whatever they are batched with, uniform, and apart from each other."""
+"""Counter-based random numbers: independent of batching, uniform, and different for each purpose."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from scipy import stats
 from hulldown.planning.search.draws import Purpose, RandomStreams, RowStreams, between, choose
 
 
-def test_a_row_does_not_depend_on_the_rows_beside_it():
+def test_a_row_does_not_depend_on_other_rows():
     draws = RandomStreams(7)
     items, tries = np.arange(100), np.arange(100) % 5
     together = draws.uniform(Purpose.PLACE, items, tries, count=6)
@@ -36,11 +36,11 @@ def test_no_two_streams_share_a_number():
 
 
 def test_the_numbers_of_a_seed_never_change():
-    # The same plan comes out of a later version, too.
+    # Later versions give the same plan.
     assert RandomStreams(42).bits(Purpose.PLACE, 3, 1, count=2).tolist() == [[3236006953506002898, 3480301495620565934]]
 
 
-def test_a_generator_by_row_hands_each_row_its_own_stream():
+def test_a_generator_by_row_uses_a_separate_stream_for_each_row():
     draws = RandomStreams(5)
     rng = RowStreams(draws, Purpose.CAMERA, np.arange(10), 2)
     first, second = rng.random((10, 3)), rng.random(10)
@@ -50,13 +50,13 @@ def test_a_generator_by_row_hands_each_row_its_own_stream():
     assert np.array_equal(again.uniform(-1.0, 1.0, (10, 3)), between(-1.0, 1.0, expected[:, :3]))
 
 
-def test_a_generator_by_row_refuses_what_it_cannot_answer_by_row():
+def test_a_generator_by_row_refuses_unsupported_calls():
     rng = RowStreams(RandomStreams(5), Purpose.CAMERA, np.arange(10), 0)
     with pytest.raises(ValueError, match="size: expected 10 rows"):
         rng.random((3, 2))
 
 
-def test_choices_follow_their_weights_and_what_weighs_nothing_is_never_chosen():
+def test_choices_follow_their_weights_and_zero_weights_are_never_chosen():
     u = (np.arange(100_000) + 0.5) / 100_000
     assert np.bincount(choose([1.0, 0.0, 3.0], u)).tolist() == [25_000, 0, 75_000]
     assert choose([0.0, 1.0, 1.0, 0.0], [0.0, np.nextafter(0.5, 0.0), 0.5, 1.0 - 2.0**-53]).tolist() == [1, 1, 2, 2]

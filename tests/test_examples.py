@@ -1,4 +1,4 @@
-"""The examples in docstrings run."""
+"""Examples in docstrings run."""
 
 import doctest
 import importlib
@@ -13,7 +13,7 @@ from hulldown.tests.planning_assets import small_assets, small_config
 ROOT = Path(__file__).parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 PACKAGES = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["only-include"]
-IN_BLENDER = {"blender", "demo"}  # folders whose code runs inside Blender's process
+IN_BLENDER = {"blender", "demo"}  # folders with code that runs inside Blender's process
 MODULES = [
     ".".join(["hulldown", *path.relative_to(ROOT).with_suffix("").parts])
     for package in PACKAGES
@@ -24,7 +24,7 @@ MODULES = [
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Where the examples run: a folder with a plan in it."""
+    """A folder with a plan, for the examples."""
     folder = tmp_path_factory.mktemp("examples")
     write_plan(small_config(), small_assets(), folder / "plan.jsonl")
     return folder
@@ -35,6 +35,6 @@ def test_examples_run(module, folder, monkeypatch):
     monkeypatch.chdir(folder)
     found = importlib.import_module(module)
     result = doctest.testmod(found, optionflags=doctest.NORMALIZE_WHITESPACE)
-    # What needs Blender or a trained detector is skipped here.
+    # Examples that need Blender or a trained detector are skipped.
     assert result.attempted > 0 or "doctest: +SKIP" in Path(found.__file__).read_text(encoding="utf-8")
     assert result.failed == 0

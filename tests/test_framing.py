@@ -27,7 +27,7 @@ def boxes(world_from_camera: np.ndarray, intrinsics: Intrinsics = HD) -> tuple[n
     return pixels.min(axis=1), pixels.max(axis=1)
 
 
-def test_a_target_is_in_the_image_as_a_whole_unless_cuts_are_allowed() -> None:
+def test_a_target_is_completely_in_the_image_unless_cuts_are_allowed() -> None:
     framed = frame_target(poses(), CORNERS[None], HD, rng=np.random.default_rng(0))
     low, high = boxes(framed.world_from_camera)
     assert (low > -1e-2).all()
@@ -37,7 +37,7 @@ def test_a_target_is_in_the_image_as_a_whole_unless_cuts_are_allowed() -> None:
 
 @pytest.mark.parametrize("band", [(0.1, 0.1), (0.2, 0.7), (0.0, 0.5), (0.9, 0.95)])
 @pytest.mark.parametrize("elevation", [(0.0, 0.6), (1.3, math.pi / 2)])
-def test_targets_are_cut_as_much_as_asked(band: tuple[float, float], elevation: tuple[float, float]) -> None:
+def test_targets_are_cut_as_much_as_requested(band: tuple[float, float], elevation: tuple[float, float]) -> None:
     framed = frame_target(poses(elevation=elevation), CORNERS[None], HD, rng=np.random.default_rng(3), truncated=band)
     low, high = boxes(framed.world_from_camera)
     kept = np.clip(np.minimum(high, [1920, 1080]) - np.maximum(low, 0), 0, None)
@@ -45,18 +45,18 @@ def test_targets_are_cut_as_much_as_asked(band: tuple[float, float], elevation: 
     np.testing.assert_allclose(framed.truncated, truncated, atol=1e-12)
     assert truncated.min() >= band[0] - 1e-3
     assert truncated.max() <= band[1] + 1e-3
-    # All of the band is used.
+    # The whole range is used.
     assert np.ptp(truncated) >= 0.9 * (band[1] - band[0])
 
 
 def test_cuts_of_each_kind_are_as_frequent_as_their_area() -> None:
-    # The reference: places uniform in the plane, of which those in a thin band of shares are kept.
+    # The reference: uniform positions in the plane, restricted to a narrow range of shares.
     size, extent = np.array([2000.0, 1000.0]), np.array([300.0, 500.0])
     rng = np.random.default_rng(0)
     place = rng.uniform(-extent, size, (2_000_000, 2))
     inside = np.clip(np.minimum(place + extent, size) - np.maximum(place, 0), 0, None) / extent
     cut = inside[np.abs(inside.prod(axis=1) - 0.4) < 0.005] < 1
-    # A long lens sees an upright rectangle as the same rectangle wherever it is.
+    # With a long lens, an upright rectangle has the same image anywhere.
     lens = Intrinsics(2000, 1000, math.radians(0.2))
     corners = np.array([[0, y, z] for y in (-1.5, 1.5) for z in (-2.5, 2.5)])
     pose = np.tile(camera_pose([0, 0, 0], 20 / (2 * math.tan(math.radians(0.1))), 0.0, 0.0), (20_000, 1, 1))
@@ -68,7 +68,7 @@ def test_cuts_of_each_kind_are_as_frequent_as_their_area() -> None:
         assert (out == kind).all(axis=1).mean() == pytest.approx(expected, abs=0.015)
 
 
-def test_a_camera_inside_the_targets_box_stays_as_it_is() -> None:
+def test_a_camera_inside_the_targets_box_is_unchanged() -> None:
     inside = camera_pose([0, 0, 0], 1.0, 0.3, 0.1)[None]
     framed = frame_target(inside, CORNERS[None], HD, rng=np.random.default_rng(0))
     np.testing.assert_array_equal(framed.world_from_camera, inside)
@@ -76,7 +76,7 @@ def test_a_camera_inside_the_targets_box_stays_as_it_is() -> None:
     assert framed.pixel.tolist() == [[960, 540]]
 
 
-def test_no_cameras_is_legal() -> None:
+def test_zero_cameras_are_legal() -> None:
     framed = frame_target(np.zeros((0, 4, 4)), CORNERS[None], HD, rng=np.random.default_rng(0))
     assert [len(x) for x in framed] == [0, 0, 0]
 

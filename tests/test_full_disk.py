@@ -1,4 +1,4 @@
-"""A disk that is full is named by the file that had no room."""
+"""Full disks."""
 
 import subprocess
 import sys
@@ -23,14 +23,14 @@ except OSError as error:
 """
 
 
-def test_a_file_that_has_no_room_is_named(tmp_path):
+def test_the_error_of_a_full_disk_names_the_file(tmp_path):
     code = [sys.executable, "-c", FILL, str(tmp_path / "cache.npz")]
     ran = subprocess.run(code, cwd=ROOT, capture_output=True, text=True, check=True, timeout=60)
     assert ran.stdout.strip() == str(tmp_path / "cache.npz")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_lock_of_a_plan_is_removed_while_it_is_held(tmp_path, monkeypatch):
+def test_the_lock_of_a_plan_is_removed_before_it_is_released(tmp_path, monkeypatch):
     writer = PlanWriter(tmp_path / "plan.jsonl", Header(**HEADER))
     there = []
     release = writer._lock.release

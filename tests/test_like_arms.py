@@ -1,4 +1,4 @@
-"""demo.like: what its arms plan, so that they differ in nothing but the cameras."""
+"""demo.like: plans of its arms differ only in cameras."""
 
 import pytest
 
@@ -8,12 +8,12 @@ from hulldown.planning.config.schema import CameraSection, Config
 
 
 @pytest.mark.parametrize("name", SETS)
-def test_arms_differ_in_cameras_alone(name, tmp_path):
+def test_arms_differ_in_cameras_only(name, tmp_path):
     configs = {key: Config.read(write_side(side, tmp_path)) for key, side in renders_of(name).items()}
     assert set(configs) == {part for parts in ARMS.values() for part in parts}
     sizes = [sum(configs[part].budget.images_per_class for part in parts) for parts in ARMS.values()]
     assert len(set(sizes)) == 1
-    for parts in ARMS.values():  # what is planned twice must not be planned equally
+    for parts in ARMS.values():  # positions planned twice must differ
         assert len({configs[part].seed for part in parts}) == 2
     for key, config in configs.items():
         like = None if key.startswith("default") else f"{name}-photographs/train"
@@ -30,5 +30,5 @@ def test_stand_ins_share_neither_assets_nor_cameras_with_renders(name, tmp_path)
         assert len(first | second) == len(first) + len(second) > 1
     assert not set(stand_ins.assets.hdris) & set(renders.assets.hdris)
     low, high = stand_ins.camera.elevation_deg
-    assert renders.camera.elevation_deg[0] <= low < high <= renders.camera.elevation_deg[1]  # else limits win
+    assert renders.camera.elevation_deg[0] <= low < high <= renders.camera.elevation_deg[1]  # otherwise limits override
     assert sum(SHARES) == 1.0

@@ -1,4 +1,4 @@
-"""Plans follow photographs: sizes, places, and shapes of boxes, within the limits of the config."""
+"""Plans that follow photographs: sizes, positions, and shapes of boxes, within the limits of the config."""
 
 import json
 from dataclasses import replace
@@ -16,9 +16,9 @@ from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
 from hulldown.tests.planning_assets import bare, plan, small_assets, small_config
 
-WIDTH, HEIGHT = 1600, 1200  # of photographs; renders are 1920 x 1080
-NEAR_PX = 1.0  # of places: turning the camera changes a box a little
-# Of the picture: companions are on level ground, whatever the photograph shows, and later tries turn cameras.
+WIDTH, HEIGHT = 1600, 1200  # of the photographs; renders are 1920 x 1080
+NEAR_PX = 1.0  # of positions, since turning the camera changes a box slightly
+# In shares of the picture: companions are on level ground, unlike in the photograph, and later tries turn cameras.
 LEVEL = (0.06, 0.1, 0.01)
 ROUNDED_PX = 2e-6  # boxes in plans
 
@@ -47,7 +47,7 @@ def config_of(images=60, **camera):
 
 
 def drawn_boxes(n, seed=0):
-    """Small, low, and left of the middle, unlike what the configured ranges give."""
+    """Small, low, and left of the center, unlike the configured ranges."""
     rng = np.random.default_rng(seed)
     height = HEIGHT * np.exp(rng.uniform(np.log(0.03), np.log(0.12), n))
     size = np.stack([height * rng.uniform(1.3, 3.0, n), height], 1)
@@ -62,7 +62,7 @@ def features(rows):
     return {"height": boxes[:, 3] / 1080, "x": center[:, 0], "y": center[:, 1], "aspect": boxes[:, 2] / boxes[:, 3]}
 
 
-def test_a_plan_has_the_sizes_places_and_shapes_of_the_photographs(tmp_path):
+def test_a_plan_matches_sizes_positions_and_shapes_of_the_photographs(tmp_path):
     assets = photographed(tmp_path, drawn_boxes(200))
     known = assets.photographs
     wanted = {"height": known.height, "x": known.center[:, 0], "y": known.center[:, 1], "aspect": known.aspect}
@@ -74,7 +74,7 @@ def test_a_plan_has_the_sizes_places_and_shapes_of_the_photographs(tmp_path):
 
 
 @pytest.mark.parametrize("options", [{}, {"roll_deg": [-20, 20]}, {"size_measure": "area"}])
-def test_sizes_are_exact_and_places_follow(tmp_path, options):
+def test_sizes_are_exact_and_positions_follow(tmp_path, options):
     assets = photographed(tmp_path, drawn_boxes(5))
     known = assets.photographs
     for row in plan(config_of(like_spread=0.0, **options), assets):
@@ -85,7 +85,7 @@ def test_sizes_are_exact_and_places_follow(tmp_path, options):
         np.testing.assert_allclose([x + w / 2, y + h / 2], known.center[i] * [1920, 1080], atol=NEAR_PX)
 
 
-def test_boxes_that_the_frame_cuts_off_are_cut_off_at_the_same_sides(tmp_path):
+def test_boxes_cut_by_the_frame_are_cut_at_the_same_sides(tmp_path):
     cuts = {
         "left": ("tank", 0, 500, 90, 80), "bottom": ("tank", 700, 1120, 300, 80),
         "corner": ("tank", 1400, 0, 200, 80), "none": ("tank", 700, 500, 200, 80),
@@ -101,7 +101,7 @@ def test_boxes_that_the_frame_cuts_off_are_cut_off_at_the_same_sides(tmp_path):
         x, y, w, h = row.target.bbox_amodal
         ends = np.array([x, y, 1920 - x - w, 1080 - y - h]) <= NEAR_PX
         assert ends.tolist() == [bool(side) for side in sides[list(cuts)[i]]]
-        # As much of it is in the frame, unless a vehicle is too short for that.
+        # The visible share is the same, unless a vehicle is too short.
         wanted = np.array(list(cuts.values())[i][3:]) * 1080 / HEIGHT
         kept = np.minimum([x + w, y + h], [1920, 1080]) - np.maximum([x, y], 0)
         across, down = np.reshape(sides[list(cuts)[i]], (2, 2)).any(axis=0)
@@ -112,7 +112,7 @@ def test_boxes_that_the_frame_cuts_off_are_cut_off_at_the_same_sides(tmp_path):
     assert shown == {0, 1, 2, 3}
 
 
-def test_the_rest_follows_the_configured_ranges_as_without_photographs(tmp_path):
+def test_other_values_follow_the_configured_ranges(tmp_path):
     assets = photographed(tmp_path, drawn_boxes(1))
     mixed = list(plan(config_of(like_share=0.5), assets))
     alone = list(plan(config_of(like=None), replace(assets, photographs=None)))
@@ -121,7 +121,7 @@ def test_the_rest_follows_the_configured_ranges_as_without_photographs(tmp_path)
     assert all(one.target.bbox == other.target.bbox for one, other in rest)
 
 
-def test_limits_win_and_the_summary_says_how_often(tmp_path):
+def test_limits_override_photographs_and_the_summary_counts_them(tmp_path):
     small, large = ("tank", 700, 500, 80, 40), ("tank", 300, 200, 1000, 700)
     assets = photographed(tmp_path, [[small], [large]])
     summary = summarize(plan(config_of(distance_m=[40, 1e5]), assets))
@@ -151,7 +151,7 @@ def test_photographs_without_a_box_within_the_limits_are_refused(tmp_path, box, 
         next(plan(config_of(), photographed(tmp_path, [[]])))
 
 
-def test_classes_without_boxes_follow_all_and_are_named(tmp_path):
+def test_classes_without_boxes_follow_all_photographs_and_are_named(tmp_path):
     assets = photographed(tmp_path, [*drawn_boxes(25), [("tank", 0, 0, 20, 20)]], names=("tank", "bus"))
     notes = Likeness(assets.photographs, config_of()).notes(["tank", "truck"])
     assert len(notes) == 2
@@ -169,7 +169,7 @@ def test_changed_photographs_are_refused(tmp_path):
         check_plan(made, photographed(tmp_path, drawn_boxes(4)))
 
 
-def test_companions_have_the_number_sizes_and_places_of_other_boxes(tmp_path):
+def test_companions_match_the_number_sizes_and_positions_of_other_boxes(tmp_path):
     boxes = [[("tank", 400, 600, 160, 60), ("tank", 1100, 560, 110, 42)], [("tank", 700, 500, 160, 60)]]
     assets = photographed(tmp_path, boxes)
     config = small_config(

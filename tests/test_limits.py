@@ -1,4 +1,4 @@
-"""docs/limits.md has every reason for which the search rejects a try, and keys that the config has."""
+"""docs/limits.md has every reason for rejecting a try, and existing keys."""
 
 import re
 from pathlib import Path
@@ -15,7 +15,7 @@ def test_the_docs_have_every_reason():
     assert sorted(reason for reason, _ in ROWS) == sorted(each.key for each in Rejection if each)
 
 
-def test_the_keys_of_reasons_are_keys_of_the_config():
+def test_keys_of_reasons_are_keys_of_the_config():
     for _, keys in ROWS:
         for section, key in re.findall(r"`(\w+)\.(\w+)`", keys):
             assert key in Config.model_fields[section].annotation.model_fields

@@ -1,4 +1,4 @@
-"""Pictures that do not show what their labels say are found; photographs are left alone."""
+"""Pictures that don't show what their labels say are found; photographs are skipped."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ NOBODY = np.zeros(SIZE, dtype=bool)
 
 
 def scene(seed):
-    """Rough ground with an upright box on it, and where the box is."""
+    """Rough ground with an upright box on it, and the box's position."""
     rng = np.random.default_rng(seed)
     ground = ndimage.gaussian_filter(rng.normal(0.0, 1.0, SIZE), 1.5) * 90.0 + np.array(120.0)
     mask = np.zeros(SIZE, dtype=bool)
@@ -53,7 +53,7 @@ def test_sound_pictures_have_no_findings(tmp_path):
     ("level", "problem"),
     [(3, "its pixels are black: 3.0 of 255"), (254, "its pixels are white: 254.0 of 255")],
 )
-def test_a_target_without_light_or_with_too_much_is_found(tmp_path, level, problem):
+def test_a_target_that_is_black_or_overexposed_is_found(tmp_path, level, problem):
     picture, mask = scene(0)
     (found,) = dataset(tmp_path, [painted(picture, mask, level)], [mask])
     assert (found.severity, found.where) == ("error", "images/0.png: annotation 1")
@@ -67,7 +67,7 @@ def test_a_black_picture_is_found(tmp_path):
 
 
 @pytest.mark.parametrize(("apart", "severity"), [(0, "error"), (3, "warning"), (30, None)])
-def test_a_ghost_is_found_with_its_figure(tmp_path, apart, severity):
+def test_a_barely_visible_target_is_found_with_its_contrast(tmp_path, apart, severity):
     _, mask = scene(0)
     fog = np.full((*SIZE, 3), 170, dtype=np.uint8)
     found = dataset(tmp_path, [painted(fog, mask, 170 + apart)], [mask])
@@ -83,7 +83,7 @@ def test_the_picture_of_another_row_is_found(tmp_path):
 
 
 def plain_car():
-    """A car whose windows and shadows are much steeper than its outline, on ground without texture."""
+    """A car whose windows and shadows have much steeper edges than its outline, on ground without texture."""
     _, mask = scene(0)
     inner = ndimage.binary_erosion(mask, iterations=5)
     stripes = np.where(np.arange(SIZE[1]) // 4 % 2, 200, 60)[None, :]
@@ -91,7 +91,7 @@ def plain_car():
 
 
 def truck_in_snow():
-    """A truck that is a little darker than the ground, behind falling snow."""
+    """A truck that is slightly darker than the ground, behind falling snow."""
     _, mask = scene(0)
     flakes = np.random.default_rng(1).random(SIZE) > 0.9
     snow = ndimage.gaussian_filter(np.where(flakes, 170.0, 0.0), 0.7)
@@ -99,18 +99,18 @@ def truck_in_snow():
 
 
 @pytest.mark.parametrize("sound", [plain_car, truck_in_snow])
-def test_a_sound_picture_of_little_contrast_has_no_findings(tmp_path, sound):
+def test_sound_pictures_with_little_contrast_have_no_findings(tmp_path, sound):
     levels, mask = sound()
     picture = np.repeat(levels.clip(0, 255).astype(np.uint8)[..., None], 3, axis=2)
     assert dataset(tmp_path, [picture], [mask]) == []
 
 
-def test_photographs_are_left_alone(tmp_path):
+def test_photographs_are_skipped(tmp_path):
     picture, mask = scene(0)
     assert dataset(tmp_path, [np.zeros_like(picture)], [mask], taken="at night") == []
 
 
-def test_a_large_target_is_looked_at_in_part():
+def test_a_large_target_is_sampled():
     picture, mask = scene(3)
     small, large = (
         appearance(np.kron(picture, np.ones((k, k, 1), np.uint8)), np.kron(mask, np.ones((k, k), bool)), others)
@@ -119,6 +119,6 @@ def test_a_large_target_is_looked_at_in_part():
     assert large.contrast == pytest.approx(small.contrast, rel=0.2)
 
 
-def test_an_empty_mask_has_no_look():
+def test_an_empty_mask_has_no_appearance():
     picture, _ = scene(0)
     assert appearance(picture, NOBODY, NOBODY) is None

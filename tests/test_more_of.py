@@ -1,4 +1,4 @@
-"""Plans that hold more of what a detector missed."""
+"""Plans with more of what a detector missed."""
 
 import json
 from collections import Counter
@@ -52,7 +52,7 @@ def side(row):
     return SIDES[int(sides_of(np.degrees(np.arctan2([left], [forward])))[0])]
 
 
-def test_weights_are_misses_relative_to_all_as_far_as_they_are_certain(tmp_path):
+def test_weights_are_significant_excess_miss_rates(tmp_path):
     path = report(
         tmp_path,
         box_size=[
@@ -65,14 +65,14 @@ def test_weights_are_misses_relative_to_all_as_far_as_they_are_certain(tmp_path)
     )  # fmt: skip
     found = read_more_of(path)
     assert found.picture_px == 800.0
-    assert found.weights.keys() == {"box_size"}  # contrast isn't planned; of the HDRIs nothing is certain
+    assert found.weights.keys() == {"box_size"}  # contrast isn't planned; for HDRIs nothing is significant
     sizes = found.weights["box_size"]
     assert sizes["under 16 px"] == pytest.approx(0.8 / 0.4, abs=0.01)
     assert 1.0 < sizes["16 to 32 px"] < 1.8
     assert sizes["64 to 96 px"] == 1 / MOST
 
 
-def test_missed_bins_get_more_images_and_the_rest_stays(plans):
+def test_missed_bins_get_more_images_and_others_keep_their_distribution(plans):
     plain, more = plans["plain"], plans["more"]
     assert len(more) == len(plain)
     assert shares(more, lambda row: row.target.category) == shares(plain, lambda row: row.target.category)
@@ -81,11 +81,11 @@ def test_missed_bins_get_more_images_and_the_rest_stays(plans):
     assert sides_more["rear"] > sides["rear"] + 0.15
     vehicles, vehicles_more = (shares(one, lambda row: row.target.vehicle) for one in plans.values())
     assert vehicles_more["leo"] > vehicles["leo"] + 0.05
-    assert vehicles_more["ural"] == vehicles["ural"]  # alone in its class, whose share is the budget's
-    assert sides_more["front"] > 0.3 * 0.1  # the configured distribution stays part of it
+    assert vehicles_more["ural"] == vehicles["ural"]  # the only one in its class, whose share is the budget's
+    assert sides_more["front"] > 0.3 * 0.1  # part of it keeps the configured distribution
 
 
-def test_it_is_a_plan_like_any_other(plans, tmp_path):
+def test_it_is_an_ordinary_plan(plans, tmp_path):
     more = plans["more"]
     assert read_plan(more.path).header.more_of == MISSED
     assert check_plan(more, ASSETS) == []
@@ -97,7 +97,7 @@ def test_it_is_a_plan_like_any_other(plans, tmp_path):
 
 
 @pytest.mark.parametrize("count", [1, 7, 100])
-def test_at_least_thirty_percent_of_a_vehicles_positions_keep_their_distribution(count):
+def test_at_least_thirty_percent_of_positions_keep_their_distribution(count):
     alone = kept(np.arange(count))
     assert 0.3 * count <= alone.sum() <= 0.3 * count + 1
 
@@ -112,7 +112,7 @@ def test_at_least_thirty_percent_of_a_vehicles_positions_keep_their_distribution
         ('{"overall": {"recall": 0.5}, "picture_px": 9.0, "bins": {}}', "differs significantly"),
     ],
 )
-def test_reports_that_say_nothing_are_refused(tmp_path, content, problem):
+def test_reports_without_weights_are_refused(tmp_path, content, problem):
     path = tmp_path / "report.json"
     path.write_text(content)
     with pytest.raises(ConfigError, match=problem) as caught:
@@ -122,8 +122,8 @@ def test_reports_that_say_nothing_are_refused(tmp_path, content, problem):
         read_more_of(tmp_path / "missing.json")
 
 
-def test_the_report_of_an_evaluation_is_understood(tmp_path, plans):
-    """A detector that finds all but the rear of vehicles."""
+def test_the_report_of_an_evaluation_is_accepted(tmp_path, plans):
+    """A detector that misses vehicles seen from behind."""
     dataset = Dataset.of_plan(plans["plain"], lambda i: None)
     coco = {"images": [image.record for image in dataset.images], "annotations": [], "categories": [
         {"id": number, "name": name} for number, name in dataset.categories.items()

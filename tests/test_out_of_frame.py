@@ -1,4 +1,4 @@
-"""A companion out of the frame has no box: all that read a plan take it, and nobody labels it."""
+"""A companion outside the frame has no box: every reader of a plan accepts it, and it isn't labeled."""
 
 import pytest
 
@@ -29,7 +29,7 @@ def outside(plan):
     return rows
 
 
-def test_its_numbers_say_so(outside):
+def test_its_numbers_are_null(outside):
     for row in outside:
         (companion,) = row.companions
         assert (companion.visible_fraction, companion.truncated_fraction) == (0.0, 1.0)

@@ -1,4 +1,4 @@
-"""The package must be ours: found in the checkout, whole in the wheel, and nothing beside it."""
+"""The package is found in the checkout, complete in the wheel, and alone there."""
 
 import importlib.util
 import re
@@ -31,7 +31,7 @@ def wheel_names(tmp_path_factory):
     return zipfile.ZipFile(wheel).namelist()
 
 
-def test_the_package_is_the_checkout_and_flat_names_are_no_modules():
+def test_the_package_is_the_checkout_and_flat_names_cannot_be_imported():
     spec = importlib.util.find_spec("hulldown")
     assert spec is not None
     assert Path(spec.origin).resolve() == ROOT / "__init__.py"
@@ -39,7 +39,7 @@ def test_the_package_is_the_checkout_and_flat_names_are_no_modules():
     subprocess.run([sys.executable, "-P", "-c", code, *PACKAGES, "cli"], check=True)
 
 
-def test_the_wheel_holds_every_module_and_nothing_else(wheel_names):
+def test_the_wheel_contains_exactly_the_modules(wheel_names):
     modules = {str("hulldown" / p.relative_to(ROOT)) for package in PACKAGES for p in (ROOT / package).rglob("*.py")}
     assert len(modules) > 100
     assert modules | {"hulldown/__init__.py", "hulldown/cli.py"} <= set(wheel_names)
@@ -59,7 +59,7 @@ def test_constraints_are_names_and_versions_only():
     assert [x for x in lines if not pin.fullmatch(x)] == []
 
 
-def test_import_rules_cover_every_package_in_the_order_of_the_pipeline():
+def test_import_rules_cover_every_package_in_pipeline_order():
     rules = PYPROJECT["tool"]["importlinter"]
     assert rules["root_packages"] == ["hulldown"]
     assert rules["contracts"][0]["layers"] == [f"hulldown.{package}" for package in PACKAGES[::-1]]
@@ -71,7 +71,7 @@ def test_the_core_does_not_import_blender():
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=120)
 
 
-def test_no_other_file_states_the_version():
+def test_the_version_is_stated_once():
     version = PYPROJECT["project"]["version"]
     files = [path for folder in ("docs", *SHIPPED) for path in [*(ROOT / folder).rglob("*.[mp][dy]"), ROOT / folder]]
     texts = [ROOT / "README.md", ROOT / "Makefile", ROOT / "Dockerfile", *(path for path in files if path.is_file())]
@@ -80,7 +80,7 @@ def test_no_other_file_states_the_version():
 
 
 @pytest.mark.parametrize("stack", ["3.11", "3.13"])
-def test_each_python_has_one_blender_and_its_constraint_and_only_the_first_is_supported(stack):
+def test_each_python_has_one_blender_with_its_constraint_and_only_the_first_is_supported(stack):
     marker = f"; python_version == '{stack}'"
     [wanted] = [x for x in PYPROJECT["project"]["optional-dependencies"]["blender"] if x.endswith(marker)]
     lines = (ROOT / "constraints.txt").read_text().splitlines()
@@ -94,7 +94,7 @@ def test_the_readme_has_the_line_that_installs_blenders_libraries():
 
 
 def test_setup_without_the_libraries_stops_with_the_line_that_installs_them(tmp_path):
-    """Not even `venv` runs: a Python that finds no library is all that `make` may start."""
+    """Not even `venv` works without the libraries, so `make` must stop first."""
     (tmp_path / "bare.py").write_text(
         "import ctypes, os, runpy, sys\n"
         "def missing(name): raise OSError(name)\n"
@@ -120,5 +120,5 @@ def test_setup_without_the_libraries_stops_with_the_line_that_installs_them(tmp_
         ("ImportError: cannot import name 'x' from 'y'\n", "None"),
     ],
 )
-def test_what_blender_lacks_has_a_remedy(message, remedy):
+def test_every_library_of_blender_has_a_package_to_install(message, remedy):
     assert remedy in str(libraries.remedy_for(f"Traceback:\n{message}"))

@@ -1,4 +1,4 @@
-"""What a config may say of paint, which materials it reaches, what is drawn, and where that is shown."""
+"""Paint: config, affected materials, random draws, and displays."""
 
 from dataclasses import replace
 
@@ -44,7 +44,7 @@ def config(paint, **sections):
         ("green", "expected"),
     ],
 )
-def test_paint_that_means_nothing_is_refused(paint, message):
+def test_paint_without_effect_is_refused(paint, message):
     with pytest.raises(ConfigError, match=message):
         config(paint)
 
@@ -53,23 +53,23 @@ def test_paint_that_means_nothing_is_refused(paint, message):
     "name",
     ["Tire", "TIRES", "rubber_black", "Track.001", "TrackLinks_L", "glass", "WindowGlass", "Headlight", "decal_03"],
 )
-def test_what_is_no_paint_by_its_name(name):
+def test_names_of_materials_that_are_left_alone(name):
     assert left_alone_by_name(name)
 
 
 @pytest.mark.parametrize("name", ["Camouflage", "Track_Guard_Paint", "hull", "Tarpaulin", "Material.004", "lightning"])
-def test_what_may_be_paint(name):
+def test_names_of_materials_that_may_be_painted(name):
     assert not left_alone_by_name(name)
 
 
-def test_the_first_coat_that_matches_is_a_materials():
+def test_a_material_gets_the_first_matching_coat():
     assert painted(MATERIALS, [["camo*"], ["*"]]) == {"Camo_Hull": 0, "camo turret": 0, "Canvas": 1}
     assert painted(MATERIALS, [["hull"], ["camo"]]) == {"Camo_Hull": 0, "camo turret": 1}
     assert painted(MATERIALS, [["track*"]]) == {}
     assert painted(MATERIALS, [["tracks"]]) == {"Tracks": 0}
 
 
-def test_doubts_name_patterns_that_do_nothing():
+def test_doubts_name_patterns_without_effect():
     def doubts(*materials):
         return paint_doubts([PaintEntry(materials=(m,), colors=(GREEN,)) for m in materials], MATERIALS)
 
@@ -105,7 +105,7 @@ def made(assets, tmp_path_factory):
     return write_plan(wanted, assets, tmp_path_factory.mktemp("paint") / "plan.jsonl")
 
 
-def test_coats_are_drawn_for_each_vehicle_of_a_position(made):
+def test_each_vehicle_of_a_position_has_its_own_coats(made):
     by_position = {}
     for row in made:
         for k, vehicle in enumerate(row.planned):
@@ -114,11 +114,11 @@ def test_coats_are_drawn_for_each_vehicle_of_a_position(made):
     coats = [paints[0] for paints in by_position.values() if paints[0]]
     assert all(paints == paints[:1] * len(paints) for paints in by_position.values())
     assert {first.color for first, _ in coats} == {GREEN, SAND, "#303030"}
-    assert len({first.value for first, _ in coats}) == len(coats)  # no two draw the same numbers
+    assert len({first.value for first, _ in coats}) == len(coats)  # different random numbers for each
     assert all((second.color, second.saturation, second.value) == (None, 1.0, 1.0) for _, second in coats)
 
 
-def test_vehicles_without_material_have_no_coats(assets, tmp_path):
+def test_vehicles_without_materials_have_no_coats(assets, tmp_path):
     bare = replace(assets, without_material=frozenset({"car"}))
     wanted = config(PAINT, placement={"distractors_per_image": 2}, budget={"images_per_class": 4})
     rows = list(write_plan(wanted, bare, tmp_path / "plan.jsonl"))

@@ -1,4 +1,4 @@
-"""Vehicles and sceneries that do not go together: left out and said, never the end of a plan that others can have."""
+"""Vehicles that find no place in a scenery are left out and reported; the plan continues."""
 
 from collections import Counter
 from dataclasses import replace
@@ -17,7 +17,7 @@ from hulldown.planning.write import write_plan
 from hulldown.tests.planning_assets import bare, hills, plan, small_assets, small_config, vehicle
 
 BASE = small_assets()
-CLIFFS = hills("cliffs", height=400.0, trees=0)  # steeper than 30 degrees nearly everywhere
+CLIFFS = hills("cliffs", height=400.0, trees=0)  # steeper than 30 degrees almost everywhere
 YARD = hills("yard", size=7.0, trees=0)
 
 
@@ -33,8 +33,8 @@ def config_for(assets, *, listed=None, **sections):
     return small_config(assets=files, **sections)
 
 
-def test_pairs_without_a_place_are_left_out_and_the_classes_stay_balanced(tmp_path):
-    # Seen on other people's files: one scenery without a place for one vehicle, and no plan for nine.
+def test_pairs_without_a_place_are_left_out_and_classes_stay_balanced(tmp_path):
+    # Somebody's files: one scenery had no place for one vehicle, which failed the plan of nine.
     assets = world(BASE.sceneries["hills"], BASE.sceneries["bare"], YARD)
     made = write_plan(config_for(assets, budget={"images_per_class": 24}), assets, tmp_path / "plan.jsonl")
     assert {(pair.vehicle, pair.scenery) for pair in made.header.left_out} == {(v, "yard") for v in BASE.vehicles}
@@ -48,7 +48,7 @@ def test_pairs_without_a_place_are_left_out_and_the_classes_stay_balanced(tmp_pa
     assert "'leo' is 9.24 m long; in 'yard'" in notes[1]
 
 
-def test_a_pair_is_left_out_by_trials_of_places():
+def test_a_pair_is_left_out_after_trial_placements():
     assets = world(BASE.sceneries["bare"], CLIFFS)
     config = config_for(assets, placement={"max_slope_deg": 0.01, "max_tries": 100})
     planner = Planner(config, assets)
@@ -57,7 +57,7 @@ def test_a_pair_is_left_out_by_trials_of_places():
     assert {row.scenery for row in plan(config, assets)} == {"bare"}
 
 
-def test_a_vehicle_without_any_scenery_is_a_mistake():
+def test_a_vehicle_without_any_scenery_is_an_error():
     with pytest.raises(ConfigError, match=r"'t72' is 8.4 m long; in 'yard' .*; look at both"):
         Planner(config_for(world(YARD)), world(YARD))
 
@@ -79,7 +79,7 @@ def test_strict_refuses_the_first_pair_without_a_place(strict):
 
 
 def narrow_config(assets, **sections):
-    """Half of the positions on the hills find no place."""
+    """Half of the positions on the hills have no place."""
     return config_for(
         assets,
         budget={"images_per_class": 8, "images_per_position": 1},
@@ -89,7 +89,7 @@ def narrow_config(assets, **sections):
     )
 
 
-def test_a_position_without_a_place_takes_another_scenery_whoever_plans_it(tmp_path, monkeypatch):
+def test_a_position_without_a_place_moves_to_another_scenery_for_any_worker(tmp_path, monkeypatch):
     monkeypatch.setattr("hulldown.planning.write._SMALLEST_BLOCK", 5)
     assets = world(hills("hills", cells=20, trees=3), bare("bare"))
     config = narrow_config(assets)
@@ -110,7 +110,7 @@ def test_a_position_without_a_place_takes_another_scenery_whoever_plans_it(tmp_p
         Planner(config, assets, strict=True).rows(0, len(rows))
 
 
-def test_a_vehicle_is_planned_on_its_own_sceneries_only(tmp_path):
+def test_a_vehicle_is_planned_only_on_its_sceneries(tmp_path):
     assets = world(BASE.sceneries["hills"], BASE.sceneries["bare"])
     config = config_for(
         assets,
@@ -132,7 +132,7 @@ def test_a_vehicle_is_planned_on_its_own_sceneries_only(tmp_path):
         (["bare"], 0.0, "'t72' has no scenery: those that it is for have weight 0"),
     ],
 )
-def test_sceneries_of_a_vehicle_that_cannot_be_met(sceneries, weight, message):
+def test_impossible_sceneries_of_a_vehicle_are_refused(sceneries, weight, message):
     assets = world(BASE.sceneries["hills"], BASE.sceneries["bare"])
     vehicles = [{"path": "t72.blend", "category": "tank", "sceneries": sceneries}]
     files = {"vehicles": vehicles, "sceneries": [{"path": "hills.blend"}, {"path": "bare.blend", "weight": weight}]}
@@ -142,7 +142,7 @@ def test_sceneries_of_a_vehicle_that_cannot_be_met(sceneries, weight, message):
 
 
 def test_companions_without_room_are_left_out_and_counted(tmp_path, monkeypatch):
-    # It ended the plan, with advice that gave the same error.
+    # It ended the plan, with advice that led to the same error.
     monkeypatch.setattr("hulldown.planning.search.positions.CROWDED_PLACES", 0)
     assets = world(BASE.sceneries["bare"])
     config = config_for(
@@ -163,7 +163,7 @@ def test_companions_without_room_are_left_out_and_counted(tmp_path, monkeypatch)
     assert summary.to_json()["companions_left_out"] == left_out
 
 
-def test_few_tries_leave_companions_out_before_the_position_is_given_up():
+def test_few_tries_drop_companions_before_the_position():
     assets = world(BASE.sceneries["bare"])
     config = config_for(
         assets,
@@ -174,7 +174,7 @@ def test_few_tries_leave_companions_out_before_the_position_is_given_up():
     assert all(row.left_out for row in plan(config, assets))
 
 
-def test_trials_are_no_positions_of_a_plan():
+def test_trials_do_not_change_a_plans_positions():
     planner = Planner(small_config(), BASE)
     assert planner.budget.n_positions < 2**40
     again = make_pairs(planner.config, planner.budget, planner.stage, planner._draws, strict=False)

@@ -1,4 +1,4 @@
-"""Photographs' boxes come out of COCO files of any tool, relative to their pictures."""
+"""Boxes of photographs from COCO files of any tool, relative to their pictures."""
 
 import json
 
@@ -40,7 +40,7 @@ def test_boxes_are_relative_to_their_pictures_and_in_the_frame(tmp_path):
     assert found.cut.tolist() == [[False] * 4, [False, False, True, False]]
 
 
-def test_a_box_whose_record_says_so_is_not_cut(tmp_path):
+def test_a_box_with_a_truncated_fraction_of_0_is_not_cut(tmp_path):
     content = coco((7, [0, 0, 80, 40]))
     content["annotations"][0]["truncated_fraction"] = 0.0
     assert not read(tmp_path, content, "annotations.json").cut.any()
@@ -57,7 +57,7 @@ def test_a_box_whose_record_says_so_is_not_cut(tmp_path):
         (coco(images=[{**IMAGES[0], "width": 0}]), "'b.jpg' has no width"),
     ],
 )
-def test_what_is_no_coco_file_is_refused_by_name(tmp_path, content, problem):
+def test_the_error_of_an_invalid_coco_file_names_it(tmp_path, content, problem):
     with pytest.raises(DatasetError, match=problem) as caught:
         read(tmp_path, content)
     assert caught.value.path.name == "_annotations.coco.json"

@@ -1,4 +1,4 @@
-"""A plan on disk: streaming, by index, damage named by its line, attempts continued."""
+"""A plan on disk: streaming, indexing, damaged lines, continued attempts."""
 
 import json
 import math
@@ -32,7 +32,7 @@ def path(tmp_path):
     return written(tmp_path / "plan.jsonl")
 
 
-def test_rows_come_back_as_they_were(path):
+def test_rows_round_trip(path):
     plan = read_plan(path)
     assert plan.header == header()
     assert len(plan) == 5
@@ -75,7 +75,7 @@ def test_the_row_of_these_tests_has_every_key():
 
 
 def turned(**changes):
-    """A pose that is none any more."""
+    """A pose that isn't rigid."""
     pose = [list(line) for line in POSE]
     for place, value in changes.items():
         pose[int(place[1])][int(place[2])] = value
@@ -123,7 +123,7 @@ CHANGED = [
 
 
 @pytest.mark.parametrize(("changed", "message"), CHANGED)
-def test_a_line_edited_into_nonsense_is_named(tmp_path, changed, message):
+def test_the_error_of_an_invalid_line_names_it(tmp_path, changed, message):
     path = written(tmp_path / "plan.jsonl", vehicles={"t72": {"category": "tank"}})
     lines = path.read_bytes().splitlines(keepends=True)
     lines[3] = line(row(2, **changed))
@@ -132,7 +132,7 @@ def test_a_line_edited_into_nonsense_is_named(tmp_path, changed, message):
         list(read_plan(path))
 
 
-def test_no_file_but_a_plan_is_written_over(path):
+def test_only_plans_are_overwritten(path):
     written(path, rows=5)
     config = path.with_name("hulldown.toml")
     config.write_text("seed = 0\n")
@@ -166,26 +166,26 @@ HEADERS = [
         *((line({**HEADER, key: value}), f"line 1 has {key} ") for key, value in HEADERS),
     ],
 )
-def test_a_foreign_file_is_no_plan(tmp_path, content, message):
+def test_a_foreign_file_is_not_a_plan(tmp_path, content, message):
     path = tmp_path / "plan.jsonl"
     path.write_bytes(content)
     with pytest.raises(ConfigError, match=message):
         read_plan(path)
 
 
-def test_a_plan_that_claims_billions_of_images_takes_no_memory_for_them(tmp_path):
+def test_a_plan_that_claims_billions_of_images_needs_no_memory(tmp_path):
     (tmp_path / "plan.jsonl").write_text(json.dumps({**HEADER, "images": 3_159_564_035}) + "\n")
     with pytest.raises(ConfigError, match=r"line 1 has 3159564035 images, more than the [0-9]+ bytes of the file"):
         list(read_plan(tmp_path / "plan.jsonl"))
 
 
-def test_a_missing_plan(tmp_path):
+def test_a_missing_plan_is_refused(tmp_path):
     with pytest.raises(ConfigError, match="no such plan; make one with"):
         read_plan(tmp_path / "plan.jsonl")
 
 
 def attempt(path, rows, tail=b""):
-    """What a process leaves that was killed after so many rows, in the middle of a line."""
+    """Files of a process that was killed after some rows, in the middle of a line."""
     writer = PlanWriter(path, header())
     for i in range(rows):
         writer.write(line(row(i)), 1)
@@ -193,7 +193,7 @@ def attempt(path, rows, tail=b""):
     writer.__exit__(KeyboardInterrupt, None, None)
 
 
-def test_an_attempt_is_continued_at_the_last_whole_row(tmp_path):
+def test_an_attempt_continues_after_the_last_whole_row(tmp_path):
     path = tmp_path / "plan.jsonl"
     attempt(path, 3, tail=b'{"index": 3, "im')
     assert not path.exists()
@@ -214,13 +214,13 @@ def test_an_attempt_at_another_plan_is_replaced(tmp_path):
     assert os.listdir(tmp_path) == []
 
 
-def test_a_plan_stays_until_its_successor_is_complete(path):
+def test_a_plan_is_replaced_when_its_successor_is_complete(path):
     before = path.read_bytes()
     attempt(path, 2)
     assert path.read_bytes() == before
 
 
-def test_two_processes_do_not_write_one_plan(tmp_path):
+def test_two_processes_cannot_write_one_plan(tmp_path):
     path = tmp_path / "plan.jsonl"
     with PlanWriter(path, header()), pytest.raises(ConfigError, match="another process is writing this plan"):
         PlanWriter(path, header())
@@ -256,15 +256,15 @@ ILLEGAL = [
 
 
 @pytest.mark.parametrize("name", LEGAL)
-def test_a_picture_may_be_called(tmp_path, name):
+def test_allowed_names_of_pictures(tmp_path, name):
     path = write_lines(tmp_path / "plan.jsonl", [row(0, file_name=name)])
     assert [read.file_name for read in read_plan(path)] == [name]
     assert stays_inside(name)
 
 
 @pytest.mark.parametrize("name", ILLEGAL)
-def test_a_picture_may_not_be_called(tmp_path, name):
-    """Two spellings of one name were two rows and one picture; what begins with a dot was swept away."""
+def test_refused_names_of_pictures(tmp_path, name):
+    """Two spellings of one name were two rows with one picture; names with a leading dot were deleted."""
     assert not re.search(PICTURE_NAME, name)
     path = write_lines(tmp_path / "plan.jsonl", [row(0, file_name=name)])
     with pytest.raises(ConfigError, match=r"line 2 has file_name .*, expected a path like images/1.png"):
@@ -275,7 +275,7 @@ def test_a_picture_may_not_be_called(tmp_path, name):
     ("name", "sensor", "kind"),
     [("1.png", {"jpeg_quality": 90}, "jpg"), ("1.jpg", {"blur_px": 0.5}, "png"), ("1.jpg", None, "png")],
 )
-def test_a_picture_has_the_suffix_of_its_kind(tmp_path, name, sensor, kind):
+def test_a_picture_has_the_suffix_of_its_format(tmp_path, name, sensor, kind):
     path = write_lines(tmp_path / "plan.jsonl", [row(0, file_name=f"images/{name}", sensor=sensor)])
     with pytest.raises(ConfigError, match=f"file_name 'images/{name}', expected a .{kind} file"):
         list(read_plan(path))
@@ -297,7 +297,7 @@ def test_a_picture_has_the_suffix_of_its_kind(tmp_path, name, sensor, kind):
         (["images/1.png", "images/0000001.png", "images/000000001.png", "images/00000003.png"], None),
     ],
 )
-def test_two_pictures_of_one_name_are_found(tmp_path, names, message):
+def test_two_pictures_with_one_name_are_found(tmp_path, names, message):
     path = write_lines(tmp_path / "plan.jsonl", [row(i, file_name=name) for i, name in enumerate(names)])
     if message is None:
         assert [read.file_name for read in read_plan(path)] == names
@@ -311,8 +311,8 @@ def test_two_pictures_of_one_name_are_found(tmp_path, names, message):
     [("plan.jsonl.partial", "link"), ("plan.jsonl.partial", "dangling"), ("plan.jsonl.partial", "fifo"),
      (".plan.jsonl.lock", "link")],
 )  # fmt: skip
-def test_no_file_beside_a_plan_is_followed_out_of_its_folder(tmp_path, name, kind):
-    """A partial file that leads elsewhere was overwritten where it led."""
+def test_links_beside_a_plan_are_not_followed(tmp_path, name, kind):
+    """The target of a linked partial file was overwritten."""
     precious = tmp_path / "precious"
     precious.write_text("content")
     folder = tmp_path / "plans"

@@ -1,6 +1,6 @@
-"""Cameras are drawn as the config says: every direction, distance and place in the frame as likely as stated.
+"""Cameras are drawn as configured: every direction, distance, and framing has its stated distribution.
 
-On a bare plane nothing is refused: what is in the plan is what was drawn. Seeds are fixed: a failure is a change.
+On a bare plane nothing is rejected, so a plan has the drawn values. Seeds are fixed, so a failure is a change.
 """
 
 import itertools
@@ -16,13 +16,13 @@ from hulldown.tests.planning_assets import bare, plan, small_config, vehicle
 
 N = 600
 TANK = vehicle("t72")
-# Kolmogorov's D: a uniform sample exceeds this with probability 0.001; one drawn another way is far beyond it.
+# Kolmogorov's D: a uniform sample exceeds it with probability 0.001; other distributions exceed it by far.
 FAR = 1.95 / math.sqrt(N)
 FRACTION, FACTOR = 0.15, 2.0
 
 
 def drawn(**camera):
-    """Of each image: the camera's distance over S f / H, azimuth, elevation, field of view, box."""
+    """For each image: the camera's distance over S f / H, azimuth, elevation, field of view, box."""
     options = {
         "fov_x_deg": [40, 60], "target_fraction": FRACTION, "distance_factor": FACTOR, "elevation_deg": [10, 60],
         "visible_fraction": [0, 1], "min_box_px": 0, "visibility_rays": 1, "framing": 1.0, **camera,
@@ -51,7 +51,7 @@ def drawn(**camera):
 
 
 def off_uniform(values, low, high):
-    """Largest distance between the values' distribution and the uniform one on [low, high]."""
+    """Largest distance between the empirical distribution and the uniform one on [low, high]."""
     at = np.sort((values - low) / (high - low))
     assert at[0] >= -1e-9
     assert at[-1] <= 1 + 1e-9
@@ -78,42 +78,42 @@ def test_target_fractions_are_uniform():
     assert off_uniform(FACTOR / drawn(target_fraction=[0.05, 0.3])["distance"], 0.05, 0.3) < FAR
 
 
-def test_the_target_may_be_anywhere_in_the_frame(found):
+def test_the_target_can_be_anywhere_in_the_frame(found):
     x, y, w, h = found["box"].T
     assert off_uniform(x / (1920 - w), 0.0, 1.0) < FAR
     assert off_uniform(y / (1080 - h), 0.0, 1.0) < FAR
 
 
 @pytest.mark.parametrize("framing", [0.0, 0.4])
-def test_framing_keeps_the_target_about_the_middle(framing):
+def test_framing_keeps_the_target_near_the_center(framing):
     x, y, w, h = drawn(framing=framing)["box"].T
     for place in (x / (1920 - w), y / (1080 - h)):
         spread = np.abs(place - 0.5)
-        # A thousandth of a pixel, of at least 300 that there is room for.
+        # A thousandth of a pixel, where at least 300 pixels are free.
         assert spread.max() <= framing / 2 + 4e-6
         assert spread.max() >= 0.95 * framing / 2
 
 
-def test_elevations_are_uniform_on_the_sphere_if_asked():
+def test_elevations_are_uniform_on_the_sphere_on_request():
     elevation = drawn(elevation_sampling="sphere", elevation_deg=[10, 85])["elevation"]
     low, high = (math.sin(math.radians(angle)) for angle in (10.0, 85.0))
     assert off_uniform(np.sin(np.radians(elevation)), low, high) < FAR
     assert off_uniform(elevation, 10.0, 85.0) > FAR
 
 
-def test_what_is_drawn_has_nothing_to_do_with_the_rest(found):
+def test_draws_are_independent(found):
     x, y, w, h = found["box"].T
     columns = [found[key] for key in ("distance", "azimuth", "elevation", "fov")] + [x / (1920 - w), y / (1080 - h)]
     for a, b in itertools.combinations(columns, 2):
         assert abs(np.corrcoef(a, b)[0, 1]) < 4.0 / math.sqrt(N)
     for column in columns:
-        # Nor with the shot before it.
+        # Also independent of the previous image.
         assert abs(np.corrcoef(column[:-1], column[1:])[0, 1]) < 4.0 / math.sqrt(N)
 
 
-def test_cameras_are_rolled_as_asked():
+def test_cameras_are_rolled_as_configured():
     found = drawn(roll_deg=[-20, 10], elevation_deg=[5, 30])
     down = np.array([row.world_from_camera[2, 0] for row in found["rows"]])
     level = np.hypot(*np.array([row.world_from_camera[:2, 2] for row in found["rows"]]).T)
-    # A camera rolled by r has its right axis below the horizon by sin(r) times the cosine of its elevation.
+    # The right axis of a camera rolled by r is below the horizon by sin(r) times the cosine of its elevation.
     assert off_uniform(np.degrees(np.arcsin(-down / level)), -20, 10) <= FAR

@@ -1,4 +1,4 @@
-"""Plans know how high a vehicle's belly is."""
+"""Contact of planned vehicles takes the height of their undersides into account."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ UP = np.array([0.0, 0.0, BELLY])
 
 
 def on_rails():
-    """The tank of the other tests, its hull on two rails with turned-up toes."""
+    """The tank of the other tests, with its hull on two rails with raised ends."""
     level = vehicle("t72")
     rails = [box((-4.2, y - 0.3, -BELLY), (2.0, y + 0.3, 0.2)) for y in (-1.4, 1.4)]
     toes = [box((2.0, y - 0.3, 0.05 - BELLY), (2.6, y + 0.3, 0.2)) for y in (-1.4, 1.4)]
@@ -38,12 +38,12 @@ def test_gaps_are_measured_to_the_underside(tmp_path):
     scenery = hills("hills", height=2.0, size=120.0, cells=60, trees=0)
     assets = Assets({"t72": on_rails()}, {"t72": "tank"}, {"hills": scenery}, ("noon",))
     made = write_plan(config, assets, tmp_path / "plan.jsonl")
-    # Rigid rails on this ground: something is in the air, and not the belly.
+    # Rigid rails on this ground: they don't touch everywhere, and the belly doesn't touch.
     gap = [row.target.gap for row in made]
     assert 0.02 < np.median(gap) < BELLY
 
 
-def test_the_belly_is_in_the_model_and_the_box_is_a_plate():
+def test_contact_footprint_models_the_belly_and_contact_box_does_not():
     assets = small_assets()
     footings = {}
     for contact in ("footprint", "box"):

@@ -1,4 +1,4 @@
-"""Limits that bite: small worlds in which a plan that forgot one of them would break it."""
+"""Small worlds in which a plan that ignores one of the limits would break it."""
 
 from collections import Counter
 
@@ -10,7 +10,7 @@ from hulldown.geometry.transforms import apply
 from hulldown.tests.planning_assets import hills, plan, small_config, vehicle
 
 TANK = vehicle("t72")
-ROCK = 1  # of the obstacle meshes; lower than the gun
+ROCK = 1  # of the obstacle meshes, lower than the gun
 EDGE = np.linspace(0.0, 1.0, 9)
 # Points all over a vehicle's three boxes, at most an eighth of a side apart.
 OVER_A_BOX = np.stack(np.meshgrid(EDGE, EDGE, EDGE), -1).reshape(-1, 3)
@@ -41,7 +41,7 @@ def test_visible_fractions_in_a_wood(low, high, images):
 @pytest.mark.parametrize("limit", ["max_penetration", "max_gap"])
 def test_contact_on_rough_ground(limit):
     rough = hills("rough", height=12.0, size=80.0, cells=40, trees=0)
-    # The averaged rule neither rests on the ground nor clears it.
+    # The averaged rule leaves gaps and penetrates.
     loose = {"rule": "averaged", "max_slope_deg": 60.0, "max_gap": 9.0, "max_penetration": 9.0}
     rows, rejected = planned(rough, placement={**loose, limit: 0.1})
     key = limit.removeprefix("max_")
@@ -52,8 +52,8 @@ def test_contact_on_rough_ground(limit):
 
 
 @pytest.mark.parametrize("clearance", [0.0, 3.0])
-def test_vehicles_keep_their_distance_from_obstacles(clearance):
-    # Boxes of parts grow to the sides and upwards: what is beside a level part, and higher, is so far away.
+def test_vehicles_keep_their_clearance_from_obstacles(clearance):
+    # Boxes of parts grow to the sides and upwards, so the clearance holds beside a level part and above.
     wood = hills("wood", height=0.0, size=80.0, trees=90)
     rows, rejected = planned(wood, images=40, placement={"obstacle_clearance": clearance, "articulate": not clearance})
     assert rejected["obstacle"] > 10
@@ -72,5 +72,5 @@ def test_vehicles_keep_their_distance_from_obstacles(clearance):
         nearest.append(min(np.linalg.norm(d, axis=1).min() for d in away))
     assert min(nearest) >= clearance
     if not clearance:
-        # They may be near, and do not overlap: no point is in an obstacle.
+        # Tilted boxes may be nearer without overlapping: no point is inside an obstacle.
         assert 0.0 < min(nearest) < 3.0

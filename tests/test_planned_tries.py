@@ -1,4 +1,4 @@
-"""What is tried for a position depends on that position alone: its tries are counted for it, to the last one."""
+"""The tries of a position depend on that position alone, and are counted exactly."""
 
 from dataclasses import replace
 from functools import cache
@@ -13,12 +13,12 @@ from hulldown.tests.planning_assets import hills, small_assets, small_config
 
 POSITIONS = 16
 ASSETS = replace(small_assets(), sceneries={"hills": hills("hills", cells=20, trees=3)})
-CUTS = [(1, 8192), (5, 16), (POSITIONS, 16), (POSITIONS, 8192)]  # positions in a block, tries in a batch
+CUTS = [(1, 8192), (5, 16), (POSITIONS, 16), (POSITIONS, 8192)]  # positions per block, tries per batch
 
 
 @cache
 def planner_of(max_tries, *, slope_deg=2.5, blind_below_px=None):
-    """By default, few places are level enough, and all are seen."""
+    """A world with few level places, all of them visible."""
     camera = {"min_box_px": blind_below_px, "max_tries": 1} if blind_below_px else {}
     config = small_config(
         assets={"sceneries": [{"path": "hills.blend"}]},
@@ -40,7 +40,7 @@ def rows():
 
 
 @pytest.mark.parametrize(("size", "candidates"), CUTS)
-def test_the_same_position_is_named_however_the_work_is_cut(rows, size, candidates, monkeypatch):
+def test_the_same_position_fails_however_the_work_is_cut(rows, size, candidates, monkeypatch):
     monkeypatch.setattr("hulldown.planning.search.positions.CANDIDATES", candidates)
     monkeypatch.setattr("hulldown.planning.search.positions.SCOUTS", 2)
     tries = [row.target.tries for row in rows]
@@ -54,7 +54,7 @@ def test_the_same_position_is_named_however_the_work_is_cut(rows, size, candidat
 
 @pytest.mark.parametrize("limit", [1, 2, 3, 5])
 def test_no_position_is_tried_more_often_than_allowed(rows, limit):
-    # max_tries = 2 once gave rows with 3 tries.
+    # max_tries = 2 gave rows with 3 tries.
     planner = planner_of(limit)
     for row in rows[:8]:
         position = row.position
@@ -66,7 +66,7 @@ def test_no_position_is_tried_more_often_than_allowed(rows, limit):
 
 
 def test_places_without_a_view_count_as_tries():
-    # A position that no camera sees is moved on; its tries go on being counted.
+    # A position that no camera sees is moved, and its tries count on.
     with pytest.raises(ConfigError, match=r"finds no place to stand: of 6 tries .*could not be seen by any camera"):
         planner_of(6, slope_deg=40.0, blind_below_px=700).rows(0, 1)
     seldom = planner_of(30, slope_deg=40.0, blind_below_px=100)

@@ -1,4 +1,4 @@
-"""Plans: complete, within their limits, the same bytes whoever makes them, and clear about what cannot be."""
+"""Plans: complete, within their limits, the same bytes for any number of workers, and clear errors."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def rows(assets):
     return list(plan(small_config(), assets))
 
 
-def test_what_is_in_memory_is_what_is_read_back(rows):
+def test_rows_in_memory_equal_rows_in_the_file(rows):
     for row in rows:
         again = decode_row(encode(row))
         assert encode(again) == encode(row)
@@ -46,7 +46,7 @@ def test_a_longer_plan_keeps_the_rows_of_a_shorter_one(assets):
     assert encode_rows(longer[: len(short)]) == encode_rows(short)
 
 
-def test_seeds_differ_and_0_is_one(rows, assets):
+def test_seeds_differ_and_0_is_valid(rows, assets):
     other = list(plan(small_config(seed=1), assets))
     assert not any(np.array_equal(a.world_from_camera, b.world_from_camera) for a, b in zip(rows, other, strict=True))
 
@@ -69,7 +69,7 @@ def test_the_bytes_do_not_depend_on_the_number_of_workers(tmp_path, assets, rows
     assert seen == sorted(seen)
 
 
-def test_a_plan_keeps_its_own_limits(tmp_path, assets, rows):
+def test_a_plan_is_within_its_limits(tmp_path, assets, rows):
     path = tmp_path / "plan.jsonl"
     path.write_bytes(b"".join(map(encode, [make_header(small_config(), assets, path, images=22), *rows])))
     assert check_plan(read_plan(path), assets) == []
@@ -89,7 +89,7 @@ def test_a_killed_plan_is_continued_with_the_same_bytes(tmp_path, assets, rows, 
     assert made.path.read_bytes() == b"".join(map(encode, [header, *rows]))
 
 
-def test_the_header_says_what_the_plan_was_made_from(tmp_path):
+def test_the_header_has_the_plans_inputs(tmp_path):
     base = small_assets()
     made = Assets(
         base.vehicles, base.categories, base.sceneries, base.hdris,
@@ -107,7 +107,7 @@ def test_the_header_says_what_the_plan_was_made_from(tmp_path):
     assert {"python", "numpy", "embreex"} <= set(header.versions)
 
 
-def test_without_ground_vehicles_stand_on_the_fallback_plane(assets):
+def test_without_ground_vehicles_are_on_the_fallback_plane(assets):
     config = small_config(assets={"sceneries": [{"path": "bare.blend"}]}, ground={"fallback_z": 3.5})
     high = Assets(assets.vehicles, assets.categories, {"bare": bare("bare", origin_z=1.0)}, assets.hdris)
     for row in plan(config, high):
@@ -131,7 +131,7 @@ def test_without_ground_vehicles_stand_on_the_fallback_plane(assets):
         ({"light": {"hdris": [{"name": "noon", "weight": 0}]}}, "light.hdris: all weights are 0"),
     ],
 )
-def test_a_hopeless_config_is_explained(sections, message, monkeypatch):
+def test_an_impossible_config_is_explained(sections, message, monkeypatch):
     monkeypatch.setattr("hulldown.planning.search.positions.BLIND_PLACES", 2)
     one = small_assets()
     one = Assets(one.vehicles, one.categories, {"hills": one.sceneries["hills"]}, one.hdris)
@@ -139,7 +139,7 @@ def test_a_hopeless_config_is_explained(sections, message, monkeypatch):
         list(plan(small_config(**sections), one))
 
 
-def test_a_failing_worker_is_heard(tmp_path, assets, monkeypatch):
+def test_errors_of_workers_are_raised(tmp_path, assets, monkeypatch):
     monkeypatch.setattr("hulldown.planning.write._SMALLEST_BLOCK", 2)
     with pytest.raises(ConfigError, match="finds no place to stand"):
         write_plan(

@@ -32,7 +32,7 @@ def planned(folder, *lines, config=CONFIG, **settings):
 
 
 def at(x, y, z=None, origin=HILLS):
-    """Cells of a point of the hills in their file's coordinates."""
+    """Grid points on the hills in their file's coordinates."""
     up = "" if z is None else f"{origin[2] + z}"
     return f"{origin[0] + x},{origin[1] + y},{up}"
 
@@ -42,7 +42,7 @@ def heading(row):
     return np.degrees(np.arctan2(forward[1], forward[0]))
 
 
-def test_what_is_given_is_used_and_the_rest_is_planned(tmp_path):
+def test_given_values_are_used_and_others_planned(tmp_path):
     plan = planned(
         tmp_path,
         f"hills,leo,{at(10, 20)},35,{at(-25, 30, 15)},,,,",
@@ -57,27 +57,27 @@ def test_what_is_given_is_used_and_the_rest_is_planned(tmp_path):
     assert first.target.world_from_vehicle[:2, 3].tolist() == [10.0, 20.0]
     assert heading(first) == pytest.approx(35.0, abs=1e-6)
     assert first.world_from_camera[:3, 3].tolist() == [-25.0, 30.0, 15.0]
-    assert first.target.slope_deg > 0.0, "it settled"
+    assert first.target.slope_deg > 0.0, "it was settled"
     assert free.target.vehicle == "ural"
     assert looking.world_from_camera[:3, 3].tolist() == [-30.0, 45.0, 20.0]
     for row, point in ((looking, [-28.0, 5.0, 3.0]), (aimed, [0.0, -40.0, 2.0])):
         center = project(row.intrinsics, row.world_from_camera, [point])[0][0]
-        assert center == pytest.approx([row.width / 2, row.height / 2], abs=1e-5), "its axis meets the point"
+        assert center == pytest.approx([row.width / 2, row.height / 2], abs=1e-5), "its axis goes through the point"
     assert level.target.world_from_vehicle[:3, 3].tolist() == [4.0, 5.0, 0.0]
     assert level.target.slope_deg == 0.0
     assert heading(level) == pytest.approx(-120.0, abs=1e-9)
     assert all(row.sequence is None and row.target.track_id is None for row in plan)
-    assert check_plan(plan, ASSETS) == [], "the header holds the lines"
+    assert check_plan(plan, ASSETS) == [], "the header has the lines"
 
 
-def test_a_given_camera_is_not_asked_for_what_the_config_would_have_drawn(tmp_path):
+def test_a_given_camera_need_not_be_within_the_configs_ranges(tmp_path):
     camera = {"size_measure": "height", "target_fraction": [0.3, 0.31], "distance_m": [8.0, 20.0], "fov_x_deg": 50.0}
     (row,) = planned(tmp_path, f"hills,leo,{at(10, 20)},35,{at(-90, 30, 30)},,,,", config=small_config(camera=camera))
     assert row.world_from_camera[:3, 3].tolist() == [-90.0, 30.0, 30.0]
     assert row.target.bbox.height < 0.1 * row.height
 
 
-def test_a_sequence_moves_the_camera_alone(tmp_path):
+def test_a_sequence_moves_only_the_camera(tmp_path):
     frames = [f"hills,leo,{at(10, 20)},35,{at(-20 + 4 * k, -15, 15)},,,,drive" for k in range(5)]
     plan = planned(tmp_path, ",ural,,,,,,,,,,,", *frames, f"hills,leo,{at(10, 20)},35,{at(-20, -15, 15)},,,,")
     before, *rows, after = plan
@@ -94,9 +94,9 @@ def test_a_sequence_moves_the_camera_alone(tmp_path):
     assert None not in tracks
     assert before.sequence is None is after.sequence
     assert after.position == rows[0].position + 1
-    assert len({row.sample_seed for row in rows}) == 5, "noise differs"
+    assert len({row.sample_seed for row in rows}) == 5, "the noise differs"
     down = np.array([row.world_from_camera[2, 0] for row in rows])
-    assert np.ptp(np.abs(np.degrees(np.arcsin(down)))) < 1.0, "the roll is one"
+    assert np.ptp(np.abs(np.degrees(np.arcsin(down)))) < 1.0, "the roll is constant"
     assert check_plan(plan, ASSETS) == []
 
 
@@ -131,7 +131,7 @@ def test_workers_and_blocks_change_nothing(tmp_path):
         (f"hills,leo,{at(10, 20)},30,{at(10, 20, 1)},,,,", "line 3: vehicle 'leo' on scenery 'hills' cannot be seen"),
     ],
 )
-def test_what_cannot_be_met_is_named(tmp_path, line, message):
+def test_the_error_of_an_impossible_line_names_it(tmp_path, line, message):
     with pytest.raises(ConfigError) as caught:
         planned(tmp_path, "hills,leo,,,,,,,,,,,", line)
     assert message in str(caught.value)
@@ -149,13 +149,13 @@ def test_what_cannot_be_met_is_named(tmp_path, line, message):
         (["1,2,0,0,9,a", "1,2,0,0,9,", "1,2,0,0,9,a"], "x,y,camera_x,camera_y,camera_z,sequence", "line 4: column seq"),
     ],
 )
-def test_files_that_give_no_poses_are_refused(tmp_path, lines, columns, message):
+def test_files_without_poses_are_refused(tmp_path, lines, columns, message):
     with pytest.raises(ConfigError) as caught:
         read_poses(written(tmp_path, *lines, columns=columns))
     assert message in str(caught.value)
 
 
-def test_semicolons_blank_lines_and_any_order_of_columns(tmp_path):
+def test_semicolons_blank_lines_and_any_column_order(tmp_path):
     path = tmp_path / "poses.csv"
     path.write_bytes(b"yaw_deg ; x;y\r\n\r\n90;1.5;-2\r\n;;\r\n;3;4\r\n")
     poses = read_poses(path)

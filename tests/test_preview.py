@@ -1,4 +1,4 @@
-"""Pictures of a plan without Blender: what is where, lit from where, and the sheet they end on."""
+"""Pictures of a plan without Blender: positions, light, and the sheet."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def test_the_vehicle_is_where_its_box_is(plan, artist):
     lit = paint_of(row.target.vehicle)
     inside = np.zeros((90, 160), dtype=bool)
     inside[int(y) : int(y + h) + 1, int(x) : int(x + w) + 1] = True
-    # Outside the box only the shadow differs, and that is dark.
+    # Outside the box only the dark shadow differs.
     assert (changed & inside).sum() > 0.2 * inside.sum()
     assert (with_it[changed & ~inside].sum(axis=-1) < artist.shade(away, 160, 90)[
         changed & ~inside
@@ -57,7 +57,7 @@ def test_the_vehicle_is_where_its_box_is(plan, artist):
     assert lit.shape == (3,)
 
 
-def test_colors_are_colors(plan, artist):
+def test_pictures_have_the_requested_size_and_valid_colors(plan, artist):
     for row in plan:
         image = artist.shade(row, 32, 18)
         assert image.shape == (18, 32, 3)
@@ -65,7 +65,7 @@ def test_colors_are_colors(plan, artist):
         assert (image <= 1.0).all()
 
 
-def test_fog_hides(plan, artist):
+def test_fog_hides_distant_objects(plan, artist):
     row = plan[0]
     thick = artist.shade(altered(row, weather=Weather(visibility_m=1.0, kind="fog")), 64, 36)
     thin = artist.shade(clear(row), 64, 36)
@@ -89,7 +89,7 @@ def test_the_sheet(plan, assets, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["sheet.png"]
 
 
-def test_a_sheet_of_more_than_there_is(plan, assets, tmp_path):
+def test_a_sheet_shows_at_most_the_existing_images(plan, assets, tmp_path):
     seen = []
     preview_sheet(
         read_plan(plan.path), assets, tmp_path / "s.png", count=100, tile_width=48, progress=lambda *n: seen.append(n)
@@ -97,7 +97,7 @@ def test_a_sheet_of_more_than_there_is(plan, assets, tmp_path):
     assert len(seen) == len(plan)
 
 
-def test_a_caption_says_what_the_picture_does_not(plan):
+def test_a_caption_has_what_the_picture_cannot_show(plan):
     target = altered(plan[0].target, visible_fraction=0.5)
     row = altered(plan[0], weather=Weather(visibility_m=250.0, kind="fog"), target=target)
     words = caption(row)

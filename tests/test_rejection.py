@@ -1,7 +1,7 @@
 from hulldown.placement.rejection import Rejection
 
 
-def test_every_rejection_has_words_of_its_own():
+def test_every_rejection_has_different_words():
     assert len({r.phrase for r in Rejection}) == len(Rejection)
 
 

@@ -13,7 +13,7 @@ PAGE = (Path(__file__).parents[1] / "docs" / "plan-file.md").read_text(encoding=
 
 
 def described(kind):
-    """The page's table of a type, a line a field."""
+    """The page's table for a type, with a line per field."""
     return [
         f"| `{name}` | {field.expected}{f'; to {field.to}' if field.to else ''} | {field.meaning} |"
         for name, field in fields(kind).items()
@@ -27,7 +27,7 @@ def test_the_docs_describe_every_field(kind):
     assert wanted in PAGE, f"docs/plan-file.md is to have these lines:\n{wanted}"
 
 
-def test_what_is_rounded_stays_as_it_is():
+def test_rounding_is_idempotent():
     rng = np.random.default_rng(0)
     poses = rigid(rotation_about([0.0, 0.6, 0.8], rng.uniform(-3, 3, 1000)), rng.normal(scale=1e4, size=(1000, 3)))
     values = {
@@ -47,7 +47,7 @@ def longest(values: Float[np.ndarray, " n"]) -> int:
     return max(len(repr(value).partition(".")[2]) for value in values.ravel().tolist())
 
 
-def test_numbers_have_the_decimals_that_are_meant():
+def test_numbers_have_the_documented_decimals():
     rng = np.random.default_rng(1)
     pose = rounded("world_from_vehicle", rigid(rotation_about([0.0, 0.0, 1.0], 1.0), rng.normal(scale=1e3, size=3)))
     assert longest(pose[:3, 3]) <= 9
@@ -56,7 +56,7 @@ def test_numbers_have_the_decimals_that_are_meant():
     assert np.signbit(rounded("strength", np.array([-1e-12]))).tolist() == [False]
 
 
-def test_a_box_that_ends_at_the_frame_still_does():
+def test_a_box_that_ends_at_the_frame_still_does_after_rounding():
     rng = np.random.default_rng(2)
     low = rng.uniform(0.0, 1900.0, (100_000, 2))
     boxes = rounded("bbox", np.concatenate([low, 1920.0 - low], axis=1))

@@ -1,4 +1,4 @@
-"""Pictures of ours replace pictures of ours, and nothing else."""
+"""Pictures by hulldown replace only pictures by hulldown."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ SHEET = Image.fromarray(np.zeros((4, 6, 3), np.uint8))
 
 
 @pytest.mark.parametrize("write", [lambda path: save_sheet(SHEET, path), lambda path: summarize([]).draw(path)])
-def test_what_is_not_ours_is_not_replaced(tmp_path, write):
+def test_foreign_files_are_not_replaced(tmp_path, write):
     path = tmp_path / "tank.png"
     SHEET.save(path)
     before = path.read_bytes()

@@ -1,4 +1,4 @@
-"""A plan names what tells its classes apart besides the vehicles, and nothing that chance explains."""
+"""Values that reveal a target's class are named, except those that chance explains."""
 
 from collections import Counter
 
@@ -26,7 +26,7 @@ def test_chance_is_not_named(values):
     assert alarms == 0
 
 
-def test_a_value_that_tells_a_class_is_named():
+def test_a_value_that_reveals_a_class_is_named():
     rng = np.random.default_rng(0)
     classes = rng.integers(0, 3, 600)
     hdris = np.where((classes == 2) & (rng.random(600) < 0.5), 9, rng.integers(0, 9, 600))
@@ -35,7 +35,7 @@ def test_a_value_that_tells_a_class_is_named():
     assert " of 2 and 0% of the others" in line
 
 
-def test_what_is_planned_has_no_shortcuts_until_the_config_makes_one():
+def test_a_plan_has_no_shortcuts_unless_the_config_makes_one():
     budget = {"images_per_class": 150, "images_per_position": 1}
     plain = summarize(plan(small_config(budget=budget), small_assets()))
     assert plain.shortcuts == ()

@@ -1,4 +1,4 @@
-"""A plan in numbers: what is counted, and how it is shown."""
+"""Statistics of a plan: counts and displays."""
 
 import io
 import json
@@ -22,7 +22,7 @@ FOG, RAIN = ({"visibility_m": 100.0, "kind": kind} for kind in ("fog", "rain"))
 
 
 def companion(**changes):
-    """Another vehicle of an image."""
+    """Another vehicle in an image."""
     return {**VEHICLE, **TARGET, **changes}
 
 
@@ -56,7 +56,7 @@ def test_counts():
     assert json.loads(json.dumps(found)) == found
 
 
-def test_what_is_in_an_image_besides_its_target_is_counted():
+def test_companions_and_distractors_are_counted():
     car = [companion(vehicle="car", category=None, label="none")]
     rows = [
         row(0, left_out=2, distractors=car, weather=RAIN, hdri="dusk", air_contrast=0.5),
@@ -89,7 +89,7 @@ def test_an_empty_plan():
     assert len(summary.tables()) == 3
 
 
-def test_tables_say_what_to_act_on():
+def test_tables_show_what_to_act_on():
     console = Console(width=140, record=True, file=io.StringIO())
     for table in summarize(ROWS).tables():
         console.print(table)
@@ -98,7 +98,7 @@ def test_tables_say_what_to_act_on():
         assert words in text
 
 
-def test_names_with_brackets_are_shown_as_they_are():
+def test_names_with_brackets_are_printed_unchanged():
     console = Console(width=140, record=True, file=io.StringIO())
     for table in summarize([row(0, category="tank [/old]", vehicle="t72[b]")]).tables():
         console.print(table)
@@ -107,19 +107,19 @@ def test_names_with_brackets_are_shown_as_they_are():
     assert "t72[b] 1" in text
 
 
-def test_a_class_is_no_formula(tmp_path):
+def test_a_class_is_not_a_formula(tmp_path):
     summarize([row(0, category="$^$")]).draw(tmp_path / "plan.png")
     assert (tmp_path / "plan.png").is_file()
 
 
-def test_the_picture(tmp_path):
+def test_the_picture_has_the_expected_size(tmp_path):
     summarize(ROWS).draw(tmp_path / "plan.png")
     with Image.open(tmp_path / "plan.png") as picture:
-        assert picture.size == (1200, 1200)  # a row more than without companions, for their chart
+        assert picture.size == (1200, 1200)  # one more row with companions, for their chart
     assert [path.name for path in tmp_path.iterdir()] == ["plan.png"]
 
 
-def test_a_histogram_counts_everything_even_beyond_its_edges():
+def test_a_histogram_counts_all_values():
     histogram = Histogram("x", np.array([0.0, 1.0, 2.0]), np.array([-5.0, 0.0, 0.5, 1.0, 2.0, 9.0]))
     assert histogram.counts.tolist() == [3, 3]
     assert (histogram.extremes["lowest"], histogram.extremes["highest"]) == (-5.0, 9.0)
