@@ -1,4 +1,4 @@
-"""Array shapes checked at calls, Hypothesis profiles, and what a run of the tests cost.
+"""Array shapes checked at calls, Hypothesis profiles, and the cost of a test run.
 
 HULLDOWN_SHAPES chooses the modules whose calls are checked: `entry` (the default) checks the modules that users call,
 `all` checks every module and takes three times as long, `off` checks none.
@@ -50,7 +50,7 @@ settings.register_profile(
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "dev"))
 
 
-# What installs the packages that only some tests need.
+# Commands that install packages for some tests.
 INSTALLS = {
     **dict.fromkeys(("bpy", "mathutils"), "pip install 'hulldown[blender]'"),
     **dict.fromkeys(("dask", "distributed"), "pip install 'hulldown[cluster]'"),
@@ -63,7 +63,7 @@ INSTALLS = {
 
 
 def needed(report: pytest.CollectReport | pytest.TestReport) -> str | None:
-    """What to install, if a test or its module failed for the lack of an optional package."""
+    """The command to install, if a test or its module failed because an optional package is missing."""
     if not report.failed:
         return None
     found = re.search(r"ModuleNotFoundError: No module named '(\w+)", str(report.longrepr))
@@ -72,7 +72,7 @@ def needed(report: pytest.CollectReport | pytest.TestReport) -> str | None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_make_collect_report(collector: pytest.Collector) -> Iterator[None]:
-    """Skip a module whose optional packages are not installed."""
+    """Skip a module whose optional packages aren't installed."""
     report = yield
     if reason := needed(report):
         report.outcome, report.longrepr = "skipped", (str(collector.path), 1, f"Skipped: {reason}")
@@ -80,21 +80,21 @@ def pytest_make_collect_report(collector: pytest.Collector) -> Iterator[None]:
 
 
 def cpu_seconds() -> float:
-    """CPU seconds of this process and of its children that have ended."""
+    """CPU seconds of this process and its ended children."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(use.ru_utime + use.ru_stime for use in used)
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """Note the CPU seconds of a test, those of its fixtures included, where its last report takes them along."""
+    """Record the CPU seconds of a test, including its fixtures, for its last report."""
     item.stash[STARTED] = cpu_seconds()
     return (yield)
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Iterator[None]:
-    """Skip a test whose optional packages are not installed; add its CPU seconds to the report of its teardown."""
+    """Skip a test whose optional packages aren't installed; add its CPU seconds to the report of its teardown."""
     report = yield
     if reason := needed(report):
         report.outcome, report.longrepr = "skipped", (str(item.path), 1, f"Skipped: {reason}")
@@ -125,7 +125,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
 
 
 def reference_seconds() -> float:
-    """CPU seconds of 20 million additions in Python: the measure of this machine."""
+    """CPU seconds of 20 million additions in Python, as a measure of this machine."""
     start, total = cpu_seconds(), 0
     for number in range(20_000_000):
         total += number
@@ -134,7 +134,7 @@ def reference_seconds() -> float:
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """With HULLDOWN_NO_SKIPS, a run in which a test was skipped fails: everything must be installed."""
+    """With HULLDOWN_NO_SKIPS, a run with a skipped test fails, since everything must be installed."""
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
     worker = hasattr(session.config, "workerinput")
     if os.environ.get("HULLDOWN_NO_SKIPS") and not worker and reporter.stats.get("skipped"):

@@ -1,4 +1,4 @@
-"""Datasets that anybody may have written: whatever is in them, reading ends in findings or in one line."""
+"""Reading any dataset gives findings or a one-line error."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.dataset.verification.verify import verify
 from hulldown.property_tests.any_values import MANY, containers, refusal, values_of
 
-pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")  # damaged datasets may have warnings, too
+pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")  # damaged datasets may also cause warnings
 KEYS = (
     *("id", "file_name", "width", "height", "image_id", "category_id", "bbox", "segmentation", "area", "iscrowd"),
     *("bbox_amodal", "visible_fraction", "world_from_vehicle", "picture_sha256", "record_sha256", "world_from_camera"),
@@ -59,13 +59,13 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @contextmanager
 def copied(sound: Path) -> Iterator[Path]:
-    """A copy of it in a folder of its own."""
+    """A copy of the dataset in a new folder."""
     with tempfile.TemporaryDirectory() as top:
         yield Path(shutil.copytree(sound, Path(top) / "d"))
 
 
 def changed(value: Any, changes: list[tuple[int, str, Any, str]]) -> Any:
-    """A JSON value with other values, keys and items in it."""
+    """A JSON value with changed values, keys, and items."""
     for at, key, new, how in changes:
         found = containers(value)
         if not found:
@@ -73,7 +73,7 @@ def changed(value: Any, changes: list[tuple[int, str, Any, str]]) -> Any:
         place = found[at % len(found)]
         if isinstance(place, dict):
             keys = [key, *place] if how == "put" else list(place) or [key]
-            place[keys[at % len(keys)]] = copy.deepcopy(new)  # it may be changed itself
+            place[keys[at % len(keys)]] = copy.deepcopy(new)  # later changes must not reach the original
             if how == "drop":
                 place.pop(keys[at % len(keys)])
         elif how == "twice" and place:
@@ -126,7 +126,7 @@ def test_any_journal_is_read_or_refused(sound: Path, changes: list, alone: bool)
 @given(
     st.binary(max_size=40), st.sampled_from(["annotations.json", "journal.jsonl", "provenance.json", "failures.jsonl"])
 )
-def test_any_bytes_are_refused_in_a_line(sound: Path, content: bytes, name: str) -> None:
+def test_any_bytes_are_refused_in_one_line(sound: Path, content: bytes, name: str) -> None:
     with copied(sound) as folder:
         (folder / name).write_bytes(content)
         used(folder)

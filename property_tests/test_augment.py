@@ -1,4 +1,4 @@
-"""What holds of augmented pictures, whatever the picture, the boxes and the seed."""
+"""Properties of augmented pictures, for any picture, boxes, and seed."""
 
 import numpy as np
 from hypothesis import given
@@ -20,7 +20,7 @@ SCENES = st.tuples(SEEDS, st.lists(SIDES, max_size=4))
 
 
 def sample_of(scene):
-    """A picture of noise with boxes, some with masks; made here since types are checked with random numbers."""
+    """A picture of noise with boxes, some with masks; not a strategy, since type checks draw random numbers."""
     seed, sides = scene
     picture = np.random.default_rng(seed).integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8)
     boxes, masks = [], []
@@ -35,7 +35,7 @@ def sample_of(scene):
 
 
 @given(SCENES, SEEDS)
-def test_a_box_never_leaves_the_picture_and_agrees_with_its_mask(scene, seed):
+def test_a_box_stays_in_the_picture_and_agrees_with_its_mask(scene, seed):
     sample = sample_of(scene)
     found = FULL(sample, seed)
     low, high = found.xywh[:, :2], found.xywh[:, :2] + found.xywh[:, 2:]
@@ -52,7 +52,7 @@ def test_a_box_never_leaves_the_picture_and_agrees_with_its_mask(scene, seed):
 
 
 @given(SCENES, SEEDS)
-def test_the_same_seed_does_the_same(scene, seed):
+def test_the_same_seed_gives_the_same_picture(scene, seed):
     sample = sample_of(scene)
     one, two = FULL(sample, seed), FULL(sample, seed)
     np.testing.assert_array_equal(one.picture, two.picture)
@@ -60,7 +60,7 @@ def test_the_same_seed_does_the_same(scene, seed):
 
 
 @given(SCENES, SEEDS)
-def test_two_flips_are_none(scene, seed):
+def test_two_flips_cancel(scene, seed):
     sample = sample_of(scene)
     once = FLIP(sample, seed)
     twice = FLIP(once, seed)
@@ -72,7 +72,7 @@ def test_two_flips_are_none(scene, seed):
 
 
 @given(SCENES, st.integers(32, 200), st.integers(32, 200))
-def test_boxes_are_scaled_with_their_picture(scene, width, height):
+def test_boxes_scale_with_their_picture(scene, width, height):
     sample = sample_of(scene)
     seen = example(at_work_size(sample, (width, height)), (width, height))
     assert tuple(seen.picture.shape) == (3, height, width)

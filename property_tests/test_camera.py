@@ -1,4 +1,4 @@
-"""Cameras on hard cases and on any case: poles, map coordinates, lenses of 0.1 and 179 degrees, one-pixel images."""
+"""Cameras in any case and in hard cases: poles, map coordinates, lenses of 0.1 and 179 degrees, one-pixel images."""
 
 import math
 
@@ -34,13 +34,13 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def rounding(center: np.ndarray, lens: Intrinsics, distance: float) -> float:
-    """Pixels that the float64 rounding of world coordinates moves a point at this distance."""
+    """Pixels by which rounding of world coordinates in float64 moves a point at this distance."""
     size = float(np.abs(center).max()) + distance
     return 1e-9 + 32 * np.finfo(float).eps * (size * lens.f_px / distance + lens.width + lens.height + lens.f_px)
 
 
 @given(lenses, centers, distances, azimuths, elevations, seeds)
-def test_unprojecting_what_was_projected_gives_the_point_back(
+def test_unprojecting_inverts_projecting(
     lens: Intrinsics, center: np.ndarray, distance: float, azimuth: float, elevation: float, seed: int
 ) -> None:
     camera = Camera(lens, camera_pose(center, distance, azimuth, elevation))
@@ -92,12 +92,12 @@ def test_the_exact_distance_gives_the_exact_size(
     at = pose.repeat(6, axis=0)
     at[:, :3, 3] = center + (at[:, :3, 3] - center) * found[:, None] / 10.0
     achieved = extent(lens, at, points[None], measure)
-    # A camera that almost touches the target loses digits to the subtraction of near numbers, most of all far away.
+    # A camera that almost touches the target loses digits by subtracting close numbers, mostly far from the origin.
     np.testing.assert_allclose(achieved, sizes, rtol=1e-7 + 1e-8 * np.abs(center).max() ** 0.5)
 
 
 @given(lenses, azimuths, st.floats(-0.7, 0.7), st.floats(3, 100), st.tuples(st.floats(0, 1), st.floats(0, 1)), seeds)
-def test_framed_cameras_report_what_they_cut(
+def test_framed_cameras_report_their_cuts(
     lens: Intrinsics, azimuth: float, elevation: float, lengths: float, band: tuple, seed: int
 ) -> None:
     rng = np.random.default_rng(seed)
@@ -111,7 +111,7 @@ def test_framed_cameras_report_what_they_cut(
     np.testing.assert_array_equal(framed.world_from_camera[0, :3, 3], pose[0, :3, 3])
     axes = framed.world_from_camera[0, :3, :3]
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-14)
-    # A target that fits, seen through no fish-eye, is cut just as asked.
+    # With ordinary fields of view, a target that fits is cut exactly as requested.
     if (high - low < [lens.width, lens.height]).all() and lens.fov_x < 1.5 and lens.fov_y < 1.5:
         slack = 0.01 / float((high - low).min())
         assert min(band) - slack <= framed.truncated[0] <= min(max(band), 1 - 1e-6) + slack

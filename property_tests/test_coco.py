@@ -1,4 +1,4 @@
-"""A dataset under appending, cutting and killing: nothing lost, nothing doubled."""
+"""A dataset survives appending, cutting, and killing without lost or doubled records."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def by_category_name(coco: dict, image_offset: int = 0, annotation_offset: int =
 
 
 @given(batches, batches)
-def test_appending_a_then_b_is_the_records_of_b_after_those_of_a(first: list, second: list) -> None:
+def test_appending_a_then_b_adds_the_records_of_b_after_those_of_a(first: list, second: list) -> None:
     with tempfile.TemporaryDirectory() as name:
         a, b, both = (Path(name) / part for part in ("a", "b", "both"))
         append_all(a, first, 0)
@@ -85,7 +85,7 @@ def test_appending_a_then_b_is_the_records_of_b_after_those_of_a(first: list, se
 
 
 @given(batches)
-def test_what_goes_in_comes_out(batch: list) -> None:
+def test_records_round_trip(batch: list) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         append_all(folder, batch, 0)
@@ -104,7 +104,7 @@ def test_what_goes_in_comes_out(batch: list) -> None:
 
 
 @given(batches.filter(bool), st.data())
-def test_cutting_the_journal_at_any_byte_loses_what_lay_behind_it_only(batch: list, data: st.DataObject) -> None:
+def test_cutting_the_journal_at_any_byte_loses_only_later_lines(batch: list, data: st.DataObject) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         append_all(folder, batch, 0)
@@ -151,7 +151,7 @@ def test_fifty_kills_lose_and_double_nothing(seed: int) -> None:
 
 
 @given(st.lists(st.integers(0, 3), max_size=9), st.permutations(range(4)), st.integers(0, 3), st.randoms())
-def test_any_shares_joined_in_any_order_are_the_whole(
+def test_shares_joined_in_any_order_are_the_whole(
     owner: list[int], order: list[int], at_once: int, shuffle: random.Random
 ) -> None:
     with tempfile.TemporaryDirectory() as name:
@@ -169,7 +169,7 @@ def test_any_shares_joined_in_any_order_are_the_whole(
 
 
 def render_share(folder: Path, total: int, indices: list[int]) -> None:
-    """What rendering these images of a plan does to a dataset; image i has i % 3 annotations."""
+    """Add records of these images of a plan as rendering does; image i has i % 3 annotations."""
     with CocoDataset.open(folder, categories=["tank", "truck"]) as dataset:
         run = dataset.run("p" * 64, images=total, annotations=total * 2)
         (folder / "images").mkdir()
@@ -181,7 +181,7 @@ def render_share(folder: Path, total: int, indices: list[int]) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="kills real processes, made by fork")
-def test_a_join_that_is_killed_loses_and_doubles_nothing() -> None:
+def test_a_killed_join_loses_and_doubles_nothing() -> None:
     rng = random.Random(0)
     total = 150
     with tempfile.TemporaryDirectory() as name:
@@ -244,12 +244,12 @@ def append_planned(folder: Path, total: int, tell: int | None) -> None:
 
 
 def run_and_kill(folder: Path, total: int, images: int, after_s: float) -> set[int]:
-    """What a real process acknowledged that was killed without warning soon after so many images."""
+    """Images acknowledged by a process that was killed soon after this many images."""
     hear, tell = os.pipe()
     child = os.fork()
     if child == 0:
         try:
-            # Merging all the time, so that kills fall into it too.
+            # It merges continuously, so that kills interrupt merges too.
             hulldown.dataset.coco.MERGE_EVERY_S, hulldown.dataset.coco.MERGE_SHARE = 0.0, 0.5
             append_planned(folder, total, tell)
         finally:

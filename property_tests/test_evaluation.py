@@ -1,4 +1,4 @@
-"""What holds for every detector on every dataset."""
+"""Properties of evaluation, for any detector on any dataset."""
 
 import copy
 
@@ -48,12 +48,12 @@ def sums(coco, found, threshold, *, by_image=False):
 
 
 @given(CASES)
-def test_every_match_is_pycocotools_own(case):
+def test_every_match_equals_pycocotools(case):
     assert_official(*case)
 
 
 @given(CASES, THRESHOLDS, st.randoms(use_true_random=False))
-def test_the_order_of_images_categories_and_detections_changes_nothing(case, threshold, random):
+def test_the_order_of_images_categories_and_detections_does_not_matter(case, threshold, random):
     coco, found = case
     shuffled, mixed = copy.deepcopy(coco), list(found)
     for records in (shuffled["images"], shuffled["categories"], mixed):
@@ -75,7 +75,7 @@ def test_counts_agree_with_labels_detections_and_confusion(case, threshold):
 
 
 @given(CASES)
-def test_a_detector_that_repeats_the_labels_is_perfect(case):
+def test_detections_equal_to_labels_are_perfect(case):
     coco, _ = case
     for k, label in enumerate(coco["annotations"]):
         label |= {"bbox": [100.0 * k, 0.0, 50.0, 40.0], "iscrowd": 0}
@@ -90,7 +90,7 @@ def test_a_detector_that_repeats_the_labels_is_perfect(case):
 
 
 @given(CASES)
-def test_fixing_all_that_is_false_or_missed_never_lowers_ap(case):
+def test_fixing_all_false_positives_or_misses_never_lowers_ap(case):
     labels, predictions, pairs, matching, _ = judged(*case, 0.5)
     loss = errors(labels, predictions, pairs, matching).loss
     for cause in ("both", "duplicate", "background"):
@@ -99,7 +99,7 @@ def test_fixing_all_that_is_false_or_missed_never_lowers_ap(case):
 
 @example(part=1, whole=2, error=2e-176, freedom=1)
 @given(st.integers(0, 1000), st.integers(1, 1000), st.floats(0.0, 0.5), st.integers(1, 300))
-def test_an_interval_holds_its_figure(part, whole, error, freedom):
+def test_an_interval_contains_its_figure(part, whole, error, freedom):
     value = min(part, whole) / whole
     low, high = share_interval(value, error, freedom=freedom, trials=whole)
     assert 0 <= low <= value + 1e-12

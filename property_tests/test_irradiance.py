@@ -1,4 +1,4 @@
-"""The light of a sky on level ground: the integral that it is, and near enough from smaller maps."""
+"""Irradiance of a sky on level ground, compared with its integral and with smaller maps."""
 
 from itertools import pairwise
 
@@ -24,10 +24,10 @@ def skies(draw, *, rows=(2, 3, 8, 32)):
 
 
 @given(skies(rows=(128,)), st.sampled_from([2, 4, 8]))
-def test_a_smaller_map_is_off_by_no_more_than_its_sun_may_move(sky, step):
-    # A mean over a square moves light by a square's half diagonal at most, in elevation by `step` rows with the hat's.
+def test_the_error_of_a_smaller_map_is_bounded_by_its_sun(sky, step):
+    # A mean over a square moves light by half its diagonal at most; with the hat's, elevation moves by `step` rows.
     small = sky.reshape(128 // step, step, 256 // step, step, 3).mean(axis=(1, 3))
-    # The weight is sin e cos e, whose slope is at most 1; what is below the horizon may come up as far.
+    # The weight sin e cos e has a slope of at most 1; light from below the horizon may rise as far.
     reach = 1.5 * step * np.pi / 128
     near = (np.arange(128) + 0.5) / 128 * np.pi - np.pi / 2 > -reach
     light = (sky.sum(axis=1) * near[:, None]).sum(axis=0) * (np.pi / 128) ** 2
@@ -35,7 +35,7 @@ def test_a_smaller_map_is_off_by_no_more_than_its_sun_may_move(sky, step):
 
 
 @given(skies())
-def test_level_light_is_the_integral_over_the_hats_of_rows(sky):
+def test_irradiance_is_the_integral_over_the_hats_of_rows(sky):
     height = len(sky)
     step = np.pi / height
     center = (np.arange(height) + 0.5) * step - np.pi / 2
@@ -59,7 +59,7 @@ COLORS = st.tuples(*[st.floats(0.2, 1.0)] * 3)
 
 
 @given(COLORS, st.floats(-12.0, 12.0))
-def test_a_metered_card_is_mid_gray_whatever_its_light(color, power):
+def test_a_metered_card_is_mid_gray_in_any_light(color, power):
     card = ALBEDO * np.array([color]) * 2.0**power
     (ev,) = metered(card)
     assert displayed(card[0] * 2.0**ev) @ LUMINANCE == pytest.approx(CARD, abs=1e-6)

@@ -1,4 +1,4 @@
-"""Weather of any shares: each kind as often as asked, and of each image its own."""
+"""Shares of weather: each kind is as frequent as configured, independently for each image."""
 
 import numpy as np
 from hypothesis import given
@@ -19,7 +19,7 @@ def shares(draw):
 
 
 @given(shares(), SEEDS)
-def test_every_kind_comes_as_often_as_its_share(wanted, seed):
+def test_every_kind_has_its_share(wanted, seed):
     kind = draw_air(WeatherSection(**wanted), draws=RandomStreams(seed), image=IMAGES).kind
     for i, name in enumerate(NAMES):
         # Six standard deviations of a share of 2000 are 0.067 at most.
@@ -27,7 +27,7 @@ def test_every_kind_comes_as_often_as_its_share(wanted, seed):
 
 
 @given(shares(), SEEDS, st.permutations(list(range(40))))
-def test_weather_is_that_of_the_image_whatever_it_is_drawn_with(wanted, seed, order):
+def test_weather_of_an_image_does_not_depend_on_the_batch(wanted, seed, order):
     section, draws = WeatherSection(**wanted), RandomStreams(seed)
     together = draw_air(section, draws=draws, image=np.arange(40)).weathers
     again = draw_air(section, draws=draws, image=np.array(order)).weathers

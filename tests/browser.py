@@ -1,4 +1,4 @@
-"""A real browser without a window, for pages that hulldown writes."""
+"""A headless browser for pages by hulldown."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ QUIET = (
 
 @contextmanager
 def chromium(profile: Path) -> Iterator[webdriver.Chrome]:
-    """A Chromium with an empty profile, and no network to speak of."""
+    """A Chromium with an empty profile, without the network."""
     options = webdriver.ChromeOptions()
     options.binary_location = installed(BROWSERS)
     for flag in (*QUIET, f"--user-data-dir={profile}"):
@@ -33,12 +33,12 @@ def chromium(profile: Path) -> Iterator[webdriver.Chrome]:
 
 
 def installed(names: tuple[str, ...]) -> str:
-    """The first of some programs that is there.
+    """The first program of a list that exists.
 
     Raises
     ------
     FileNotFoundError
-        With what to do. A page that no browser has shown is not tested: nothing is skipped.
+        With instructions. Page tests are never skipped.
     """
     for name in names:
         if path := shutil.which(name):

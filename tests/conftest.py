@@ -1,4 +1,4 @@
-"""What tests of several modules share."""
+"""Shared fixtures."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
-    """Return a folder that `make` fills once for a whole run, however many workers pytest-xdist starts."""
+    """Return a folder that `make` fills once per run, for all workers of pytest-xdist."""
     if "PYTEST_XDIST_WORKER" not in os.environ:
         folder = factory.mktemp(name)
         make(folder)
@@ -38,14 +38,14 @@ def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path],
 @pytest.fixture(scope="session")
 def messy(tmp_path_factory: pytest.TempPathFactory) -> Messy:
     """The messy files, built and exported once for the whole run."""
-    from hulldown.tests.messy_export import build, load  # lazily: they import most of the code
+    from hulldown.tests.messy_export import build, load  # imported late, since they import most of the code
 
     return load(made_once(tmp_path_factory, "messy", build))
 
 
 @pytest.fixture(scope="session")
 def worlds(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The files of render_worlds.py, with tank, field, and gray sky in the cache; copy them before you write."""
+    """The files of render_worlds.py, with tank, field, and gray sky in the cache; tests that write copy them."""
     from hulldown.tests.blender_plans import make_worlds, plan_in
 
     def make(folder: Path) -> None:
@@ -66,7 +66,7 @@ def blender(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture(scope="session")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
-    """A browser without a window, started once for the whole run."""
+    """A headless browser, started once per run."""
     from hulldown.tests.browser import chromium
 
     with chromium(tmp_path_factory.mktemp("profile")) as driver:

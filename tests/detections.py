@@ -1,4 +1,4 @@
-"""Labels and detections for tests of evaluation: random, hard, and by hand."""
+"""Labels and detections for tests of evaluation: random, hard, and handwritten."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ HERE = Path("dataset")
 
 
 def dataset(boxes, *, images=1, classes=("tank", "truck"), first_id=1):
-    """A COCO dictionary: `boxes` are (image, class, xywh) or with a dictionary of more fields, numbered from 1."""
+    """A COCO dictionary: `boxes` are (image, class, xywh) or also have a dictionary of more fields; numbered from 1."""
     return {
         "images": [
             {"id": i + 1, "file_name": f"images/{i + 1}.png", "width": 640, "height": 480} for i in range(images)
@@ -41,7 +41,7 @@ def loaded(coco, found) -> tuple[Labels, Predictions]:
 
 
 def random_case(seed, *, images=12, classes=3, per_image=6, crowds=0.1, ties=True):
-    """Boxes on a coarse grid, so that overlaps of exactly 0.5, equal overlaps and equal scores are common."""
+    """Boxes on a coarse grid, so that overlaps of exactly 0.5, equal overlaps, and equal scores are common."""
     rng = np.random.default_rng(seed)
 
     def box():

@@ -14,7 +14,7 @@ SIZE = small_size(64)
 
 def small_weights():
     network = CenterNetwork(2)
-    with torch.no_grad():  # untrained it is sure of nothing
+    with torch.no_grad():  # an untrained network has low scores
         network.heat.bias.fill_(1.0)
     return save_small(network, CLASSES, SIZE)
 

@@ -1,4 +1,4 @@
-"""Views from the air: what `init --aerial` asks for, and straight down, where a camera has no azimuth."""
+"""Views from the air: the ranges of `init --aerial`, and straight down, where a camera has no azimuth."""
 
 import math
 
@@ -31,37 +31,37 @@ def plan(tmp_path_factory):
 
 
 def offsets(row):
-    """From the middle of the target's box to the camera, in the world."""
+    """From the center of the target's box to the camera, in the world."""
     low, high = np.array(row.target.bounds.low), np.array(row.target.bounds.high)
     pose = row.target.world_from_vehicle
     return row.world_from_camera[:3, 3] - (pose[:3, :3] @ ((low + high) / 2) + pose[:3, 3])
 
 
-def test_views_from_the_air_are_as_asked(plan):
+def test_aerial_views_are_within_their_ranges(plan):
     away = np.array([offsets(row) for row in plan])
     distance = np.linalg.norm(away, axis=1)
     assert (np.abs(distance - 165.0) < 136.0).all()
-    assert (np.degrees(np.arcsin(away[:, 2] / distance)) > 43.0).all()  # seen from the middle at rest it is 45
+    assert (np.degrees(np.arcsin(away[:, 2] / distance)) > 43.0).all()  # 45 from the center of the vehicle at rest
     rolls = [math.atan2(-row.world_from_camera[2, 0], -row.world_from_camera[2, 1]) for row in plan]
     assert np.ptp(rolls) > 2.0
     assert check_plan(plan, ASSETS) == []
 
 
-def test_straight_down_is_planned_and_has_a_defined_azimuth(tmp_path):
+def test_straight_down_can_be_planned_and_has_a_defined_azimuth(tmp_path):
     plan = planned(tmp_path, elevation_deg=[90, 90])
     for row in plan:
-        assert (row.world_from_camera[:3, :3] @ [0, 0, 1])[2] < -0.8  # framed, so not quite straight
+        assert (row.world_from_camera[:3, :3] @ [0, 0, 1])[2] < -0.8  # framed, so not exactly straight down
         assert row.target.visible_fraction > 0.3
     assert check_plan(plan, ASSETS) == []
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 1.0, -2.5])
-def test_the_azimuth_of_a_camera_overhead_is_that_of_one_nearly_overhead(plan, azimuth):
+def test_the_azimuth_straight_down_is_the_limit_from_nearby(plan, azimuth):
     row = plan[0]
     target, away = replace(row.target, world_from_vehicle=np.eye(4)), []
     middle = (np.array(target.bounds.low) + np.array(target.bounds.high)) / 2
     for elevation in (math.pi / 2, math.pi / 2 - 1e-3):
         pose = camera_pose(middle, 100.0, azimuth, elevation)
-        pose[:3, 3] = np.round(pose[:3, 3], 9)  # as plans have it, which decides where rounding points
+        pose[:3, 3] = np.round(pose[:3, 3], 9)  # rounded as in plans, which decides the direction
         away.append(space_of(target, replace(row, world_from_camera=pose))["azimuth_seen"])
     assert away == pytest.approx([azimuth, azimuth], abs=1e-5)

@@ -1,4 +1,4 @@
-"""Dust, rain and snow in Cycles' pictures: the veil follows its law, the streaks are those that were drawn."""
+"""Dust, rain, and snow in Cycles' pictures: the veil follows its law, and the streaks are the drawn drops."""
 
 import math
 import subprocess
@@ -39,14 +39,14 @@ IDENTITY = np.eye(4).tolist()
 SKY = 0.5  # radiance of gray.exr
 WALL = 0.05  # of the wall in wall.blend
 SUNNY = np.full((128, 256), 0.1)  # radiance of sunny.exr
-SUNNY[38:44, 100:106] = 120.0  # 30 degrees high, and three times as bright on the ground as the rest
+SUNNY[38:44, 100:106] = 120.0  # 30 degrees high; it gives the ground three times as much light as the rest
 NO_VEIL = 1e9
 RAIN = Weather(NO_VEIL, "rain", 100.0, (0.0, 2.0), 0.01, 0.0, 0.0)
 SNOW = Weather(500.0, "snow", 0.0, (0.0, 1.0), 0.004, 0.0, 0.0)
 
 
 class Studio:
-    """A worker that renders one job after the other in small worlds."""
+    """A worker that renders jobs in small worlds."""
 
     def __init__(self, folder):
         root = Path(__file__).parents[1]
@@ -94,14 +94,14 @@ def test_the_veil_follows_koschmieders_law(studio, kind, color, visibility):
 
 def test_dust_thins_above_the_camera():
     tops = [layer.above for layer in air_layers("dust", 400.0)]
-    assert sum(tops) / len(tops) == pytest.approx(100.0)  # all of the decay is overhead
+    assert sum(tops) / len(tops) == pytest.approx(100.0)  # all of the decay is above
     assert max(tops) > 5.0 * min(tops)
 
 
 @pytest.mark.parametrize("kind", ["fog", "dust"])
 @pytest.mark.parametrize("visibility", [100.0, 2000.0])
-def test_the_sun_fades_and_the_air_glows_on_the_ground(studio, kind, visibility):
-    """Level ground is as bright as the integral over the sky, each part of it through the air in its direction."""
+def test_the_sun_fades_and_airlight_reaches_the_ground(studio, kind, visibility):
+    """Level ground has the brightness of the integral over the sky, with each direction's light dimmed by its air."""
     weather = Weather(visibility, kind, 0.0, (0.0, 0.0), 0.004, 0.0, 0.0)
     pose = [[0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 2.0], [0.0, 0.0, 0.0, 1.0]]
     seen = studio.picture(weather, world="ground", sky="sunny", pose=pose, fov_x_deg=20.0, width=32, samples=64)
@@ -112,7 +112,7 @@ def test_the_sun_fades_and_the_air_glows_on_the_ground(studio, kind, visibility)
         up = (layer.above + 2.0) / np.sin(elevation)
         depth += layer.extinction * np.minimum(up, layer.reach / np.cos(elevation))
     clear = np.exp(-depth)[:, None]
-    weight = np.sin(2 * elevation)[:, None] * math.pi**2 / 128  # of a row of the sky, on level ground
+    weight = np.sin(2 * elevation)[:, None] * math.pi**2 / 128  # weight of a row of the sky, on level ground
     ground = 0.5 / math.pi * ((clear * SUNNY[:64].mean(axis=1)[:, None] + (1 - clear) * glow) * weight).sum(axis=0)
     near = math.exp(-extinction(visibility) * 2.0)
     expected = displayed(ground * near + glow * (1 - near))
@@ -120,7 +120,7 @@ def test_the_sun_fades_and_the_air_glows_on_the_ground(studio, kind, visibility)
 
 
 def hidden_by(picture, radiance):
-    """Share of the wall that streaks of this radiance hide in a gray picture, of blocks of 6 x 6 pixels."""
+    """Share of the wall hidden by streaks of this radiance in a gray picture, in blocks of 6 x 6 pixels."""
     levels = np.linspace(WALL / 2.0, radiance, 4000)
     curve = displayed(np.repeat(levels[:, None], 3, axis=1))[:, 1]
     share = (np.interp(picture[..., 1], curve, levels) - WALL) / (radiance - WALL)
@@ -129,7 +129,7 @@ def hidden_by(picture, radiance):
 
 
 def moved(drops, view, width, *, times=96, fine=3):
-    """The same by discs that move, sampled in time, on a finer grid: neither quads nor closed form."""
+    """The same for moving discs, sampled in time on a finer grid: neither quads nor closed form."""
     height = width * 9 // 16
     y, x = np.mgrid[0 : height * fine, 0 : width * fine]
     rays = np.stack([((x + 0.5) / fine - width / 2) * view.pixel, ((y + 0.5) / fine - height / 2) * view.pixel], axis=2)
@@ -146,15 +146,15 @@ def moved(drops, view, width, *, times=96, fine=3):
         high = np.ceil((at.max(axis=0) + margin) * fine).astype(int).clip(0)
         part = rays[low[1] : high[1], low[0] : high[0]]
         along = part @ moments.T
-        beside = (moments**2).sum(axis=1) - along**2  # of the ray from the disc's center, squared
+        beside = (moments**2).sum(axis=1) - along**2  # squared distance of the ray from the disc's center
         hidden = np.maximum(1.0 - beside / wide**2, 0.0).mean(axis=2)
         through[low[1] : high[1], low[0] : high[0]] *= 1.0 - hidden * (diameter / math.sqrt(2.0) / wide) ** 2
     share = 1.0 - through
     return share.reshape(height // 6, 6 * fine, width // 6, 6 * fine).mean(axis=(1, 3))
 
 
-def test_streaks_are_those_of_the_drops_that_fall(studio):
-    """Before a dark wall, a picture's brightness is what the moving drops hide of it."""
+def test_streaks_hide_as_much_as_the_falling_drops(studio):
+    """In front of a dark wall, a picture is as bright as the share hidden by moving drops."""
     found = studio.picture(RAIN, fov_x_deg=25.0, width=192, samples=64, seed=7)
     view = view_of(np.array(AHEAD), Intrinsics(192, 108, math.radians(25.0)), RAIN.exposure_s)
     drops = drops_in_view(rain_sizes(RAIN.rain_mm_h), view, RAIN.wind_m_s, rng_of(7))
@@ -166,8 +166,8 @@ def test_streaks_are_those_of_the_drops_that_fall(studio):
     assert np.corrcoef(share.ravel(), expected.ravel())[0, 1] > 0.95
 
 
-def test_streaks_leave_nothing_behind_in_clear_pictures(studio):
-    """A clear picture is the same before and after a rainy, a snowy and a dusty one."""
+def test_clear_pictures_show_no_earlier_streaks(studio):
+    """A clear picture is the same before and after rain, snow, and dust."""
     settings = {"width": 64, "samples": 4}
     dust = Weather(300.0, "dust", 0.0, (0.0, 0.0), 0.004, 0.0, 0.0)
     clear, rain, again, snow, dusty, last = (

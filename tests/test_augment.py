@@ -16,7 +16,7 @@ OFF = {name: {"probability": 0.0} for name in TABLE}
 
 
 def ellipse_sample(angle_deg=0.0, masked=True):
-    """An ellipse of 60 x 24 in a picture of 200 x 120, turned counter-clockwise, with its exact box."""
+    """An ellipse of 60 x 24 in a picture of 200 x 120, turned counterclockwise, with its exact box."""
     rows, columns = np.mgrid[:120, :200] + 0.5
     c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
     x, y = columns - 100, rows - 60
@@ -38,12 +38,12 @@ def corners(xywh):
 
 @pytest.mark.parametrize("masked", [True, False])
 @pytest.mark.parametrize("line", ["shift_scale_rotate", "shear"])
-def test_boxes_follow_what_is_in_them(line, masked):
-    # The box of a turned or sheared ellipse is far smaller than that of its turned box, with a mask and without.
+def test_boxes_follow_their_contents(line, masked):
+    # The box of a turned or sheared ellipse is much smaller than that of its turned box, with and without a mask.
     augment = Augmenter(changed_table(OFF | {line: {"probability": 1.0}}), height=120)
     for seed in range(40):
         found = augment(ellipse_sample(masked=masked), seed)
-        assert np.abs(corners(found.xywh[0]) - bright_box(found.picture)).max() <= 2.0  # a pixel by interpolation
+        assert np.abs(corners(found.xywh[0]) - bright_box(found.picture)).max() <= 2.0  # one pixel for interpolation
 
 
 def test_an_empty_table_changes_nothing():
@@ -53,7 +53,7 @@ def test_an_empty_table_changes_nothing():
     np.testing.assert_allclose(found.xywh, sample.xywh, atol=1e-4)
 
 
-def test_a_box_with_less_than_a_fifth_left_goes_and_the_others_keep_their_masks():
+def test_a_box_cut_to_less_than_a_fifth_is_dropped_and_the_others_keep_their_masks():
     picture = np.zeros((100, 100, 3), dtype=np.uint8)
     masks = np.zeros((3, 100, 100), dtype=bool)
     masks[0, 40:60, 0:20], masks[1, 40:60, 40:60], masks[2, 70:80, 70:90] = True, True, True
@@ -69,7 +69,7 @@ def test_a_box_with_less_than_a_fifth_left_goes_and_the_others_keep_their_masks(
         sizes.add(len(found.label))
         for box, label, mask in zip(found.xywh, found.label, found.masks, strict=True):
             assert (mask is None) == (label == 1)
-            assert box[2] * box[3] >= 0.2 * (400, 400, 200)[label] - 20  # a mask's pixels are whole
+            assert box[2] * box[3] >= 0.2 * (400, 400, 200)[label] - 20  # a mask has whole pixels
             if mask is not None:
                 assert np.abs(corners(box) - mask_corners(mask)).max() <= 1.0 + 1e-3
     assert min(sizes) < 3 == max(sizes)
@@ -80,8 +80,8 @@ def mask_corners(mask):
     return np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1])
 
 
-def test_lines_are_applied_as_often_as_the_table_says_and_independently():
-    # Three lines whose effect can be seen alone: flip, channel shuffle of a colored picture, and a shift.
+def test_lines_are_applied_with_their_probabilities_and_independently():
+    # Three lines with distinguishable effects: flip, channel shuffle of a colored picture, and shift.
     table = changed_table(
         OFF
         | {
@@ -108,7 +108,7 @@ def test_lines_are_applied_as_often_as_the_table_says_and_independently():
     assert abs((flipped & noisy).mean() - 0.15) < 0.07
 
 
-def test_every_line_of_the_table_does_something():
+def test_every_line_of_the_table_has_an_effect():
     rng = np.random.default_rng(0)
     picture = rng.integers(0, 255, (72, 128, 3), dtype=np.uint8)
     sample = Sample(picture, np.array([[40.0, 20, 30, 20]]), np.array([0]), (None,))
@@ -130,13 +130,13 @@ def test_every_line_of_the_table_does_something():
         ({"shear": {"shear_deg": "x"}}, r"augmentation\.shear\.shear_deg = 'x': expected a number from 0 on"),
     ],
 )
-def test_a_wrong_change_of_the_table_is_named(changes, message):
+def test_the_error_of_a_wrong_change_to_the_table_names_it(changes, message):
     with pytest.raises(ConfigError, match=message):
         changed_table(changes)
 
 
 @pytest.mark.parametrize("kept_bytes", [0, 5 * 86 * 48 * 3, data.KEPT_BYTES])  # nothing, a few pictures, all
-def test_draw_k_has_the_same_pixels_whoever_loads_it(tmp_path, monkeypatch, kept_bytes):
+def test_draw_k_has_the_same_pixels_in_any_worker(tmp_path, monkeypatch, kept_bytes):
     _, sources = read_sources({"demo": make_dataset(tmp_path / "set", 12)})
     draws = make_draws([12], 30, seed=5)
     examples = [DrawnExamples(sources, draws, (64, 48), TABLE, masks=True)]
@@ -155,11 +155,11 @@ def test_draw_k_has_the_same_pixels_whoever_loads_it(tmp_path, monkeypatch, kept
     [
         (10, 4, 1, [[4], [4], [2]]),
         (10, 2, 2, [[2, 2], [2, 2], [1, 1]]),
-        (9, 2, 2, [[2, 2], [3, 2]]),  # one draw is too few for two batches
+        (9, 2, 2, [[2, 2], [3, 2]]),  # one draw is less than two batches
         (3, 4, 1, [[3]]),
     ],
 )
-def test_every_draw_is_in_one_step_and_a_restart_goes_on_in_the_midst(draws, batch, parts, sizes):
+def test_every_draw_is_in_one_step_and_a_restart_continues_in_the_middle(draws, batch, parts, sizes):
     batches = Batches(draws, batch=batch, parts=parts)
     found = list(batches)
     assert [k for one in found for k in one] == list(range(draws))

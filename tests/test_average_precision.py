@@ -1,4 +1,4 @@
-"""Average precision against pycocotools, on random sets with crowds, ties, areas, and empty classes."""
+"""Average precision compared with pycocotools, on random sets with crowds, ties, areas, and empty classes."""
 
 import contextlib
 import io
@@ -19,7 +19,7 @@ def case(seed):
         crowds=float(rng.choice([0.0, 0.2])), ties=bool(rng.random() < 0.5),
     )  # fmt: skip
     for box in coco["annotations"]:
-        if rng.random() < 0.4:  # the area of a mask, at the ends of COCO's ranges
+        if rng.random() < 0.4:  # areas of masks at the limits of COCO's ranges
             box["area"] = float(rng.choice([10.0, 1023.0, 1024.0, 1025.0, 9216.0, 1e5]))
     for box in (*coco["annotations"], *found) if rng.random() < 0.3 else ():
         box["bbox"] = (np.array(box["bbox"]) * rng.uniform(0.5, 12.0, 4)).round(int(rng.integers(4))).tolist()
@@ -53,10 +53,10 @@ def compare(seeds):
     return compared
 
 
-def test_random_sets_have_pycocotools_average_precision():
+def test_average_precision_equals_pycocotools_on_random_sets():
     assert compare(range(200)) > 120
 
 
 @pytest.mark.thorough
-def test_ten_thousand_random_sets_have_pycocotools_average_precision():
+def test_average_precision_equals_pycocotools_on_ten_thousand_random_sets():
     assert compare(range(200, 15_700)) >= 10_000

@@ -1,4 +1,4 @@
-"""Bars of progress on stderr."""
+"""Progress bars on stderr."""
 
 import io
 
@@ -6,12 +6,12 @@ from hulldown.geometry import terminal
 from hulldown.geometry.terminal import Terminal, titled_bar
 
 
-def test_a_bar_of_images_shows_who_renders_how_fast_and_for_how_long(monkeypatch):
+def test_a_bar_of_images_shows_workers_speed_and_remaining_time(monkeypatch):
     out, now = io.StringIO(), [0.0]
     console = Terminal(file=out, force_terminal=True, width=150, get_time=lambda: now[0])
     monkeypatch.setattr(terminal, "STDERR", console)
     with titled_bar(unit="images") as advance:
-        advance("rendering on 1 worker", 10, 40)  # those of an earlier run, which say nothing of the speed
+        advance("rendering on 1 worker", 10, 40)  # images of an earlier run, which don't count for the speed
         for finished in (11, 12):
             now[0] += 5.0
             advance("rendering on 2 workers", finished, 40)

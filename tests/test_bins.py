@@ -1,4 +1,4 @@
-"""What is known about labels, and what is found in bins of it."""
+"""Properties of labels, and figures in bins of them."""
 
 import math
 
@@ -27,7 +27,7 @@ def camera_at(*place):
 
 
 def of(image, annotation):
-    """Bin of the one label in each field."""
+    """Bin of a single label in each field."""
     coco = dataset([(1, 1, (0, 0, 30, 30), annotation)])
     coco["images"][0] |= image
     labels, predictions = loaded(coco, [])
@@ -47,7 +47,7 @@ def of(image, annotation):
         (0, (49, 50, 10), "side"),
     ],
 )
-def test_the_side_that_is_seen_turns_with_the_vehicle(yaw, camera, side):
+def test_the_visible_side_turns_with_the_vehicle(yaw, camera, side):
     pose = {"world_from_vehicle": turned(yaw)}
     assert of({"world_from_camera": camera_at(*camera)}, pose)["azimuth_seen"] == side
 
@@ -68,7 +68,7 @@ def test_slope_is_the_tilt_of_the_pose(degrees, name):
     assert of({}, {"world_from_vehicle": tilted(degrees)})["slope"] == name
 
 
-def test_what_is_stored_comes_before_what_is_derived():
+def test_stored_values_override_derived_ones():
     image = {"world_from_camera": camera_at(13, 0, 0)}
     stored = {"world_from_vehicle": turned(0), "distance": 300.0, "slope_deg": 12.0, "contrast": 0.15}
     found = of(image, stored)
@@ -94,7 +94,7 @@ def test_photographs_have_size_and_class_only():
     assert of({}, {}) == {"class": "tank", "box_size": "16 to 32 px"}
 
 
-def test_poses_of_another_kind_are_left_out():
+def test_other_formats_of_poses_are_left_out():
     boxes = [
         (1, 1, (0, 0, 9, 9), {"world_from_vehicle": pose})
         for pose in (turned(0), [1, 2, 3], "here", None, [["a"] * 4] * 4)
@@ -149,7 +149,7 @@ def test_figures_of_bins_by_hand():
     assert np.isnan(size.recall_interval).all()  # one position
 
 
-def test_the_worst_bins_are_told_in_words_one_a_field():
+def test_the_worst_bins_are_described_once_per_field():
     boxes = [(1 + k, 1, (60, 60, 10, 10)) for k in range(30)]
     boxes += [(1 + k, 2, (200, 60, 40, 40)) for k in range(30)]
     found = [(*box, 0.9) for box in boxes[:3] + boxes[30:57]]
@@ -161,7 +161,7 @@ def test_the_worst_bins_are_told_in_words_one_a_field():
     assert worst(figures, enough=31) == []
 
 
-def test_shots_of_one_position_widen_the_interval_of_a_bin():
+def test_images_of_one_position_widen_the_interval_of_a_bin():
     boxes = [(1 + k, 1, (60, 60, 10, 10)) for k in range(40)]
     coco = dataset(boxes, images=40)
     widths = []

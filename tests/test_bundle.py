@@ -67,19 +67,19 @@ def assert_same(a: object, b: object) -> None:
         assert a == b
 
 
-def test_a_vehicle_comes_back_bit_for_bit(tmp_path: Path) -> None:
+def test_a_vehicle_round_trips_bit_for_bit(tmp_path: Path) -> None:
     save_vehicle(tmp_path / "v.npz", vehicle())
     assert_same(load_vehicle(tmp_path / "v.npz"), vehicle())
 
 
 @pytest.mark.parametrize(("ground", "obstacles"), [(True, True), (False, True), (True, False), (False, False)])
-def test_a_scenery_comes_back_bit_for_bit(tmp_path: Path, ground: bool, obstacles: bool) -> None:
+def test_a_scenery_round_trips_bit_for_bit(tmp_path: Path, ground: bool, obstacles: bool) -> None:
     made = scenery(ground=ground, obstacles=obstacles)
     save_scenery(tmp_path / "s.npz", made)
     assert_same(load_scenery(tmp_path / "s.npz"), made)
 
 
-def test_an_interrupted_save_leaves_the_old_bundle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_save_keeps_the_old_bundle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     save_vehicle(tmp_path / "v.npz", vehicle())
     before = (tmp_path / "v.npz").read_bytes()
 
@@ -93,7 +93,7 @@ def test_an_interrupted_save_leaves_the_old_bundle(tmp_path: Path, monkeypatch: 
     assert (tmp_path / "v.npz").read_bytes() == before
 
 
-def test_what_is_no_bundle_is_refused_in_one_line(tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_bundle_is_a_one_line_error(tmp_path: Path) -> None:
     path = tmp_path / "v.npz"
     save_vehicle(path, vehicle())
     whole = path.read_bytes()
@@ -121,7 +121,7 @@ def test_what_is_no_bundle_is_refused_in_one_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("at", "value"), [(6, 250), (8, 1), (8, 64), (10, 8), (10, 99)])
-def test_a_damaged_directory_is_refused_in_one_line(tmp_path: Path, at: int, value: int) -> None:
+def test_a_damaged_directory_is_a_one_line_error(tmp_path: Path, at: int, value: int) -> None:
     path = tmp_path / "v.npz"
     save_vehicle(path, vehicle())
     content = bytearray(path.read_bytes())
@@ -135,8 +135,8 @@ def test_a_damaged_directory_is_refused_in_one_line(tmp_path: Path, at: int, val
 
 
 @pytest.mark.parametrize("method", [zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA])
-def test_a_bundle_that_unpacks_to_much_more_than_it_is_is_refused(tmp_path: Path, method: int) -> None:
-    """16 MB became 9 GB of memory."""
+def test_a_bundle_that_decompresses_to_a_multiple_is_refused(tmp_path: Path, method: int) -> None:
+    """16 MB took 9 GB of memory."""
     path = tmp_path / "v.npz"
     save_vehicle(path, vehicle())
     with zipfile.ZipFile(path) as whole:
@@ -149,7 +149,7 @@ def test_a_bundle_that_unpacks_to_much_more_than_it_is_is_refused(tmp_path: Path
 
 
 @pytest.mark.parametrize("shape", [10**9, 10**14])
-def test_an_array_that_claims_more_than_the_file_has_is_refused(tmp_path: Path, shape: int) -> None:
+def test_an_array_larger_than_the_file_is_refused(tmp_path: Path, shape: int) -> None:
     path = tmp_path / "v.npz"
     save_vehicle(path, vehicle())
     with zipfile.ZipFile(path) as whole:
@@ -166,7 +166,7 @@ def test_an_array_that_claims_more_than_the_file_has_is_refused(tmp_path: Path, 
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**18  # KiB
 
 
-def test_a_scenery_is_no_vehicle(tmp_path: Path) -> None:
+def test_a_scenery_is_not_accepted_as_a_vehicle(tmp_path: Path) -> None:
     save_scenery(tmp_path / "s.npz", scenery())
     with pytest.raises(AssetError, match="is a bundle of a scenery, expected a vehicle"):
         load_vehicle(tmp_path / "s.npz")

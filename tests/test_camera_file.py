@@ -12,7 +12,7 @@ from hulldown.planning.config.schema import Config
 
 MATRIX = [1420.0, 0.0, 963.7, 0.0, 1418.5, 545.2, 0.0, 0.0, 1.0]
 LENS = [-0.21, 0.07, 3e-4, -1e-4, 0.0]
-# As `cv::FileStorage` writes it.
+# As written by `cv::FileStorage`.
 OPENCV = f"""%YAML:1.0
 ---
 calibration_time: "Mon Nov 23 06:00:00 2026"
@@ -90,7 +90,7 @@ def test_a_lens_without_distortion_has_none(tmp_path):
         (MESSAGE.replace("0.0]\nk", "0.0, 0.1, 0, 0]\nk"), "more coefficients"),
     ],
 )
-def test_what_is_no_calibration_is_refused(tmp_path, text, message):
+def test_a_file_without_a_calibration_is_refused(tmp_path, text, message):
     path = tmp_path / "camera.yaml"
     path.write_text(text)
     with pytest.raises(ConfigError, match=message):
@@ -99,7 +99,7 @@ def test_what_is_no_calibration_is_refused(tmp_path, text, message):
     assert not (tmp_path / "project").exists()
 
 
-def test_the_demo_is_seen_by_the_camera_too(tmp_path):
+def test_the_demo_can_use_the_camera(tmp_path):
     from hulldown.demo.project import project_text
 
     path = tmp_path / "camera.yaml"

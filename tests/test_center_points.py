@@ -27,7 +27,7 @@ TRUTH = Truth(torch.tensor([0, 0, 1]), XYXY, torch.tensor([1, 0, 1]))
 
 @pytest.fixture(scope="module")
 def one_thread():
-    """Several wait for each other longer than they work on pictures as small as these."""
+    """Limit PyTorch to one thread, since several are slower on small pictures."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
@@ -35,7 +35,7 @@ def one_thread():
 
 
 def perfect_maps(truth: Truth, pictures: int, classes: int) -> CenterMaps:
-    """What a network says that knows the truth."""
+    """Outputs of a network that knows the truth."""
     heat = torch.full((pictures, classes, HEIGHT, WIDTH), -20.0)
     box = torch.zeros(pictures, 4, HEIGHT, WIDTH)
     row, column = torch.meshgrid(torch.arange(HEIGHT), torch.arange(WIDTH), indexing="ij")
@@ -48,12 +48,12 @@ def perfect_maps(truth: Truth, pictures: int, classes: int) -> CenterMaps:
     return CenterMaps(heat, box)
 
 
-def test_corners_are_what_was_encoded():
+def test_encoded_corners_are_decoded():
     row, column = torch.tensor([2, 7, 0]), torch.tensor([3, 14, 13])
     torch.testing.assert_close(corners(encoded(XYXY, row, column), row, column), XYXY)
 
 
-def test_a_bump_is_one_in_the_cell_of_its_center_alone():
+def test_a_bump_is_1_only_in_the_cell_of_its_center():
     bumps = center_bumps(XYXY, HEIGHT, WIDTH)
     middle = ((XYXY[:, :2] + XYXY[:, 2:]) / 2 / STRIDE).long()
     assert torch.nonzero(bumps == 1).tolist() == [[i, y, x] for i, (x, y) in enumerate(middle.tolist())]
@@ -63,7 +63,7 @@ def test_a_bump_is_one_in_the_cell_of_its_center_alone():
 def test_peaks_of_perfect_maps_are_the_truth():
     found = peaks(perfect_maps(TRUTH, 2, 3), 4)
     assert (found.score > 0.5).sum(dim=1).tolist() == [2, 1]
-    assert (found.score > 0.01).sum(dim=1).tolist() == [2, 1]  # cells beside a peak are none
+    assert (found.score > 0.01).sum(dim=1).tolist() == [2, 1]  # no peaks in neighboring cells
     for picture in (0, 1):
         own = TRUTH.owner == picture
         order = [int((found.xyxy[picture, :2] - box).abs().sum(dim=1).argmin()) for box in XYXY[own]]
@@ -77,19 +77,19 @@ def with_heat(maps: CenterMaps, value: float, picture: int, label: int, row: int
     return CenterMaps(heat, maps.box)
 
 
-def test_the_loss_is_nothing_for_the_truth_and_something_for_each_mistake():
+def test_the_loss_is_0_for_the_truth_and_positive_for_each_mistake():
     maps = perfect_maps(TRUTH, 2, 3)
     row, column = 0, 13  # the cell of the third object's center
     assert center_loss(maps, TRUTH) < 0.02
     assert center_loss(with_heat(maps, -20.0, 1, 1, row, column), TRUTH) > 5  # missed
-    assert center_loss(with_heat(maps, 20.0, 1, 2, 9, 2), TRUTH) > 5  # something where nothing is
+    assert center_loss(with_heat(maps, 20.0, 1, 2, 9, 2), TRUTH) > 5  # a false positive
     assert center_loss(CenterMaps(maps.heat, maps.box + 0.3), TRUTH) > 0.5
     assert center_loss(with_heat(maps, 0.0, 0, 1, 2, 3), TRUTH) < center_loss(with_heat(maps, 0.0, 0, 1, 9, 3), TRUTH)
 
 
 def test_cells_near_a_center_learn_its_class():
     maps = perfect_maps(TRUTH, 2, 3)
-    beside = with_heat(maps, -2.0, 0, 2, 2, 3)  # where another class has -4: too faint for the focal loss
+    beside = with_heat(maps, -2.0, 0, 2, 2, 3)  # where another class has -4, too little for the focal loss
     assert center_loss(beside, TRUTH) > center_loss(maps, TRUTH) + 0.05
     assert center_loss(with_heat(maps, -2.0, 0, 2, 9, 3), TRUTH) < center_loss(maps, TRUTH) + 0.01  # far from it
 
@@ -110,7 +110,7 @@ def test_maps_cover_the_picture(width, height):
     assert maps.box.shape == (2, 4, height // STRIDE, width // STRIDE)
 
 
-def test_it_learns_a_handful_of_pictures_by_heart(tmp_path):
+def test_it_can_memorize_a_few_pictures(tmp_path):
     pictures = make_dataset(tmp_path / "set", 8)
     still = {name: {"probability": 0.0} for name in TABLE}
     keys = {"model": "small", "resolution": 96, "budget": 480, "batch": 8, "augmentation": still}

@@ -64,7 +64,7 @@ def test_an_empty_dataset_is_a_valid_file(tmp_path):
     }
 
 
-def test_a_foreign_dataset_keeps_everything_it_had(tmp_path):
+def test_a_foreign_dataset_keeps_all_its_fields(tmp_path):
     (tmp_path / "annotations.json").write_text(json.dumps(FOREIGN))
     with CocoDataset.open(tmp_path, categories=["truck", "launcher"]) as dataset:
         assert dataset.finished("real/a.jpg")
@@ -76,7 +76,7 @@ def test_a_foreign_dataset_keeps_everything_it_had(tmp_path):
     assert [(a["id"], a["category_id"]) for a in coco["annotations"][2:]] == [(100, 9), (101, 10)]
 
 
-def test_two_plans_do_not_fight_for_ids_or_names(tmp_path):
+def test_two_plans_get_different_ids_and_names(tmp_path):
     with CocoDataset.open(tmp_path) as dataset:
         first = dataset.run("f" * 64, images=10, annotations=20)
         dataset.append({**image(1), "id": 1}, [annotation(id=1)])
@@ -92,14 +92,14 @@ def test_two_plans_do_not_fight_for_ids_or_names(tmp_path):
         assert dataset.run("f" * 64, images=10, annotations=20) == first
 
 
-def test_pictures_of_other_origin_are_never_overwritten(tmp_path):
+def test_pictures_from_elsewhere_are_never_overwritten(tmp_path):
     (tmp_path / "images").mkdir()
     (tmp_path / "images" / "00000001.png").write_bytes(b"mine")
     with CocoDataset.open(tmp_path) as dataset:
         assert dataset.run("a" * 64, images=1, annotations=1).file_name("images/00000001.png") != "images/00000001.png"
 
 
-def test_what_was_deleted_by_hand_stays_deleted(tmp_path):
+def test_records_deleted_by_hand_stay_deleted(tmp_path):
     with CocoDataset.open(tmp_path) as dataset:
         for i in range(3):
             dataset.append(image(i), [annotation()])
@@ -112,7 +112,7 @@ def test_what_was_deleted_by_hand_stays_deleted(tmp_path):
     assert [i["shot"] for i in load(tmp_path)["images"]] == [0, 2, 3]
 
 
-def test_a_lost_annotations_file_is_made_again_from_the_journal(tmp_path):
+def test_a_lost_annotations_file_is_rebuilt_from_the_journal(tmp_path):
     with CocoDataset.open(tmp_path) as dataset:
         dataset.append(image(1), [annotation()])
     before = (tmp_path / "annotations.json").read_bytes()
@@ -126,12 +126,12 @@ def test_a_crash_between_the_two_files_doubles_nothing(tmp_path):
     with CocoDataset.open(tmp_path) as dataset:
         dataset.append(image(1), [annotation()])
     journal = (tmp_path / "journal.jsonl").read_text().splitlines(keepends=True)
-    (tmp_path / "journal.jsonl").write_text("".join(journal[:-1]))  # without its {"merged": true}
+    (tmp_path / "journal.jsonl").write_text("".join(journal[:-1]))  # without its line {"merged": true}
     CocoDataset.open(tmp_path).close()
     assert len(load(tmp_path)["images"]) == len(load(tmp_path)["annotations"]) == 1
 
 
-def test_read_coco_sees_what_is_not_merged_yet_and_changes_nothing(tmp_path):
+def test_read_coco_includes_unmerged_records_and_changes_nothing(tmp_path):
     with CocoDataset.open(tmp_path) as dataset:
         dataset.append(image(1), [annotation()])
         assert not (tmp_path / "annotations.json").exists()
@@ -170,7 +170,7 @@ def test_a_link_in_place_of_the_temporary_file_is_not_followed(tmp_path):
     assert not any(path.name.endswith(".tmp") for path in tmp_path.iterdir())
 
 
-def test_abandoning_takes_nothing_from_the_process_that_comes_next(tmp_path, monkeypatch):
+def test_abandoning_removes_nothing_of_the_next_process(tmp_path, monkeypatch):
     dataset = CocoDataset.open(tmp_path / "d")
     release, following = dataset._lock.release, []
 
@@ -223,7 +223,7 @@ def edited_run(**changes: object) -> bytes:
         (edited_run(images=-1), "'info' has 'hulldown_runs' that are not as they were written .expected offsets and"),
     ],
 )
-def test_an_unusable_file_is_refused_and_left_alone(tmp_path, content, message):
+def test_an_unusable_file_is_refused_and_unchanged(tmp_path, content, message):
     path = tmp_path / "annotations.json"
     path.write_bytes(content)
     with pytest.raises(DatasetError, match=rf"annotations\.json: {message}.*; repair it"):
@@ -246,7 +246,7 @@ def test_an_unusable_file_is_refused_and_left_alone(tmp_path, content, message):
         {"run": json.loads(edited_run(images=-1))["info"]["hulldown_runs"][0]},
     ],
 )
-def test_a_journal_line_that_does_not_fit_is_named(tmp_path, line):
+def test_the_error_of_an_invalid_journal_line_names_it(tmp_path, line):
     with CocoDataset.open(tmp_path, categories=["tank"]):
         pass
     journal = tmp_path / "journal.jsonl"
@@ -268,7 +268,7 @@ def test_a_journal_line_that_does_not_fit_is_named(tmp_path, line):
         lambda text: text.replace('"images"', '"im\\u0061ges"').replace('"shot":0', '"shot":1.50,"shot":0'),
     ],
 )
-def test_other_programs_lay_the_same_document_out_otherwise(tmp_path, change):
+def test_other_layouts_of_the_same_json_are_read(tmp_path, change):
     with CocoDataset.open(tmp_path) as dataset:
         for i in range(3):
             dataset.append(image(i), [annotation()])
@@ -277,7 +277,7 @@ def test_other_programs_lay_the_same_document_out_otherwise(tmp_path, change):
     assert read_coco(tmp_path) == before
 
 
-def test_a_file_in_place_of_the_folder_is_explained(tmp_path):
+def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(DatasetError, match="cannot be written to"):
         CocoDataset.open(tmp_path / "file")
@@ -295,7 +295,7 @@ def test_a_file_in_place_of_the_folder_is_explained(tmp_path):
         ({"fov_x_deg": float("nan")}, "image: fov_x_deg: expected finite numbers"),
     ],
 )
-def test_a_wrong_image_is_named_and_leaves_no_trace(tmp_path, change, message):
+def test_an_invalid_image_is_named_and_leaves_no_trace(tmp_path, change, message):
     with CocoDataset.open(tmp_path) as dataset:
         dataset.append({**image(5), "id": 5}, [])
         with pytest.raises(ValueError, match=message):
@@ -313,7 +313,7 @@ def test_a_wrong_image_is_named_and_leaves_no_trace(tmp_path, change, message):
         ({"id": 1}, r"annotations\[1\]: id: .* not in use"),
     ],
 )
-def test_a_wrong_annotation_is_named_and_leaves_no_trace(tmp_path, change, message):
+def test_an_invalid_annotation_is_named_and_leaves_no_trace(tmp_path, change, message):
     with CocoDataset.open(tmp_path) as dataset:
         with pytest.raises(ValueError, match=message):
             dataset.append(image(1), [annotation(id=1), {**annotation(), **change}])
@@ -321,7 +321,7 @@ def test_a_wrong_annotation_is_named_and_leaves_no_trace(tmp_path, change, messa
     assert load(tmp_path) == {"categories": [], "images": [], "annotations": []}
 
 
-def test_rewriting_takes_a_bounded_share_of_the_time(tmp_path, monkeypatch):
+def test_merging_takes_a_limited_share_of_the_time(tmp_path, monkeypatch):
     clock = [0.0]
     monkeypatch.setattr("hulldown.dataset.coco.time.monotonic", lambda: clock[0])
     monkeypatch.setattr("hulldown.dataset.store.journal.os.fsync", lambda descriptor: None)
@@ -336,5 +336,5 @@ def test_rewriting_takes_a_bounded_share_of_the_time(tmp_path, monkeypatch):
         for i in range(1100):
             clock[0] += 1.0
             dataset.append(image(i), [])
-    # Soon at first, when nothing is known of the cost; then, at 2 % of the time, once in 500 s; and at the end.
+    # Soon at first, when the cost is unknown; then once in 500 s, for 2 % of the time; and at the end.
     assert np.diff(writes).round().tolist() == [511.0, 511.0, 77.0]

@@ -1,4 +1,4 @@
-"""The contrast of targets, measured in pictures."""
+"""Contrast of targets, measured in pictures."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def rectangle(x, y, w, h):
 
 @pytest.fixture
 def scene(tmp_path):
-    """Gray 100 with a target of 151 and one of 74; a label without a mask; a second picture that is not there."""
+    """Gray 100 with a target of 151 and one of 74; a label without a mask; a missing second picture."""
     boxes = [(100, 100, 60, 40), (300, 200, 60, 40)]
     records = [(1, 1, box, rectangle(*box)) for box in boxes] + [
         (1, 1, (0, 0, 9, 9)),
@@ -31,11 +31,11 @@ def scene(tmp_path):
     return labels_of(dataset(records, images=2), path=tmp_path, folder=tmp_path)
 
 
-def test_contrast_is_the_difference_to_what_is_around_a_target(scene):
+def test_contrast_is_the_difference_from_the_surroundings_of_a_target(scene):
     assert measured_contrast(scene) == pytest.approx([51 / 255, 26 / 255, np.nan, np.nan], abs=0.005, nan_ok=True)
 
 
-def test_a_stored_contrast_comes_before_the_measured_one(scene):
+def test_a_stored_contrast_overrides_the_measured_one(scene):
     scene.annotations[0]["contrast"] = 0.9
     predictions = predictions_of([], scene, path=scene.path, name="none")
     (contrast,) = [field for field in fields(scene, predictions) if field.name == "contrast"]

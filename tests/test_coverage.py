@@ -1,4 +1,4 @@
-"""How often 95 % intervals hold the truth; `python -m hulldown.tests.test_coverage` simulates the table of the docs."""
+"""Coverage of 95 % intervals; `python -m hulldown.tests.test_coverage` simulates the docs' table."""
 
 import numpy as np
 import pytest
@@ -15,10 +15,10 @@ from hulldown.training.evaluation.metrics import figures
 
 POSITIONS = (5, 10, 20, 60, 200)
 TIMES = 300  # resamples
-SHOTS = 1.0  # labels of a position beyond the first, on average
-# Recall, how much shots of a position agree, false alarms in a position.
+SHOTS = 1.0  # additional labels per position, on average
+# Recall, agreement of images of a position, false positives per position.
 SCENES = ((0.5, 0.0, 0.3), (0.5, 0.3, 0.3), (0.8, 0.3, 0.3), (0.95, 0.0, 0.3), (0.95, 0.3, 0.3))
-# Recall, agreement, and how many misses become finds and finds misses.
+# Recall, agreement, and the shares of misses that become hits and of hits that become misses.
 CHANGES = ((0.7, 0.3, 0.05, 0.02), (0.7, 0.0, 0.1, 0.0), (0.8, 0.3, 0.2, 0.1), (0.9, 0.3, 0.1, 0.02))
 
 
@@ -39,7 +39,7 @@ def percentile(resampled):
 
 
 def of_figures(n, simulations):
-    """(figure, scene) shares of intervals that hold the truth: ours, and percentiles beside them."""
+    """Coverage by (figure, scene): of our intervals, and of percentiles."""
     rng = np.random.default_rng([n, 0])
     held, known = np.zeros((2, 4, len(SCENES))), np.zeros((4, len(SCENES)))
     for s, (recall, agreement, alarms) in enumerate(SCENES):
@@ -55,11 +55,11 @@ def of_figures(n, simulations):
                     known[k, s] += 1
                     for way, (low, high) in enumerate((ends[key], percentile(drawn[key]))):
                         held[way, k, s] += low <= truth[key] <= high
-    return np.where(known >= simulations / 4, held / np.maximum(known, 1), np.nan)  # the rest has too few intervals
+    return np.where(known >= simulations / 4, held / np.maximum(known, 1), np.nan)  # with too few intervals
 
 
 def of_differences(n, simulations):
-    """The same of the difference of recall of two detectors."""
+    """Coverage for the difference of recall between two detectors."""
     rng = np.random.default_rng([n, 1])
     held = np.zeros((2, len(CHANGES)))
     for s, (recall, agreement, gain, loss) in enumerate(CHANGES):
@@ -79,7 +79,7 @@ def of_differences(n, simulations):
 
 
 def ranked(rng, n, scene):
-    """Labels of each position, and for each detection, by falling score, whether it is true and its position."""
+    """Labels of each position, and for each detection, by falling score, whether it's true and its position."""
     recall, agreement, alarms = scene
     labels = 1 + rng.poisson(SHOTS, n)
     tp, fp = found_in(rng, labels, recall, agreement), rng.poisson(2 * alarms, n)
@@ -96,7 +96,7 @@ def ap50(labels, true, position, weights):
 
 
 def of_ap50(n, simulations):
-    """The same of AP50 of one class."""
+    """Coverage for AP50 of one class."""
     rng = np.random.default_rng([n, 2])
     held = np.zeros((2, len(SCENES)))
     for s, scene in enumerate(SCENES):
@@ -113,7 +113,7 @@ def of_ap50(n, simulations):
 
 
 def lowest(n, simulations):
-    """Of each figure the share in the scene that it is lowest in: of our intervals, and of percentiles."""
+    """For each figure the lowest coverage of any scene: of our intervals, and of percentiles."""
     single, paired, average = of_figures(n, simulations), of_differences(n, simulations), of_ap50(n, simulations // 4)
     return [
         (*np.nanmin(single[way], axis=1).tolist(), float(average[way].min()), float(paired[way].min()))
@@ -123,13 +123,13 @@ def lowest(n, simulations):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("n", POSITIONS)
-def test_intervals_hold_the_truth_about_as_often_as_they_say(n):
-    """A share of 400 that is 0.95 in truth is seldom below 0.91."""
+def test_intervals_have_about_their_stated_coverage(n):
+    """A measured share of 400 is rarely below 0.91 if the true one is 0.95."""
     assert min(lowest(n, 400)[0]) > 0.91
 
 
 @pytest.mark.parametrize("n", [5, 20])
-def test_a_small_simulation_shows_what_percentiles_would_miss(n):
+def test_a_small_simulation_shows_the_low_coverage_of_percentiles(n):
     ours, percentiles = of_differences(n, 60)
     assert ours.min() > 0.85
     assert percentiles.min() < 0.8

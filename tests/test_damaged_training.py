@@ -1,4 +1,4 @@
-"""What a user's damaged or foreign files do to a training: one line, and nothing half-written."""
+"""Damaged or foreign files of the user in a training: a one-line error, and nothing half-written."""
 
 import copy
 import os
@@ -80,7 +80,7 @@ def of_another_trainer(path):
 
 
 @pytest.mark.parametrize("spoil", [truncated, empty, of_weights, of_another_network, of_another_trainer])
-def test_a_checkpoint_that_is_no_checkpoint_of_the_run_is_one_line(pictures, stopped, tmp_path, spoil):
+def test_an_invalid_checkpoint_of_a_run_is_a_one_line_error(pictures, stopped, tmp_path, spoil):
     path = stopped / "checkpoint.ckpt"
     sound = path.read_bytes()
     spoil(path)
@@ -91,7 +91,7 @@ def test_a_checkpoint_that_is_no_checkpoint_of_the_run_is_one_line(pictures, sto
         path.write_bytes(sound)
 
 
-def test_small_weights_of_wrong_shapes_are_one_line(tmp_path):
+def test_small_weights_of_wrong_shapes_are_a_one_line_error(tmp_path):
     (tmp_path / "run.json").write_text('{"model": "small", "status": "finished"}')
     saved = save_small(CenterNetwork(3), ("square", "disc"), (64, 32))
     torch.save(saved, tmp_path / "weights.pt")
@@ -100,7 +100,7 @@ def test_small_weights_of_wrong_shapes_are_one_line(tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 no archive", os.urandom(300)])
-def test_bytes_that_are_no_checkpoint_are_one_line(tmp_path, content):
+def test_bytes_that_are_not_a_checkpoint_are_a_one_line_error(tmp_path, content):
     (tmp_path / "weights.pth").write_bytes(content)
     with pytest.raises(HulldownError, match=r"weights\.pth: is .* not the weights of a detector"):
         load_detector(tmp_path / "weights.pth", "cpu")
@@ -115,7 +115,7 @@ def test_a_polygon_of_three_numbers_is_named_before_training(tmp_path):
 
 
 @pytest.mark.parametrize("workers", [0, 1])
-def test_a_picture_deleted_while_it_is_trained_on_is_one_line(tmp_path, workers):
+def test_a_picture_deleted_during_training_is_a_one_line_error(tmp_path, workers):
     dataset = make_dataset(tmp_path / "set", 60)
 
     def progress(what, done, total):
@@ -131,8 +131,8 @@ def test_a_picture_deleted_while_it_is_trained_on_is_one_line(tmp_path, workers)
     assert "Traceback" not in str(caught.value)
 
 
-def test_a_full_disk_is_one_line_and_leaves_no_weights(pictures, tmp_path, capfd):
-    """A limit on the size of files stands for a full disk: both are errors of writing."""
+def test_a_full_disk_is_a_one_line_error_and_leaves_no_weights(pictures, tmp_path, capfd):
+    """A limit on file sizes stands in for a full disk: both are errors of writing."""
     run = tmp_path / "run"
 
     def limited():
@@ -147,7 +147,7 @@ def test_a_full_disk_is_one_line_and_leaves_no_weights(pictures, tmp_path, capfd
 
 
 def test_boxes_of_one_run_follow_one_rule(tmp_path):
-    """Photographs without masks and renders with them: no box follows its mask, so none is closer than another."""
+    """Photographs without masks and renders with masks: no box follows its mask, so that all are equally tight."""
     with_masks = make_dataset(tmp_path / "renders", 4)
     without = make_dataset(tmp_path / "photographs", 4, masks=False)
     _, sources = read_sources({"renders": with_masks, "photographs": without})
@@ -162,7 +162,7 @@ def test_boxes_of_one_run_follow_one_rule(tmp_path):
         follow_masks(True, sources)
 
 
-def test_every_arm_of_a_study_follows_the_rule_of_all(tmp_path):
+def test_every_arm_of_a_study_follows_the_same_rule(tmp_path):
     from hulldown.tests.test_study import settled
 
     for seed, name in enumerate(("real", "synthetic", "test")):

@@ -1,4 +1,4 @@
-"""A distorting lens: OpenCV's formula, its inverse, where it folds, and what cameras and boxes make of it."""
+"""A distorting lens: OpenCV's formula, its inverse, its fold, and its effect on cameras and boxes."""
 
 import math
 
@@ -31,7 +31,7 @@ def points_within(radius, n=5000):
 
 
 @every_lens
-def test_points_go_where_opencv_puts_them_and_come_back(name):
+def test_points_equal_opencvs_and_round_trip(name):
     lens = np.array(LENSES[name])
     points = points_within(seen_radius(LENSES[name]))
     image = distorted(points, lens)
@@ -44,7 +44,7 @@ def test_points_go_where_opencv_puts_them_and_come_back(name):
 
 
 @every_lens
-def test_a_camera_projects_and_casts_rays_as_opencv(name):
+def test_a_camera_projects_and_casts_rays_like_opencv(name):
     intrinsics = Intrinsics.calibrated(1920, 1080, PINHOLE, LENSES[name])
     pose = rigid(rotation_about([0.6, 0.0, 0.8], 0.7), [1.0, 2.0, 3.0])
     camera = Camera(intrinsics, pose)
@@ -61,8 +61,8 @@ def test_a_camera_projects_and_casts_rays_as_opencv(name):
     np.testing.assert_allclose(ahead[:, :2] / ahead[:, 2:], ideal[:, 0], atol=1e-6)
 
 
-def test_nothing_is_seen_beyond_the_fold():
-    # 1 - 3 * 0.2 r^2 = 0.
+def test_nothing_is_visible_beyond_the_fold():
+    # 1 - 3 * 0.2 r^2 = 0
     fold = 1 / math.sqrt(3 * 0.2)
     assert seen_radius(LENSES["folding"]) == pytest.approx(0.999 * fold, rel=1e-12)
     camera = Camera(Intrinsics.calibrated(1920, 1080, PINHOLE, LENSES["folding"]), np.eye(4))
@@ -70,7 +70,7 @@ def test_nothing_is_seen_beyond_the_fold():
     assert np.isnan(pixels[:, 0]).tolist() == [False, True, True]
     assert depth.tolist() == [1.0] * 3
     assert np.isnan(undistorted(np.array([[1e9, 0.0], [np.nan, 0.0]]), np.array(LENSES["folding"]), 1.0)).all()
-    # A wall that fills all there is to see ends at the circle of the fold.
+    # An unlimited wall ends at the circle of the fold.
     wall = 50.0 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) + [0, 0, 2.0]
     box = surface_box(wall, [[0, 1, 2], [0, 2, 3]], camera, frame=False)
     radius = 0.999 * fold * (1 - 0.2 * (0.999 * fold) ** 2)
@@ -78,13 +78,13 @@ def test_nothing_is_seen_beyond_the_fold():
     assert surface_box(wall, [[0, 1, 2], [0, 2, 3]], camera).tolist() == [0.0, 0.0, 1920.0, 1080.0]
 
 
-def test_boxes_of_what_stands_beside_the_camera_end_somewhere():
+def test_boxes_of_objects_beside_the_camera_are_finite():
     camera = Camera(
         Intrinsics.calibrated(160, 90, (140.0, 139.0, 82.0, 44.0), (-0.2, 0.05, 1e-3, -1e-3, 0.0)), np.eye(4)
     )
     wall = np.array([[2.0, -1.0, 0.0], [2.0, 1.0, 0.0], [2.0, 1.0, 9.0], [2.0, -1.0, 9.0]])
     x, y, w, h = surface_box(wall * 1e4, [[0, 1, 2], [0, 2, 3]], camera, frame=False)
-    assert max(-x, -y, x + w, y + h) == 1e9  # plans hold numbers up to 1e12
+    assert max(-x, -y, x + w, y + h) == 1e9  # plans have numbers up to 1e12
 
 
 def test_a_lens_that_folds_inside_the_image_is_refused():
@@ -109,7 +109,7 @@ def test_a_vehicles_boxes_are_those_of_its_surface(name):
             np.testing.assert_allclose(box, np.full(4, np.nan) if wanted is None else wanted, atol=1e-6, rtol=1e-9)
 
 
-def test_the_visible_share_is_of_pixels():
+def test_the_visible_share_counts_pixels():
     intrinsics = Intrinsics.calibrated(1920, 1080, (1000.0, 1000.0, 960.0, 540.0), LENSES["barrel"])
     target = VehicleTarget(vehicle("t72"))
     pose = camera_pose([0, 0, 1.0], 9.0, 0.4, 0.3)[None]
@@ -120,7 +120,7 @@ def test_the_visible_share_is_of_pixels():
 
 
 @pytest.mark.parametrize("measure", ["height", "area"])
-def test_a_plan_solves_sizes_and_cuts_in_the_distorted_image(measure):
+def test_planned_sizes_and_cuts_are_exact_in_the_distorted_image(measure):
     matrix, lens = dict(zip(("fx", "fy", "cx", "cy"), PINHOLE, strict=True)), LENSES["calibrated"]
     camera = {
         "intrinsics": matrix, "distortion": dict(zip(("k1", "k2", "p1", "p2", "k3"), lens, strict=True)),
@@ -136,7 +136,7 @@ def test_a_plan_solves_sizes_and_cuts_in_the_distorted_image(measure):
         assert 0.0 <= row.target.truncated_fraction <= 0.3
 
 
-def test_the_bounds_of_an_image_hold_all_its_rays():
+def test_the_bounds_of_an_image_contain_all_its_rays():
     for lens in LENSES.values():
         intrinsics = Intrinsics.calibrated(1920, 1080, PINHOLE, lens)
         (low, high), each = intrinsics.bounds, lenses(intrinsics)

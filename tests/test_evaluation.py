@@ -1,4 +1,4 @@
-"""hulldown evaluate, from files to files, and its page in a real browser."""
+"""`hulldown evaluate`, from files to files, and its page in a real browser."""
 
 import csv
 import json
@@ -51,12 +51,12 @@ def scene(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def weak(scene, tmp_path_factory):
-    """Its report."""
+    """The report of the dataset and its detections."""
     output = tmp_path_factory.mktemp("weak") / "report"
     return evaluate_files(scene, [scene / "weak.json"], output), output
 
 
-def test_report_json_has_what_machines_look_for(weak):
+def test_report_json_has_the_documented_keys(weak):
     found, output = weak
     assert json.loads((output / "report.json").read_text()) == json.loads(json.dumps(found))
     assert set(found["overall"]) >= METRICS | {"threshold", "iou"}
@@ -68,12 +68,12 @@ def test_report_json_has_what_machines_look_for(weak):
     for key in ("tp", "fp", "fn"):
         assert found["overall"][key] == sum(one[key] for one in found["per_class"].values())
     assert found["errors"]["class"]["count"] == 1
-    # Two positions are too few for an interval, and so to call a bin the worst.
+    # Two positions are too few for an interval, and so for a worst bin.
     assert found["overall"]["intervals"]["recall"] == [None, None]
     assert found["worst_bins"] == []
 
 
-def test_bins_and_confusion_of_the_report_hold_what_was_found(weak):
+def test_bins_and_confusion_of_the_report_equal_hand_counts(weak):
     found, _ = weak
     assert [(row["bin"], row["labels"], row["found"]) for row in found["bins"]["distance"]] == [
         ("25 to 50 m", 12, 11),
@@ -85,7 +85,7 @@ def test_bins_and_confusion_of_the_report_hold_what_was_found(weak):
     assert np.array(found["confusion"]["counts"]).sum() == 11 + 1 + 5 + 6
 
 
-def test_metrics_csv_has_a_line_for_all_and_one_a_class(weak):
+def test_metrics_csv_has_a_line_for_all_and_one_per_class(weak):
     found, output = weak
     with (output / "metrics.csv").open(newline="") as file:
         rows = {row["scope"]: row for row in csv.DictReader(file)}
@@ -101,7 +101,7 @@ def test_sheets_show_misses_and_false_positives(weak):
         assert (abs(pixels - color) < 40).all(axis=2).sum() > 500  # thumbnails are JPEG
 
 
-def test_a_second_report_is_the_same_to_the_byte(weak, scene, tmp_path):
+def test_a_second_report_is_equal_to_the_byte(weak, scene, tmp_path):
     evaluate_files(scene, [scene / "weak.json"], tmp_path)
     for path in weak[1].iterdir():
         assert (tmp_path / path.name).read_bytes() == path.read_bytes()
@@ -154,13 +154,13 @@ def test_two_detectors_are_compared_with_the_first(scene, tmp_path, browser):
     assert browser.title.startswith("better on")
 
 
-def test_a_detector_compared_with_itself_does_not_differ(scene, tmp_path):
+def test_a_detector_compared_with_itself_has_no_difference(scene, tmp_path):
     shutil.copy(scene / "weak.json", tmp_path / "twin.json")
     (compared,) = evaluate_files(scene, [scene / "weak.json", tmp_path / "twin.json"], tmp_path / "r")["comparisons"]
     assert {value for value in compared["difference"].values() if value is not None} == {0.0}
 
 
-def test_files_of_one_name_are_called_by_their_folders(scene, tmp_path):
+def test_files_with_equal_names_are_named_by_their_folders(scene, tmp_path):
     for run in ("a", "b"):
         (tmp_path / run).mkdir()
         shutil.copy(scene / "none.json", tmp_path / run / "predictions.json")
@@ -180,7 +180,7 @@ def test_without_detections_labels_or_images_there_is_a_report(scene, tmp_path):
 
 def test_a_perfect_detector_has_1_and_0_everywhere(tmp_path):
     coco, _ = random_case(3, crowds=0.0)
-    # Labels far apart: of two that lie upon each other either may be taken.
+    # Labels far apart, since either of two overlapping ones could match.
     for k, box in enumerate(coco["annotations"]):
         box["bbox"] = [100.0 * k, 0.0, 50.0, 40.0]
     found = [
@@ -199,7 +199,7 @@ def test_a_perfect_detector_has_1_and_0_everywhere(tmp_path):
     assert {one["ap50"] for one in got["errors"].values()} == {0}
 
 
-def test_pictures_that_are_not_there_are_named_and_cost_no_figure(scene, weak, tmp_path, browser):
+def test_missing_pictures_are_named_and_do_not_change_figures(scene, weak, tmp_path, browser):
     shutil.copy(scene / "annotations.json", tmp_path)
     found = evaluate_files(tmp_path, [scene / "weak.json"], tmp_path / "r")
     assert found["overall"] == weak[0]["overall"]
@@ -207,7 +207,7 @@ def test_pictures_that_are_not_there_are_named_and_cost_no_figure(scene, weak, t
     assert "couldn't be read: images/1.png is missing" in browser.find_element(By.TAG_NAME, "body").text
 
 
-def test_the_threshold_may_come_from_a_validation_set(scene, tmp_path):
+def test_the_threshold_can_come_from_a_validation_set(scene, tmp_path):
     boxes = [(1, 1, (0, 0, 9, 9)), (1, 1, (50, 0, 9, 9))]
     found = [(1, 1, (0, 0, 9, 9), 0.8), (1, 1, (50, 0, 9, 9), 0.7), (1, 1, (200, 0, 9, 9), 0.6)]
     valid = stored(tmp_path / "valid", dataset(boxes), found=results(found))
@@ -215,14 +215,14 @@ def test_the_threshold_may_come_from_a_validation_set(scene, tmp_path):
     assert (got["threshold"], got["threshold_source"]) == (0.7, "validation")
 
 
-def test_a_threshold_chosen_on_the_set_itself_says_so(scene, tmp_path):
+def test_a_threshold_chosen_on_the_test_set_is_reported(scene, tmp_path):
     got = evaluate_files(scene, [scene / "weak.json"], tmp_path, threshold="best")
     assert got["threshold_source"] == got["per_class"]["tank"]["threshold_source"] == "test"
     assert "recall, at a threshold chosen on this set" in (tmp_path / "report.html").read_text()
     assert "chosen on the test set itself" in (tmp_path / "report.html").read_text()
 
 
-def test_there_is_no_best_threshold_of_no_detections(scene, tmp_path):
+def test_without_detections_there_is_no_best_threshold(scene, tmp_path):
     with pytest.raises(HulldownError, match="none: has nothing to choose a threshold from; give one with --threshold"):
         evaluate_files(scene, [scene / "none.json"], tmp_path / "r", threshold="best")
     assert not (tmp_path / "r").exists()
@@ -250,7 +250,7 @@ def test_the_command_writes_and_prints_the_report(scene, tmp_path, capsys):
         ("annotations.json", "detection 0: it is wrong: Object missing"),
     ],
 )
-def test_a_mistake_is_one_line_and_leaves_nothing(scene, tmp_path, capsys, name, words):
+def test_a_mistake_is_a_one_line_error_and_leaves_nothing(scene, tmp_path, capsys, name, words):
     assert main(["evaluate", str(scene), str(scene / name), "-o", str(tmp_path / "r")]) == 2
     printed = capsys.readouterr().err
     assert words in printed

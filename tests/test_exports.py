@@ -1,4 +1,4 @@
-"""Every layout of an export, read by the packages that it is for."""
+"""Every export layout, read by the packages that it's for."""
 
 import importlib
 import io
@@ -24,7 +24,7 @@ NAMES = ["tank", 'truck "6x6"', "armored car"]  # the last has no label
 
 
 def package(name):
-    """A package that reads exports, which must be there; its warnings when it is imported are its own."""
+    """A package that reads exports, and must be installed; ignore its own warnings on import."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return importlib.import_module(name)
@@ -62,7 +62,7 @@ def dataset(tmp_path_factory):
         if i < 3:
             image |= {"K": [[90.0, 0.0, 20.0], [0.0, 91.0, 15.0], [0.0, 0.0, 1.0]], "fov_x_deg": None}
         if i == 35:
-            image |= {"K": [90.0, 0.0, 20.0], "fov_x_deg": 50.0}  # not as hulldown has it
+            image |= {"K": [90.0, 0.0, 20.0], "fov_x_deg": 50.0}  # in another notation than hulldown's
         images.append(image)
         if i % 10 == 4:
             continue
@@ -89,7 +89,7 @@ def dataset(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def exported(dataset, tmp_path_factory):
-    """The folder of a layout, with polygons or without."""
+    """The folder of a layout, with or without polygons."""
     made = {}
 
     def of(layout, within=None):
@@ -108,7 +108,7 @@ def exported(dataset, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def labels(dataset):
-    """What each picture's bytes are labeled with: (class name, box, crowd), sorted."""
+    """Labels by the bytes of each picture: (class name, box, crowd), sorted."""
     coco = json.loads((dataset / "annotations.json").read_text())
     names = {category["id"]: category["name"] for category in coco["categories"]}
     found = {}
@@ -125,7 +125,7 @@ def corners(box) -> np.ndarray:
 
 
 def compare(labels, found, *, crowds=True, atol=1e-3):
-    """Each picture once, with its labels; `found` is (picture's bytes, [(class name, corners)])."""
+    """Check that each picture appears once, with its labels; `found` is (picture's bytes, [(class name, corners)])."""
     seen = {}
     for content, boxes in found:
         wanted = [(name, corners(box)) for name, box, crowd in labels[content] if crowds or not crowd]
@@ -157,7 +157,7 @@ def test_pycocotools_reads_coco(exported, labels, capsys, within):
 
 
 @pytest.mark.parametrize("within", [None, 0.0])
-def test_rfdetr_reads_its_yolo(exported, labels, within):
+def test_rfdetr_reads_yolo(exported, labels, within):
     yolo = package("rfdetr.datasets.yolo")
     out, found = exported("rfdetr-yolo", within), []
     assert yolo.is_valid_yolo_dataset(str(out))
@@ -193,7 +193,7 @@ def test_rfdetr_reads_coco(exported):
 
 
 @pytest.mark.parametrize("layout", ["yolo", "rfdetr-yolo"])
-def test_supervision_reads_yolo_with_its_masks(exported, dataset, layout):
+def test_supervision_reads_yolo_with_masks(exported, dataset, layout):
     supervision = package("supervision")
     out = exported(layout, 0.0)
     pictures, texts = ("images/train", "labels/train") if layout == "yolo" else ("train/images", "train/labels")
@@ -206,18 +206,18 @@ def test_supervision_reads_yolo_with_its_masks(exported, dataset, layout):
             i = by_bytes.get(file.read())
         if i is not None and len(detections):
             shown, true = detections.mask[0], mask_of(i % 3)
-            # It rounds corners to whole pixels and fills polygons with their outline, which is up to a pixel more.
+            # It rounds corners to whole pixels and fills polygons with their outline, up to a pixel more.
             assert (true & shown).sum() / true.sum() > 0.98
             assert (true & shown).sum() / (true | shown).sum() > 0.75
             seen += 1
     assert seen > 10
 
 
-def test_yolo_is_as_ultralytics_documents_it(exported, labels):
+def test_yolo_has_ultralytics_format(exported, labels):
     out, found = exported("yolo"), []
     for split in ("train", "valid", "test"):
         for picture in (out / "images" / split).iterdir():
-            # Its rule for finding labels: the last /images/ becomes /labels/, the suffix .txt.
+            # Its rule for label files: the last /images/ becomes /labels/, the suffix .txt.
             text = out / "labels" / split / f"{picture.stem}.txt"
             rows = np.array([line.split() for line in text.read_text().splitlines()], dtype=float).reshape(-1, 5)
             assert ((rows[:, 1:] >= 0) & (rows[:, 1:] <= 1)).all()
@@ -250,7 +250,7 @@ def test_supervision_reads_voc(exported, labels):
 
 
 @pytest.mark.parametrize("within", [None, 0.3])
-def test_hugging_face_reads_its_image_folder(exported, labels, tmp_path, monkeypatch, within):
+def test_hugging_face_reads_the_image_folder(exported, labels, tmp_path, monkeypatch, within):
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     monkeypatch.setenv("HF_DATASETS_DISABLE_PROGRESS_BARS", "1")
     datasets = package("datasets")
@@ -272,9 +272,9 @@ def test_hugging_face_reads_its_image_folder(exported, labels, tmp_path, monkeyp
     compare(labels, found)
 
 
-# It leaves closing its files to the garbage collector.
+# It leaves closing files to the garbage collector.
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
-def test_webdataset_reads_its_shards(exported, labels, dataset, tmp_path, monkeypatch):
+def test_webdataset_reads_the_shards(exported, labels, dataset, tmp_path, monkeypatch):
     reader = package("webdataset")
     out = exported("webdataset")
     found = []
@@ -297,15 +297,15 @@ def test_webdataset_reads_its_shards(exported, labels, dataset, tmp_path, monkey
     )
 
 
-def test_shards_end_where_their_bytes_do(dataset, tmp_path, monkeypatch):
+def test_shards_end_at_their_limit_of_bytes(dataset, tmp_path, monkeypatch):
     monkeypatch.setattr(shards, "SHARD_BYTES", 20_000)
     export(dataset, tmp_path / "out", layout="webdataset", fractions=(1.0, 0.0, 0.0))
     sizes = [path.stat().st_size for path in (tmp_path / "out").glob("*.tar")]
     assert len(sizes) > 5
-    assert max(sizes) < 50_000  # tar's own blocks are on top
+    assert max(sizes) < 50_000  # tar's own blocks are added
 
 
-def test_shards_are_the_same_whenever_they_are_written(dataset, exported, tmp_path):
+def test_shards_do_not_depend_on_the_time(dataset, exported, tmp_path):
     export(dataset, tmp_path / "again", layout="webdataset")
     for path in exported("webdataset").iterdir():
         assert (tmp_path / "again" / path.name).read_bytes() == path.read_bytes()
@@ -334,9 +334,9 @@ def test_kitti_has_fifteen_fields_a_label_and_a_camera_a_picture(exported, label
     assert [path.stem for path in sorted((out / "image_2").iterdir())] == [f"{i:06d}" for i in range(36)]
 
 
-def test_kittis_turn_is_zero_for_a_vehicle_that_drives_to_the_right():
-    """Its readme: rotation_y is in the camera's frame, 0 along x, and -pi/2 away from the camera."""
-    # Columns are forward, left and up in the camera's frame.
+def test_kittis_rotation_is_zero_for_a_vehicle_that_drives_to_the_right():
+    """KITTI's readme: rotation_y is in the camera's frame, 0 along x, and -pi/2 away from the camera."""
+    # Columns are forward, left, and up in the camera's frame.
     driving_right = np.stack([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]], axis=1)
     box = {"center": [0.0, 1.0, 20.0], "size": [8.0, 3.0, 2.0], "rotation": driving_right.tolist()}
     up = driving_right[:, 2]
@@ -354,7 +354,7 @@ def test_kittis_turn_is_zero_for_a_vehicle_that_drives_to_the_right():
 
 
 @pytest.mark.parametrize("layout", sorted(set(LAYOUTS) - set(WITH_POLYGONS)))
-def test_a_layout_without_polygons_says_so(dataset, tmp_path, layout):
+def test_a_layout_without_polygons_refuses_the_option(dataset, tmp_path, layout):
     with pytest.raises(DatasetError, match=f"layout {layout} has no polygons"):
         export(dataset, tmp_path / "out", layout=layout, polygons_within=0.3)
     assert not (tmp_path / "out").exists()
@@ -375,13 +375,13 @@ def test_a_damaged_mask_is_named_before_polygons_are_written(dataset, tmp_path):
 
 
 @pytest.mark.parametrize("kind", [0, 1, 2])
-def test_polygons_without_tolerance_are_the_mask(kind):
+def test_polygons_without_tolerance_equal_the_mask(kind):
     mask = mask_of(kind)
     shown = decode(polygons(encode(mask), WIDTH, HEIGHT), WIDTH, HEIGHT)
     assert (mask & shown).sum() / (mask | shown).sum() > 0.995
 
 
-def test_polygons_of_random_masks_lose_little():
+def test_polygons_of_random_masks_are_accurate():
     rng = np.random.default_rng(3)
     for _ in range(50):
         mask = rng.random((12, 16)) < rng.uniform(0.05, 0.95)

@@ -1,4 +1,4 @@
-"""Images are exposed by the light that is planned for them, with the errors of a camera."""
+"""Exposure by the planned light, with the errors of a camera."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def rows(**light):
     return list(plan(small_config(light=light, budget={"images_per_class": 6}), lit()))
 
 
-def test_a_gray_card_is_mid_gray_under_each_hdri_and_strength():
+def test_a_gray_card_is_mid_gray_for_each_hdri_and_strength():
     for row in rows(exposure_error_ev=0.0, strength=[0.1, 10.0]):
         level = (
             displayed(card(np.array(lit().sky(row.hdri).irradiance), row.strength) * 2.0**row.exposure_ev) @ LUMINANCE
@@ -33,7 +33,7 @@ def test_a_gray_card_is_mid_gray_under_each_hdri_and_strength():
         assert level == pytest.approx(CARD, abs=0.01)
 
 
-def test_the_errors_of_cameras_are_within_their_bounds_and_differ():
+def test_exposure_errors_are_within_their_bounds_and_vary():
     exact, off = rows(exposure_error_ev=0.0), rows(exposure_error_ev=[-1.0, 0.5], white_balance_error_k=[-300, 600])
     errors = np.array([b.exposure_ev - a.exposure_ev for a, b in zip(exact, off, strict=True)])
     assert errors.min() >= -1.0
@@ -48,7 +48,7 @@ def test_a_sky_without_light_has_the_longest_exposure():
     assert {row.exposure_ev for row in rows(strength=0.0, exposure_error_ev=0)} == {32.0}
 
 
-def test_the_sky_as_backdrop_begins_at_the_horizon_of_its_hdri():
+def test_the_visible_sky_begins_at_its_hdris_horizon():
     assert {row.horizon_deg for row in rows()} == {None}
     assert {(row.hdri, row.horizon_deg) for row in rows(backdrop="sky")} == {("noon", 1.0), ("dusk", 12.5)}
 

@@ -1,4 +1,4 @@
-"""Folders of YOLO and VOC wherever COCO is accepted."""
+"""Folders of YOLO and VOC in place of COCO."""
 
 import json
 from pathlib import Path
@@ -18,7 +18,7 @@ def pictures(tmp_path_factory):
 
 
 def boxes(coco):
-    """Stem of each picture -> its labels, sorted."""
+    """Sorted labels by the stem of each picture."""
     names = {category["id"]: category["name"] for category in coco["categories"]}
     stems = {image["id"]: Path(image["file_name"]).stem for image in coco["images"]}
     found = {stem: [] for stem in stems.values()}
@@ -31,7 +31,7 @@ def boxes(coco):
     ("layout", "split", "error"),
     [("yolo", "images/train", 1e-6), ("rfdetr-yolo", "train", 1e-6), ("voc", ".", 1.0)],
 )
-def test_an_export_is_read_back(pictures, tmp_path, layout, split, error):
+def test_an_export_can_be_read_back(pictures, tmp_path, layout, split, error):
     export(pictures, tmp_path / "out", layout=layout, fractions=(1.0, 0.0, 0.0))
     read, given = boxes(read_coco(tmp_path / "out" / split)), boxes(read_coco(pictures))
     assert read.keys() == given.keys()

@@ -18,7 +18,7 @@ from hulldown.geometry.errors import DatasetError
 
 @pytest.fixture
 def folder(tmp_path):
-    """Three photographs with a label each."""
+    """Three photographs with one label each."""
     made = tmp_path / "dataset"
     made.mkdir()
     images, annotations = [], []
@@ -39,7 +39,7 @@ def edit(folder, change):
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_broken_pictures_are_not_exported_and_all_are_named(folder, tmp_path, layout):
+def test_broken_pictures_are_all_named_and_not_exported(folder, tmp_path, layout):
     (folder / "1.png").write_bytes((folder / "1.png").read_bytes()[:60])
     (folder / "2.png").write_text("no picture")
     edit(folder, lambda coco: coco["images"][2].update(width=33))
@@ -62,7 +62,7 @@ def test_impossible_masks_are_not_exported(folder, tmp_path, mask, layout):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_full_disk_is_not_blamed_on_a_picture(folder, tmp_path, monkeypatch):
+def test_a_full_disk_is_not_reported_as_a_broken_picture(folder, tmp_path, monkeypatch):
     def full(source, target, **options):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), source, None, target)
 
@@ -114,13 +114,13 @@ def test_hard_links_to_other_files_are_found_and_only_pictures_are_exported(fold
         export(folder, tmp_path / "out")
 
 
-def test_masks_that_are_sound_are_exported(folder, tmp_path):
+def test_valid_masks_are_exported(folder, tmp_path):
     mask = [[1, 1, 5, 1, 5, 5]]
     edit(folder, lambda coco: coco["annotations"][0].update(segmentation=mask))
     assert sum(export(folder, tmp_path / "out").values()) == 3
 
 
-def test_a_terminal_that_only_knows_ascii_ends_no_command(folder, tmp_path):
+def test_output_to_an_ascii_terminal_works(folder, tmp_path):
     (folder / "ü.png").write_bytes((folder / "1.png").read_bytes() + b" ")
     edit(folder, lambda coco: coco["images"][0].update(file_name="ü.png", width=31))
     command = [sys.executable, "-c", "import sys; from cli import main; sys.exit(main())", "verify", str(folder)]

@@ -1,4 +1,4 @@
-"""Parts of plans, and datasets made elsewhere, put together."""
+"""Joining parts of plans, and datasets made elsewhere."""
 
 import json
 import os
@@ -17,7 +17,7 @@ PLAN = "a" * 64
 
 
 def render(folder, indices, *, key=PLAN, images=6, categories=("tank", "truck")):
-    """What a run leaves that has rendered these images of a plan, two annotations each, and is not closed yet."""
+    """Add what an unclosed run leaves that has rendered these images of a plan, with two annotations each."""
     with CocoDataset.open(folder, categories=categories) as dataset:
         run = dataset.run(key, images=images, annotations=2 * images)
         for i in indices:
@@ -49,13 +49,13 @@ def photos(folder, names, *, level=100):
 
 
 def contents(folder):
-    """Every file of a dataset but what only this process needs."""
+    """All files of a dataset, except those that only a running process needs."""
     hidden = (".hulldown.lock", "journal.jsonl")
     files = [p for p in folder.rglob("*") if p.is_file() and p.name not in hidden]
     return {p.relative_to(folder).as_posix(): p.read_bytes() for p in files}
 
 
-def test_shares_joined_are_the_whole_to_the_byte(tmp_path):
+def test_joined_shares_equal_the_whole_to_the_byte(tmp_path):
     parts = [render(tmp_path / "1", [0, 3]), render(tmp_path / "2", [5, 4]), render(tmp_path / "3", [1, 2])]
     joined = join(parts[::-1], tmp_path / "joined")
     assert (joined.added, joined.already, joined.failed, joined.missing) == (6, 0, 0, 0)
@@ -63,7 +63,7 @@ def test_shares_joined_are_the_whole_to_the_byte(tmp_path):
     assert (tmp_path / "joined/images/00000001.png").samefile(tmp_path / "1/images/00000001.png")
 
 
-def test_joining_again_adds_what_is_new_and_nothing_twice(tmp_path):
+def test_joining_again_adds_only_new_images(tmp_path):
     one, two = render(tmp_path / "1", [0]), render(tmp_path / "2", [4])
     assert join([one, two], tmp_path / "joined").missing == 4
     before = contents(tmp_path / "joined")
@@ -71,13 +71,13 @@ def test_joining_again_adds_what_is_new_and_nothing_twice(tmp_path):
     assert (again.added, again.already) == (0, 2)
     assert contents(tmp_path / "joined") == before
     render(one, [1, 2])
-    # The other machine has made an image of the first one's too.
+    # The other machine has also rendered one of the first machine's images.
     render(two, [0])
     more = join([two, one], tmp_path / "joined")
     assert (more.added, more.already, more.missing) == (2, 3, 2)
 
 
-def test_a_part_is_read_as_far_as_its_journal_goes(tmp_path):
+def test_a_part_is_read_up_to_the_end_of_its_journal(tmp_path):
     part = render(tmp_path / "1", [0, 1])
     (part / "annotations.json").unlink()
     with warnings.catch_warnings():
@@ -85,10 +85,10 @@ def test_a_part_is_read_as_far_as_its_journal_goes(tmp_path):
         assert join([part], tmp_path / "joined").added == 2
 
 
-def test_two_plans_get_ids_and_names_of_their_own(tmp_path):
+def test_two_plans_get_different_ids_and_names(tmp_path):
     one, two = render(tmp_path / "1", [0, 5]), render(tmp_path / "2", [0, 2], key="b" * 64)
     rest = render(tmp_path / "3", [1], key="b" * 64)
-    # One that holds both plans already, under another prefix.
+    # A dataset that already has both plans, under another prefix.
     both = render(render(tmp_path / "4", [3], key="b" * 64), [1])
     for parts in ([one, two], [rest], [both]):
         join(parts, tmp_path / "joined")
@@ -126,7 +126,7 @@ def test_a_dataset_made_elsewhere_keeps_its_fields(tmp_path):
     assert [f for f in verify(joined) if "hard link" not in f.problem] == []
 
 
-def test_it_is_an_append_to_what_is_there(tmp_path):
+def test_join_appends_to_an_existing_dataset(tmp_path):
     real = photos(tmp_path / "real", ["a.png"])
     join([render(tmp_path / "1", [0, 1])], real)
     coco = read_coco(real)
@@ -151,7 +151,7 @@ def test_failures_and_provenance_are_carried_over(tmp_path):
     assert (line["index"], line["file_name"]) == (2, "images/1-aaaaaaaa-00000003.png")
     (found,) = json.loads((joined / "provenance.json").read_text())["plans"].values()
     assert (found["devices"], found["first_image_id"]) == (["CPU", "GPU"], 4)
-    # Another machine has made it since.
+    # Another machine has rendered it since.
     assert join([render(tmp_path / "3", [2])], joined).failed == 0
     assert not (joined / "failures.jsonl").exists()
 
@@ -166,7 +166,7 @@ def licences(folder):
 
 
 def run_without_a_key(folder):
-    """A record of the dataset's plan that names no plan."""
+    """A record with an id of the dataset's plan, but without a plan."""
     coco = json.loads((folder / "annotations.json").read_text())
     coco["info"]["hulldown_runs"][0]["key"] = ""
     (folder / "annotations.json").write_text(json.dumps(coco))
@@ -200,7 +200,7 @@ def edited(**change):
         (lambda folder: (folder / "annotations.json").write_text("{"), "is not valid JSON"),
     ],
 )
-def test_a_part_that_cannot_be_carried_over_leaves_no_trace(tmp_path, damage, message):
+def test_a_part_that_cannot_be_joined_leaves_no_trace(tmp_path, damage, message):
     part = render(tmp_path / "1", [0, 1])
     damage(part)
     with pytest.raises(DatasetError, match=message):
@@ -208,7 +208,7 @@ def test_a_part_that_cannot_be_carried_over_leaves_no_trace(tmp_path, damage, me
     assert not (tmp_path / "new").exists()
 
 
-def test_another_picture_of_the_same_name_is_refused(tmp_path):
+def test_another_picture_with_the_same_name_is_refused(tmp_path):
     one, two = photos(tmp_path / "1", ["a.png"]), photos(tmp_path / "2", ["a.png"], level=9)
     with pytest.raises(DatasetError, match=r"2/a\.png: is another picture than .*1/a\.png; give one of them another"):
         join([one, two], tmp_path / "joined")
@@ -220,13 +220,13 @@ def test_another_picture_of_the_same_name_is_refused(tmp_path):
     assert not (one / "journal.jsonl").exists()
 
 
-def test_a_photograph_called_as_a_planned_image_does_not_take_its_place(tmp_path):
+def test_a_photograph_named_like_a_planned_image_does_not_replace_it(tmp_path):
     real, share = photos(tmp_path / "real", ["images/00000001.png"]), render(tmp_path / "1", [0])
     for parts in ([real, share], [share, real]):
         with pytest.raises(DatasetError, match=r"00000001\.png: is another picture than .*; give the one of no plan"):
             join(parts, tmp_path / "new")
         assert not (tmp_path / "new").exists()
-    # In a dataset that has something, planned images have names of their own.
+    # In a dataset with other content, planned images have prefixed names.
     assert join([share], real).added == 1
     before = contents(share)
     with pytest.raises(DatasetError, match="is another picture"):
@@ -234,7 +234,7 @@ def test_a_photograph_called_as_a_planned_image_does_not_take_its_place(tmp_path
     assert contents(share) == before
 
 
-def test_a_picture_whose_plan_was_forgotten_is_still_the_same(tmp_path):
+def test_a_picture_whose_plan_was_removed_is_still_recognized(tmp_path):
     share = render(tmp_path / "1", [0])
     bare = render(tmp_path / "2", [0])
     (bare / "journal.jsonl").unlink()
@@ -245,7 +245,7 @@ def test_a_picture_whose_plan_was_forgotten_is_still_the_same(tmp_path):
 
 
 def with_photograph(folder, image_id):
-    """Somebody adds a photograph by hand, under an id that is set aside for the plan."""
+    """A photograph added by hand, with an id reserved for the plan."""
     picture(folder / "real/x.png", 200)
     coco = json.loads((folder / "annotations.json").read_text())
     coco["images"].append({"id": image_id, "file_name": "real/x.png", "width": 8, "height": 6})
@@ -253,7 +253,7 @@ def with_photograph(folder, image_id):
     return folder
 
 
-def test_a_photograph_with_the_id_of_a_planned_image_does_not_take_its_place(tmp_path):
+def test_a_photograph_with_the_id_of_a_planned_image_does_not_replace_it(tmp_path):
     mixed, share = with_photograph(render(tmp_path / "1", [0, 1]), 4), render(tmp_path / "2", [3])
     for parts, target in (([mixed, share], tmp_path / "new"), ([share], mixed), ([mixed], share)):
         before = contents(target)
@@ -262,7 +262,7 @@ def test_a_photograph_with_the_id_of_a_planned_image_does_not_take_its_place(tmp
         assert contents(target) == before
 
 
-def test_a_name_without_the_plans_prefix_is_not_of_the_plan(tmp_path):
+def test_a_name_without_the_plans_prefix_is_not_the_plans(tmp_path):
     real = photos(tmp_path / "real", ["a.png"])
     with_photograph(render(real, [0]), 4)
     assert join([real, render(tmp_path / "2", [2])], tmp_path / "new").added == 4
@@ -278,7 +278,7 @@ def test_a_name_without_the_plans_prefix_is_not_of_the_plan(tmp_path):
         (edited(annotations=("id", 11)), r"00000006\.png: annotation 11 is on another image too"),
     ],
 )
-def test_a_part_that_cannot_be_appended_leaves_the_dataset_as_it_was(tmp_path, damage, message):
+def test_a_part_that_cannot_be_appended_leaves_the_dataset_unchanged(tmp_path, damage, message):
     part, other, target = render(tmp_path / "1", [0, 1]), render(tmp_path / "2", [5]), render(tmp_path / "3", [3])
     damage(part)
     before = contents(target)
@@ -301,7 +301,7 @@ def test_a_part_that_cannot_be_appended_leaves_the_dataset_as_it_was(tmp_path, d
         ("failures.jsonl", "x\n{}\n", "line 1 is damaged"),
     ],
 )
-def test_a_damaged_dataset_is_left_as_it_was(tmp_path, name, content, message):
+def test_a_damaged_dataset_is_unchanged(tmp_path, name, content, message):
     target = render(tmp_path / "1", [0])
     (target / name).write_text(content)
     before = contents(target)
@@ -310,7 +310,7 @@ def test_a_damaged_dataset_is_left_as_it_was(tmp_path, name, content, message):
     assert contents(target) == before
 
 
-def test_a_part_that_is_the_dataset_or_none_is_refused(tmp_path):
+def test_the_dataset_itself_and_folders_without_a_dataset_are_refused_as_parts(tmp_path):
     part = render(tmp_path / "1", [0])
     with pytest.raises(DatasetError, match="is a part of itself"):
         join([part], part)
@@ -330,7 +330,7 @@ def test_no_picture_is_written_outside(tmp_path):
     assert [path.name for path in joined.iterdir()] == ["images"]
 
 
-def test_where_links_are_impossible_pictures_are_copied(tmp_path, monkeypatch):
+def test_without_links_pictures_are_copied(tmp_path, monkeypatch):
     def refuse(*_):
         raise OSError(18, "Invalid cross-device link")
 

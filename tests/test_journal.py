@@ -8,7 +8,7 @@ from hulldown.geometry.errors import DatasetError
 from hulldown.tests.oracles.synced import synced_bytes
 
 
-def test_lines_come_back_in_order(tmp_path):
+def test_lines_round_trip_in_order(tmp_path):
     path = tmp_path / "journal.jsonl"
     with closing(Journal(path)) as journal:
         for i in range(3):
@@ -18,7 +18,7 @@ def test_lines_come_back_in_order(tmp_path):
     assert [line["i"] for line in read_journal(path)] == [0, 1, 2, 3]
 
 
-def test_no_file_has_no_lines(tmp_path):
+def test_a_missing_file_has_no_lines(tmp_path):
     assert list(read_journal(tmp_path / "journal.jsonl")) == []
 
 
@@ -30,7 +30,7 @@ def test_a_line_survives_a_crash_of_the_machine(tmp_path, monkeypatch):
             assert synced[path.stat().st_ino] == path.read_bytes()
 
 
-def test_a_closed_journal_writes_to_no_file_that_was_opened_since(tmp_path):
+def test_a_closed_journal_never_writes_to_a_reused_descriptor(tmp_path):
     journal = Journal(tmp_path / "journal.jsonl")
     journal.append({"i": 1})
     journal.close()
@@ -43,7 +43,7 @@ def test_a_closed_journal_writes_to_no_file_that_was_opened_since(tmp_path):
 
 
 @pytest.mark.parametrize("cut", [b'{"i":', b'{"i":2}', b"\0" * 70000, b"{" * 200000])
-def test_a_cut_off_last_line_is_dropped_with_a_warning(tmp_path, cut):
+def test_a_truncated_last_line_is_dropped_with_a_warning(tmp_path, cut):
     path = tmp_path / "journal.jsonl"
     path.write_bytes(b'{"i":0}\n{"i":1}\n' + cut)
     assert [line["i"] for line in read_journal(path)] == [0, 1]
@@ -54,7 +54,7 @@ def test_a_cut_off_last_line_is_dropped_with_a_warning(tmp_path, cut):
 
 @pytest.mark.parametrize("content", [b"precious", b'{"i":0}\n'])
 def test_a_link_in_place_of_the_journal_is_not_followed(tmp_path, content):
-    """A dataset from elsewhere must not make us write, or cut off a line, outside of it."""
+    """A foreign dataset must not make us write or truncate a file outside of it."""
     outside, path = tmp_path / "outside", tmp_path / "journal.jsonl"
     outside.write_bytes(content)
     path.symlink_to(outside)
@@ -64,14 +64,14 @@ def test_a_link_in_place_of_the_journal_is_not_followed(tmp_path, content):
 
 
 @pytest.mark.parametrize("line", [b'{"i":\n', b"[1]\n", b"\n", b"\xff\n"])
-def test_a_damaged_inner_line_is_an_error_that_names_it(tmp_path, line):
+def test_the_error_of_a_damaged_inner_line_names_it(tmp_path, line):
     path = tmp_path / "journal.jsonl"
     path.write_bytes(b'{"i":0}\n' + line + b'{"i":1}\n')
     with pytest.raises(DatasetError, match=r"journal\.jsonl: line 2 is damaged"):
         list(read_journal(path))
 
 
-def test_a_full_disk_takes_the_half_written_line_back(tmp_path, monkeypatch):
+def test_a_full_disk_removes_the_partial_line(tmp_path, monkeypatch):
     path = tmp_path / "journal.jsonl"
     with closing(Journal(path)) as journal:
         journal.append({"i": 0})
@@ -89,7 +89,7 @@ def test_a_full_disk_takes_the_half_written_line_back(tmp_path, monkeypatch):
     assert [line["i"] for line in read_journal(path)] == [0, 2]
 
 
-def test_a_disk_that_writes_little_at_a_time_gets_it_all(tmp_path, monkeypatch):
+def test_short_writes_are_continued(tmp_path, monkeypatch):
     path = tmp_path / "journal.jsonl"
     write = os.write
     monkeypatch.setattr(os, "write", lambda descriptor, data: write(descriptor, data[:3]))

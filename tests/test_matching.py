@@ -1,4 +1,4 @@
-"""COCO's matching, against pycocotools' own decisions."""
+"""COCO's matching compared with pycocotools' own matches."""
 
 import contextlib
 import io
@@ -15,7 +15,7 @@ IOUS = (0.1, 0.5, 0.75, 0.95)
 
 
 def coco_of(labels, predictions):
-    """The same data as pycocotools takes them: ids from 1, since it takes annotation 0 for unmatched."""
+    """The same data in pycocotools' form, with ids from 1, since it takes annotation 0 for unmatched."""
     truth = COCO()
     truth.dataset = {
         "images": [{"id": int(i)} for i in labels.image_id],
@@ -45,7 +45,7 @@ def coco_of(labels, predictions):
 
 
 def official(labels, predictions, ious=IOUS):
-    """What pycocotools decides: of each IoU, detection -> label, ignored detections; by indices."""
+    """pycocotools' decisions: by IoU, detection -> label, and ignored detections, as indices."""
     truth, found = coco_of(labels, predictions)
     with contextlib.redirect_stdout(io.StringIO()):
         truth.createIndex()
@@ -111,18 +111,18 @@ HARD = {
 
 
 @pytest.mark.parametrize("case", HARD)
-def test_hard_cases_are_matched_as_pycocotools_matches_them(case):
+def test_hard_cases_are_matched_like_pycocotools(case):
     boxes, found = HARD[case]
     assert_official(dataset(boxes), results(found))
 
 
-def test_annotation_0_is_found_like_any_other():
+def test_annotation_0_is_matched_like_any_other():
     boxes, found = [(1, 1, (0, 0, 9, 9)), (1, 1, (20, 0, 9, 9))], [(1, 1, (0, 0, 9, 9), 0.9)]
     labels, predictions = loaded(dataset(boxes, first_id=0), results(found))
     assert match(labels, predictions, overlapping(labels, predictions)).detection.tolist() == [0, -1]
 
 
-def test_pairs_are_the_same_in_one_piece_and_in_many(monkeypatch):
+def test_pairs_do_not_depend_on_the_block_size(monkeypatch):
     labels, predictions = loaded(*random_case(3))
     whole = overlapping(labels, predictions)
     monkeypatch.setattr("hulldown.training.evaluation.matching.PAIRS_AT_ONCE", 7)

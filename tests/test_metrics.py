@@ -36,7 +36,7 @@ def total(labels, predictions, matching, seen):
     ("counts", "expected"), [((688, 49, 391), (93.4, 63.8, 75.8)), ((521, 15, 558), (97.2, 48.3, 64.5))]
 )
 def test_the_counts_of_the_papers_figure_9_give_its_percentages(counts, expected):
-    """From boxes on, not from the formula: 1,079 labels, so many found, so many false alarms."""
+    """From boxes, not from the formula: 1,079 labels, with this many found and this many false positives."""
     tp, fp, fn = counts
     boxes = [(1 + k % 40, 1 + k % 2, (20 * (k // 40), 0, 10, 10)) for k in range(tp + fn)]
     found = [(image, label, box, 0.9) for image, label, box in boxes[:tp]]
@@ -49,7 +49,7 @@ def test_the_counts_of_the_papers_figure_9_give_its_percentages(counts, expected
 
 
 @pytest.mark.parametrize(("seed", "threshold"), [(0, 0.0), (1, 0.3), (2, 0.5), (3, 0.5)])
-def test_counts_above_a_threshold_are_those_of_pycocotools_on_what_is_above_it(seed, threshold):
+def test_counts_above_a_threshold_equal_pycocotools(seed, threshold):
     coco, found = random_case(seed)
     labels, predictions, _, matching, seen = judged(coco, found, threshold=threshold)
     above = predictions.take(predictions.score >= threshold)
@@ -62,7 +62,7 @@ def test_counts_above_a_threshold_are_those_of_pycocotools_on_what_is_above_it(s
     assert set(np.flatnonzero(seen.found)) == found_labels
 
 
-def test_means_are_over_matches_and_over_what_is_counted():
+def test_means_are_over_matches_and_over_counted_labels():
     boxes = [(1, 1, (0, 0, 10, 10)), (1, 1, (100, 0, 10, 10))]
     found = [
         (1, 1, (0, 0, 10, 10), 0.9),
@@ -78,7 +78,7 @@ def test_means_are_over_matches_and_over_what_is_counted():
     assert figure["mean_confidence_fp"] == pytest.approx(0.7)
 
 
-def test_what_nothing_defines_is_nan():
+def test_undefined_figures_are_nan():
     figure = figures(np.zeros(6))
     assert all(np.isnan(value) for value in figure.values())
     none_found = figures(np.array([0.0, 0, 3, 0, 0, 0]))
@@ -119,7 +119,7 @@ def test_confusion_counts_every_label_and_every_detection_once():
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_ap50_on_arrays_is_the_librarys(seed):
+def test_ap50_on_arrays_equals_the_librarys(seed):
     labels, predictions, _, matching, _ = judged(*random_case(seed))
     wanted = np.bincount(labels.label[~labels.crowd], minlength=len(predictions.class_names))
     own = mean_ap(predictions.score, predictions.label, matching.box >= 0, ~matching.ignored, wanted)
@@ -127,14 +127,14 @@ def test_ap50_on_arrays_is_the_librarys(seed):
 
 
 def averages(labels, predictions, position, weights):
-    """AP, AP50 and AP75 of each class where each position counts as often as `weights` says."""
+    """AP, AP50, and AP75 of each class, where each position counts as often as in `weights`."""
     pairs = overlapping(labels, predictions)
     matchings = [match(labels, predictions, pairs, iou=iou) for iou in IOUS]
     return resampled_averages(labels, predictions, matchings, position=position, weights=weights.astype(float))
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_average_precision_on_arrays_is_the_librarys_of_each_class(seed):
+def test_average_precision_on_arrays_equals_the_librarys_for_each_class(seed):
     labels, predictions = loaded(*random_case(seed, crowds=0.5))
     own = averages(labels, predictions, np.arange(12), np.ones((1, 12)))[0]
     theirs = official(labels, predictions)
@@ -142,7 +142,7 @@ def test_average_precision_on_arrays_is_the_librarys_of_each_class(seed):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_position_drawn_thrice_counts_as_three_images_like_it(seed):
+def test_a_position_drawn_three_times_counts_as_three_images(seed):
     coco, found = random_case(seed, images=6, ties=False)
     times = np.array([3, 0, 1, 1, 2, 0])
     copies = [i + 1 for i in np.repeat(np.arange(6), times)]
@@ -160,8 +160,8 @@ def test_a_position_drawn_thrice_counts_as_three_images_like_it(seed):
 
 
 @pytest.mark.parametrize("labels", [1, 7, 100])
-def test_recalls_that_rounding_puts_on_an_edge_are_those_of_a_division(labels):
-    """0.07 of 100 labels is 7.000000000000001 of them: the seventh reaches it all the same."""
+def test_recalls_rounded_across_an_edge_count_as_by_division(labels):
+    """0.07 of 100 labels is 7.000000000000001 of them in float64; the seventh label reaches that recall."""
     true = np.random.default_rng(labels).random(3 * labels) < 0.3
     true &= np.cumsum(true) <= labels
     every = np.ones((1, len(true)), dtype=bool)
@@ -172,7 +172,7 @@ def test_recalls_that_rounding_puts_on_an_edge_are_those_of_a_division(labels):
     assert found[0, 0] == pytest.approx(np.append(highest, 0.0)[at].mean(), abs=1e-14)
 
 
-def test_a_perfect_detector_has_an_average_precision_of_1_with_annotation_0_too():
+def test_a_perfect_detector_has_ap_1_with_annotation_0():
     boxes = [(1, 1, (0, 0, 50, 50)), (2, 2, (0, 0, 50, 50))]
     labels, predictions = loaded(dataset(boxes, images=2, first_id=0), results([(*box, 0.9) for box in boxes]))
     found = official(labels, predictions).summary
@@ -180,7 +180,7 @@ def test_a_perfect_detector_has_an_average_precision_of_1_with_annotation_0_too(
     assert np.isnan(found["ap_large"])
 
 
-def test_average_precision_of_no_detections_is_0_and_of_no_labels_undefined():
+def test_ap_is_0_without_detections_and_undefined_without_labels():
     found = official(*loaded(dataset([(1, 1, (0, 0, 9, 9))]), []))
     assert found.summary["ap"] == 0
     assert found.ap50[0] == 0
@@ -188,7 +188,7 @@ def test_average_precision_of_no_detections_is_0_and_of_no_labels_undefined():
     assert np.isnan(official(*loaded(dataset([]), results([(1, 1, (0, 0, 9, 9), 0.5)]))).summary["ap"])
 
 
-# A label of class 1 at x = 0, and what each detection is.
+# A label of class 1 at x = 0, and the kind of each detection.
 BOX = (0, 0, 100, 100)
 TIDE = {
     "class": [(1, 2, BOX, 0.9)],
@@ -201,18 +201,18 @@ TIDE = {
 
 
 @pytest.mark.parametrize("cause", TIDE)
-def test_one_error_of_each_kind_is_called_by_its_name(cause):
+def test_one_error_of_each_kind_has_its_name(cause):
     labels, predictions, pairs, matching, _ = judged(dataset([(1, 1, BOX)]), results(TIDE[cause]))
     found = errors(labels, predictions, pairs, matching)
     assert [CAUSES[c] for c in found.cause if c >= 0] == [cause] * (cause != "missed")
     assert found.missed.tolist() == [cause in ("both", "background", "missed")]
-    # What was missed alone leaves nothing to find where it is taken away, and nothing false of its class.
+    # Without the only missed label, nothing is left to find.
     repair = {"class": "class", "localization": "localization", "both": "missed", "missed": "missed"}.get(cause)
     assert found.loss == pytest.approx({name: float(name == repair) for name in CAUSES})
 
 
-def test_an_error_costs_what_fixing_it_alone_brings():
-    """Two labels of one class: a false alarm before the first match, the second label confused and missed."""
+def test_the_cost_of_an_error_is_the_gain_of_fixing_it():
+    """Two labels of one class: a false positive before the first match; the second label is confused and missed."""
     boxes = [(1, 1, BOX), (1, 1, (200, 0, 100, 100))]
     found = [(1, 1, (500, 0, 100, 100), 0.9), (1, 1, BOX, 0.8), (1, 2, (200, 0, 100, 100), 0.7)]
     labels, predictions, pairs, matching, _ = judged(dataset(boxes), results(found))
@@ -229,7 +229,7 @@ def test_of_two_errors_for_one_label_fixing_keeps_the_more_confident():
     assert errors(labels, predictions, pairs, matching).loss["localization"] == pytest.approx(1.0)
 
 
-def test_a_misplaced_duplicate_of_a_found_label_is_taken_away_by_fixing():
+def test_fixing_removes_a_misplaced_duplicate_of_a_found_label():
     boxes = [(1, 1, BOX), (1, 1, (400, 0, 100, 100))]
     found = [(1, 1, (60, 0, 100, 100), 0.9), (1, 1, BOX, 0.8)]
     labels, predictions, pairs, matching, _ = judged(dataset(boxes), results(found))
@@ -245,7 +245,7 @@ def test_a_duplicate_that_also_touches_another_label_is_a_duplicate():
 
 
 def counted(found):
-    """`SUMS` of positions with one label each, and false alarms in none."""
+    """`SUMS` of positions with one label each, without false positives."""
     found = np.asarray(found, dtype=float)
     return np.stack([found, 0 * found, 1 - found, 0.8 * found, found, 0 * found], axis=1)
 
@@ -254,26 +254,26 @@ def recall_interval(sums):
     return figure_intervals(sums, resampled_sums(sums))["recall"]
 
 
-def test_the_interval_of_recall_is_about_as_wide_as_theory_says():
+def test_the_interval_of_recall_has_its_theoretical_width():
     """1,079 independent labels, 64 % found: a standard error of 0.0146."""
     low, high = recall_interval(counted(np.arange(1079) < 688))
     assert (high - low) / (2 * 1.96) == pytest.approx(0.0146, rel=0.06)
     assert low < 688 / 1079 < high
 
 
-def test_five_labels_that_were_all_found_may_be_half_of_all():
+def test_five_found_labels_give_a_wide_interval():
     low, high = recall_interval(counted(np.ones(5)))
     assert (low, high) == (pytest.approx(0.39, abs=0.01), 1.0)
     low, high = recall_interval(counted(np.zeros(5)))
     assert (low, high) == (0.0, pytest.approx(0.61, abs=0.01))
 
 
-def test_where_all_agrees_positions_count_and_not_labels():
-    """Five positions of four labels, all found, are worth five trials."""
+def test_with_full_agreement_positions_count_instead_of_labels():
+    """Five positions of four labels, all found, count as five trials."""
     assert recall_interval(4 * counted(np.ones(5)))[0] == pytest.approx(recall_interval(counted(np.ones(5)))[0])
 
 
-def test_a_share_is_worth_no_more_than_its_trials():
+def test_a_share_counts_no_more_than_its_trials():
     from scipy.stats import binomtest
 
     expected = binomtest(20, 40).proportion_ci(method="wilson")
@@ -293,7 +293,7 @@ def test_four_positions_are_too_few_for_an_interval():
 
 
 @pytest.mark.parametrize(("part", "whole"), [(3, 17), (50, 80), (12, 400)])
-def test_of_independent_labels_the_interval_is_wilsons_but_for_students_quantile(part, whole):
+def test_for_independent_labels_the_interval_is_wilsons_with_students_quantile(part, whole):
     from scipy.stats import binomtest
 
     low, high = recall_interval(counted(np.arange(whole) < part))
@@ -302,15 +302,15 @@ def test_of_independent_labels_the_interval_is_wilsons_but_for_students_quantile
     assert high - low >= 0.97 * (expected.high - expected.low)
 
 
-def test_shots_of_one_position_widen_the_interval():
-    """The same labels in positions of ten that are found or missed together: three times as wide."""
+def test_images_of_one_position_widen_the_interval():
+    """The same labels in positions of ten that are all found or all missed: three times as wide."""
     each = counted(np.arange(1000) < 640)
     tens = each.reshape(100, 10, 6).sum(axis=1)
     narrow, wide = (np.ptp(recall_interval(sums)) for sums in (each, tens))
     assert wide / narrow == pytest.approx(np.sqrt(10), rel=0.12)
 
 
-def test_the_delta_method_is_the_bootstrap():
+def test_the_delta_method_agrees_with_the_bootstrap():
     rng = np.random.default_rng(0)
     whole = 1.0 + rng.poisson(2.0, 300)
     part = rng.binomial(whole.astype(int), 0.6).astype(float)
@@ -324,15 +324,15 @@ def paired(changes, labels=100):
     return difference_interval(np.sum(changes) / labels, error, freedom=labels - 1, labels=labels)
 
 
-def test_a_difference_is_shown_where_enough_labels_changed():
-    """One more label found in every tenth position and nothing lost is shown; one gained label is not."""
+def test_a_difference_is_significant_if_enough_labels_changed():
+    """One more label found in every tenth position and nothing lost is significant; one gained label isn't."""
     low, high = paired(np.ones(20))
     assert 0 < low < 0.2 < high
     assert paired(np.ones(1))[0] < 0
     assert paired(np.zeros(0))[0] == -paired(np.zeros(0))[1] != 0
 
 
-def test_seeds_that_differ_widen_an_interval():
+def test_different_seeds_widen_an_interval():
     error, freedom = combined_error(0.03, 0.04, test_freedom=100, seed_freedom=2)
     assert error == pytest.approx(0.05)
     assert 2 < freedom < 6
@@ -358,7 +358,7 @@ def test_each_resample_chooses_its_own_threshold(seed):
         assert np.nan_to_num(got) == pytest.approx(best, abs=1e-12)
 
 
-def test_resamples_are_as_large_as_what_they_are_drawn_from(monkeypatch):
+def test_resamples_have_the_size_of_the_sample(monkeypatch):
     monkeypatch.setattr("hulldown.training.evaluation.bootstrap.DRAWN_AT_ONCE", 100)
     drawn = list(resamples(7, times=50))
     assert len(drawn) > 1
@@ -366,6 +366,6 @@ def test_resamples_are_as_large_as_what_they_are_drawn_from(monkeypatch):
     assert np.concatenate(drawn).shape == (50, 7)
 
 
-def test_an_error_of_nothing_is_nan():
+def test_an_error_without_data_is_nan():
     assert np.isnan(standard_error(np.full((10, 2), np.nan), 20)).all()
     assert np.isnan(share_interval(np.nan, np.nan, freedom=5)).all()

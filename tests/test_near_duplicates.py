@@ -1,4 +1,4 @@
-"""Pictures that were saved again are recognized; other pictures, and plain ones, are not."""
+"""Saved copies of a picture are recognized; other and plain pictures aren't."""
 
 import json
 
@@ -45,7 +45,7 @@ def paths(folder):
         (".png", lambda picture: picture.convert("L")),
     ],
 )
-def test_a_picture_that_was_saved_again_is_found_and_no_other(photographs, tmp_path, suffix, change):
+def test_a_saved_copy_of_a_picture_is_found_and_no_other(photographs, tmp_path, suffix, change):
     again = []
     for i, path in enumerate(paths(photographs)):
         with Image.open(path) as picture:
@@ -55,13 +55,13 @@ def test_a_picture_that_was_saved_again_is_found_and_no_other(photographs, tmp_p
     np.testing.assert_array_equal(pairs, np.stack([np.arange(20)] * 2, axis=1))
 
 
-def test_plain_pictures_are_like_no_other():
+def test_plain_pictures_match_nothing():
     plain = [picture_hash(np.full((90, 160, 3), level, dtype=np.uint8)) for level in (0, 90, 255)]
     assert plain == [None] * 3
     assert len(near_duplicates(plain, plain)) == 0
 
 
-def test_verify_warns_of_photographs_that_show_the_same(photographs, tmp_path):
+def test_verify_warns_of_photographs_with_the_same_content(photographs, tmp_path):
     names = ["0.png", "1.png", "0.jpg"]
     for name in names:
         with Image.open(photographs / f"{name[0]}.png") as picture:

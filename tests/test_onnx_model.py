@@ -1,4 +1,4 @@
-"""hulldown export_model: what onnxruntime finds is what the detector finds."""
+"""`hulldown export_model`: onnxruntime gives the detector's results."""
 
 import json
 from functools import partial
@@ -27,7 +27,7 @@ def of_small(found, width, height):
 
 
 def of_detr(found, width, height):
-    """The same by the published rule: the best pairs of query and class, boxes from center and size."""
+    """The same by the published rule: the best pairs of query and class, with boxes from center and size."""
     boxes, logits = found[0][0], found[1][0]
     scores = 1.0 / (1.0 + np.exp(-logits))
     best = np.argsort(-scores, axis=None, kind="stable")[: len(boxes)]
@@ -39,7 +39,7 @@ def of_detr(found, width, height):
 
 
 @pytest.mark.parametrize("kind", ["small", "nano"])
-def test_onnxruntime_finds_what_the_detector_finds(kind, tmp_path, capsys):
+def test_onnxruntime_gives_the_detectors_results(kind, tmp_path, capsys):
     torch.manual_seed(0)
     torch.save(small_weights() if kind == "small" else nano_weights(tmp_path), tmp_path / "weights.pt")
     assert main(["export_model", str(tmp_path / "weights.pt"), "-o", str(tmp_path / "model.onnx"), "--json"]) == 0
@@ -64,6 +64,6 @@ def test_onnxruntime_finds_what_the_detector_finds(kind, tmp_path, capsys):
         np.testing.assert_array_equal(labels[order], expected.label[same])
 
 
-def test_another_name_is_refused(tmp_path):
+def test_another_suffix_is_refused(tmp_path):
     with pytest.raises(HulldownError, match="onnx"):
         export_model(tmp_path, tmp_path / "model.pt")

@@ -19,7 +19,7 @@ def pixels_of(picture: Image.Image, color: tuple[int, int, int]) -> np.ndarray:
     return (np.asarray(picture) == color).all(axis=2)
 
 
-def test_outlines_lie_just_outside_the_box_and_hide_nothing():
+def test_outlines_are_just_outside_the_box_and_hide_nothing():
     picture = gray()
     drawn = draw(picture, [{"bbox": [100.2, 60.7, 40.3, 30.1], "category_id": 1}], NAMES)
     outline = pixels_of(drawn, color_of(1))
@@ -34,20 +34,20 @@ def test_outlines_lie_just_outside_the_box_and_hide_nothing():
 
 
 @pytest.mark.parametrize("bbox", [[-50, -50, 10, 10], [400, 300, 10, 10], [20, 20, -9, -9], [320, 180, 0, 0]])
-def test_a_box_beside_its_picture_is_drawn_at_the_edge(bbox):
+def test_a_box_outside_its_picture_is_drawn_at_the_edge(bbox):
     outline = pixels_of(draw(gray(), [{"bbox": bbox, "category_id": 1}], NAMES), color_of(1))
     assert outline.any()
 
 
-def test_names_are_written_inside_the_picture():
+def test_names_are_inside_the_picture():
     boxes = [[0, 0, 320, 180], [0, 0, 20, 20], [300, 160, 20, 20], [100, 5, 30, 170]]
     for box in boxes:
         label = pixels_of(draw(gray(), [{"bbox": box, "category_id": 2}], NAMES), color_of(2))
-        # The filled label is the only place with ten colored pixels in a row of ten rows, give or take letters.
+        # The filled label is the only area with ten colored pixels in each of ten rows, except for its letters.
         assert label.sum() > 2 * (box[2] + box[3]) * 0.4
 
 
-def test_masks_are_tinted_where_they_are_and_nowhere_else():
+def test_masks_are_tinted_exactly():
     mask = np.zeros((180, 320), dtype=bool)
     mask[80:90, 120:130] = True
     annotation = {"bbox": [100, 60, 60, 50], "category_id": 1, "segmentation": encode(mask)}
@@ -64,7 +64,7 @@ def test_contact_sheet_has_rows_and_columns(count, columns, rows):
     assert sheet.size == (columns * (160 + gap) + gap, rows * (90 + gap) + gap)
 
 
-def test_captions_need_room_and_one_for_each():
+def test_captions_need_room_and_match_the_pictures():
     plain, captioned = contact_sheet([gray()]), contact_sheet([gray()], captions=["hills, shot 3"])
     assert captioned.height > plain.height
     long = contact_sheet([gray()] * 2, captions=["a long caption " * 20, ""])
@@ -89,14 +89,14 @@ def test_sheet_of_a_dataset(tmp_path):
                 [{"category": "tank", "bbox": [30, 10, 20, 20]}],
             )
     sheet = np.asarray(Dataset.read(tmp_path).sheet(count=3, columns=3, tile_width=64))
-    # First, middle and last.
+    # First, middle, and last.
     assert [int(sheet[2 + 33, 2 + i * 66 + 5, 0]) for i in range(3)] == [0, 40, 80]
     (tmp_path / "images" / "8.png").write_bytes(b"")
     with pytest.raises(DatasetError, match=r"8\.png: cannot be read as a picture"):
         Dataset.read(tmp_path).sheet()
 
 
-def test_a_mask_that_cannot_be_drawn_is_explained(tmp_path):
+def test_the_error_of_a_mask_that_cannot_be_drawn_names_it(tmp_path):
     gray(32, 24).save(tmp_path / "1.png")
     with CocoDataset.open(tmp_path) as dataset:
         box = {"category": "tank", "bbox": [4, 4, 8, 8], "segmentation": [1]}
@@ -105,7 +105,7 @@ def test_a_mask_that_cannot_be_drawn_is_explained(tmp_path):
         Dataset.read(tmp_path).sheet()
 
 
-def test_sheet_of_nothing_is_explained(tmp_path):
+def test_a_sheet_without_pictures_is_an_error(tmp_path):
     CocoDataset.open(tmp_path).close()
     with pytest.raises(DatasetError, match="has no images yet; render some first"):
         Dataset.read(tmp_path).sheet()

@@ -1,4 +1,4 @@
-"""Parts of pages, in a real browser."""
+"""Parts of pages in a real browser."""
 
 import io
 
@@ -59,7 +59,7 @@ def choose(browser, facet, value):
     Select(browser.find_element(By.CSS_SELECTOR, f"select[data-facet={facet}]")).select_by_value(value)
 
 
-def test_text_is_shown_as_it_is(shown):
+def test_text_is_escaped(shown):
     assert shown.title == "A & <B>"
     assert shown.find_element(By.TAG_NAME, "h1").text == "A & <B>"
     assert shown.find_element(By.CSS_SELECTOR, "section p").text == "it's <i>"
@@ -81,7 +81,7 @@ def test_thumbnails_filter_by_every_facet_and_all_come_back(shown):
     assert visible(shown) == [0, 1, 2, 3, 4]
 
 
-def test_a_click_on_a_thumbnail_shows_it_large_and_escape_closes_it(shown):
+def test_a_click_enlarges_a_thumbnail_and_escape_closes_it(shown):
     dialog = shown.find_element(By.TAG_NAME, "dialog")
     assert not dialog.is_displayed()
     shown.find_elements(By.CSS_SELECTOR, ".tile")[1].click()
@@ -91,12 +91,12 @@ def test_a_click_on_a_thumbnail_shows_it_large_and_escape_closes_it(shown):
     assert not dialog.is_displayed()
 
 
-def test_pictures_are_in_the_page(shown):
+def test_pictures_are_embedded_in_the_page(shown):
     widths = shown.execute_script("return [...document.querySelectorAll('.tile img')].map((i) => i.naturalWidth)")
     assert widths == [40] * 5
 
 
-def test_a_page_may_not_fetch_anything(shown, tmp_path):
+def test_a_page_cannot_fetch_anything(shown, tmp_path):
     (tmp_path / "spy.png").write_bytes(picture())
     asked = """const done = arguments[0], image = new Image();
         image.onload = () => done("loaded"); image.onerror = () => done("refused"); image.src = "spy.png";"""
@@ -104,6 +104,6 @@ def test_a_page_may_not_fetch_anything(shown, tmp_path):
     assert "Content Security Policy" in str(shown.get_log("browser"))
 
 
-def test_a_facet_that_tells_no_two_apart_is_left_out():
+def test_a_facet_with_one_value_is_left_out():
     same = [Tile(picture(), ("a",), {"outcome": "missed"})] * 2
     assert "<select" not in page("", [PageSection("", [Gallery(same, FACETS)])])

@@ -33,7 +33,7 @@ def made(tmp_path_factory):
 
 
 def read(folder, row):
-    """All passes of a row, by name, and its table."""
+    """All passes of a row by name, and its table."""
     stem = f"{row.image_id:08d}"
     with np.load(folder / "depth" / f"{stem}.npz") as depth, np.load(folder / "normal" / f"{stem}.npz") as normal:
         arrays = {"axis": depth["axis"], "ray": depth["ray"], "normal": normal["world"]}
@@ -41,7 +41,7 @@ def read(folder, row):
     return arrays, json.loads((folder / "tables" / f"{stem}.json").read_text())
 
 
-def test_instances_are_the_vehicles_masks(made):
+def test_instances_equal_the_vehicles_masks(made):
     plan, folder = made
     artist, hidden = Artist(plan, ASSETS), 0
     for row in plan:
@@ -51,19 +51,19 @@ def test_instances_are_the_vehicles_masks(made):
         for i, vehicle in enumerate(world.vehicles):
             others = world.with_vehicles([v for v in world.vehicles if v is not vehicle])
             mask = vehicle_mask(vehicle, row.camera, world=others)
-            assert (mask != (arrays["instance"] == i + 1)).sum() <= 1  # where two things are at one distance
+            assert (mask != (arrays["instance"] == i + 1)).sum() <= 1  # where two objects have the same distance
             hidden += int((vehicle_mask(vehicle, row.camera) & ~mask).sum())
     assert hidden > 100
 
 
-def test_depths_and_normals_are_those_of_the_ground(made):
+def test_depths_and_normals_equal_those_of_the_ground(made):
     plan, folder = made
     config = Config.of(plan.header.config)
     terrains = {site.name: site.terrain for site in make_stage(config, ASSETS).sites}
     for row in plan:
         arrays, table = read(folder, row)
         (ground,) = (record["id"] for record in table["instances"] if record["kind"] == "ground")
-        rows, columns = np.nonzero((arrays["instance"] == ground) & (arrays["ray"] < 300.0))  # a plane has no end
+        rows, columns = np.nonzero((arrays["instance"] == ground) & (arrays["ray"] < 300.0))  # a plane is unlimited
         pixels, camera = np.stack([columns, rows], 1) + 0.5, row.camera
         axis, ray = (arrays[name][rows, columns].astype(float) for name in ("axis", "ray"))
         points = camera.unproject(pixels, axis)
@@ -71,7 +71,7 @@ def test_depths_and_normals_are_those_of_the_ground(made):
         tops = terrains[row.scenery].top_hits(points[:, :2])
         assert np.abs(tops.z - points[:, 2]).max() < 1e-3
         normal = arrays["normal"][rows, columns]
-        assert np.quantile(np.abs(normal - tops.normal).max(axis=1), 0.99) < 1e-5  # but where two faces meet
+        assert np.quantile(np.abs(normal - tops.normal).max(axis=1), 0.99) < 1e-5  # except where two faces meet
         sky = arrays["instance"] == 0
         assert np.isinf(arrays["axis"][sky]).all()
         assert np.isnan(arrays["normal"][sky]).all()
@@ -80,7 +80,7 @@ def test_depths_and_normals_are_those_of_the_ground(made):
         assert np.abs(lengths - 1.0).max() < 1e-6
 
 
-def test_parts_are_those_that_turn(made):
+def test_parts_are_the_movable_ones(made):
     plan, folder = made
     parts = {record["id"]: record for record in json.loads((folder / "parts.json").read_text())}
     seen = set()
@@ -96,7 +96,7 @@ def test_parts_are_those_that_turn(made):
     assert {"hull", "turret", "gun"} <= seen
 
 
-def test_panoptic_segments_are_as_coco_has_them(made):
+def test_panoptic_segments_have_cocos_format(made):
     plan, folder = made
     document = json.loads((folder / "panoptic.json").read_text())
     names = {category["id"]: category["name"] for category in document["categories"]}

@@ -1,4 +1,4 @@
-"""Pictures of every mode, bit depth, and orientation are read as the colors that are displayed."""
+"""Pictures of every mode, bit depth, and orientation are read with the displayed colors."""
 
 import json
 
@@ -19,7 +19,7 @@ GRAY_AS_RGB = np.repeat(GRAY[..., None], 3, axis=2)
 
 
 def of_mode(mode):
-    """A picture of a mode, and the colors that it shows."""
+    """A picture of a mode, and its displayed colors."""
     whole, color = Image.fromarray(GRAY), Image.fromarray(COLOR)
     if mode.startswith("I;16"):
         values = (GRAY / 255.0 * 65535.0).astype({"B": ">u2"}.get(mode[-1], "<u2"))
@@ -44,7 +44,7 @@ MODES = ["1", "L", "LA", "La", "P", "PA", "RGB", "RGBA", "RGBa", "RGBX", "CMYK",
 @pytest.mark.parametrize("mode", MODES)
 def test_every_mode_of_pillow_keeps_its_values(mode):
     picture, wanted = of_mode(mode)
-    tolerance = {"YCbCr": 3, "HSV": 3, "LAB": 20}.get(mode, 0)  # these have no exact counterpart of a color
+    tolerance = {"YCbCr": 3, "HSV": 3, "LAB": 20}.get(mode, 0)  # no exact counterpart in these modes
     np.testing.assert_allclose(rgb(picture).astype(int), wanted.astype(int), rtol=0, atol=tolerance)
 
 
@@ -79,7 +79,7 @@ def save_turned(path, stored, orientation):
     Image.fromarray(stored).save(path, exif=exif, **lossless)
 
 
-# What each orientation does to the stored array (EXIF 2.3, section 4.6.4 A).
+# Effect of each orientation on the stored array (EXIF 2.3, section 4.6.4 A).
 TURNS = {
     1: lambda a: a, 2: lambda a: a[:, ::-1], 3: lambda a: a[::-1, ::-1], 4: lambda a: a[::-1],
     5: lambda a: a.transpose(1, 0, 2), 6: lambda a: np.rot90(a, -1), 7: lambda a: a[::-1, ::-1].transpose(1, 0, 2),
@@ -102,7 +102,7 @@ def test_orientation_is_applied(tmp_path, suffix, orientation):
 
 @pytest.fixture
 def turned(tmp_path):
-    """A dataset of one photograph that is stored on its side; its record and box are of what is displayed."""
+    """A dataset of one photograph that is stored on its side; record and box are those of the displayed picture."""
     save_turned(tmp_path / "a.png", np.kron(COLOR, np.ones((32, 32, 1), np.uint8)), 6)
     label = {"id": 1, "image_id": 1, "category_id": 1, "bbox": [32, 0, 32, 32]}
     coco = {
@@ -113,7 +113,7 @@ def turned(tmp_path):
     return tmp_path
 
 
-def test_every_reader_shows_what_is_displayed(turned):
+def test_every_reader_uses_the_displayed_picture(turned):
     shown = np.rot90(np.kron(COLOR, np.ones((32, 32, 1), np.uint8)), -1)
     np.testing.assert_array_equal(np.asarray(Dataset.read(turned).picture(0, labels=False)), shown)
     np.testing.assert_array_equal(read_sources({"real": turned})[1][0].sample(0).picture, shown)

@@ -1,4 +1,4 @@
-"""Rain and snow in front of a camera: as many, as large and as fast as the laws say, and each hides what it passes."""
+"""Rain and snow in front of a camera: number, size, and speed of drops by their laws, and the share that they hide."""
 
 import math
 
@@ -41,7 +41,7 @@ def test_rain_has_the_extinction_and_about_the_rate_of_its_law(rate):
     area, volume = np.pi / 4.0 * middle(sizes) ** 2, np.pi / 6.0 * middle(sizes) ** 3
     # Drops below 0.3 mm are left out.
     assert 2.0 * sizes.number @ area * 1000.0 == pytest.approx(0.365 * rate**0.63, rel=0.13)
-    # Marshall and Palmer's intercept is a round number: their law is off by so much itself.
+    # Marshall and Palmer's intercept is a round number, so their law has this error.
     assert sizes.number * volume @ sizes.fall * 3.6e6 == pytest.approx(rate, rel=0.2)
 
 
@@ -52,14 +52,14 @@ def test_drops_fall_as_gunn_and_kinzer_measured(diameter, speed):
 
 
 @pytest.mark.parametrize("visibility", [100.0, 1000.0])
-def test_flakes_dim_the_air_as_far_as_one_sees(visibility):
+def test_flakes_dim_the_air_over_the_visible_distance(visibility):
     sizes = snow_sizes(visibility)
     assert 2.0 * sizes.number @ (np.pi / 4.0 * middle(sizes) ** 2) == pytest.approx(extinction(visibility))
     assert 0.7 < sizes.fall.min() < sizes.number @ sizes.fall / sizes.number.sum() < 1.0
 
 
-def test_drops_are_as_dense_and_as_large_as_in_the_air():
-    """Those of 3 mm and more, within 5 m of a long exposure, against the integral of their law over that volume."""
+def test_density_and_size_of_drops_equal_those_in_the_air():
+    """Drops of 3 mm or more within 5 m, in a long exposure, compared with the integral of their law there."""
     seen = view(exposure_s=0.01)
     drops = [drawn(rain_sizes(50.0), seen, seed=seed) for seed in range(12)]
     local = np.concatenate([d.centers for d in drops]) @ AHEAD[:3, :3]
@@ -73,11 +73,11 @@ def test_drops_are_as_dense_and_as_large_as_in_the_air():
         expected = volume * 8000.0 / slope * (math.exp(-slope * low) - math.exp(-slope * high))
         assert expected > 50
         assert abs(found - expected) < 4.0 * math.sqrt(expected)
-    # Even in space: as many to the left as to the right, above as below.
+    # Uniform in space: as many on the left as on the right, above as below.
     assert np.abs(np.sign(local[inside, :2]).mean(axis=0)).max() < 4.0 / math.sqrt(np.count_nonzero(inside))
 
 
-def test_drops_beyond_the_frame_reach_into_it_with_their_streaks():
+def test_drops_outside_the_frame_reach_into_it_with_their_streaks():
     seen = view(exposure_s=0.03)
     centers = [drawn(rain_sizes(50.0), seen, seed=seed).centers for seed in range(12)]
     local = np.concatenate(centers) @ AHEAD[:3, :3]
@@ -102,7 +102,7 @@ def test_a_streak_is_as_long_as_its_drop_moves_and_as_wide_as_the_drop(wind):
 
 
 @pytest.mark.parametrize("way", [0.001, 0.3, 1.0, 8.0])
-def test_opacity_is_that_of_a_disc_that_moves(way):
+def test_opacity_equals_that_of_a_moving_disc(way):
     v, u = np.meshgrid(np.linspace(-1 - way, 1 + way, 81), np.linspace(-1, 1, 41))
     times = np.linspace(-way, way, 1001)[:, None, None]
     expected = np.zeros_like(u)
@@ -113,8 +113,8 @@ def test_opacity_is_that_of_a_disc_that_moves(way):
 
 
 @pytest.mark.parametrize("width", [64, 320, 1920])
-def test_a_fine_streak_fades_and_hides_as_much_as_its_drop(width):
-    """The opacity over a quad's area is a drop's area at any size of the image."""
+def test_a_thin_streak_fades_and_hides_as_much_as_its_drop(width):
+    """Opacity integrated over a quad equals a drop's area for any image size."""
     seen = view(width)
     drops = Drops(np.array([[4.0, 0.3, 0.2]]), np.array([0.0015]), np.array([[0.0, 1.0, -5.0]]))
     made = streaks(drops, seen)
@@ -128,7 +128,7 @@ def test_a_fine_streak_fades_and_hides_as_much_as_its_drop(width):
     assert sides[0] >= 1.5 * seen.pixel * 4.0
 
 
-def test_a_drop_that_comes_straight_at_the_camera_is_a_disc():
+def test_a_drop_that_moves_toward_the_camera_is_a_disc():
     made = streaks(Drops(np.array([[3.0, 0.0, 0.0]]), np.array([0.02]), np.array([[-5.0, 0.0, 0.0]])), view())
     assert np.isfinite(made.vertices).all()
     assert np.ptp(made.vertices[0], axis=0) == pytest.approx([0.0] + [0.02 * math.sqrt(2.0)] * 2, rel=2e-3, abs=1e-9)
@@ -136,7 +136,7 @@ def test_a_drop_that_comes_straight_at_the_camera_is_a_disc():
 
 @pytest.mark.parametrize(("fov_x_deg", "exposure_s"), [(0.1, 0.004), (50.0, 1e-4), (50.0, 10.0), (179.0, 0.004)])
 @pytest.mark.parametrize("sizes", [rain_sizes(0.0), rain_sizes(1000.0), snow_sizes(1.0), snow_sizes(1e9)])
-def test_no_view_has_more_than_it_can_be_drawn_with(sizes, fov_x_deg, exposure_s):
+def test_a_view_has_a_limited_number_of_drops(sizes, fov_x_deg, exposure_s):
     seen = view(1920, exposure_s, fov_x_deg)
     drops = drawn(sizes, seen, (100.0, -100.0))
     assert len(drops.diameters) <= MOST + 6.0 * math.sqrt(MOST)

@@ -1,4 +1,4 @@
-"""hulldown predict, with the small network on random weights."""
+"""`hulldown predict` with the small network on random weights."""
 
 import json
 import shutil
@@ -22,12 +22,12 @@ from hulldown.training.predict import UNFINISHED_SUFFIX, predict
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """A finished run whose network, never trained, finds something nearly everywhere."""
+    """A finished run whose untrained network finds something almost everywhere."""
     folder = tmp_path_factory.mktemp("run")
     torch.manual_seed(0)
     size = small_size(64)
     network = CenterNetwork(2)
-    with torch.no_grad():  # untrained it is sure of nothing
+    with torch.no_grad():  # an untrained network has low scores
         network.heat.bias.fill_(1.0)
     torch.save(save_small(network, ("truck", "tank"), size), folder / "weights.pt")
     (folder / "run.json").write_text(json.dumps({"model": "small", "status": "finished"}))
@@ -62,7 +62,7 @@ def test_results_are_cocos_with_classes_by_name(run, data, tmp_path):
     assert not (tmp_path / f"found.json{UNFINISHED_SUFFIX}").exists()
 
 
-def test_what_was_interrupted_goes_on_to_the_same_results(run, data, tmp_path):
+def test_an_interrupted_prediction_continues_to_the_same_results(run, data, tmp_path):
     predict(run, data, tmp_path / "whole.json", batch=1)
     picture = data / "images" / "4.png"
     kept = picture.read_bytes()
@@ -73,13 +73,13 @@ def test_what_was_interrupted_goes_on_to_the_same_results(run, data, tmp_path):
     assert not output.exists()
     unfinished = tmp_path / f"parts.json{UNFINISHED_SUFFIX}"
     with unfinished.open("ab") as file:
-        file.write(b'[4,[{"image_id":4')  # as a machine that stopped would leave it
+        file.write(b'[4,[{"image_id":4')  # as after a crash of the machine
     picture.write_bytes(kept)
     assert predict(run, data, output, batch=1).already == 3
     assert output.read_bytes() == (tmp_path / "whole.json").read_bytes()
 
 
-def test_what_was_interrupted_with_other_weights_begins_anew(run, data, tmp_path):
+def test_with_other_weights_prediction_starts_over(run, data, tmp_path):
     output = tmp_path / "found.json"
     (tmp_path / f"found.json{UNFINISHED_SUFFIX}").write_text('"another"\n[1,[]]\n')
     assert predict(run, data, output).already == 0
@@ -94,7 +94,7 @@ def test_a_class_that_the_dataset_lacks_gets_an_id_and_keeps_its_name(run, data,
     assert read_predictions(output, read_labels(data)).class_names[:2] == ("tank", "truck")
 
 
-def test_a_dataset_of_other_classes_is_refused_with_both_lists(run, data, tmp_path):
+def test_a_dataset_with_other_classes_is_refused_with_both_lists(run, data, tmp_path):
     coco = json.loads((data / "annotations.json").read_text())
     coco["categories"] = [{"id": 1, "name": "Tank"}]
     (data / "annotations.json").write_text(json.dumps(coco))
@@ -103,7 +103,7 @@ def test_a_dataset_of_other_classes_is_refused_with_both_lists(run, data, tmp_pa
     assert list(tmp_path.iterdir()) == [data]
 
 
-def test_the_commands_follow_one_another(run, data, tmp_path, capsys):
+def test_train_predict_and_evaluate_work_in_sequence(run, data, tmp_path, capsys):
     output = tmp_path / "found.json"
     assert main(["predict", str(run), str(data), "-o", str(output), "--device", "cpu", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["images"] == 5
@@ -111,7 +111,7 @@ def test_the_commands_follow_one_another(run, data, tmp_path, capsys):
     assert (tmp_path / "report" / "report.html").exists()
 
 
-def test_weights_of_an_earlier_small_model_are_one_line(run, data, tmp_path):
+def test_weights_of_an_earlier_small_model_are_a_one_line_error(run, data, tmp_path):
     earlier = tmp_path / "earlier"
     shutil.copytree(run, earlier)
     saved = torch.load(run / "weights.pt", weights_only=True)
@@ -120,14 +120,14 @@ def test_weights_of_an_earlier_small_model_are_one_line(run, data, tmp_path):
         predict(earlier, data, tmp_path / "found.json")
 
 
-def test_a_folder_that_is_no_run_is_one_line(data, tmp_path, capsys):
+def test_a_folder_without_a_run_is_a_one_line_error(data, tmp_path, capsys):
     assert main(["predict", str(tmp_path), str(data), "-o", str(tmp_path / "found.json")]) == 2
     assert "no run.json here" in (printed := capsys.readouterr().err)
     assert printed.count("\n") == 1
 
 
 @pytest.mark.parametrize(("model", "named"), [("small", "none"), ("huge", "model = 'huge'")])
-def test_a_mistake_in_train_is_one_line(tmp_path, monkeypatch, capsys, model, named):
+def test_a_mistake_in_train_is_a_one_line_error(tmp_path, monkeypatch, capsys, model, named):
     monkeypatch.chdir(tmp_path)
     assert main(["train", "--data", "real=none", "-o", "run", "--model", model]) == 2
     shown = capsys.readouterr()
@@ -137,7 +137,7 @@ def test_a_mistake_in_train_is_one_line(tmp_path, monkeypatch, capsys, model, na
 
 @pytest.fixture
 def video(tmp_path):
-    """A video of five frames, each darker than the one before."""
+    """A video of five frames, each darker than the previous one."""
     path = tmp_path / "clip.mp4"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 10.0, (96, 54))
     for k in range(5):
@@ -166,13 +166,13 @@ def test_pictures_need_no_records(run, data, video, tmp_path, what):
     )
 
 
-def test_a_video_is_read_frame_by_frame_and_drawn_on_as_a_video(run, video, tmp_path):
+def test_a_video_is_read_by_frame_and_drawn_as_a_video(run, video, tmp_path):
     frames = list(find_pictures([video]).read([0, 2, 4]))
     assert [round(float(frame.mean()), -1) for frame in frames] == [200, 120, 40]
     predict(run, video, tmp_path / "found.json", drawn=tmp_path / "drawn", threshold=0.0)
     drawn = list(find_pictures([tmp_path / "drawn" / "clip.mp4"]).read(range(5)))
     assert len(drawn) == 5
-    assert all(picture.std() > 5 for picture in drawn)  # boxes on what was one gray
+    assert all(picture.std() > 5 for picture in drawn)  # boxes on frames of one gray
 
 
 @pytest.mark.parametrize(
@@ -182,7 +182,7 @@ def test_a_video_is_read_frame_by_frame_and_drawn_on_as_a_video(run, video, tmp_
         ("d.onnx", b"\x08\x07", ".onnx"), ("e.ckpt", b"hello", "unknown"), ("f.pt", b"PK\x03\x04", "PyTorch"),
     ],
 )  # fmt: skip
-def test_a_file_that_holds_no_weights_is_named_by_its_kind(data, tmp_path, name, content, kind):
+def test_a_file_without_weights_is_named_with_its_type(data, tmp_path, name, content, kind):
     (tmp_path / name).write_bytes(content)
     with pytest.raises(HulldownError, match=kind) as caught:
         predict(tmp_path / name, data, tmp_path / "found.json")
@@ -190,7 +190,7 @@ def test_a_file_that_holds_no_weights_is_named_by_its_kind(data, tmp_path, name,
 
 
 @pytest.mark.parametrize("given", ["nothing/*.jpg", "text.txt", "empty"])
-def test_what_is_no_picture_is_refused(run, tmp_path, monkeypatch, given):
+def test_files_that_are_not_pictures_are_refused(run, tmp_path, monkeypatch, given):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "text.txt").write_text("no picture")
     (tmp_path / "empty").mkdir()
@@ -198,7 +198,7 @@ def test_what_is_no_picture_is_refused(run, tmp_path, monkeypatch, given):
         predict(run, given, tmp_path / "found.json")
 
 
-def test_the_command_counts_what_it_finds_and_draws_it(run, data, tmp_path, capsys):
+def test_the_command_counts_and_draws_detections(run, data, tmp_path, capsys):
     arguments = [str(data / "images"), "-o", str(tmp_path / "f.json"), "--draw", str(tmp_path / "drawn")]
     assert main(["predict", str(run), *arguments, "--threshold", "0.1"]) == 0
     assert "truck" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Labels and detections as they are read: what is refused, and in which words."""
+"""Reading labels and detections: refusals and their messages."""
 
 import json
 
@@ -40,7 +40,7 @@ def read(folder, found):
         ({"score": True}, "detection 1: score is wrong"),
     ],
 )
-def test_the_first_detection_that_cannot_be_used_is_named(folder, wrong, words):
+def test_the_first_unusable_detection_is_named(folder, wrong, words):
     with pytest.raises(DatasetError, match=words) as caught:
         read(folder, [GOOD, {**GOOD, **wrong}])
     assert "found.json" in str(caught.value)
@@ -58,34 +58,34 @@ def test_the_first_detection_that_cannot_be_used_is_named(folder, wrong, words):
         ({"images": ["a"], "annotations": []}, "'images' isn't a list of image ids"),
     ],
 )
-def test_what_is_no_result_for_this_dataset_is_refused(folder, found, words):
+def test_results_that_do_not_fit_this_dataset_are_refused(folder, found, words):
     with pytest.raises(DatasetError, match=words):
         read(folder, found)
 
 
-def test_a_file_that_is_not_there_is_refused(folder):
+def test_a_missing_file_is_refused(folder):
     with pytest.raises(DatasetError, match=r"none\.json: cannot be read"):
         read_predictions(folder / "none.json", read_labels(folder))
 
 
-def test_images_that_were_predicted_are_listed_beside_the_results(folder):
+def test_predicted_images_are_listed_beside_the_results(folder):
     (folder / "found.json.info.json").write_text(json.dumps({"images": [1]}))
     with pytest.raises(DatasetError, match=r"found\.json\.info\.json: image 2 of"):
         read(folder, [])
 
 
-def test_results_may_be_a_list_or_stand_in_an_object(folder):
+def test_results_can_be_a_list_or_inside_an_object(folder):
     for found in ([GOOD], {"images": [{"id": 1}, {"id": 2}], "annotations": [GOOD]}):
         assert read(folder, found).score.tolist() == [0.5]
 
 
-def test_a_category_that_the_dataset_lacks_is_a_class_of_its_own(folder):
+def test_a_category_that_the_dataset_lacks_is_a_separate_class(folder):
     found = read(folder, [GOOD, {**GOOD, "category_id": 9}])
     assert found.class_names == ("tank", "truck", "category 9")
     assert found.label.tolist() == [0, 2]
 
 
-def test_detections_come_in_an_order_of_their_own():
+def test_detections_are_in_a_defined_order():
     boxes = [(1, 1, (0, 0, 9, 9)), (1, 1, (5, 0, 9, 9)), (2, 1, (0, 0, 9, 9)), (1, 2, (0, 0, 9, 9))]
     found = results([(*box, 0.5) for box in boxes])
     forth = loaded(dataset([], images=2), found)[1]
@@ -125,19 +125,19 @@ def damaged(**more):
         ([], "isn't a COCO object"),
     ],
 )  # fmt: skip
-def test_labels_that_cannot_be_used_are_named(tmp_path, coco, words):
+def test_unusable_labels_are_named(tmp_path, coco, words):
     path = tmp_path / "test.json"
     path.write_text(json.dumps(coco))
     with pytest.raises(DatasetError, match=words):
         read_labels(path)
 
 
-def test_a_folder_that_is_no_dataset_is_refused(tmp_path):
+def test_a_folder_without_a_dataset_is_refused(tmp_path):
     with pytest.raises(DatasetError, match=r"no annotations\.json and no .* here"):
         read_labels(tmp_path)
 
 
-def test_shots_of_one_position_share_it():
+def test_images_of_one_position_share_it():
     coco = dataset([], images=4)
     for image, position in zip(coco["images"], (7, 7, 8, None), strict=True):
         image |= {"scenery": "hills"} | ({} if position is None else {"position": position})

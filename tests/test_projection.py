@@ -16,12 +16,12 @@ VGA = Intrinsics(640, 480, math.pi / 2)  # f = 320
 
 def test_pixels_by_hand() -> None:
     projected = Camera(VGA, np.eye(4)).project([[0, 0, 2], [1, 0, 2], [0, 1, 2], [-2, -1.5, 2]])
-    # f is 320 but for the rounding of tan(pi / 4).
+    # f is 320 except for the rounding of tan(pi / 4).
     np.testing.assert_allclose(projected.pixels, [[320, 240], [480, 240], [320, 400], [0, 0]], atol=1e-12)
     assert projected.depth.tolist() == [2, 2, 2, 2]
 
 
-def test_points_at_or_behind_the_camera_have_no_pixel_but_a_depth() -> None:
+def test_points_at_or_behind_the_camera_have_a_depth_but_no_pixel() -> None:
     pixels, depth = Camera(VGA, np.eye(4)).project([[1, 1, 0], [1, 1, -1], [0, 0, -0.0], [0, 0, 1e-300]])
     assert np.isnan(pixels[:3]).all()
     assert np.isfinite(pixels[3]).all()
@@ -68,7 +68,7 @@ print("RESULT" + json.dumps(out))
 
 
 @pytest.mark.blender
-def test_agrees_with_blenders_world_to_camera_view_to_its_float32() -> None:
+def test_projection_equals_blenders_world_to_camera_view_in_float32() -> None:
     rng = np.random.default_rng(5)
     cases, expected = [], []
     for width, height, fov_deg in [(1920, 1080, 60), (640, 480, 20), (300, 900, 35), (1000, 1000, 110)]:
@@ -91,5 +91,5 @@ def test_agrees_with_blenders_world_to_camera_view_to_its_float32() -> None:
         timeout=120,
     )
     result = json.loads(done.stdout.split("RESULT")[1])
-    # Blender's matrices and vectors are float32: seven digits of coordinates up to 30 m, seen through f up to 3 widths.
+    # Blender's matrices are float32: seven digits of coordinates up to 30 m, with f up to 3 widths.
     np.testing.assert_allclose(result, expected, atol=2e-5, rtol=2e-6)

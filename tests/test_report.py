@@ -1,4 +1,4 @@
-"""The page about a dataset, and what it is made from."""
+"""The page about a dataset, and its contents."""
 
 import json
 import re
@@ -71,7 +71,7 @@ def shown(browser, report):
 
 
 def tiles(browser):
-    """The numbers of the pictures that are shown, in their order."""
+    """Numbers of the visible pictures, in order."""
     found = browser.find_elements(By.CSS_SELECTOR, ".tile strong")
     return [int(re.findall(r"\d+", tile.text)[0]) for tile in found if tile.is_displayed()]
 
@@ -85,7 +85,7 @@ def test_all_images_are_shown_and_counted(shown):
     assert "14 images, 14 labels of 2 classes, 1 image without labels, 12 positions." in shown.page_source
 
 
-def test_every_class_of_an_image_finds_it(shown):
+def test_an_image_is_found_by_each_of_its_classes(shown):
     choose(shown, "class", "truck & <trailer> (6)")
     assert tiles(shown) == [1, 3, 5, 9, 11, 13]
     choose(shown, "class", "none (1)")
@@ -97,12 +97,12 @@ def test_every_class_of_an_image_finds_it(shown):
     assert len(tiles(shown)) == 14
 
 
-def test_a_row_of_the_table_shows_its_class(shown):
+def test_a_row_of_the_table_filters_by_its_class(shown):
     shown.find_elements(By.CSS_SELECTOR, ".choose")[0].click()
     assert tiles(shown) == [0, 2, 3, 4, 6, 8, 10, 12]
 
 
-def test_thumbnails_are_put_in_order_and_what_is_not_known_comes_last(shown):
+def test_thumbnails_can_be_sorted_and_unknown_values_are_last(shown):
     order = Select(shown.find_element(By.CSS_SELECTOR, ".order"))
     order.select_by_visible_text("visible fraction, highest first")
     assert tiles(shown) == [11, 10, 9, 8, 6, 5, 4, 3, 2, 1, 0, 7, 12, 13]
@@ -112,7 +112,7 @@ def test_thumbnails_are_put_in_order_and_what_is_not_known_comes_last(shown):
     assert tiles(shown) == list(range(14))
 
 
-def test_the_arrows_go_through_what_is_shown_and_the_focus_comes_back(shown):
+def test_arrows_move_through_visible_pictures_and_the_focus_returns(shown):
     shown.find_element(By.CSS_SELECTOR, ".clear").click()
     choose(shown, "class", "tank (8)")
     shown.find_elements(By.CSS_SELECTOR, ".tile")[2].send_keys(Keys.ENTER)
@@ -127,11 +127,11 @@ def test_the_arrows_go_through_what_is_shown_and_the_focus_comes_back(shown):
     assert len(dialog.find_elements(By.CSS_SELECTOR, "svg rect")) == 1
     keys.send_keys(Keys.ESCAPE)
     assert not dialog.is_displayed()
-    # Browsers tell a page later that a dialog has closed.
+    # Browsers report a closed dialog later.
     WebDriverWait(shown, 60).until(lambda page: page.switch_to.active_element.text.startswith("images/0.png"))
 
 
-def test_boxes_and_masks_lie_where_they_should_and_can_be_hidden(shown):
+def test_boxes_and_masks_are_in_place_and_can_be_hidden(shown):
     overlay = "document.querySelectorAll('.tile')[3].querySelector('svg')"
     box = shown.execute_script(f"return {overlay}.querySelector('rect').getBoundingClientRect()")
     frame = shown.execute_script(f"return {overlay}.parentElement.querySelector('img').getBoundingClientRect()")
@@ -147,7 +147,7 @@ def test_boxes_and_masks_lie_where_they_should_and_can_be_hidden(shown):
     assert shown.find_element(By.CSS_SELECTOR, ".tile svg").is_displayed()
 
 
-def test_only_a_report_is_replaced(folder, report, tmp_path):
+def test_only_a_report_is_overwritten(folder, report, tmp_path):
     write_report(Dataset.read(folder), report, most=2)
     assert report.read_text().count("<button class=tile") == 2
     write_report(Dataset.read(folder), report)
@@ -158,7 +158,7 @@ def test_only_a_report_is_replaced(folder, report, tmp_path):
         write_report(Dataset.read(folder), tmp_path / "mine.html" / "report.html")
 
 
-def test_the_same_dataset_is_the_same_page(folder, report, tmp_path):
+def test_the_same_dataset_gives_the_same_page(folder, report, tmp_path):
     write_report(Dataset.read(folder), tmp_path / "again.html")
     assert (tmp_path / "again.html").read_bytes() == report.read_bytes()
 
@@ -170,7 +170,7 @@ def test_a_picture_that_is_missing_is_named(folder, tmp_path):
     assert not (tmp_path / "report.html").exists()
 
 
-def test_an_empty_dataset_says_so(tmp_path):
+def test_an_empty_dataset_is_reported(tmp_path):
     (tmp_path / "annotations.json").write_text('{"images": [], "annotations": [], "categories": []}')
     with pytest.raises(DatasetError, match="has no images yet"):
         write_report(Dataset.read(tmp_path), tmp_path / "report.html")
@@ -184,7 +184,7 @@ def test_photographs_alone_have_a_report(tmp_path):
     assert "1 image, 0 labels of 0 classes" in (tmp_path / "report.html").read_text()
 
 
-def test_tables_have_one_length_and_name_what_is_known(folder):
+def test_tables_have_equal_lengths_and_known_values(folder):
     dataset = Dataset.read(folder)
     assert {len(column) for column in dataset.labels.values()} == {14}
     assert {len(column) for column in dataset.of_images.values()} == {14}

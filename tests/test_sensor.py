@@ -1,4 +1,4 @@
-"""Lens and sensor against closed forms and what laboratories measure of cameras."""
+"""Lens and sensor compared with closed forms and laboratory measurements of cameras."""
 
 import numpy as np
 import pytest
@@ -41,14 +41,14 @@ def test_a_photon_transfer_curve_has_the_gain_and_the_read_noise(gain, read_nois
     mean = np.array([field.mean(dtype=np.float64) for field in fields])
     variance = np.array([field.var(dtype=np.float64) for field in fields])
     slope, offset = np.polyfit(mean, variance, 1, w=1.0 / variance)
-    electrons = 1.0 / slope  # that a unit of light is made of
+    electrons = 1.0 / slope  # electrons of a unit of light
     assert mean == pytest.approx(levels, rel=1e-3)
     assert electrons == pytest.approx(30_000.0 / (gain * WHITE), rel=0.02)
     assert electrons * np.sqrt(offset) == pytest.approx(read_noise_e, rel=0.02)
 
 
 @pytest.mark.parametrize(("blur_px", "aberration_px"), [(0.4, 0.0), (0.7, 0.5), (1.5, 0.0), (0.4, -2.0)])
-def test_a_grating_has_the_contrast_of_the_point_spread_and_the_place_of_the_aberration(blur_px, aberration_px):
+def test_a_grating_has_the_contrast_of_the_point_spread_and_the_shift_of_the_aberration(blur_px, aberration_px):
     y, x = np.mgrid[:200, :320] + 0.5
     frequency = np.array([0.2, 0.1])  # cycles per pixel
 
@@ -61,11 +61,11 @@ def test_a_grating_has_the_contrast_of_the_point_spread_and_the_place_of_the_abe
     contrast = np.exp(-2.0 * (np.pi * blur_px) ** 2 * (frequency @ frequency))
     for channel, sign in enumerate((1.0, 0.0, -1.0)):
         expected = 0.5 + 0.4 * contrast * grating(1.0 + sign * aberration_px / np.hypot(160.0, 100.0))
-        # A spread wider by a fiftieth is off by more.
+        # A point spread wider by a fiftieth would miss by more.
         assert np.abs(shown[20:-20, 20:-20, channel] - expected[20:-20, 20:-20]).max() < 2e-3
 
 
-def test_corners_lose_what_is_said_as_the_fourth_power_of_a_cosine():
+def test_corners_darken_by_the_fourth_power_of_a_cosine():
     light = behind(np.ones((301, 401, 3)), Sensor(vignetting_ev=1.5))[..., 0]
     square = 0.25 * (301**2 + 401**2)
     y, x = np.mgrid[:301, :401]
@@ -80,7 +80,7 @@ def test_without_effects_light_is_only_rounded():
     assert np.array_equal(developed(light, Sensor()), np.rint(np.clip(light, 0.0, 1.0) * 255.0))
 
 
-def test_noise_is_all_over_the_picture_and_follows_from_the_seed():
+def test_noise_covers_the_picture_and_follows_from_the_seed():
     gray = np.full((130, 200, 3), 0.5, np.float32)
     sensor = Sensor(blur_px=0.6, aberration_px=0.4, full_well_e=10_000.0, gain=4.0, sharpening=0.5)
     one, again, other = (developed(gray, sensor, seed=seed, threads=n) for seed, n in ((1, 1), (1, 3), (2, 2)))
@@ -99,7 +99,7 @@ def test_a_full_pixel_clips():
     assert read.max() == pytest.approx(WHITE)
 
 
-def test_sharpening_adds_what_a_blurred_copy_lacks():
+def test_sharpening_adds_the_difference_from_a_blurred_copy():
     light = np.random.default_rng(4).uniform(0.3, 0.7, (80, 90, 3)).astype(np.float32)
     kernel = np.outer([1, 2, 1], [1, 2, 1])[..., None] / 16.0
     blurred = ndimage.convolve(light, kernel, mode="nearest")
@@ -108,7 +108,7 @@ def test_sharpening_adds_what_a_blurred_copy_lacks():
 
 
 @pytest.mark.parametrize("preset", ["camera", "phone"])
-def test_a_preset_sets_what_is_not_given(preset):
+def test_a_preset_sets_missing_values(preset):
     section = SensorSection.model_validate({"preset": preset, "gain": 3})
     assert section.gain == (3.0, 3.0)
     assert section.blur_px == PRESETS[preset]["blur_px"]
@@ -122,7 +122,7 @@ def test_a_preset_sets_what_is_not_given(preset):
     assert min(shifts) < 0.8 * section.aberration_px[0] < 0.8 * section.aberration_px[1] < max(shifts)
 
 
-def test_plans_without_a_sensor_are_what_they_were():
+def test_plans_without_a_sensor_are_unchanged():
     assert "sensor" not in Config.of({**MINIMAL, "sensor": {}}).model_dump()
     assert draw_sensors(SensorSection(), draws=RandomStreams(0), image=np.arange(3)) == [None] * 3
 

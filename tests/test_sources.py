@@ -29,7 +29,7 @@ def sha256(sources):
     return {name: found.sha256 for name, found in check_pictures(sources).items()}
 
 
-def test_classes_are_matched_by_name_whatever_their_ids(tmp_path):
+def test_classes_are_matched_by_name_for_any_ids(tmp_path):
     real = make_dataset(tmp_path / "real", 8)
     made = make_dataset(tmp_path / "made", 8, first=100)
 
@@ -46,7 +46,7 @@ def test_classes_are_matched_by_name_whatever_their_ids(tmp_path):
     assert read_sources({"made": made}, classes=("disc", "square"))[1][0].label.tolist() == (1 - first.label).tolist()
 
 
-def test_a_parent_category_that_no_box_has_is_no_class(tmp_path):
+def test_a_parent_category_without_boxes_is_not_a_class(tmp_path):
     dataset = make_dataset(tmp_path / "set", 4)
 
     def group(coco):
@@ -61,7 +61,7 @@ def test_a_parent_category_that_no_box_has_is_no_class(tmp_path):
     assert read_sources({"real": dataset})[0] == ("shapes", "square", "disc")
 
 
-def test_pictures_without_boxes_take_part_and_crowds_are_left_out(tmp_path):
+def test_pictures_without_boxes_are_used_and_crowds_are_left_out(tmp_path):
     dataset = make_dataset(tmp_path / "set", 8)
     edit(dataset, lambda coco: coco["annotations"][0].update(iscrowd=1))
     _, (source,) = read_sources({"real": dataset})
@@ -103,7 +103,7 @@ def test_a_changed_picture_changes_the_digest(tmp_path):
         (lambda c: c.update(images=[], annotations=[]), "has no images; name a dataset that has some"),
     ],
 )
-def test_a_record_that_nothing_can_be_learned_from_is_named(tmp_path, change, message):
+def test_a_record_that_training_cannot_use_is_named(tmp_path, change, message):
     dataset = make_dataset(tmp_path / "set", 4)
     edit(dataset, change)
     with pytest.raises(DatasetError, match=message):
@@ -119,7 +119,7 @@ def test_other_classes_are_refused_with_both_lists(tmp_path):
         read_sources(data)
 
 
-def test_a_folder_that_is_no_dataset_is_named(tmp_path):
+def test_a_folder_without_a_dataset_is_named(tmp_path):
     with pytest.raises(DatasetError, match=r"no annotations\.json"):
         read_sources({"real": tmp_path})
 
@@ -149,7 +149,7 @@ def of_another_size(path):
         (of_another_size, r"0002\.png: is 5 x 5 pixels, its record has 96 x 54"),
     ],
 )
-def test_a_picture_that_cannot_be_used_is_named_before_training(tmp_path, spoil, message):
+def test_an_unusable_picture_is_named_before_training(tmp_path, spoil, message):
     dataset = make_dataset(tmp_path / "set", 4)
     spoil(dataset / "images/0002.png")
     with pytest.raises(DatasetError, match=message):
@@ -176,7 +176,7 @@ def test_a_wrong_setting_is_named_before_anything_is_written(tmp_path, changes, 
     assert not (tmp_path / "run").exists()
 
 
-def test_a_folder_that_holds_something_else_is_not_trained_in(tmp_path):
+def test_a_folder_with_other_content_is_not_trained_in(tmp_path):
     dataset = make_dataset(tmp_path / "set", 4)
     with pytest.raises(HulldownError, match=r"holds .* and no run; name a new or empty folder"):
         train_with({"real": dataset}, dataset, {"model": "small", "budget": 4})
@@ -198,7 +198,7 @@ def test_a_config_file_is_read_and_its_mistakes_are_named(tmp_path):
         load_settings(tmp_path / "none.toml", {})
 
 
-def test_each_model_has_its_augmentation_and_the_users_lines_win():
+def test_each_model_has_its_augmentation_and_the_users_lines_override_it():
     assert load_settings(None, {"model": "medium"}).augmentation == {}
     own = load_settings(None, {"model": "small"})
     assert own.augmentation["shear"] == {"probability": 0.0}
@@ -223,10 +223,10 @@ def test_the_learning_rate_follows_the_steps_of_the_budget():
 
 
 @pytest.mark.thorough
-def test_the_weights_of_rf_detr_that_cannot_be_downloaded_are_named_with_their_place(tmp_path):
+def test_the_error_of_a_failed_download_of_rf_detrs_weights_names_their_place(tmp_path):
     from hulldown.training.detectors.detr import starting_weights
 
-    # A proxy that refuses stands for a machine without a network.
+    # A proxy that refuses connections stands in for a machine without a network.
     code = (
         "from hulldown.training.settings import load_settings\n"
         "from hulldown.training.detectors.detr import starting_weights\n"
@@ -254,7 +254,7 @@ def test_the_weights_of_rf_detr_that_cannot_be_downloaded_are_named_with_their_p
         os.environ.pop("RF_HOME") if before is None else os.environ.update(RF_HOME=before)
 
 
-def test_a_verb_without_the_extra_says_how_to_install_it():
+def test_the_error_of_a_verb_without_its_extra_tells_how_to_install_it():
     code = (
         "import importlib.util, sys, cli\n"
         "find = importlib.util.find_spec\n"
@@ -271,7 +271,7 @@ def test_a_subset_needs_no_extra():
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=120)
 
 
-def test_run_json_says_what_the_run_was(tmp_path):
+def test_run_json_describes_the_run(tmp_path):
     from hulldown.training.train import train
 
     dataset = make_dataset(tmp_path / "set", 8)

@@ -54,7 +54,7 @@ def grouped(folder) -> tuple[list[dict], dict[int, list[dict]]]:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_shots_of_one_position_stay_together(dataset, seed):
+def test_images_of_one_position_stay_together(dataset, seed):
     images, boxes = grouped(dataset)
     split_of = share_out(images, boxes, seed=seed)
     splits_of_position = {}
@@ -74,7 +74,7 @@ def test_every_class_has_its_share_in_every_split(dataset):
 
 
 def shared_out(classes_of_images, **options):
-    """How many images each split gets, and how many objects an image of each split has on average."""
+    """Number of images in each split, and mean number of objects per image."""
     images = [{"id": i} for i in range(len(classes_of_images))]
     boxes = {i: [{"category_id": c} for c in found] for i, found in enumerate(classes_of_images)}
     split_of = share_out(images, boxes, **options)
@@ -96,17 +96,17 @@ def test_a_small_dataset_of_many_classes_reaches_every_split():
     assert list(counts.values()) == [10, 3, 1]
 
 
-def test_nothing_is_shared_out():
+def test_without_images_there_are_no_splits():
     assert share_out([], {}) == {}
 
 
-def test_the_split_depends_on_the_seed_and_on_nothing_else(dataset):
+def test_the_split_depends_only_on_the_seed(dataset):
     images, boxes = grouped(dataset)
     assert share_out(images, boxes) == share_out(images[::-1], boxes)
     assert share_out(images, boxes, seed=1) != share_out(images, boxes)
 
 
-def test_a_share_of_nothing_gets_nothing(dataset):
+def test_a_share_of_zero_gets_nothing(dataset):
     images, boxes = grouped(dataset)
     assert set(share_out(images, boxes, fractions=(0.5, 0.5, 0.0)).values()) == {"train", "valid"}
 
@@ -118,7 +118,7 @@ def test_shares_that_do_not_add_up_are_refused(fractions):
 
 
 @pytest.mark.parametrize("kind", [[], [[1, 2, 3]] * 3, "no pose", 7, {"x": 1}, [[0, 0, 0, "far"]] * 3, [None] * 4])
-def test_poses_of_another_kind_do_not_tie_images_together(kind):
+def test_other_formats_of_poses_do_not_group_images(kind):
     image, boxed = {"id": 3, "scenery": "hills"}, [{"world_from_vehicle": kind}]
     assert group_of(image, boxed) == "image 3"
     assert group_of(image, [*boxed, {"vehicle": "a", "world_from_vehicle": pose(2)}]) == "hills a 2.000 0.000 0.000"
@@ -127,7 +127,7 @@ def test_poses_of_another_kind_do_not_tie_images_together(kind):
 @pytest.mark.parametrize(
     "names", [("a/1.png", "b/1.png", "b/1.jpg"), ("1-3.png", "a/1.png", "b/1.png"), ("a/1-2.png", "b/1-2.png", "1.png")]
 )
-def test_equal_names_in_different_folders_are_kept_apart(tmp_path, names):
+def test_equal_names_in_different_folders_stay_separate(tmp_path, names):
     folder = tmp_path / "dataset"
     with CocoDataset.open(folder) as dataset:
         for i, name in enumerate(names):
@@ -178,7 +178,7 @@ def test_a_folder_in_use_is_not_written_into(dataset, tmp_path):
         export(dataset, out)
 
 
-def test_a_picture_that_is_a_link_is_exported_as_what_it_leads_to(tmp_path):
+def test_a_picture_that_is_a_link_is_exported_as_its_target(tmp_path):
     (tmp_path / "raw").mkdir()
     (tmp_path / "d").mkdir()
     Image.new("RGB", (32, 24)).save(tmp_path / "raw" / "x.png")
@@ -192,14 +192,14 @@ def test_a_picture_that_is_a_link_is_exported_as_what_it_leads_to(tmp_path):
     assert not exported.is_symlink()
 
 
-def test_no_dataset_is_named(tmp_path):
+def test_a_folder_without_a_dataset_is_refused(tmp_path):
     with pytest.raises(DatasetError, match=r"no annotations\.json"):
         export(tmp_path, tmp_path / "out")
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("exists", [False, True])
-def test_an_export_that_fails_leaves_nothing(dataset, tmp_path, layout, exists):
+def test_a_failed_export_leaves_nothing(dataset, tmp_path, layout, exists):
     broken = tmp_path / "dataset"
     shutil.copytree(dataset, broken)
     (broken / "images" / "200.png").unlink()
@@ -211,7 +211,7 @@ def test_an_export_that_fails_leaves_nothing(dataset, tmp_path, layout, exists):
     assert list(out.iterdir()) == [] if exists else not out.exists()
 
 
-def test_what_a_killed_export_left_is_replaced(dataset, tmp_path):
+def test_the_remains_of_a_killed_export_are_replaced(dataset, tmp_path):
     (tmp_path / "out" / ".unfinished" / "train").mkdir(parents=True)
     (tmp_path / "out" / ".unfinished" / "train" / "old.png").touch()
     export(dataset, tmp_path / "out")
@@ -219,7 +219,7 @@ def test_what_a_killed_export_left_is_replaced(dataset, tmp_path):
     assert not (tmp_path / "out" / "train" / "old.png").exists()
 
 
-def test_an_export_to_where_nothing_can_be_written(dataset, tmp_path):
+def test_an_unwritable_target_of_an_export_is_refused(dataset, tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(DatasetError, match=r"out: cannot be written \(Not a directory\)"):
         export(dataset, tmp_path / "file" / "out")

@@ -1,4 +1,4 @@
-"""hulldown study: runs, draws, and that a killed study ends as one left alone."""
+"""`hulldown study`: runs, draws, and a killed study that ends like an undisturbed one."""
 
 import json
 import os
@@ -56,7 +56,7 @@ def here(study, name, options, progress, stop):
 
 
 def study_in_child(study, out, *, kill_at=None):
-    """Run a study on one thread in a process of its own, which kills itself at (run's name, what, done)."""
+    """Run a study on one thread in a separate process, which kills itself at (run's name, what, done)."""
 
     def progress(what, done, total):
         if kill_at is not None and all(word in what for word in kill_at[:2]) and done == kill_at[2]:
@@ -66,7 +66,7 @@ def study_in_child(study, out, *, kill_at=None):
 
 
 def tree(out):
-    """What must be equal in two studies: weights, draws, detections."""
+    """Files that must be equal in two studies: weights, draws, detections."""
     manifest = read_manifest(out)
     found = {}
     for run in manifest.runs:
@@ -92,7 +92,7 @@ def tree(out):
     ],
     ids=["small", "nano"],
 )
-def test_a_study_killed_twice_ends_as_one_left_alone(pictures, tmp_path, keys, kills):
+def test_a_study_killed_twice_ends_like_an_undisturbed_one(pictures, tmp_path, keys, kills):
     study = settled(pictures, tmp_path, **keys)
     assert study_in_child(study, tmp_path / "alone") == 0
     for kill in kills:
@@ -128,7 +128,7 @@ def test_draws_add_up_to_the_budget(arm):
     assert len(by_source.get("real", ())) / len(draws) == pytest.approx(share, abs=0.05)
 
 
-def test_the_loop_learns_from_validation_photographs_and_its_config_is_part_of_its_run(pictures, tmp_path):
+def test_the_loop_uses_validation_photographs_and_its_config_is_part_of_its_run(pictures, tmp_path):
     config = tmp_path / "hulldown.toml"
     config.write_text("seed = 1")
     keys = {"arms": ["synthetic", "loop"], "plan": str(config), "valid": str(pictures / "valid")}
@@ -145,7 +145,7 @@ def test_the_loop_learns_from_validation_photographs_and_its_config_is_part_of_i
         settled(pictures, tmp_path, **keys | {"plan": str(tmp_path / "missing.toml")})
 
 
-def test_matched_loses_no_draw_of_the_real_arm_and_pretrain_takes_the_synthetic_ones_first():
+def test_matched_keeps_all_draws_of_the_real_arm_and_pretrain_takes_the_synthetic_ones_first():
     photographs = np.array([2, 3, 7])
     real, matched, pretrain = (
         arm_draws(StudyRun(arm, 0.1, 1, arm), photographs, 9, 40) for arm in ("real", "matched", "pretrain")
@@ -157,7 +157,7 @@ def test_matched_loses_no_draw_of_the_real_arm_and_pretrain_takes_the_synthetic_
     assert (pretrain.image[20:] == real.image[20:]).all()
 
 
-def test_smaller_shares_lie_within_larger_ones_and_both_arms_have_the_same(pictures, tmp_path):
+def test_smaller_fractions_are_subsets_of_larger_ones_in_both_arms(pictures, tmp_path):
     train = SMALL | {"budget": 600}  # so that every picture is drawn
     study = settled(pictures, tmp_path, fractions=[1.0, 0.5, 0.25], seeds=[0, 1], train=train)
     drawn = {}
@@ -172,7 +172,7 @@ def test_smaller_shares_lie_within_larger_ones_and_both_arms_have_the_same(pictu
     assert drawn["real-25-seed0"] != drawn["real-25-seed1"]
 
 
-def test_what_makes_a_run_names_its_folder(pictures, tmp_path):
+def test_a_runs_folder_is_named_by_all_its_inputs(pictures, tmp_path):
     before = {run.name: run.folder for run in settled(pictures, tmp_path).manifest.runs}
     assert before == {run.name: run.folder for run in settled(pictures, tmp_path, iou=0.6).manifest.runs}
     other = settled(pictures, tmp_path, train=SMALL | {"learning_rate": 0.001}).manifest.runs
@@ -186,7 +186,7 @@ def test_what_makes_a_run_names_its_folder(pictures, tmp_path):
     assert mixed_only == {"mixed-100-seed0", "mixed-50-seed0"}
 
 
-def test_a_failed_run_is_set_aside_and_the_others_go_on(pictures, tmp_path):
+def test_a_failed_run_is_set_aside_and_the_others_continue(pictures, tmp_path):
     study, ran = settled(pictures, tmp_path), []
 
     def launch(out, name, options, progress, stop):
@@ -203,7 +203,7 @@ def test_a_failed_run_is_set_aside_and_the_others_go_on(pictures, tmp_path):
 
 
 def _pretend(out, name):
-    """Leave what a finished run leaves, for what is not about training."""
+    """Write the files of a finished run, for tests without training."""
     manifest = read_manifest(out)
     run = manifest.run(name)
     folder = out / "runs" / run.folder
@@ -213,12 +213,12 @@ def _pretend(out, name):
     predictions_path(out, manifest, run, "test").write_text("[]")
 
 
-def test_two_places_run_two_runs_at_once_and_a_bug_stops_both(pictures, tmp_path, monkeypatch):
+def test_two_slots_run_two_runs_at_once_and_a_bug_stops_both(pictures, tmp_path, monkeypatch):
     monkeypatch.setattr("hulldown.training.study.runs.gpu_places", lambda options: [options, options])
     study, both = settled(pictures, tmp_path, fractions=[1.0]), threading.Barrier(2, timeout=60)
 
     def launch(out, name, options, progress, stop):
-        both.wait()  # each waits for the other: one after the other they would never end
+        both.wait()  # each waits for the other, so they would never end in sequence
         return _pretend(out, name)
 
     assert len(run_study(study, tmp_path / "two", options=RunOptions("cpu", 0), launch=launch).finished) == 2
@@ -234,11 +234,11 @@ def test_two_places_run_two_runs_at_once_and_a_bug_stops_both(pictures, tmp_path
     assert read_failures(tmp_path / "broken") == {}
 
 
-def test_a_run_in_a_process_of_its_own_finishes(pictures, tmp_path):
+def test_a_run_in_a_separate_process_finishes(pictures, tmp_path):
     study = settled(pictures, tmp_path, arms=["real"], fractions=[1.0])
     [run] = study.manifest.runs
     steps = []
-    # A worker of its own: what the run's process is forked into must not wait for a lock of its parent's.
+    # With a loader process, since a forked process must not wait for a lock of its parent.
     done = run_study(study, tmp_path / "out", options=RunOptions("cpu", 1), progress=lambda *told: steps.append(told))
     assert done.finished == (run.name,)
     assert (f"{run.name} (1 of 1): training", 6, 6) in steps
@@ -246,7 +246,7 @@ def test_a_run_in_a_process_of_its_own_finishes(pictures, tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_run_in_a_process_of_its_own_fails_with_its_reason_and_ends_with_its_study(pictures, tmp_path):
+def test_a_run_in_a_separate_process_fails_with_its_reason_and_ends_with_its_study(pictures, tmp_path):
     study = settled(pictures, tmp_path, arms=["real"], fractions=[1.0])
     [run] = study.manifest.runs
     write_manifest(study, tmp_path / "out")
@@ -278,17 +278,17 @@ def test_a_run_in_a_process_of_its_own_fails_with_its_reason_and_ends_with_its_s
         ({"train": SMALL | {"model": "tiny"}}, r"train\.model = 'tiny': expected 'small'"),
     ],
 )
-def test_mistakes_in_a_config_name_file_and_key(pictures, tmp_path, keys, words):
+def test_the_error_of_a_mistake_in_a_config_names_file_and_key(pictures, tmp_path, keys, words):
     with pytest.raises(HulldownError, match=words):
         load_study(written(pictures, tmp_path / "s.toml", **keys))
 
 
-def test_with_validation_photographs_no_threshold_is_given(pictures, tmp_path):
+def test_a_threshold_and_validation_photographs_exclude_each_other(pictures, tmp_path):
     with pytest.raises(HulldownError, match="threshold: with valid it is chosen there; leave one of the two out"):
         load_study(written(pictures, tmp_path / "s.toml", valid=str(pictures / "valid"), threshold=0.4))
 
 
-def test_a_source_that_lacks_a_class_is_refused_before_anything_trains(pictures, tmp_path):
+def test_a_source_without_a_class_is_refused_before_training(pictures, tmp_path):
     other = make_dataset(tmp_path / "other", 8, seed=3, classes=("square", "ring"))
     with pytest.raises(HulldownError, match=r"the classes of synthetic are 'ring', 'square', those of real are 'disc'"):
         settled(pictures, tmp_path, synthetic=str(other))
@@ -299,8 +299,8 @@ def test_a_source_that_lacks_a_class_is_refused_before_anything_trains(pictures,
 
 
 @pytest.mark.parametrize("how", ["copied", "saved again", "without contrast"])
-def test_a_test_picture_that_is_trained_on_is_refused(pictures, tmp_path, how):
-    """The second has other bytes. The third has no perceptual hash: only its bytes tell."""
+def test_a_test_picture_in_the_training_data_is_refused(pictures, tmp_path, how):
+    """The second picture has other bytes. The third has no perceptual hash, only its bytes."""
     real, test = shutil.copytree(pictures / "real", tmp_path / "real"), make_dataset(tmp_path / "test", 8, seed=40)
     own, other = real / "images" / "0001.png", test / "images" / "0002.png"
     if how == "without contrast":
@@ -313,14 +313,14 @@ def test_a_test_picture_that_is_trained_on_is_refused(pictures, tmp_path, how):
         settled(pictures, tmp_path, real=str(real), test=str(test))
 
 
-def test_a_folder_of_something_else_is_refused(pictures, tmp_path):
+def test_a_folder_with_other_content_is_refused(pictures, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "notes.txt").write_text("mine")
     with pytest.raises(HulldownError, match=r"out: holds notes\.txt and no study"):
         run_study(settled(pictures, tmp_path), tmp_path / "out", options=RunOptions("cpu"))
 
 
-def test_init_writes_a_config_that_run_understands(pictures, tmp_path, capsys):
+def test_init_writes_a_config_that_run_accepts(pictures, tmp_path, capsys):
     words = [f"--{key}={pictures / key}" for key in ("real", "synthetic", "test")]
     assert main(["study", "init", *words, "-o", str(tmp_path / "study.toml")]) == 0
     config = load_study(tmp_path / "study.toml")
@@ -347,7 +347,7 @@ def test_a_dry_run_shows_runs_draws_and_hours_and_writes_nothing(pictures, tmp_p
     assert {row["state"] for row in found["runs"]} == {"new"}
 
 
-def test_a_named_arm_draws_as_its_base_and_is_trained_otherwise(pictures, tmp_path):
+def test_a_named_arm_draws_like_its_base_with_other_training(pictures, tmp_path):
     path = written(pictures, tmp_path / "study.toml", fractions=[1.0])
     text = path.read_text().replace(
         '["real", "mixed"]', '["mixed", { name = "fast", base = "mixed", train.warmup = 0.5 }]'

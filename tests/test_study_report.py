@@ -1,4 +1,4 @@
-"""A study's report: its figures against hand counts, its words, its charts, its page in a real browser."""
+"""A study's report: figures compared with hand counts, sentences, charts, and its page in a real browser."""
 
 import json
 import shutil
@@ -22,13 +22,13 @@ from hulldown.training.study.results import Difference, needed
 from hulldown.training.study.runs import JUDGED, predictions_path
 
 ARMS = ("real", "mixed", "synthetic")
-# How many of a hundred labels the detectors of these tests find.
+# Share of a hundred labels that the detectors of these tests find.
 SKILL = {("real", 1.0): 80, ("real", 0.5): 50, ("real", 0.25): 20, ("mixed", 1.0): 80, ("mixed", 0.5): 75,
          ("mixed", 0.25): 60, ("synthetic", None): 40}  # fmt: skip
 
 
 def looked(labels, share, *, seed):
-    """Detections of a share of the labels, and a false alarm in every eighth image."""
+    """Detections of a share of the labels, and a false positive in every eighth image."""
     rng = np.random.default_rng(seed)
     order = np.random.default_rng(5).permutation(len(labels.label))  # hard labels are hard for every detector
     found = [
@@ -44,7 +44,7 @@ def looked(labels, share, *, seed):
 
 
 def finished_study(pictures, folder, out, *, skill=SKILL, **keys):
-    """A study's folder as `run` leaves it, of detectors that need no training."""
+    """A study's folder as `run` leaves it, with detectors that need no training."""
     study = settled(pictures, folder, **({"arms": ARMS, "fractions": [1.0, 0.5, 0.25]} | keys))
     write_manifest(study, out)
     judged = {which: read_labels(one.folder) for which, one in study.manifest.datasets.items() if which in JUDGED}
@@ -77,7 +77,7 @@ def study(pictures, tmp_path_factory):
     return folder / "out", write_report(folder / "out")
 
 
-def test_figures_are_those_of_the_detections(study):
+def test_figures_equal_those_of_the_detections(study):
     _, report = study
     cells = {(cell["arm"], cell["fraction"]): cell for cell in report["cells"]}
     assert len(cells) == 7
@@ -91,7 +91,7 @@ def test_figures_are_those_of_the_detections(study):
         assert low < cell["recall"] < high
 
 
-def test_a_difference_is_claimed_only_where_its_interval_holds_none(study):
+def test_a_difference_is_claimed_only_if_its_interval_excludes_0(study):
     _, report = study
     pairs = {(pair["first"], pair["second"]): pair["measures"]["f1"] for pair in report["pairs"]}
     assert pairs["real at 25 %", "mixed at 25 %"]["words"].startswith("mixed at 25 % has a higher F1 than real at 25 %")
@@ -101,7 +101,7 @@ def test_a_difference_is_claimed_only_where_its_interval_holds_none(study):
     assert same["difference"] == 0
 
 
-def test_worth_is_read_off_the_real_curve(study):
+def test_worth_is_read_from_the_real_curve(study):
     _, report = study
     worth = {(one["name"], one["measure"]): one for one in report["worth"]}
     # Recall of mixed at 25 % (4 photographs): 0.61; real has 0.51 with 8 and 0.81 with 16.
@@ -109,19 +109,19 @@ def test_worth_is_read_off_the_real_curve(study):
     assert 4 < found["photographs"] < 12
     assert found["interval"][0] <= found["photographs"] <= found["interval"][1]
     assert "are worth" in found["words"]
-    # At 100 % the two arms are equal: nothing is shown, so nothing is claimed.
+    # At 100 % the two arms are equal, so nothing is claimed.
     assert not [key for key in worth if key[0] == "mixed at 100 %"]
 
 
 @pytest.mark.parametrize(("real", "mixed"), [(0, 0), (50, 95)])
-def test_where_photographs_are_not_shown_to_help_nothing_is_worth_some(pictures, tmp_path, real, mixed):
+def test_without_a_shown_gain_of_photographs_there_is_no_worth(pictures, tmp_path, real, mixed):
     skill = {(arm, share): {"real": real, "mixed": mixed}[arm] for arm in ("real", "mixed") for share in (1.0, 0.25)}
     keys = {"seeds": [0], "arms": ["real", "mixed"], "fractions": [1.0, 0.25]}
     finished_study(pictures, tmp_path, tmp_path / "out", skill=skill, **keys)
     assert compared_runs(tmp_path / "out")["worth"] == []
 
 
-def test_what_is_better_than_all_photographs_is_worth_an_open_number(pictures, tmp_path):
+def test_results_beyond_all_photographs_are_worth_an_open_number(pictures, tmp_path):
     skill = SKILL | {("real", 1.0): 55, ("mixed", 1.0): 98}
     keys = {"seeds": [0], "arms": ["real", "mixed"], "fractions": [1.0, 0.25]}
     finished_study(pictures, tmp_path, tmp_path / "out", skill=skill, **keys)
@@ -152,7 +152,7 @@ def test_the_same_study_gives_the_same_report(pictures, tmp_path, capsys):
         assert len({(tmp_path / which / "out" / name).read_bytes() for which in ("once", "again")}) == 1
 
 
-def test_a_study_that_is_not_finished_says_what_is_missing(pictures, study, tmp_path):
+def test_an_unfinished_study_lists_what_is_missing(pictures, study, tmp_path):
     out = tmp_path / "part"
     shutil.copytree(study[0], out)
     manifest = json.loads((out / "study.json").read_text())
@@ -169,7 +169,7 @@ def test_a_study_that_is_not_finished_says_what_is_missing(pictures, study, tmp_
         compared_runs(tmp_path)
 
 
-def test_one_seed_says_that_nothing_is_known_of_another_training(pictures, tmp_path):
+def test_one_seed_says_nothing_about_other_trainings(pictures, tmp_path):
     finished_study(pictures, tmp_path, tmp_path / "out", seeds=[0], arms=["real"], fractions=[1.0])
     assert "one seed" in compared_runs(tmp_path / "out")["sureness"]
 
@@ -180,12 +180,12 @@ def test_validation_photographs_choose_each_threshold(pictures, tmp_path):
     finished_study(pictures, tmp_path, tmp_path / "out", valid=str(tmp_path / "valid"), **keys)
     report = compared_runs(tmp_path / "out")
     assert report["study"]["threshold"] == "validation"
-    # The false alarms have 0.55, every true detection more: the best threshold leaves them out.
+    # False positives have a score of 0.55 and true detections more, so the best threshold excludes the former.
     assert all(run["threshold"] > 0.55 and run["fp"] == 0 for run in report["runs"])
     assert "best F1 on the validation photographs" in markdown(sections(report, {}))
 
 
-def test_the_page_shows_every_chart_and_fetches_nothing(study, browser):
+def test_the_page_has_every_chart_and_fetches_nothing(study, browser):
     out, _ = study
     browser.get((out / "report.html").as_uri())
     headings = [one.text for one in browser.find_elements(By.TAG_NAME, "h2")]
@@ -204,7 +204,7 @@ def test_the_page_shows_every_chart_and_fetches_nothing(study, browser):
 
 
 def test_charts_of_the_papers_own_figures():
-    """What they show was looked at; here, that all of it is drawn, and the same twice."""
+    """This test checks that all is drawn, and the same twice; people looked at the charts."""
     for fraction, arms in PAPER.items():
         cells = [{"arm": arm, "intervals": {}, **found} for arm, found in arms.items()]
         figure = beside(f"{100 * fraction:g} %", cells)
@@ -223,12 +223,12 @@ def test_charts_of_the_papers_own_figures():
     assert LABELS == 688 + 391
 
 
-def test_what_the_paper_s_synthetic_images_are_worth():
+def test_worth_of_the_papers_synthetic_images():
     """At 10 % (42 photographs) mixed reaches an F1 that real reaches between 42 and 105."""
     counts = np.array([21.0, 42, 105, 210, 420])
     curve = np.array([[0.32], [0.35], [0.70], [0.64], [0.76]])
     assert needed(counts, curve, np.array([0.53]))[0] == pytest.approx(42 * (105 / 42) ** (0.18 / 0.35))
-    # Where the curve falls, more photographs are no worse: 0.70 is reached with 105, 0.73 half way to 420.
+    # Where the curve falls, it's taken as constant: 0.70 is reached with 105, 0.73 halfway to 420.
     assert needed(counts, curve, np.array([0.70]))[0] == pytest.approx(105)
     assert needed(counts, curve, np.array([0.73]))[0] == pytest.approx(210 * 2**0.5)
     assert np.isinf(needed(counts, curve, np.array([0.80]))[0])
@@ -236,7 +236,7 @@ def test_what_the_paper_s_synthetic_images_are_worth():
     assert needed(counts, curve, np.array([0.0]))[0] == 0
 
 
-def test_an_interval_that_touches_nought_shows_nothing():
+def test_an_interval_that_touches_0_shows_nothing():
     assert Difference(0.1, np.array([0.01, 0.2])).shown
     assert not Difference(0.1, np.array([0.0, 0.2])).shown
     assert not Difference(0.1, np.array([np.nan, np.nan])).shown

@@ -45,7 +45,7 @@ def test_subsets_of_the_paper_are_nested_datasets_with_linked_pictures(tmp_path)
             assert (tmp_path / "out" / name / file_name).samefile(dataset / file_name)
 
 
-def test_the_order_of_records_and_ids_change_nothing_but_the_seed_does(tmp_path):
+def test_the_seed_matters_and_the_order_of_records_and_ids_does_not(tmp_path):
     coco = read_usable(make(tmp_path / "real", 40))
     boxes = {a["image_id"]: [a] for a in coco["annotations"]}
 
@@ -60,7 +60,7 @@ def test_the_order_of_records_and_ids_change_nothing_but_the_seed_does(tmp_path)
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("stratified", [False, True])
-def test_shots_of_a_position_stay_together(tmp_path, seed, stratified):
+def test_images_of_a_position_stay_together(tmp_path, seed, stratified):
     dataset = make(tmp_path / "set", 60, shots=5)
     counts = write_subsets(dataset, tmp_path / "out", fractions=(0.5, 0.1), seed=seed, stratified=stratified)
     assert counts == {"50": 30, "10": 5}
@@ -70,7 +70,7 @@ def test_shots_of_a_position_stay_together(tmp_path, seed, stratified):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_classes_keep_their_proportion_where_asked(tmp_path, seed):
+def test_classes_keep_their_proportions_on_request(tmp_path, seed):
     write_subsets(make(tmp_path / "set", 160), tmp_path / "out", fractions=(0.5, 0.1), seed=seed, stratified=True)
     for name, trucks in (("50", 20), ("10", 4)):
         labels = [a["category_id"] for a in read_usable(tmp_path / "out" / name)["annotations"]]
@@ -92,7 +92,7 @@ def test_fractions_out_of_range_are_refused(tmp_path, fractions, message):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_missing_picture_is_named_and_nothing_is_left(tmp_path):
+def test_a_missing_picture_is_named_and_nothing_is_written(tmp_path):
     dataset = make(tmp_path / "set", 4)
     (dataset / "images/002.png").unlink()
     with pytest.raises(DatasetError, match=r"002\.png: cannot be linked \(No such file"):
@@ -100,14 +100,14 @@ def test_a_missing_picture_is_named_and_nothing_is_left(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_no_dataset_and_an_empty_one_are_refused(tmp_path):
+def test_missing_and_empty_datasets_are_refused(tmp_path):
     with pytest.raises(DatasetError, match=r"no annotations\.json"):
         write_subsets(tmp_path, tmp_path / "out")
     with pytest.raises(DatasetError, match="has no images"):
         write_subsets(make(tmp_path / "set", 0), tmp_path / "out")
 
 
-def test_an_exported_split_is_a_dataset_too(tmp_path):
+def test_an_exported_split_is_a_dataset(tmp_path):
     dataset = make(tmp_path / "set", 4)
     (dataset / "annotations.json").rename(dataset / "_annotations.coco.json")
     assert write_subsets(dataset, tmp_path / "out", fractions=(0.5,)) == {"50": 2}

@@ -34,7 +34,7 @@ def nano(**changes):
 
 
 def in_child(run) -> int:
-    """Run in a process of its own that shares what is imported, on one thread; how it ended."""
+    """Run in a forked process on one thread; return how it ended."""
     pid = os.fork()
     if pid == 0:
         try:
@@ -70,10 +70,10 @@ def weights(run: Path) -> dict:
     ],
     ids=["small", "nano once", "nano"],
 )
-def test_a_run_that_is_killed_ends_as_one_left_alone(pictures, tmp_path, settings, kills):
+def test_a_killed_run_ends_like_an_undisturbed_one(pictures, tmp_path, settings, kills):
     data = {"demo": pictures}
     assert train_and_die(data, tmp_path / "alone", settings, workers=0) == 0
-    measured = {"workers": 1, "valid": make_dataset(tmp_path / "valid", 4)}  # which changes no weight
+    measured = {"workers": 1, "valid": make_dataset(tmp_path / "valid", 4)}  # which changes no weights
     for at in kills:
         assert train_and_die(data, tmp_path / "killed", settings, at=at, **measured) == -signal.SIGKILL
         assert json.loads((tmp_path / "killed" / "run.json").read_text())["status"] == "running"
@@ -165,7 +165,7 @@ def test_the_best_weights_are_kept_and_figures_logged(pictures, tmp_path):
         train({"demo": pictures}, tmp_path / "other", settings=settings, workers=0)
 
 
-def test_a_frozen_encoder_does_not_move(pictures, tmp_path):
+def test_a_frozen_encoder_does_not_change(pictures, tmp_path):
     start = {}
     for freeze in ("none", "encoder"):
         run = tmp_path / freeze
@@ -182,7 +182,7 @@ def test_a_frozen_encoder_does_not_move(pictures, tmp_path):
 
 
 def fresh_nano():
-    """The weights that such a run begins with."""
+    """The initial weights of such a run."""
     from hulldown.training.detectors import detr
     from hulldown.training.extra import quiet
     from hulldown.training.fitting import seed_weights

@@ -12,7 +12,7 @@ def test_a_row_is_a_function_of_seed_and_number_alone():
     assert (make_draws([7, 30], 50, seed=4).image != few.image).any()
 
 
-def test_the_first_draws_of_seed_0_stay_what_they_are():
+def test_the_first_draws_of_seed_0_never_change():
     draws = make_draws([21, 420], 5, seed=0)
     assert draws.source.tolist() == [0, 1, 1, 1, 1]
     assert draws.image.tolist() == [5, 210, 414, 298, 107]
@@ -24,12 +24,12 @@ def test_draws_are_uniform_over_the_union_as_in_the_paper():
     counts = np.concatenate(make_draws(sizes, budget, seed=1).counts(sizes))
     assert counts.sum() == budget
     mean = budget / sum(sizes)
-    # Chi-squared with 440 degrees of freedom: its mean is 440, its standard deviation 30.
+    # Chi-squared with 440 degrees of freedom has mean 440 and standard deviation 30.
     assert 440 - 150 < ((counts - mean) ** 2 / mean).sum() < 440 + 150
 
 
 @pytest.mark.parametrize(("share", "expected"), [(0.5, [0.5, 0.125, 0.375]), (0.0, [0, 0.25, 0.75])])
-def test_shares_rule_and_the_rest_is_by_size(share, expected):
+def test_given_shares_hold_and_the_rest_is_by_size(share, expected):
     names, sizes = ["real", "a", "b"], [10, 20, 60]
     draws = make_draws(sizes, 20_000, seed=0, shares=source_shares(names, {"real": share}))
     found = [counts.sum() / 20_000 for counts in draws.counts(sizes)]
@@ -50,7 +50,7 @@ def test_shares_of_all_sources_add_up_to_1():
             source_shares(["a", "b"], shares)
 
 
-def test_a_file_of_draws_gives_them_back(tmp_path):
+def test_a_file_of_draws_round_trips(tmp_path):
     files = [["a.png", "b,c.png"], ["a.png"]]
     draws = make_draws([2, 1], 40, seed=0)
     (tmp_path / "draws.csv").write_bytes(draws_text(draws, ["real", "made"], files))
@@ -62,7 +62,7 @@ def test_a_file_of_draws_gives_them_back(tmp_path):
 @pytest.mark.parametrize(
     "line", ["1,real,c.png,5", "1,no,a.png,5", "7,real,a.png,5", "1,real,a.png", "1,real,a.png,-1"]
 )
-def test_a_row_that_is_no_draw_is_named(tmp_path, line):
+def test_an_invalid_row_is_named(tmp_path, line):
     path = tmp_path / "draws.csv"
     path.write_text(f"draw,source,image,augmentation_seed\n0,real,a.png,1\n{line}\n")
     with pytest.raises(DatasetError, match=r"draws\.csv: line 3: no draw"):

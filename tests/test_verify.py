@@ -52,7 +52,7 @@ def damage(folder, change) -> list[Finding]:
 
 def test_a_sound_dataset_has_no_findings(dataset, capsys):
     assert list(verify(dataset)) == []
-    # pycocotools' own chatter stays away from the user.
+    # pycocotools' own output isn't shown
     assert capsys.readouterr().out == ""
 
 
@@ -106,7 +106,7 @@ def test_a_broken_picture_is_found(dataset):
 
 
 @pytest.mark.parametrize("largest", [32 * 24, 32 * 24 - 1])
-def test_a_picture_above_the_limit_of_pillow_is_not_damaged(dataset, monkeypatch, largest):
+def test_pillows_size_limit_is_not_damage(dataset, monkeypatch, largest):
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 32 * 24 // 3)
     monkeypatch.setattr(check_pictures, "LARGEST", largest)
     assert list(verify(dataset)) == []
@@ -118,7 +118,7 @@ def test_equal_pictures_are_found(dataset):
 
 
 def planned_row(i):
-    """A row of a foggy image with two companions that aren't seen, and a third in image 1."""
+    """A row of a foggy image with two hidden companions, and a third in image 1."""
     unseen = [{**VEHICLE, "visible_fraction": 0.0, "label": "none"}, {**VEHICLE, "bbox": None, "label": "none"}]
     seen = [{**VEHICLE, "category": "truck", "bbox": [6.5, 4.0, 8.0, 6.0]}] if i == 1 else []
     fog = {"visibility_m": 500.0, "kind": "fog"}
@@ -127,7 +127,7 @@ def planned_row(i):
 
 @pytest.fixture
 def planned(tmp_path):
-    """A dataset with real images and one plan before, and the plan that was rendered into it then."""
+    """A dataset with real images and another plan before it, and the plan that was rendered into it."""
     rows = [planned_row(i) for i in range(4)]
     plan = write_lines(tmp_path / "plan.jsonl", rows)
     folder = tmp_path / "dataset"
@@ -151,7 +151,7 @@ def planned(tmp_path):
     return folder, plan
 
 
-def test_a_dataset_is_what_its_plan_says(planned):
+def test_a_dataset_that_follows_its_plan_has_no_findings(planned):
     folder, plan = planned
     assert [one for one in verify(folder, plan=plan) if one.severity == "error"] == []
 
@@ -197,7 +197,7 @@ def test_every_difference_from_the_plan_is_found(planned, change, severity, text
     assert any(text in str(finding) and finding.severity == severity for finding in findings), findings
 
 
-def test_an_annotation_with_an_id_that_belongs_to_another_is_found(planned):
+def test_an_annotation_with_another_ones_id_is_found(planned):
     folder, plan = planned
     path = folder / "annotations.json"
     coco = json.loads(path.read_text())
@@ -208,21 +208,21 @@ def test_an_annotation_with_an_id_that_belongs_to_another_is_found(planned):
     assert f"-2.png: annotation {box['id']} has the id of one" in "".join(map(str, verify(folder, plan=plan)))
 
 
-def test_a_plan_that_was_not_rendered_here_is_said_to_be_one(planned):
+def test_a_plan_that_was_not_rendered_here_is_reported(planned):
     folder, plan = planned
     plan.write_text(plan.read_text().replace("0.75", "0.7"))
     (finding,) = verify(folder, plan=plan)
     assert str(finding) == "error: plan.jsonl: nothing here was rendered from this file, as it is now"
 
 
-def test_no_plan_and_no_dataset_are_explained(dataset, tmp_path_factory):
+def test_a_missing_plan_and_a_missing_dataset_are_errors(dataset, tmp_path_factory):
     with pytest.raises(ConfigError, match="no such plan"):
         list(verify(dataset, plan=dataset / "no.jsonl"))
     with pytest.raises(DatasetError, match=r"no annotations\.json"):
         list(verify(tmp_path_factory.mktemp("empty")))
 
 
-def test_an_interrupted_run_is_said_to_be_one(dataset):
+def test_an_interrupted_run_is_reported(dataset):
     (dataset / "annotations.json").unlink()
     with pytest.warns(UserWarning, match="is missing"):
         findings = list(verify(dataset))

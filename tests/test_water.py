@@ -1,4 +1,4 @@
-"""Nothing is placed below water, whatever its shape; and nothing where no light comes."""
+"""Nothing is placed below water of any shape, or where no light comes."""
 
 from collections import Counter
 
@@ -34,7 +34,7 @@ def river():
 
 
 LAKE = with_water(VALLEYS, sheet((-80, -80), (80, 80), 0.3))
-# A plane modeled upright, in the file's xz, and turned into the horizon by its object.
+# A plane modeled upright in the file's xz, and made level by its object.
 UPRIGHT = Mesh(sheet((-80, 15), (80, 80)).vertices[:, [0, 2, 1]], np.array([[0, 2, 1], [0, 3, 2]]), "upright")
 TURNED = rigid(rotation_about([1.0, 0, 0], np.pi / 2), [0.0, 95.0, 1.0])
 PONDS = [rigid(rotation_z(k), [16 * k - 64, -25, 1.5]) @ np.diag([6, 8, 1, 1]) for k in range(9)]
@@ -63,7 +63,7 @@ def assets_of(scenery):
 
 
 def heights_of_water(scenery, xy):
-    """The topmost water by plain arithmetic: nan beside it."""
+    """The topmost water by plain arithmetic; nan outside it."""
     height = np.full(len(xy), np.nan)
     for i in np.flatnonzero(scenery.instance_is_water):
         mesh, pose = scenery.obstacle_meshes[scenery.instance_mesh[i]], scenery.world_from_instance[i]
@@ -84,7 +84,7 @@ def test_no_vehicle_and_no_camera_is_below_water(name):
     rows = list(plan(config_for(scenery, images=50), assets_of(scenery)))
     rejected = sum((Counter(row.rejected) for row in rows), Counter())
     assert rejected["water"] > 5
-    # All corners of the footprint are sampled: no vertex of the underside is below.
+    # All corners of the footprint are sampled, so no vertex of the underside is below.
     feet = TANK.mesh.vertices[TANK.mesh.vertices[:, 2] < 1e-9]
     for row in rows:
         points = feet @ row.target.world_from_vehicle[:3, :3].T + row.target.world_from_vehicle[:3, 3]
@@ -93,15 +93,15 @@ def test_no_vehicle_and_no_camera_is_below_water(name):
         assert not (eye[:, 2] - heights_of_water(scenery, eye[:, :2]) < 0.5).any()
 
 
-def test_what_fords_stands_in_water_as_deep_as_it_may():
+def test_a_fording_vehicle_is_in_water_up_to_its_depth():
     config = config_for(LAKE, images=60, placement={"fording_depth": 1.0})
     rows = list(plan(config, assets_of(LAKE)))
     depth = np.array([0.3 - row.target.world_from_vehicle[2, 3] for row in rows])
-    assert depth.max() <= 1.1  # of the origin; a foot may be higher
+    assert depth.max() <= 1.1  # depth of the origin; a wheel may be higher
     assert (depth > 0.3).sum() > 5
 
 
-def test_a_camera_is_above_water_by_the_clearance_and_by_the_near_plane():
+def test_a_camera_is_above_water_by_the_clearance_and_the_near_plane():
     room = CameraRoom(Terrain(-3.0), Obstacles(NOTHING), water=Terrain(sheet((-9, -9), (9, 9), 0.0)))
     places = np.array([[0, 0, 0.6], [0, 0, 0.4], [0, 0, -1.0], [20.0, 0, -1.0], [0, 0, 0.1]])
     wet, dry = Rejection.CAMERA_WATER, Rejection.NONE
@@ -109,8 +109,8 @@ def test_a_camera_is_above_water_by_the_clearance_and_by_the_near_plane():
     assert room.rejections(places).tolist() == [dry, dry, wet, dry, wet]
 
 
-def test_water_hides_what_stands_in_it_as_an_opaque_surface_would():
-    """One meter of a tank 2.3 m high is below the water of a ford: seen from the side, about half is hidden."""
+def test_water_hides_submerged_parts_like_an_opaque_surface():
+    """One meter of a tank of 2.3 m is below the water of a ford: about half is hidden, seen from the side."""
     ford, lens = with_water(bare("ford"), sheet((-50, -50), (50, 50), 1.0)), Intrinsics(640, 480, 0.7)
     camera = camera_pose([0.0, 0.0, 1.0], 30.0, 0.0, 0.1)[None]
     for world, low, high in ((World.of(ford), 0.4, 0.8), (World(), 0.0, 0.0)):
@@ -119,14 +119,14 @@ def test_water_hides_what_stands_in_it_as_an_opaque_surface_would():
         assert seen.fraction[0] == pytest.approx(1.0 - seen.by_obstacles[0])
 
 
-def test_water_is_no_obstacle_beside_which_room_is_kept():
+def test_water_is_not_an_obstacle_with_clearance():
     shore = with_water(bare("shore"), sheet((0, -50), (50, 50), -0.01))
     (site,) = make_stage(config_for(shore, images=1), assets_of(shore)).sites
     assert site.obstacles.touched(np.full((1, 3), 6.0), np.eye(4)[None]).tolist() == [False]
 
 
 def house(*, open_front=False, size=12.0):
-    """A box without thickness about the origin; without its wall toward +x if it is open."""
+    """A box without thickness around the origin; `open`: without its wall toward +x."""
     walls = box((-size / 2, -size / 2, -0.1), (size / 2, size / 2, size / 2))
     across = walls.triangles[..., 0].min(axis=1) == size / 2
     return Mesh(walls.vertices, walls.faces[~across] if open_front else walls.faces, "house")
@@ -150,19 +150,19 @@ def shaft():
         pytest.param(house(size=400.0), True, id="a sky dome"),
     ],
 )
-def test_a_vehicle_under_a_roof_is_lit_unless_it_is_shut_in(mesh, lit):
+def test_a_vehicle_under_a_roof_is_lit_unless_it_is_enclosed(mesh, lit):
     room = Obstacles(InstancedScene([mesh], [0], [np.eye(4)]))
     assert room.open_above(np.array([[0.0, 0.0, 2.5]])).tolist() == [lit]
 
 
-def test_a_house_of_many_objects_shuts_in():
+def test_a_house_of_many_objects_encloses():
     walls = house()
     parts = [Mesh(walls.vertices, walls.faces[2 * k : 2 * k + 2], "wall") for k in range(6)]
     room = Obstacles(InstancedScene(parts, list(range(6)), [np.eye(4)] * 6))
     assert room.open_above(np.array([[0.0, 0.0, 2.5], [0.0, 0.0, 7.0]])).tolist() == [False, True]
 
 
-def test_a_dome_around_everything_refuses_no_camera():
-    """An unnamed sky dome once shut every vehicle and every camera in."""
+def test_a_dome_around_everything_rejects_no_camera():
+    """An unnamed sky dome enclosed every vehicle and every camera."""
     room = CameraRoom(Terrain(VALLEYS.ground), Obstacles(InstancedScene([house(size=900.0)], [0], [np.eye(4)])))
     assert room.rejections(np.array([[0.0, 0, 20.0]]), obstacle_clearance=1.0).tolist() == [Rejection.NONE]

@@ -1,4 +1,4 @@
-"""Water, ground and removed objects of files as Blender reads them, and that what is removed is not rendered."""
+"""Water, ground, and removed objects in files read by Blender; removed objects aren't rendered."""
 
 import subprocess
 import sys
@@ -128,7 +128,7 @@ def water_of(scenery: Scenery) -> list[str]:
 
 
 @pytest.mark.blender
-def test_ground_by_shape_and_water_by_name_in_instances_too(folder: Path) -> None:
+def test_ground_by_shape_and_water_by_name_also_in_instances(folder: Path) -> None:
     exported, scenery = read(folder, "named.blend")
     assert scenery.ground_names == ("Plane.003",)
     assert any(doubt.startswith("taken as ground: 'Plane.003', by shape") for doubt in exported.report.doubts)
@@ -141,7 +141,7 @@ def test_ground_by_shape_and_water_by_name_in_instances_too(folder: Path) -> Non
 
 @pytest.mark.blender
 @pytest.mark.parametrize("name", ["dressed.blend", "dressed.glb"])
-def test_water_by_material_and_not_leaves(folder: Path, name: str) -> None:
+def test_water_by_material_excludes_leaves(folder: Path, name: str) -> None:
     _, scenery = read(folder, name)
     assert scenery.ground_names == ("Plane",)
     assert water_of(scenery) == sorted(["Flat.001", "Upright", *(["Ocean"] if name.endswith("blend") else [])])
@@ -150,7 +150,7 @@ def test_water_by_material_and_not_leaves(folder: Path, name: str) -> None:
 
 
 @pytest.mark.blender
-def test_faces_of_the_ground_that_wear_water_are_water(folder: Path) -> None:
+def test_faces_of_the_ground_with_a_water_material_are_water(folder: Path) -> None:
     exported, scenery = read(folder, "worn.blend")
     assert water_of(scenery) == ["Terrain"]
     water, ground = scenery.water(), scenery.ground
@@ -176,7 +176,7 @@ def test_faces_of_the_ground_that_wear_water_are_water(folder: Path) -> None:
         pytest.param(("collection:kept",), {"Teich"}, id="a collection that is instanced"),
     ],
 )
-def test_what_is_dropped_is_neither_planned_nor_rendered(folder: Path, drop: tuple[str, ...], gone: set[str]) -> None:
+def test_dropped_objects_are_neither_planned_nor_rendered(folder: Path, drop: tuple[str, ...], gone: set[str]) -> None:
     _, all_of_it = read(folder, "named.blend")
     exported, scenery = read(folder, "named.blend", drop=drop)
     kept = {*scenery.ground_names, *scenery.instance_names}

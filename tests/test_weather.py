@@ -1,4 +1,4 @@
-"""Weather: the laws, what is drawn, and what is too faint."""
+"""Weather: laws, random draws, and limits of contrast."""
 
 import math
 
@@ -24,24 +24,24 @@ def drawn(**keys):
     return draw_air(WeatherSection(**keys), draws=RandomStreams(5), image=IMAGES)
 
 
-def test_other_weather_changes_no_fog():
+def test_other_weather_does_not_change_fog():
     alone, beside = drawn(fog=0.1), drawn(**ALL)
     foggy = alone.kind == NAMES.index("fog")
     assert (foggy == (beside.kind == NAMES.index("fog"))).all()
     assert (alone.visibility_m[foggy] == beside.visibility_m[foggy]).all()
 
 
-def test_wind_blows_from_all_sides_alike_whatever_its_speed():
+def test_wind_comes_from_all_sides_equally_at_any_speed():
     weathers = drawn(**ALL, wind_m_s=(2.0, 5.0)).weathers
     wind = np.array([weather.wind_m_s for weather in weathers if weather is not None and any(weather.wind_m_s)])
     speed, turn = np.hypot(*wind.T), np.arctan2(wind[:, 1], wind[:, 0])
     for some in (speed < 3.5, speed >= 3.5):
         sectors, n = np.histogram(turn[some], np.linspace(-np.pi, np.pi, 9))[0], some.sum()
-        # Each is binomial; five standard deviations.
+        # Counts are binomial; five standard deviations.
         assert np.abs(sectors - n / 8).max() <= 5.0 * math.sqrt(n * 7 / 64)
 
 
-def test_what_is_drawn_is_within_the_config():
+def test_draws_are_within_the_config():
     weathers = [one for one in drawn(**ALL, wind_m_s=(2.0, 5.0), exposure_s=0.01).weathers if one is not None]
     of = {kind: [one for one in weathers if one.kind == kind] for kind in NAMES}
     assert all(2.0 - 1e-8 <= math.hypot(*one.wind_m_s) <= 5.0 + 1e-8 for kind in NAMES[1:] for one in of[kind])
@@ -59,7 +59,7 @@ def test_what_is_drawn_is_within_the_config():
     assert {one.rain_mm_h for kind in ("snow", "dust") for one in of[kind]} == {0.0}
 
 
-def test_rain_and_snow_fall_from_overcast_skies():
+def test_rain_and_snow_have_overcast_skies():
     light = small_config(light={"hdris": ["noon"], "overcast": ["gray*"]}).light
     weights = hdri_weights(light, ("noon", "gray_one", "dusk", "gray_two"))
     assert weights.tolist() == [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 1.0]]
@@ -77,7 +77,7 @@ def test_rain_and_snow_fall_from_overcast_skies():
         ({"hdris": [{"name": "noon", "weight": 0}, "dusk"], "overcast": ["noon"]}, "light.overcast: all weights are 0"),
     ],
 )
-def test_an_overcast_sky_that_is_not_there_is_said(light, message):
+def test_a_missing_overcast_sky_is_reported(light, message):
     with pytest.raises(ConfigError, match=message):
         hdri_weights(small_config(light=light).light, ("noon", "dusk"))
 
@@ -91,7 +91,7 @@ def test_an_overcast_sky_that_is_not_there_is_said(light, message):
         *({"ground_cover": 1.5}, {"vehicle_cover": -0.1}, {"kind": "hail"}),
     ],
 )
-def test_a_weather_out_of_range_is_refused(wrong):
+def test_weather_out_of_range_is_refused(wrong):
     with pytest.raises(ValueError, match="weather: expected one of fog, rain"):
         Weather(**{"visibility_m": 500.0, "kind": "rain", **wrong})
 
@@ -102,7 +102,7 @@ def distance(row):
     return np.linalg.norm(center[:3] - row.world_from_camera[:3, 3])
 
 
-def test_no_target_is_fainter_than_asked():
+def test_every_target_has_the_least_contrast():
     thick = {"fog": 0.7, "visibility_m": [100.0, 200.0]}
     loose = list(plan(small_config(budget=BUDGET, weather={**thick, "min_contrast": 0.0}), ASSETS))
     rows = list(plan(small_config(budget=BUDGET, weather={**thick, "min_contrast": 0.2}), ASSETS))
@@ -117,7 +117,7 @@ def test_no_target_is_fainter_than_asked():
         assert row.target.air_contrast == pytest.approx(wanted, abs=1e-8)
 
 
-def test_a_least_contrast_that_no_camera_meets_is_said(monkeypatch):
+def test_a_least_contrast_that_no_camera_meets_is_an_error(monkeypatch):
     monkeypatch.setattr("hulldown.planning.search.positions.BLIND_PLACES", 2)
     config = small_config(budget=BUDGET, weather={"fog": 1.0, "visibility_m": [5.0, 6.0], "min_contrast": 0.5})
     with pytest.raises(ConfigError, match=r"100 % kept less contrast through the air than weather\.min_contrast"):

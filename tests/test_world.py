@@ -1,4 +1,4 @@
-"""One world, one query: what a ray meets first among ground, obstacles and vehicles, and whether anything is there."""
+"""The world query: first hits of rays among ground, obstacles, and vehicles, and occlusion."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ WORLD = World(RayCaster(GROUND), WOOD, VEHICLES)
 
 
 def in_the_world() -> tuple[trimesh.Trimesh, np.ndarray]:
-    """Everything as triangles of one trimesh, with kind, which and face of each."""
+    """Everything as triangles of one trimesh, with kind, index, and face of each."""
     things = [(Kind.GROUND, 0, GROUND.vertices, GROUND.faces)]
     for i, (mesh, pose) in enumerate(zip((0, 1, 0), STRETCHED, strict=True)):
         vertices = trimesh.transform_points(WOOD.meshes[mesh].vertices, pose)
@@ -51,7 +51,7 @@ def rays(n: int) -> tuple[np.ndarray, np.ndarray]:
     return origin, along / np.linalg.norm(along, axis=1, keepdims=True)
 
 
-def test_the_nearest_is_that_of_all_triangles_in_the_world():
+def test_the_nearest_hit_is_that_of_all_triangles_in_the_world():
     everything, named = in_the_world()
     origin, along = rays(3000)
     distance, triangle = nearest_triangle(origin, along, np.array(everything.triangles))
@@ -63,7 +63,7 @@ def test_the_nearest_is_that_of_all_triangles_in_the_world():
     found = np.stack([hits.kind, hits.which, hits.face], axis=1)[met]
     assert set(found[:, 0]) == {Kind.GROUND, Kind.OBSTACLE, Kind.VEHICLE}
     assert {tuple(row) for row in found[:, :2]} == {(1, 0), (2, 0), (2, 1), (2, 2), (3, 0), (3, 1)}
-    # The flat instance has two faces in one place.
+    # The flat instance has two coincident faces.
     assert (found == named[triangle[met]])[(found[:, :2] != [2, 2]).any(axis=1)].all(axis=1).mean() > 0.995
     normal, oracle = hits.normal[met], np.array(everything.face_normals)[triangle[met]]
     assert (np.einsum("ij,ij->i", normal, along[met]) <= 0).all()
@@ -75,7 +75,7 @@ def test_the_nearest_is_that_of_all_triangles_in_the_world():
     assert np.isnan(hits.normal[missed]).all()
 
 
-def test_occluded_is_what_has_something_nearer():
+def test_occluded_rays_have_a_closer_hit():
     origin, along = rays(2000)
     hits = WORLD.nearest(origin, along)
     reach = np.random.default_rng(1).uniform(1.0, 15.0, len(along))
@@ -83,7 +83,7 @@ def test_occluded_is_what_has_something_nearer():
     np.testing.assert_array_equal(WORLD.nearest(origin, along, max_distance=reach).hit, hits.distance <= reach)
 
 
-def test_camera_rays_are_hidden_as_their_rays_are_one_by_one():
+def test_camera_rays_are_hidden_like_single_rays():
     cameras = camera_pose([0, 0, 1.0], np.array([14.0, 20.0]), np.array([0.0, 2.0]), np.array([0.3, 0.6]))
     pattern = np.random.default_rng(0).random((400, 2))
     camera_rays = CameraRays(np.full((2, 2), -0.4), np.full((2, 2), 0.8), pattern)
@@ -101,11 +101,11 @@ def test_camera_rays_are_hidden_as_their_rays_are_one_by_one():
     [
         (Intrinsics(200, 131, 1.2), [14.0, 9.0, 6.0]),
         (Intrinsics(150, 90, 1.0, (110.0, 95.0, 40.0, 50.0), (-0.2, 0.05, 0.01, -0.01, 0.0)), [-12.0, 8.0, 3.0]),
-        (Intrinsics(130, 70, 2.9), [-6.0, 3.0, 2.4]),  # inside of an instance, with a wide view
+        (Intrinsics(130, 70, 2.9), [-6.0, 3.0, 2.4]),  # inside an instance, with a wide view
         (Intrinsics(1, 1, 0.1), [14.0, 9.0, 6.0]),
     ],
 )
-def test_a_camera_sees_what_the_rays_of_its_pixels_meet(intrinsics, position):
+def test_a_camera_sees_the_hits_of_its_pixels_rays(intrinsics, position):
     toward = np.array([0.0, 0.0, 1.0]) - position
     across = np.cross(toward, [0.0, 0.0, 1.0])
     axes = np.stack([across, np.cross(toward, across), toward])
@@ -123,19 +123,19 @@ def test_a_camera_sees_what_the_rays_of_its_pixels_meet(intrinsics, position):
     assert len(pixel) == 1 or set(seen.kind) >= {Kind.GROUND, Kind.OBSTACLE}
 
 
-def test_an_empty_world_and_no_rays_are_legal():
+def test_an_empty_world_and_zero_rays_are_legal():
     assert not World().nearest([[0, 0, 1.0]], [[0, 0, -1.0]]).hit.any()
     assert not World().occluded([[0, 0, 1.0]], [[0, 0, -1.0]]).any()
     assert WORLD.nearest(np.zeros((0, 3)), np.zeros((0, 3))).normal.shape == (0, 3)
 
 
-def test_the_plane_is_met_from_both_sides_at_its_distance_and_not_along_it():
+def test_the_plane_is_hit_from_both_sides_at_its_distance_and_not_along_it():
     hits = World(Plane(1.0)).nearest([[0, 0, 3.0], [0, 0, 0.0], [0, 0, 3.0]], [[3, 0, -4.0], [0, 0, 1.0], [1, 0, 0.0]])
     assert hits.distance.tolist() == [2.5, 1.0, np.inf]
     assert hits.normal[:2].tolist() == [[0, 0, 1], [0, 0, -1]]
 
 
-def test_missing_ground_is_a_plane_at_a_height_of_the_file():
+def test_missing_ground_is_a_plane_at_the_files_height():
     scenery = scenery_of("bare", origin=(0.0, 0.0, 500.0))
     ground = World.of(scenery, fallback_z=503.0).ground
     assert isinstance(ground, Plane)

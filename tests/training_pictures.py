@@ -1,4 +1,4 @@
-"""Datasets that a detector learns in no time: bright shapes on dark noise."""
+"""Datasets that a detector learns quickly: bright shapes on dark noise."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CLASSES = ("square", "disc")
 def make_dataset(
     folder: Path, count: int, *, seed: int = 0, size=(96, 54), classes=CLASSES, masks=True, first=1
 ) -> Path:
-    """`count` pictures with a shape each; every fourth has none. Ids begin at `first`."""
+    """`count` pictures with a shape each, except every fourth. Ids begin at `first`."""
     (folder / "images").mkdir(parents=True)
     rng = np.random.default_rng(seed)
     width, height = size
