@@ -162,10 +162,6 @@ def keyed(obj):
     obj.keyframe_insert("location", frame=40)
 
 
-def driven(obj):
-    obj.driver_add("location", 2).driver.expression = "1 / 0"
-
-
 def constrained(obj):
     constraint = obj.constraints.new("COPY_TRANSFORMS")
     constraint.target = bpy.data.objects[0]
@@ -175,11 +171,6 @@ def shaped(obj):
     obj.shape_key_add(name="Basis")
     key = obj.shape_key_add(name="swollen")
     key.data[0].co, key.value = (0.0, 0.0, 7.0), 1.0
-
-
-def in_two_collections(obj):
-    bpy.data.collections.new(obj.name).objects.link(obj)
-    bpy.context.scene.collection.children.link(bpy.data.collections[-1])
 
 
 def carried(obj):
@@ -211,16 +202,15 @@ def referring(obj):
 
 
 EXTRAS = {
+    "key": keyed,
+    "constraint": constrained,
+    "shape key": shaped,
+    "carried": carried,
+    "on faces": on_faces,
     "refers": referring,
     "bald": lambda obj: haired(obj, 0, "NONE"),
     "furry": lambda obj: haired(obj, 4, "INTERPOLATED"),
-    **{"key": keyed, "driver": driven, "constraint": constrained, "shape key": shaped, "twice": in_two_collections},
-    **{"carried": carried, "on faces": on_faces},
     "hidden": lambda obj: setattr(obj, "hide_render", True),
-    "eye": lambda obj: obj.hide_set(True),
-    "camera": lambda obj: setattr(obj, "visible_camera", False),
-    "holdout": lambda obj: setattr(obj, "is_holdout", True),
-    "catcher": lambda obj: setattr(obj, "is_shadow_catcher", True),
     "adaptive": lambda obj: setattr(obj.modifiers.new("s", "SUBSURF"), "use_adaptive_subdivision", True),
 }
 

@@ -40,7 +40,7 @@ def modifiers():
     out = collection("Out")
     box("InExcluded", (3, 3, 3), (0, 0, 4), collection=out)
     layer("Out").exclude = True
-    return {"hidden": ["RenderHidden", "InHidden", "InExcluded"]}
+    return {}
 
 
 @case

@@ -215,19 +215,15 @@ def yards(folder):
 def bytes_of_clear_pictures(folder):
     """The same clear row before, between, and after others, in one worker; and masks."""
     renderer = Renderer()
-    pose = at(-24.0, 20.0, 0.0)
-    for name in ("tiles", "yard"):
-        scenery = SceneryInput(str(folder / f"{name}.blend"), np.eye(4).tolist(), [], [])
-        cars = [VehicleInput(str(folder / "vehicle.blend"), [pose.tolist()])]
-        camera = looking_down(-21.0, 20.0, 40.0, 14.0) if name == "yard" else looking_down(3.5, 0.0, 50.0, 9.0)
-        if name == "yard":
-            renderer.do(to_json(MaskJob(scenery, cars, camera, str(folder / "mask before.npy"))))
-        kinds = ("clear", "rain", "clear 2", "snow", "rain 2", "dust", "clear 3")
-        for kind in kinds:
-            covered = None if kind.startswith("clear") else weather(kind.split()[0], 1.0, 1.0)
-            light = LightInput(str(folder / "white.exr"), 0.0, 1.0, None)
-            output = str(folder / f"{name} {kind}.png")
-            renderer.do(to_json(RenderJob(scenery, cars, camera, light, covered, 7, SETTINGS, output)))
+    scenery = SceneryInput(str(folder / "tiles.blend"), np.eye(4).tolist(), [], [])
+    cars = [VehicleInput(str(folder / "vehicle.blend"), [at(3.5, 2.5, 0.0).tolist()])]
+    camera = looking_down(3.5, 0.0, 50.0, 10.0)
+    light = LightInput(str(folder / "white.exr"), 0.0, 1.0, None)
+    renderer.do(to_json(MaskJob(scenery, cars, camera, str(folder / "mask before.npy"))))
+    for kind in ("clear", "rain", "clear 2", "snow", "rain 2", "dust", "clear 3"):
+        covered = None if kind.startswith("clear") else weather(kind.split()[0], 1.0, 1.0)
+        output = str(folder / f"{kind}.png")
+        renderer.do(to_json(RenderJob(scenery, cars, camera, light, covered, 7, SETTINGS, output)))
     renderer.do(to_json(MaskJob(scenery, cars, camera, str(folder / "mask after.npy"))))
 
 

@@ -328,10 +328,9 @@ def test_a_plan_is_refused_when_a_file_has_changed_since(exporter: Exporter, tmp
         load_planned_library(plan)
 
 
-@pytest.mark.parametrize("content", [b"", b"sky", b"<html>", b"\x89PNG"])
-def test_an_hdri_that_is_not_a_picture_is_refused(exporter: Exporter, tmp_path: Path, content: bytes) -> None:
+def test_an_hdri_that_is_not_a_picture_is_refused(exporter: Exporter, tmp_path: Path) -> None:
     config = config_in(tmp_path)
-    (tmp_path / "sky.exr").write_bytes(content)
+    (tmp_path / "sky.exr").write_bytes(b"<html>")
     with pytest.raises(AssetError, match=r"sky.exr: isn't an OpenEXR or Radiance picture; copy it again"):
         load_library(config)
     assert exporter.read == [], "before the slow work"

@@ -116,16 +116,6 @@ def test_opacity_exactly_at_the_threshold():
         assert (caster_of(card(alpha)).occluded(origins, along) == hides).all()
 
 
-def test_flipped_and_degenerate_coordinates():
-    origins, along, at = through()
-    flipped = caster_of(card(uv=CORNERS[[1, 0, 3, 2]])).occluded(origins, along)
-    np.testing.assert_array_equal(flipped, np.floor(np.array([4, 0]) + at * [-4, 4]).sum(axis=1) % 2 == 1)
-    point = card(SOFT, uv=np.full((4, 2), 0.3))
-    np.testing.assert_allclose(
-        caster_of(point).transmittance(origins, along), 1 - SOFT.opacity(np.full((1, 2), 0.3, np.float32))[0], rtol=1e-6
-    )
-
-
 def test_faces_of_a_mesh_with_and_without_holes_keep_their_numbers():
     wall = Mesh(SQUARE + np.array([0.0, 1.0, 0.0]), HALVES)
     mesh, _ = merge([card(), wall])

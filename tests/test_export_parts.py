@@ -34,14 +34,6 @@ def test_dropped_objects_have_a_reason(messy: Messy) -> None:
     }
 
 
-def test_objects_hidden_from_render_are_dropped_and_hidden_from_view_kept(messy: Messy) -> None:
-    uses = messy.uses("modifiers")
-    assert uses["EyeHidden"] == {"hull"}
-    assert messy.uses("instances")["MonitorHidden"] == {"hull"}
-    for name in ("RenderHidden", "InHidden", "InExcluded", "InIndirect", "InHoldout"):
-        assert uses[name] == {"dropped"}
-
-
 def test_loose_vertices_are_ignored(messy: Messy) -> None:
     assert messy.vehicle("surfaces").mesh.vertices[:, 2].max() < 4
 

@@ -50,13 +50,6 @@ def test_a_strand_tapers():
     assert np.ptp(mesh.vertices[mesh.vertices[:, 2] == 1.0], axis=0).tolist() == [0.0, 0.0, 0.0]
 
 
-def test_faces_look_outward():
-    mesh = strand((0, 0, 0), (0, 0, 1))
-    a, b, c = mesh.vertices[mesh.faces].swapaxes(0, 1)
-    outward = (a + b + c) / 3 - [0, 0, 0.5]
-    assert ((np.cross(b - a, c - a) * outward).sum(axis=1) > 0).all()
-
-
 def test_separate_curves_stay_separate():
     points = np.array([[0, 0, 0], [0, 0, 1], [9, 0, 0], [9, 0, 1], [9, 0, 2], [20, 0, 0]], dtype=float)
     mesh = hair_mesh(points, np.full(6, 0.1), np.array([0, 2, 5]), np.array([True, False, True]), "grass")
@@ -110,7 +103,3 @@ def test_a_bent_strand_follows_the_spline_through_its_points():
 def axis_points(mesh):
     """Centers of all prisms."""
     return mesh.vertices.reshape(-1, 8, 3).mean(axis=1)
-
-
-def test_straight_segments_of_a_spline_are_not_split():
-    assert len(strand((0, 0, 0), (0, 0, 1), (0, 0, 2), straight=False).faces) == 16

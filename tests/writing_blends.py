@@ -31,14 +31,6 @@ def particles(target):
     system.point_cache.use_disk_cache = True
 
 
-def cloth(target):
-    cube().modifiers.new("flag", "CLOTH").point_cache.use_disk_cache = True
-
-
-def soft(target):
-    cube().modifiers.new("jelly", "SOFT_BODY").point_cache.use_disk_cache = True
-
-
 def paint(target):
     canvas = cube().modifiers.new("paint", "DYNAMIC_PAINT")
     canvas.ui_type = "CANVAS"
@@ -46,13 +38,6 @@ def paint(target):
     surface = canvas.canvas_settings.canvas_surfaces[0]
     surface.image_output_path = str(target)
     surface.point_cache.use_disk_cache = True
-
-
-def rigid(target):
-    cube()
-    bpy.ops.rigidbody.world_add()
-    caches = bpy.context.scene.rigidbody_world.point_cache.point_caches
-    caches.foreach_set("use_disk_cache", [True] * len(caches))
 
 
 def fluid(target):
@@ -64,7 +49,7 @@ def fluid(target):
     cube("Hull")
 
 
-def sound(target):
+def nothing(target):
     cube()
 
 
@@ -79,7 +64,7 @@ def outputs(target):
     node.directory = str(target / "composited")
 
 
-CASES = {case.__name__: case for case in (particles, cloth, soft, paint, rigid, fluid, outputs, sound)}
+CASES = {case.__name__: case for case in (particles, paint, fluid, outputs, nothing)}
 
 
 def as_vehicle():
