@@ -14,13 +14,6 @@ coordinates = st.floats(-50, 50).map(lambda x: round(x, 3))
 sizes = st.floats(0.05, 8).map(lambda x: round(x, 3))
 
 
-@given(names)
-def test_words_keep_every_letter_and_digit_in_order(name: str) -> None:
-    assume(not name[-4:].replace(".", "").isdigit())
-    assert "".join(words(name)) == "".join(c for c in name if c.isalnum()).lower() or not name.isascii()
-    assert all(word for word in words(name))
-
-
 @given(names, st.integers(1, 999))
 def test_numbers_added_by_blender_change_nothing(name: str, number: int) -> None:
     assume(name[-4:-3] != ".")

@@ -14,13 +14,10 @@ from hypothesis import strategies as st
 
 import hulldown.annotate.clusters
 from hulldown.annotate.boxes import VehicleBoxes, surface_box
-from hulldown.annotate.clipping import extremes_of_clipped, extremes_of_mesh
 from hulldown.annotate.masks import mask_box, vehicle_mask
 from hulldown.annotate.posing import PosedParts, move
 from hulldown.assets.vehicle import VehicleShape
-from hulldown.camera.frustum import Frustum
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.lenses import lenses
 from hulldown.camera.projection import NEAR, Camera
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.geometry.meshes import Mesh
@@ -266,33 +263,6 @@ def test_a_batch_gives_the_bits_of_its_rows(seeds: list[int], vehicle: int) -> N
         for frame, rows in ((True, found.xywh), (False, found.amodal)):
             alone = boxes.box(poses[i], camera, angles[i], frame=frame)
             assert np.array_equal(rows[i], np.full(4, np.nan) if alone is None else alone, equal_nan=True)
-
-
-@given(st.integers(0, 2**32))
-def test_truncation_is_between_0_and_1(seed: int) -> None:
-    shape, pose, camera, articulation = random_view(seed)
-    found = VehicleBoxes(shape).boxes(pose[None], camera.world_from_camera[None], camera.intrinsics, [articulation])
-    (box,), (amodal,), (share,) = found.xywh, found.amodal, found.truncated_fraction
-    assert 0.0 <= share <= 1.0
-    if np.isnan(box).any():
-        assert share == 1.0
-        return
-    size = np.array([camera.intrinsics.width, camera.intrinsics.height])
-    assert (box[:2] >= 0.0).all()
-    # A difference and a sum of two numbers may each be off by half an ulp.
-    assert (box[:2] + box[2:] <= size * (1.0 + 4e-16)).all()
-    slack = 1e-9 * np.abs(amodal).max()
-    assert (box[:2] >= amodal[:2] - slack).all()
-    assert (box[:2] + box[2:] <= amodal[:2] + amodal[2:] + slack).all()
-
-
-@given(st.integers(0, 2**32), st.booleans())
-def test_skipping_inner_and_outer_parts_changes_nothing(seed: int, frame: bool) -> None:
-    shape, pose, camera, _ = random_view(seed)
-    frustum = Frustum.of(lenses(camera.intrinsics), frame=frame)
-    points = np.ascontiguousarray(apply(camera.camera_from_world @ pose, shape.mesh.vertices).T)
-    each = extremes_of_clipped(points[:, shape.mesh.faces], frustum)
-    assert np.array_equal(extremes_of_mesh(points, shape.mesh.faces, frustum), each)
 
 
 @pytest.mark.parametrize("kind", [subdivided_box, ball])

@@ -86,16 +86,6 @@ def test_a_limit_excludes_hits_beyond_it(seed, k, n):
     np.testing.assert_array_equal(blocked[clearly], cut.hit[clearly])
 
 
-@given(seed=st.integers(0, 2**32), k=st.integers(1, 40))
-def test_adding_an_instance_never_opens_a_view(seed, k):
-    rng, scene, _ = scene_and_flat(seed, k, False)
-    fewer = InstancedScene(scene.meshes, scene.instance_mesh[:-1], scene.world_from_instance[:-1])
-    origins, directions = rng.uniform(-8, 8, (200, 3)), rng.normal(size=(200, 3))
-    assert not (fewer.occluded(origins, directions) & ~scene.occluded(origins, directions)).any()
-    nearer = scene.cast(origins, directions).distance
-    assert (nearer <= fewer.cast(origins, directions).distance).all()
-
-
 @given(seed=st.integers(0, 2**32), k=st.integers(0, 30), axis=st.integers(0, 3))
 def test_the_tree_finds_the_boxes_of_a_plain_loop(seed, k, axis):
     rng = np.random.default_rng(seed)

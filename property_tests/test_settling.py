@@ -6,13 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.transforms import apply, facing, rigid, rotation_z
+from hulldown.geometry.transforms import apply, rigid, rotation_z
 from hulldown.placement.candidates import candidates
 from hulldown.placement.footprint import Underside, underside_samples
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.rules import SettleRules
 from hulldown.placement.settle import settle
 from hulldown.placement.terrain import Terrain
+from hulldown.tests.shapes import surface
 
 SIZE = np.array([7.0, 3.5, 2.5])
 RULES = st.sampled_from(["averaged", "least_squares", "support"])
@@ -29,12 +30,9 @@ def rough_mesh(seed, relief=0.8, half=20.0, cell=1.0):
     """A square of random heights, plus a random slope."""
     rng = np.random.default_rng(seed)
     x = np.linspace(-half, half, round(2 * half / cell) + 1)
-    grid = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
-    z = relief * rng.random(len(grid)) + grid @ rng.uniform(-0.3, 0.3, 2) + rng.uniform(-50, 50)
-    i = np.arange(len(x) ** 2).reshape(len(x), len(x))
-    a, b, c, d = i[:-1, :-1].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel(), i[:-1, 1:].ravel()
-    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
-    return Mesh(np.column_stack([grid, z]), faces, "rough")
+    grid = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1)
+    z = relief * rng.random(grid.shape[:2]) + grid @ rng.uniform(-0.3, 0.3, 2) + rng.uniform(-50, 50)
+    return surface(x, x, z, "rough")
 
 
 def plane_mesh(gradient, z, half=30.0):
@@ -102,18 +100,6 @@ def test_the_averaged_rule_is_the_mean_of_heights_and_normals(seed):
         mean = hits.normal.mean(axis=0)
         np.testing.assert_allclose(settled.world_from_vehicle[i, :3, 2], mean / np.linalg.norm(mean), atol=CLOSE)
         np.testing.assert_allclose(settled.world_from_vehicle[i, 2, 3], hits.z.mean(), atol=CLOSE * 50)
-
-
-@given(yaw=finite(-10, 10), tilt=finite(0, 1.5), toward=finite(-4, 4), at=vectors(-1e4, 1e4, 3))
-def test_tilting_keeps_the_contact_point_and_the_heading(yaw, tilt, toward, at):
-    up = np.array([math.sin(tilt) * math.cos(toward), math.sin(tilt) * math.sin(toward), math.cos(tilt)])
-    tilted, level = rigid(facing(yaw, up), at), rigid(rotation_z(yaw), at)
-    np.testing.assert_array_equal(apply(tilted, np.zeros((1, 3))), apply(level, np.zeros((1, 3))))
-    np.testing.assert_array_equal(tilted[:3, 2], up)
-    assert abs(turned_by(headings(tilted[None]), yaw)) < 1e-13
-    # Tilting is a rotation about the contact point.
-    relative = tilted[:3, :3] @ level[:3, :3].T
-    np.testing.assert_allclose(relative @ relative.T, np.eye(3), atol=1e-14)
 
 
 @given(
@@ -237,11 +223,10 @@ def test_gap_and_penetration_equal_those_of_the_posed_underside(seed, rule):
         assert settled.gap[i] == pytest.approx(max(0.0, (plane - ground[at.foot]).max()), abs=1e-10)
 
 
-@pytest.mark.parametrize("threads", [2, 3])
-def test_the_number_of_threads_changes_nothing(threads):
+def test_the_number_of_threads_changes_nothing():
     mesh = rough_mesh(5)
     xy, yaw = candidates(mesh.bounds, 6000, rng=np.random.default_rng(5), margin=1.0)
     one = settle(Terrain(mesh), SIZE, xy, yaw)
-    more = settle(Terrain(mesh), SIZE, xy, yaw, threads=threads)
+    more = settle(Terrain(mesh), SIZE, xy, yaw, threads=3)
     np.testing.assert_array_equal(one.world_from_vehicle, more.world_from_vehicle)
     np.testing.assert_array_equal(one.rejection, more.rejection)

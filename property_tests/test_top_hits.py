@@ -200,13 +200,3 @@ def rough(draw):
 @given(rough(), st.integers(0, 2**32 - 1))
 def test_certified_equals_the_exact_rule_on_hundreds_of_faces(mesh, seed):
     assert_exact(mesh, points_on(mesh, np.random.default_rng(seed), n=25))
-
-
-@given(rough(), st.integers(0, 2**32 - 1))
-def test_winding_does_not_matter(mesh, seed):
-    rng = np.random.default_rng(seed)
-    turned = np.where((rng.random(len(mesh.faces)) < 0.5)[:, None], mesh.faces[:, [0, 2, 1]], mesh.faces)
-    xy = points_on(mesh, rng, n=100)
-    hits, other = Terrain(mesh).top_hits(xy), Terrain(Mesh(mesh.vertices, turned)).top_hits(xy)
-    for field in ("face", "z", "normal"):
-        np.testing.assert_array_equal(getattr(hits, field), getattr(other, field))

@@ -30,6 +30,14 @@ def sheet(low, high, z: float = 0.0) -> Mesh:
     return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), "sheet")
 
 
+def surface(x: np.ndarray, y: np.ndarray, z: np.ndarray, name: str = "surface") -> Mesh:
+    """Quads between the points of x (n,) and y (m,) at heights z (n, m), each split along its diagonal."""
+    i = np.arange(z.size).reshape(z.shape)
+    a, b, c, d = i[:-1, :-1].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel(), i[:-1, 1:].ravel()
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    return Mesh(np.column_stack([np.repeat(x, len(y)), np.tile(y, len(x)), z.ravel()]), faces, name)
+
+
 def vehicle_of(*meshes: Mesh, name: str = "box", pivots=((0.0, 0.0, 0.0),) * 3) -> VehicleShape:
     """A vehicle of a hull, a turret on it, and a gun on that: one part per mesh."""
     parts = len(meshes)

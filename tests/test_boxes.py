@@ -1,5 +1,4 @@
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,8 +6,7 @@ import pytest
 from hulldown.annotate.boxes import VehicleBoxes, surface_box, truncated_fraction
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import NEAR, Camera
-from hulldown.geometry.meshes import Mesh
+from hulldown.camera.projection import Camera
 from hulldown.geometry.transforms import rigid
 from hulldown.tests.shapes import CORNERS, FACES, box, vehicle_of
 
@@ -40,36 +38,6 @@ def test_box_of_a_framed_cube_in_closed_form():
     assert_box(box, [75.0, 25.0, 50.0, 50.0])
 
 
-@pytest.mark.parametrize(
-    ("camera", "why"),
-    [
-        (camera_at(0.0, 0.0, 5.0), "behind"),
-        (camera_at(20.0, 0.0, -5.0), "beside"),
-        (camera_at(0.0, 20.0, -5.0), "above"),
-        (camera_at(0.0, 0.0, 1.0 - NEAR * 0.9, Intrinsics(200, 100, 0.01)), "between camera and near plane"),
-    ],
-)
-def test_targets_outside_the_frame_have_no_box(camera, why):
-    assert surface_box(CUBE, FACES, camera) is None, why
-    assert VehicleBoxes(vehicle()).box(rigid(np.eye(3), [0.0, 0.0, -1e-3]), camera) is None, why
-
-
-def test_unused_vertices_do_not_count():
-    vertices = np.concatenate([CUBE, [[0.0, 30.0, 3.0]]])
-    camera = camera_at(0.0, 0.0, -5.0)
-    assert_box(surface_box(vertices, FACES, camera), [75.0, 25.0, 50.0, 50.0])
-    shape = vehicle()
-    vertices = np.concatenate([shape.mesh.vertices, [[0.0, 30.0, 3.0]]])
-    stray = replace(shape, mesh=Mesh(vertices, shape.mesh.faces), vertex_part=np.append(shape.vertex_part, 1))
-    pose = np.eye(4)
-    assert np.array_equal(VehicleBoxes(stray).box(pose, camera), VehicleBoxes(shape).box(pose, camera))
-
-
-def test_an_unknown_part_is_named():
-    with pytest.raises(ValueError, match=r"'cubes' has no part 'gun'; it has \['turret'\]"):
-        VehicleBoxes(vehicle()).box(np.eye(4), camera_at(0, 0, -5), {"gun": 1.0})
-
-
 def test_a_batch_has_a_row_per_pose_and_nan_for_invisible_targets():
     boxes = VehicleBoxes(vehicle())
     cameras = [camera_at(0, 0, -8), camera_at(4, 0, -5), camera_at(0, 0, 5), camera_at(30, 0, -5)]
@@ -79,12 +47,6 @@ def test_a_batch_has_a_row_per_pose_and_nan_for_invisible_targets():
     assert found.truncated_fraction[2:].tolist() == [1.0, 1.0]
     assert np.isnan(found.xywh).all(axis=1).tolist() == [False, False, True, True]
     assert np.isnan(found.amodal).all(axis=1).tolist() == [False, False, True, False]
-
-
-def test_no_poses_give_no_boxes():
-    found = VehicleBoxes(vehicle()).boxes(np.empty((0, 4, 4)), np.empty((0, 4, 4)), INTRINSICS)
-    assert found.xywh.shape == found.amodal.shape == (0, 4)
-    assert found.truncated_fraction.shape == (0,)
 
 
 @pytest.mark.parametrize(

@@ -45,19 +45,6 @@ def test_cameras_off_the_ground_and_low_cameras_have_different_reasons() -> None
     assert judge(room, 1.0, 1.0, 5.0) == Rejection.NONE
 
 
-@pytest.mark.parametrize(
-    ("x", "expected"),
-    [
-        (14.1, Rejection.CAMERA_OBSTACLE),
-        (13.9, Rejection.NONE),
-        (15.5, Rejection.CAMERA_OBSTACLE),
-        (25.5, Rejection.CAMERA_OBSTACLE),
-    ],
-)
-def test_cameras_keep_clear_of_obstacles(x: float, expected: Rejection) -> None:
-    assert judge(CameraRoom(Terrain(0.0), STREET), x, 0.0, 3.0, obstacle_clearance=1.0) == expected
-
-
 @pytest.mark.parametrize("name", ["obstacle_clearance", "vehicle_clearance"])
 @pytest.mark.parametrize("meters", [-0.1, math.nan])
 def test_an_invalid_clearance_is_refused(name: str, meters: float) -> None:

@@ -23,10 +23,10 @@ def test_flat_sheets_and_single_points_have_the_footprint_of_their_bounds():
     np.testing.assert_array_equal(contact_footprint([[4, 5, 6]]), [[4, 5], [4, 5]])
 
 
-def tank(belly=0.45):
+def tank():
     """Two rails 0.6 m wide, and a hull between and above them."""
     rails = [box((-3.0, y - 0.3, 0.0), (3.0, y + 0.3, 0.6)) for y in (-1.3, 1.3)]
-    return merge([*rails, box((-3.4, -1.2, belly), (3.4, 1.2, 1.5))])[0]
+    return merge([*rails, box((-3.4, -1.2, 0.45), (3.4, 1.2, 1.5))])[0]
 
 
 def test_the_underside_is_low_at_the_tracks_and_high_between():

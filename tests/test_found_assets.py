@@ -132,10 +132,3 @@ def test_a_name_that_a_config_cannot_hold_is_not_listed(tmp_path: Path) -> None:
     (tmp_path / "tank\n\udcff.glb").write_bytes(b"glTF")
     with pytest.raises(AssetError, match=r"(?s)none of its 1 files can be used.*rename it"):
         read_found(tmp_path, asset_files(tmp_path))
-
-
-@pytest.mark.parametrize("other", ["--bare", "--small"])
-def test_from_excludes_other_kinds_of_projects(other: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        cli.main(["init", "project", "--from", "mine", other])
-    assert "not allowed with argument" in capsys.readouterr().err

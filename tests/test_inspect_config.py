@@ -14,6 +14,7 @@ from hulldown.geometry.errors import ConfigError
 from hulldown.planning.config.schema import Config
 from hulldown.planning.loading import inspect_config
 from hulldown.reading.inspect import inspect
+from hulldown.tests.test_found_assets import SKY
 
 FILES = """
 import bpy
@@ -33,8 +34,6 @@ cube("Lawn", (100, 100, 1), (0, 0, 0))
 cube("Rock", (2, 2, 2), (0, 0, 1))
 bpy.ops.wm.save_as_mainfile(filepath="park.blend")
 """
-# Two rows of four pixels, in Radiance's format without run lengths.
-SKY = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n" + bytes([128, 130, 140, 129]) * 7 + bytes([9, 9, 9, 128])
 CONFIG = """
 [assets]
 hdris = ["*.hdr"]

@@ -13,25 +13,6 @@ def at(*position, stretch=(1.0, 1.0, 1.0)):
     return pose
 
 
-@pytest.mark.parametrize("stretch", [(-1, 1, 1), (5, 0.2, 1), (-0.01, 1, -300)])
-def test_distances_are_world_meters_in_mirrored_and_stretched_copies(stretch):
-    scene = InstancedScene([CUBE], [0], [at(0, 0, 0, stretch=stretch)])
-    center = np.array([0.1, 0.1, np.sign(stretch[2])]) * np.abs(stretch)
-    side = np.eye(3)[0] * 1000
-    hits = scene.cast([center + side], [-side])
-    np.testing.assert_allclose(hits.distance, [1000 + center[0] - abs(stretch[0])], rtol=1e-7)
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_a_copy_squashed_flat_still_stops_rays(axis):
-    stretch = np.where(np.arange(3) == axis, 0.0, 1.0)
-    scene = InstancedScene([CUBE], [0, 0], [at(0, 0, 0, stretch=stretch), at(50, 0, 0)])
-    origin = np.array([0.3, 0.2, 0.4]) + 5 * np.eye(3)[axis]
-    hits = scene.cast([origin], [-np.eye(3)[axis]])
-    assert hits.instance.tolist() == [0]
-    np.testing.assert_allclose(hits.distance, origin[axis], atol=1e-5)
-
-
 def test_an_empty_scene_is_never_hit():
     for meshes in ([], [CUBE]):
         scene = InstancedScene(meshes, [], np.zeros((0, 4, 4)))

@@ -7,14 +7,12 @@ import trimesh
 from hulldown.geometry.errors import AssetError
 from hulldown.geometry.meshes import FORMATS, Mesh
 from hulldown.geometry.transforms import rigid, rotation_z
-from hulldown.placement.terrain import Terrain
+from hulldown.tests.shapes import surface
 
 
 def hill() -> Mesh:
-    xy = np.stack(np.meshgrid(np.arange(5.0), np.arange(4.0)), -1).reshape(-1, 2)
-    corner = (np.arange(3)[:, None] * 5 + np.arange(4)).ravel()
-    faces = np.concatenate([corner[:, None] + [0, 1, 6], corner[:, None] + [0, 6, 5]])
-    return Mesh(np.c_[xy, np.sin(xy).sum(axis=1) / 3.0], faces, "hill")
+    x, y = np.arange(5.0), np.arange(4.0)
+    return surface(x, y, np.add.outer(np.sin(x), np.sin(y)) / 3.0, "hill")
 
 
 @pytest.mark.parametrize("ending", [*FORMATS, ".PLY"])
@@ -27,11 +25,6 @@ def test_a_saved_mesh_is_loaded_again(tmp_path, ending):
     rounded = mesh.triangles if ending == ".obj" else mesh.triangles.astype(np.float32)
     np.testing.assert_allclose(loaded.triangles, rounded, rtol=0, atol=1e-16)
     assert [path.name for path in tmp_path.iterdir()] == [f"hill{ending}"]
-
-
-def test_a_terrain_from_a_file_is_one_line_of_code(tmp_path):
-    hill().save(tmp_path / "hill.obj")
-    assert Terrain(Mesh.load(tmp_path / "hill.obj")).top_hits([[1.0, 0.0]]).z[0] == np.sin(1.0) / 3.0
 
 
 def test_meshes_of_a_scene_are_in_their_places(tmp_path):

@@ -29,6 +29,7 @@ from hulldown.reading.vehicle.part_shapes import unnamed
 from hulldown.reading.vehicle.solids import find_solids
 from hulldown.reading.wording import warnings_of
 from hulldown.tests.planning_assets import small_assets, small_config
+from hulldown.tests.shapes import surface
 from hulldown.tests.test_roles import piece
 
 MAX_MATERIAL = "newmtl body\n\tNi 1.5\n\td 1\n\tTr 0\n\tTf 1 1 1\n\tillum 2\n\tKd 0.3 0.32 0.2\n"
@@ -83,11 +84,9 @@ def write_obj(path, parts, materials, mtl, uv=None):
 
 
 def hills():
-    x, y = np.meshgrid(np.linspace(-250, 250, 51), np.linspace(-250, 250, 51))
-    corner = np.arange(50)[:, None] * 51 + np.arange(50)
-    faces = np.stack([[corner, corner + 1, corner + 52], [corner, corner + 52, corner + 51]]).transpose(0, 2, 3, 1)
-    vertices = np.stack([x, y, 2 * np.sin(x / 60) * np.cos(y / 50)], axis=-1)
-    return trimesh.Trimesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), process=False)
+    x = np.linspace(-250, 250, 51)
+    land = surface(x, x, 2 * np.outer(np.sin(x / 60), np.cos(x / 50)))
+    return trimesh.Trimesh(land.vertices, land.faces, process=False)
 
 
 def curb(half, width):

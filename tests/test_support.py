@@ -74,18 +74,6 @@ def test_at_any_density_contacts_touch_surround_the_center_and_nothing_is_above(
     assert above[valid[f]].min() > -1e-11
 
 
-def test_the_margin_is_the_distance_from_the_center_to_the_closest_side():
-    heights = np.full((1, 25), -1.0)
-    on = [np.flatnonzero((at == GRID).all(axis=1))[0] for at in ([3.5, 0.0], [-1.75, 1.75], [-1.75, -1.75])]
-    heights[0, on] = 0.0
-    plane = support_plane(GRID, heights, np.ones((1, 25), dtype=bool))
-    assert set(plane.contacts[0].tolist()) == set(on)
-    # Twice the area of (center, nose, left) over the length of that side; the rear side is 1.75 away.
-    np.testing.assert_allclose(plane.margin, 3.5 * 1.75 / np.hypot(5.25, 1.75), atol=1e-15)
-    heights[0, 12] = 1.0
-    assert support_plane(GRID, heights, np.ones((1, 25), dtype=bool)).margin[0] < 1e-15
-
-
 def test_few_samples_and_no_rows_are_legal():
     assert support_plane(GRID, np.zeros((0, 25)), np.zeros((0, 25), bool)).found.shape == (0,)
     line = np.array([[-1.0, 0.0], [1.0, 0.0]])

@@ -42,14 +42,6 @@ def test_parts_turn_about_their_pivots_and_move_with_their_parents(articulation:
     np.testing.assert_allclose(SHAPE.vertices_at(articulation), vertices, rtol=0, atol=1e-14)
 
 
-def test_a_turret_turns_counterclockwise_and_moves_the_gun() -> None:
-    _, turret, gun, mast = SHAPE.vehicle_from_parts({"turret": np.pi / 2})
-    pivot = SHAPE.part_pivot[1]
-    np.testing.assert_allclose(apply(turret, pivot[None] + [[1, 0, 0]]), pivot[None] + [[0, 1, 0]], atol=1e-15)
-    np.testing.assert_array_equal(gun, turret)
-    np.testing.assert_array_equal(mast, np.eye(4))
-
-
 def test_one_articulation_equals_a_row_of_many_bit_for_bit() -> None:
     drawn = RNG.uniform(-3, 3, (7, 3)) * (RNG.random((7, 3)) < 0.6)
     many = [dict(zip(SHAPE.part_names[1:], row, strict=True)) for row in [*drawn.tolist(), [0.0] * 3]]
