@@ -256,10 +256,11 @@ def test_the_error_of_a_failed_download_of_rf_detrs_weights_names_their_place(tm
 
 def test_the_error_of_a_verb_without_its_extra_tells_how_to_install_it():
     code = (
-        "import importlib.util, sys, cli\n"
+        "import importlib.util, sys\n"
+        "from hulldown.cli import main\n"
         "find = importlib.util.find_spec\n"
         "importlib.util.find_spec = lambda name: None if name in ('torch', 'rfdetr') else find(name)\n"
-        "sys.exit(cli.main(['train', '--data', 'real=x', '-o', 'run', '--model', 'small']))"
+        "sys.exit(main(['train', '--data', 'real=x', '-o', 'run', '--model', 'small']))"
     )
     ran = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert ran.returncode == 2
@@ -267,7 +268,7 @@ def test_the_error_of_a_verb_without_its_extra_tells_how_to_install_it():
 
 
 def test_a_subset_needs_no_extra():
-    code = "import sys, training.subset; assert not {'torch', 'cv2', 'albumentations'} & set(sys.modules)"
+    code = "import sys, hulldown.training.subset; assert not {'torch', 'cv2', 'albumentations'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=120)
 
 
