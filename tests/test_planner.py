@@ -5,9 +5,8 @@ import pytest
 
 from hulldown.assets.library import AssetFile, Assets
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.check import check_plan
-from hulldown.planning.plan_file import PlanWriter, read_plan
-from hulldown.planning.row import VehicleSource, decode_row, encode, encode_rows
+from hulldown.planning.plan_file import PlanWriter
+from hulldown.planning.row import VehicleSource, encode, encode_rows
 from hulldown.planning.write import make_header, write_plan
 from hulldown.tests.planning_assets import bare, plan, small_assets, small_config
 
@@ -20,14 +19,6 @@ def assets():
 @pytest.fixture(scope="module")
 def rows(assets):
     return list(plan(small_config(), assets))
-
-
-def test_rows_in_memory_equal_rows_in_the_file(rows):
-    for row in rows:
-        again = decode_row(encode(row))
-        assert encode(again) == encode(row)
-        assert again.world_from_camera.shape == again.target.world_from_vehicle.shape == (4, 4)
-        assert (again.weather, again.target.bbox) == (row.weather, row.target.bbox)
 
 
 def test_everything_varies(rows):
@@ -67,12 +58,6 @@ def test_the_bytes_do_not_depend_on_the_number_of_workers(tmp_path, assets, rows
     assert seen[0] == (0, 22)
     assert seen[-1] == (22, 22)
     assert seen == sorted(seen)
-
-
-def test_a_plan_is_within_its_limits(tmp_path, assets, rows):
-    path = tmp_path / "plan.jsonl"
-    path.write_bytes(b"".join(map(encode, [make_header(small_config(), assets, path, images=22), *rows])))
-    assert check_plan(read_plan(path), assets) == []
 
 
 @pytest.mark.parametrize("kept", [0, 3, 4, 22])
@@ -127,6 +112,9 @@ def test_without_ground_vehicles_are_on_the_fallback_plane(assets):
             {"camera": {"min_box_px": 1900, "max_tries": 3}},
             r"cannot be seen as wanted: of [\d,]+ tries \d+ % were smaller than camera.min_box_px",
         ),
+        ({"budget": {"images_per_class": {"tank": 1}}}, "no number for the class 'truck'"),
+        ({"budget": {"images_per_class": {"tank": 1, "truck": 1, "jet": 1}}}, "no vehicle has the class 'jet'"),
+        ({"budget": {"images_per_class": 0}}, "no image would be made"),
         ({"light": {"hdris": ["night*"]}}, r"light.hdris: 'night\*' matches no HDRI; assets.hdris gives noon, dusk"),
         ({"light": {"hdris": [{"name": "noon", "weight": 0}]}}, "light.hdris: all weights are 0"),
     ],
