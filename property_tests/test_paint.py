@@ -48,12 +48,3 @@ def test_coats_do_not_depend_on_other_rows(entries, seed, positions, data):
     for i in order:
         alone = draw_coats(entries, RandomStreams(seed), position=np.array(positions[i : i + 1]), place=places[i])
         assert alone == [together[i]]
-
-
-@given(SEEDS, st.integers(0, 10**6))
-def test_places_of_a_row_use_different_random_numbers(seed, position):
-    entry = PaintEntry(value=(0.0, 10.0))
-    drawn = [
-        draw_coats([entry], RandomStreams(seed), position=np.array([position]), place=k)[0][0].value for k in range(8)
-    ]
-    assert len(set(drawn)) == 8

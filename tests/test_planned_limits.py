@@ -38,19 +38,6 @@ def test_visible_fractions_in_a_wood(low, high, images):
     assert bool(rejected["exposed"]) == (high < 1.0)
 
 
-@pytest.mark.parametrize("limit", ["max_penetration", "max_gap"])
-def test_contact_on_rough_ground(limit):
-    rough = hills("rough", height=12.0, size=80.0, cells=40, trees=0)
-    # The averaged rule leaves gaps and penetrates.
-    loose = {"rule": "averaged", "max_slope_deg": 60.0, "max_gap": 9.0, "max_penetration": 9.0}
-    rows, rejected = planned(rough, placement={**loose, limit: 0.1})
-    key = limit.removeprefix("max_")
-    assert rejected[key] > 5
-    assert all(getattr(row.target, key) <= 0.1 for row in rows)
-    other = {"gap": "penetration", "penetration": "gap"}[key]
-    assert max(getattr(row.target, other) for row in rows) > 0.1
-
-
 @pytest.mark.parametrize("clearance", [0.0, 3.0])
 def test_vehicles_keep_their_clearance_from_obstacles(clearance):
     # Boxes of parts grow to the sides and upwards, so the clearance holds beside a level part and above.
