@@ -118,19 +118,6 @@ def test_a_stopped_run_reports_what_is_left(words, expected, monkeypatch, capsys
     assert expected in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("flags", "seconds"), [([], None), (["--image-timeout", "7.5"], 7.5)])
-def test_the_time_limit_of_a_picture_reaches_the_pool(flags, seconds, monkeypatch):
-    given = {}
-
-    def rendered(plan, output, **options):
-        given.update(options)
-        raise HulldownError("far enough")
-
-    monkeypatch.setattr("hulldown.render.supervisor.render_plan", rendered)
-    assert cli.main(["render", "plan.jsonl", "-o", "dataset", *flags]) == 2
-    assert given["engine"].limits.job_s == seconds
-
-
 def test_join_reports_its_result(run, tmp_path):
     for part in ("a", "b"):
         with CocoDataset.open(tmp_path / part, categories=["tank"]) as dataset:

@@ -125,12 +125,6 @@ def test_coverage_and_density_of_equal_distributions_have_their_expected_values(
     assert found.density_floor == pytest.approx(1.0, abs=0.1)
 
 
-def test_uniform_images_cover_few_photographs():
-    photographs = np.random.default_rng(0).standard_normal((200, 8))
-    found = coverage_of(np.repeat(photographs[:1], 100, axis=0), photographs)
-    assert found.coverage < 0.1 < found.coverage_floor
-
-
 def test_whole_images_are_compared_by_features_of_an_encoder(tmp_path, capsys):
     own, photographs = coco(tmp_path / "a", 30, seed=1), coco(tmp_path / "b", 24, seed=2)
     weights = tmp_path / "nano.pt"

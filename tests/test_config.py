@@ -34,18 +34,6 @@ def read(tmp_path):
     return from_text
 
 
-def test_defaults_equal_those_of_the_paper(read):
-    config = read(MINIMAL)
-    assert (config.render.width, config.render.height) == (1920, 1080)
-    assert config.render.samples == 128
-    assert config.render.denoise
-    assert config.placement.margin == 0.8
-    assert config.placement.max_slope_deg == 30.0
-    assert config.placement.footprint == 5
-    assert config.ground.fallback_z == 0.0
-    assert config.placement.vehicles_per_image == (1, 1)
-
-
 def test_the_template_has_the_defaults_and_nothing_else(read):
     values = tomllib.loads(bare_text())
     values["assets"] = {"hdris": ["hdris/*.exr"], **tomllib.loads(MINIMAL)["assets"]}
@@ -126,12 +114,6 @@ def test_a_resolved_config_round_trips(read, camera):
     assert Config.of(config.model_dump(mode="json")).model_dump() == config.model_dump()
     assert pickle.loads(pickle.dumps(config)) == config
     assert pickle.loads(pickle.dumps(config)).path == config.path
-
-
-def test_names_default_to_file_names(read):
-    config = read(MINIMAL)
-    assert config.assets.vehicles[0].name == "t72"
-    assert config.assets.sceneries[0].name == "hills"
 
 
 WEATHER = "[weather]\nfog = 0.6\nrain = 0.5"
@@ -221,25 +203,20 @@ def test_hdris_are_found_by_pattern(read, tmp_path):
     assert hdri_paths(config) == {n: tmp_path / f for n, f in (("night", "night.hdr"), ("a", "a.exr"), ("b", "b.exr"))}
 
 
-def test_two_hdris_with_one_name_are_refused(read, tmp_path):
-    for folder in ("x", "y"):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "a.exr").touch()
-    with pytest.raises(ConfigError, match="have the same name; rename one of them"):
-        hdri_paths(read("[assets]\nhdris = ['*/a.exr']\n" + MINIMAL))
-
-
 @pytest.mark.parametrize(
     ("pattern", "message"),
     [
+        ("*/a.exr", ".* have the same name; rename one of them"),
         ("sky/*.exr", r"'sky/\*.exr' matches no file"),
         ("", "'' isn't a file pattern"),
         ("sky/**.exr", r"'sky/\*\*.exr' isn't a file pattern"),
         ("n*", r"'n\*' matches 'notes.txt', which isn't a .exr or .hdr file; narrow the pattern"),
     ],
 )
-def test_patterns_without_matches_are_refused(read, tmp_path, pattern, message):
-    for name in ("notes.txt", "z.exr"):
+def test_wrong_patterns_are_refused(read, tmp_path, pattern, message):
+    for folder in ("x", "y"):
+        (tmp_path / folder).mkdir()
+    for name in ("notes.txt", "x/a.exr", "y/a.exr"):
         (tmp_path / name).touch()
     with pytest.raises(ConfigError, match=f"assets.hdris: {message}"):
         hdri_paths(read(f"[assets]\nhdris = ['{pattern}']\n" + MINIMAL))

@@ -61,11 +61,6 @@ def test_a_target_that_is_black_or_overexposed_is_found(tmp_path, level, problem
     assert found.figure == pytest.approx(level, abs=0.1)
 
 
-def test_a_black_picture_is_found(tmp_path):
-    picture, mask = scene(0)
-    assert "black" in dataset(tmp_path, [np.zeros_like(picture)], [mask])[0].problem
-
-
 @pytest.mark.parametrize(("apart", "severity"), [(0, "error"), (3, "warning"), (30, None)])
 def test_a_barely_visible_target_is_found_with_its_contrast(tmp_path, apart, severity):
     _, mask = scene(0)

@@ -193,19 +193,6 @@ def attempt(path, rows, tail=b""):
     writer.__exit__(KeyboardInterrupt, None, None)
 
 
-def test_an_attempt_continues_after_the_last_whole_row(tmp_path):
-    path = tmp_path / "plan.jsonl"
-    attempt(path, 3, tail=b'{"index": 3, "im')
-    assert not path.exists()
-    with PlanWriter(path, header()) as writer:
-        assert writer.rows == 3
-        writer.keep(2)
-        for i in range(2, 5):
-            writer.write(line(row(i)), 1)
-        writer.finish()
-    assert path.read_bytes() == written(tmp_path / "other.jsonl").read_bytes()
-
-
 def test_an_attempt_at_another_plan_is_replaced(tmp_path):
     path = tmp_path / "plan.jsonl"
     attempt(path, 3)
@@ -224,17 +211,6 @@ def test_two_processes_cannot_write_one_plan(tmp_path):
     path = tmp_path / "plan.jsonl"
     with PlanWriter(path, header()), pytest.raises(ConfigError, match="another process is writing this plan"):
         PlanWriter(path, header())
-
-
-def test_a_plan_that_cannot_be_opened_leaves_no_lock(tmp_path):
-    path = tmp_path / "plan.jsonl"
-    path.with_name("plan.jsonl.partial").mkdir()
-    with pytest.raises(ConfigError, match="cannot be written"):
-        PlanWriter(path, header())
-    path.with_name("plan.jsonl.partial").rmdir()
-    assert os.listdir(tmp_path) == []
-    with PlanWriter(path, header()) as writer:
-        assert writer.rows == 0
 
 
 LEGAL = ["images/1.png", "images/a/b c.png", "images/é.v2.png", "images/constant.png"]

@@ -6,7 +6,7 @@ import pytest
 from hulldown.camera.projection import project
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.check import check_plan
-from hulldown.planning.poses import CAMERA, LOOK_AT, read_poses
+from hulldown.planning.poses import read_poses
 from hulldown.planning.write import write_plan
 from hulldown.tests.planning_assets import small_assets, small_config
 
@@ -163,4 +163,3 @@ def test_semicolons_blank_lines_and_any_column_order(tmp_path):
         (3, 1.5, -2.0, 90.0),
         (5, 3.0, 4.0, None),
     ]
-    assert set(CAMERA + LOOK_AT) <= set(COLUMNS.split(","))

@@ -1,8 +1,10 @@
 from hulldown.placement.rejection import Rejection
+from hulldown.planning.search.tally import AIMING, PLACING
 
 
-def test_every_rejection_has_different_words():
+def test_every_rejection_has_different_words_and_is_one_of_places_or_of_cameras():
     assert len({r.phrase for r in Rejection}) == len(Rejection)
+    assert {*PLACING, *AIMING} == set(Rejection) - {Rejection.NONE}
 
 
 def test_codes_and_keys_of_plan_files_never_change():
