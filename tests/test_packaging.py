@@ -42,7 +42,7 @@ def test_the_package_is_the_checkout_and_flat_names_cannot_be_imported():
 def test_the_wheel_contains_exactly_the_modules(wheel_names):
     modules = {str("hulldown" / p.relative_to(ROOT)) for package in PACKAGES for p in (ROOT / package).rglob("*.py")}
     assert len(modules) > 100
-    assert modules | {"hulldown/__init__.py", "hulldown/cli.py"} <= set(wheel_names)
+    assert modules | {f"hulldown/{name}.py" for name in ("__init__", "__main__", "cli")} <= set(wheel_names)
     assert {name.split("/")[0] for name in wheel_names if ".dist-info/" not in name} == {"hulldown"}
     assert {name.split("/")[1] for name in wheel_names if ".dist-info/" not in name} == set(SHIPPED)
 
@@ -63,12 +63,6 @@ def test_import_rules_cover_every_package_in_pipeline_order():
     rules = PYPROJECT["tool"]["importlinter"]
     assert rules["root_packages"] == ["hulldown"]
     assert rules["contracts"][0]["layers"] == [f"hulldown.{package}" for package in PACKAGES[::-1]]
-
-
-def test_the_core_does_not_import_blender():
-    core = ["geometry.rays", "placement.terrain", "camera.projection", "annotate.boxes", "planning.planner"]
-    code = f"import sys; import {', '.join(f'hulldown.{m}' for m in core)}; assert 'bpy' not in sys.modules"
-    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=120)
 
 
 def test_the_version_is_stated_once():
