@@ -107,10 +107,6 @@ class Budget:
     def positions(self, index: ArrayLike) -> Positions:
         """Return the vehicles and images of the positions with these (n,) indices."""
         k = checked(index, "index", ("n",), dtype=np.int64)
-        if k.size and (k.min() < 0 or k.max() >= self.n_positions):
-            raise ValueError(
-                f"index: expected positions 0 to {self.n_positions - 1}, got {int(k.min())}..{int(k.max())}"
-            )
         n, ordinal = max(self.n_positions, 1), k * self.n_background_positions // max(self.n_positions, 1)
         background = (k + 1) * self.n_background_positions // n > ordinal
         held = self.target_positions(np.minimum(k - ordinal, self.n_target_positions - 1))
@@ -154,8 +150,6 @@ class Budget:
 
     def position_of(self, image: int) -> int:
         """Index of the position with image `image`."""
-        if not 0 <= image < self.n_images:
-            raise ValueError(f"image: expected 0 to {self.n_images - 1}, got {image}")
         return bisect_right(range(self.n_positions), image, key=lambda k: int(self.positions([k]).first_image[0])) - 1
 
     def _images_before(self, t: Int[np.ndarray, "n c"]) -> Int[np.ndarray, " n"]:
