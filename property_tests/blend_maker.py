@@ -1,87 +1,53 @@
-"""Make .blend files from descriptions and read them as hulldown does; run in Blender, JSON lines in and out.
+"""Make odd .blend files and read them as hulldown does; run in Blender with a folder, JSON lines in and out.
 
-One process makes thousands of files, since starting Blender takes longer than reading one. An input line is a
-description, the bytes to damage, and the job; an output line is the reader's answer. `blend_cases` has descriptions.
+One process makes thousands of files, since starting Blender takes longer than reading one. An input line has the name
+of one of the messy files, changes to its objects, the bytes to damage, and the job; an output line is the reader's
+answer. test_blend_files describes them.
 """
 
 import contextlib
+import importlib
 import json
 import os
 import resource
 import sys
 import traceback
-from functools import partial
 from pathlib import Path
 
 import bpy
 
 from hulldown.reading.blender import duplicates, reader
-from hulldown.tests.node_trees import node_group
+from hulldown.reading.blender.add_nodes import add_node
+from hulldown.tests.messy_parts import CASES, scatter
+from hulldown.tests.node_trees import principled, shader_of
+
+for cases in ("messy_vehicles", "messy_contents", "messy_sceneries"):
+    importlib.import_module(f"hulldown.tests.{cases}")  # which fills CASES
 
 MOST_MEMORY = 8 * 2**30  # a damaged file may claim all memory; other tests check the limits of reading
 
 
-def attempt(action):
-    """Ignore what Blender refuses to make."""
-    with contextlib.suppress(TypeError, ValueError, RuntimeError, AttributeError, OverflowError):
-        action()
-
-
-# ---- objects
-
-
-def of_data(blocks, *kind):
-    """An object with new, empty data."""
-    bpy.context.scene.collection.objects.link(made := bpy.data.objects.new("x", blocks.new("x", *kind)))
-    bpy.context.view_layer.objects.active = made
-
-
-def of_hair():
-    of_data(bpy.data.hair_curves)
-    bpy.context.object.data.add_curves([4, 2])
-
-
-OBJECTS = {
-    "cube": lambda: bpy.ops.mesh.primitive_cube_add(),
-    "plane": lambda: bpy.ops.mesh.primitive_plane_add(size=50.0),
-    "grid": lambda: bpy.ops.mesh.primitive_grid_add(x_subdivisions=6, y_subdivisions=6, size=50.0),
-    "tube": lambda: bpy.ops.mesh.primitive_cylinder_add(vertices=12, radius=1.0, depth=2.0),
-    "sphere": lambda: bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=1),
-    "bare": lambda: of_data(bpy.data.meshes),
-    "text": lambda: bpy.ops.object.text_add(),
-    "curve": lambda: bpy.ops.curve.primitive_bezier_circle_add(),
-    "ball": lambda: bpy.ops.object.metaball_add(),
-    "empty": lambda: bpy.ops.object.empty_add(),
-    "lattice": lambda: bpy.ops.object.add(type="LATTICE"),
-    "armature": lambda: bpy.ops.object.armature_add(),
-    "light": lambda: bpy.ops.object.light_add(),
-    "camera": lambda: bpy.ops.object.camera_add(),
-    "hair": of_hair,
-    "points": lambda: of_data(bpy.data.pointclouds),
-    "volume": lambda: of_data(bpy.data.volumes),
-    "pencil": lambda: of_data(bpy.data.grease_pencils),
-}
-
-
-def add(part):
-    """A described object."""
-    OBJECTS[part["type"]]()
-    obj = bpy.context.object
-    obj.name = part["name"]
-    obj.location, obj.scale, obj.rotation_euler = part["location"], part["scale"], part["rotation"]
-    if obj.type == "MESH" and obj.data.vertices and part["vertex"] is not None:
-        obj.data.vertices[0].co = part["vertex"]
-    if part["material"] and obj.data and hasattr(obj.data, "materials"):
-        attempt(lambda: obj.data.materials.append(material(part["material"], part["name"])))
-    for kind in part["modifiers"]:
-        attempt(partial(modify, obj, kind))
-    for kind in part["extras"]:
-        attempt(partial(EXTRAS[kind], obj))
-    return obj
+def dress(obj, kind):
+    """Give an object another material, named after its nodes."""
+    material = principled(kind, (0.5, 0.5, 0.5))
+    tree, shader = material.node_tree, shader_of(material)
+    if kind == "bare":
+        tree.nodes.clear()
+    elif kind == "glass":
+        shader.inputs["Transmission Weight"].default_value = 1.0
+    elif kind == "holes":  # baked by Cycles
+        noise = add_node(tree, "TexNoise", {"Vector": add_node(tree, "UVMap").outputs[0]})
+        tree.links.new(noise.outputs[0], shader.inputs["Alpha"])
+    elif kind == "leaves":
+        image = bpy.data.images.new("leaf", 4, 4, alpha=True)
+        image.pixels.foreach_set([1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0] * 8)
+        image.pack()
+        tree.links.new(add_node(tree, "TexImage", image=image).outputs["Alpha"], shader.inputs["Alpha"])
+    obj.data.materials.append(material)
 
 
 def modify(obj, kind):
-    """A modifier with cheap settings: slow defaults differ only in amounts."""
+    """Add a modifier with cheap settings: slow defaults differ only in amounts."""
     added = obj.modifiers.new("m", kind)
     if kind == "REMESH":
         added.mode, added.octree_depth = "SHARP", 2  # a mesh of 1e20 m has too many voxels
@@ -90,90 +56,22 @@ def modify(obj, kind):
     elif kind == "PARTICLE_SYSTEM":
         added.particle_system.settings.count = 5
     elif kind == "NODES":
-        added.node_group = scatter(obj)
+        added.node_group = scatter("of the first", bpy.data.objects[0])
 
 
-def scatter(obj):
-    """A group that adds geometry and an instance of another object, or of the object itself, on its corners."""
-    group, given, result = node_group("Geometry")
-    info, on_points, join, worn = (
-        group.nodes.new(f"GeometryNode{name}")
-        for name in ("ObjectInfo", "InstanceOnPoints", "JoinGeometry", "SetMaterial")
-    )
-    info.inputs["Object"].default_value = bpy.data.objects[0]
-    info.inputs["As Instance"].default_value = len(bpy.data.objects) % 2 == 0
-    group.links.new(given[0], on_points.inputs["Points"])
-    group.links.new(info.outputs["Geometry"], on_points.inputs["Instance"])
-    group.links.new(on_points.outputs["Instances"], join.inputs[0])
-    if bpy.data.materials:
-        worn.inputs["Material"].default_value = bpy.data.materials[0]
-        worn.inputs["Selection"].default_value = len(bpy.data.materials) % 2 == 0
-    group.links.new(given[0], worn.inputs[0])
-    group.links.new(worn.outputs[0], join.inputs[0])
-    group.links.new(join.outputs[0], result[0])
-    return group
+def add_hair(obj, count):
+    settings = obj.modifiers.new("hair", "PARTICLE_SYSTEM").particle_system.settings
+    settings.type, settings.count, settings.child_type = "HAIR", count, "INTERPOLATED" if count else "NONE"
+    settings.rendered_child_count = settings.child_percent = 2
 
 
-# ---- materials
+def add_kind(_, blocks):
+    """Add an object with empty data of this kind."""
+    made = getattr(bpy.data, blocks).new("x", *(["POINT"] if blocks == "lights" else []))
+    bpy.context.scene.collection.objects.link(bpy.data.objects.new("x", made))
 
 
-def material(kind, name):
-    """A material named after the kind of its nodes."""
-    made = bpy.data.materials.new(f"{kind} {name}")
-    made.use_nodes = True
-    nodes, link = made.node_tree.nodes, made.node_tree.links.new
-    shader, output = nodes.get("Principled BSDF"), nodes.get("Material Output")
-    if kind == "bare":
-        nodes.clear()
-    elif kind == "glass":
-        shader.inputs["Transmission Weight"].default_value = 1.0
-    elif kind == "clear":
-        shader.inputs["Alpha"].default_value = 0.0
-    elif kind == "volume":
-        link(nodes.new("ShaderNodeVolumePrincipled").outputs[0], output.inputs["Volume"])
-        nodes.remove(shader)
-    elif kind == "displaced":
-        made.displacement_method = "DISPLACEMENT"
-        link(nodes.new("ShaderNodeDisplacement").outputs[0], output.inputs["Displacement"])
-    elif kind == "holes":  # baked by Cycles
-        noise, at = nodes.new("ShaderNodeTexNoise"), nodes.new("ShaderNodeUVMap")
-        link(at.outputs[0], noise.inputs["Vector"])
-        link(noise.outputs[0], shader.inputs["Alpha"])
-    elif kind in ("leaves", "missing"):
-        picture = nodes.new("ShaderNodeTexImage")
-        picture.image = bpy.data.images.new("leaf", 4, 4, alpha=True)
-        if kind == "missing":
-            picture.image.source, picture.image.filepath = "FILE", "//none/leaf.png"
-        else:
-            picture.image.pixels.foreach_set([1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0] * 8)
-            picture.image.pack()
-        link(picture.outputs["Color"], shader.inputs["Base Color"])
-        link(picture.outputs["Alpha"], shader.inputs["Alpha"])
-    return made
-
-
-# ---- what else an object may have
-
-
-def keyed(obj):
-    obj.location.x += 3.0
-    obj.keyframe_insert("location", frame=1)
-    obj.location.x = float("nan")
-    obj.keyframe_insert("location", frame=40)
-
-
-def constrained(obj):
-    constraint = obj.constraints.new("COPY_TRANSFORMS")
-    constraint.target = bpy.data.objects[0]
-
-
-def shaped(obj):
-    obj.shape_key_add(name="Basis")
-    key = obj.shape_key_add(name="swollen")
-    key.data[0].co, key.value = (0.0, 0.0, 7.0), 1.0
-
-
-def carried(obj):
+def carry(obj, _):
     """Add an empty that instances the object's collection."""
     collection = bpy.data.collections.new(obj.name)
     collection.objects.link(obj)
@@ -182,51 +80,39 @@ def carried(obj):
     bpy.context.scene.collection.objects.link(carrier)
 
 
-def on_faces(obj):
-    obj.instance_type = "FACES"
-    obj.use_instance_faces_scale = True
-
-
-def haired(obj, count, children):
-    settings = obj.modifiers.new("hair", "PARTICLE_SYSTEM").particle_system.settings
-    settings.type, settings.count, settings.child_type = "HAIR", count, children
-    settings.rendered_child_count = settings.child_percent = 2
-
-
-def referring(obj):
-    """Make an object an instance of something that is itself an instance."""
+def refer(obj, _):
+    """Make evaluated data refer to other evaluated data."""
     if obj.type == "CURVES":
         obj.data.surface = bpy.data.objects[0]
     else:
-        obj.data.texco_mesh = bpy.data.meshes[0] if bpy.data.meshes else bpy.data.meshes.new("other")
+        obj.data.texco_mesh = bpy.data.meshes[0]
 
 
-EXTRAS = {
-    "key": keyed,
-    "constraint": constrained,
-    "shape key": shaped,
-    "carried": carried,
-    "on faces": on_faces,
-    "refers": referring,
-    "bald": lambda obj: haired(obj, 0, "NONE"),
-    "furry": lambda obj: haired(obj, 4, "INTERPOLATED"),
-    "hidden": lambda obj: setattr(obj, "hide_render", True),
-    "adaptive": lambda obj: setattr(obj.modifiers.new("s", "SUBSURF"), "use_adaptive_subdivision", True),
+CHANGES = {
+    "dress": dress,
+    "modify": modify,
+    "add hair": add_hair,
+    "add": add_kind,
+    "carry": carry,
+    "refer": refer,
+    "move a vertex": lambda obj, to: setattr(obj.data.vertices[0], "co", to),
+    "hang on": lambda obj, i: setattr(obj, "parent", bpy.data.objects[i % len(bpy.data.objects)]),
+    "follow": lambda obj, _: setattr(obj.constraints.new("COPY_TRANSFORMS"), "target", bpy.data.objects[0]),
 }
-
-
-# ---- files
 
 
 def make(recipe, path):
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)  # five times as fast as all settings
-    made = [add(part) for part in recipe["objects"]]
-    for child, parent in recipe["parents"] if made else []:
-        attempt(lambda c=child, p=parent: setattr(made[c % len(made)], "parent", made[p % len(made)]))
-    scene = bpy.context.scene
-    scene.unit_settings.scale_length = recipe["unit"]
-    scene.frame_set(recipe["frame"])
-    attempt(lambda: bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=False))
+    CASES[recipe["case"]]()
+    for number, change, value in recipe["changes"]:
+        obj = bpy.data.objects[number % len(bpy.data.objects)]
+        # Blender refuses some of them.
+        with contextlib.suppress(TypeError, ValueError, RuntimeError, AttributeError, OverflowError, IndexError):
+            CHANGES[change](obj, value) if change in CHANGES else setattr(obj, change, value)
+    bpy.context.scene.unit_settings.scale_length = recipe["unit"]
+    bpy.context.scene.frame_set(recipe["frame"])
+    with contextlib.suppress(RuntimeError):
+        bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=False)
 
 
 def damage(path, recipe):

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, event, given, settings
+from hypothesis import strategies as st
 
 from hulldown.assets.bundle import load_scenery, load_vehicle
-from hulldown.property_tests.blend_cases import cases
 from hulldown.reading.export import Job, exported_by
 from hulldown.reading.inspect import draw
 from hulldown.reading.options import Options
@@ -21,6 +21,89 @@ from hulldown.reading.options import Options
 MAKER = Path(__file__).with_name("blend_maker.py")
 MANY = settings.default.max_examples * (10 if settings.default.max_examples >= 2000 else 2)  # 20,000 in thorough
 PATIENCE_S = 600.0  # more counts as a hang, even on a busy machine; other tests check the limits
+
+VEHICLES = (
+    *("modifiers", "instances", "surfaces", "armature", "nodes", "keyframes", "collections", "no_origins"),
+    *("textured", "odd_ones"),
+)
+SCENERIES = ("scattered", "hairy", "furry", "unnamed", "map_in_object")
+FILES = [
+    *((name, "vehicle") for name in VEHICLES),
+    *((name, "scenery") for name in SCENERIES),
+]
+ODD_NUMBERS = [0.0, -0.0, 1e-30, 1e6, 5e6, 1e20, -3e38, float("nan"), float("inf"), float("-inf")]
+numbers = st.floats(-100.0, 100.0, width=32) | st.sampled_from(ODD_NUMBERS)
+triples = st.tuples(numbers, numbers, numbers)
+names = st.one_of(
+    st.sampled_from(["Hull", "Turret", "Gun", "gun barrel", "Wheel", "ground", "Sky", "Water", "Tree.001", "Road"]),
+    st.sampled_from(["", "\x1b[2J", "a/b", "../x", "[red]", "ü" * 40, "*", "mesh:x"]),
+    st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=20),
+)
+modifiers = st.sampled_from([
+    *("SUBSURF", "ARRAY", "MIRROR", "SOLIDIFY", "BOOLEAN", "DECIMATE", "CLOTH", "PARTICLE_SYSTEM", "PARTICLE_SYSTEM"),
+    *("SKIN", "REMESH", "WIREFRAME", "SCREW", "ARMATURE", "SOFT_BODY", "OCEAN", "EXPLODE", "FLUID", "DYNAMIC_PAINT"),
+    *("NODES", "NODES", "NODES"),
+])  # fmt: skip
+empty_data = (
+    "meshes",
+    "hair_curves",
+    "pointclouds",
+    "volumes",
+    "grease_pencils",
+    "lattices",
+    "curves",
+    "metaballs",
+    "lights",
+)
+changes = {
+    "name": names,
+    **dict.fromkeys(("location", "scale", "rotation_euler", "move a vertex"), triples),
+    **dict.fromkeys(("hide_render", "carry", "refer", "follow"), st.just(True)),
+    "hang on": st.integers(0, 7),
+    "dress": st.sampled_from(["bare", "glass", "holes", "leaves"]),
+    "modify": modifiers,
+    "add hair": st.sampled_from([0, 4]),
+    "add": st.sampled_from(empty_data),
+}
+change = st.sampled_from(sorted(changes)).flatmap(lambda key: st.tuples(st.integers(0, 40), st.just(key), changes[key]))
+no_damage = {"bytes": [], "keep": 1.0}
+damages = st.one_of(
+    st.builds(dict, bytes=st.lists(st.tuples(st.floats(0.0, 1.0), st.integers(0, 255)), min_size=1, max_size=40),
+              keep=st.just(1.0)),
+    st.builds(dict, bytes=st.just([]), keep=st.sampled_from([0.999, 0.9, 0.5, 0.01])),
+)  # fmt: skip
+patterns = st.sampled_from(["Turret", "Gun", "Cube*", "*", "", "mesh:*", "material:water*", "carrier", "[", "none"])
+pivots = st.sampled_from(["Turret", "Hull", "none"]) | st.tuples(*[st.floats(-1e6, 1e6)] * 3)
+reading = {
+    "up": st.sampled_from(["z", "y", "-z", "x"]),
+    "scale": st.sampled_from([0.01, 0.0254, 1e-9, 1e9]),
+    "forward": st.sampled_from(["+x", "-y"]) | st.floats(-360.0, 360.0) | st.tuples(st.just(1.0), st.floats(-9.0, 9.0)),
+    **dict.fromkeys(("turret", "gun"), patterns),
+    **dict.fromkeys(("turret_pivot", "gun_pivot"), pivots),
+    **dict.fromkeys(("keep", "drop", "exclude", "ground", "not_ground", "water"), st.tuples(patterns)),
+}
+options = st.sampled_from(sorted(reading)).flatmap(lambda key: st.builds(lambda value: {key: value}, reading[key]))
+
+
+@st.composite
+def cases(draw: st.DrawFn) -> dict:
+    """A file: its content, damage, kind, and reading options."""
+    name, kind = draw(st.sampled_from(FILES))
+    damaged = draw(st.sampled_from([False] * 8 + [True]))
+    return {
+        "damaged": damaged,
+        "make": {
+            "case": name,
+            "changes": draw(st.lists(change, max_size=4)),
+            "unit": draw(st.sampled_from([1.0] * 8 + [0.01, 1000.0, 1e-6])),
+            "fewest": draw(st.sampled_from([1, 1000])),  # objects of which only one is evaluated
+            "frame": draw(st.sampled_from([1] * 16 + [0, -5, 50, 1_000_000])),
+        },
+        "damage": draw(damages) if damaged else no_damage,
+        "kind": draw(st.sampled_from([kind, kind, kind, None])),
+        "drawn": draw(st.sampled_from([True] + [False] * 9)),  # whether to draw what was read, which takes long
+        "options": draw(st.one_of(st.just({}), st.just({}), options)),
+    }
 
 
 class Reader:
@@ -37,7 +120,7 @@ class Reader:
         """The answer; {"ended": exit status} if the process has ended or hangs, "unmade" if it ended before reading."""
         if self.child is None:
             self.child = subprocess.Popen(
-                [sys.executable, "-P", str(MAKER)],
+                [sys.executable, "-P", str(MAKER), self.folder.name],
                 env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
@@ -86,12 +169,11 @@ def test_every_blend_is_read_or_refused_in_one_line(reader, case):
     options = replace(Options(texture_size=16), **case["options"])
     job = Job(str(folder / "a.blend"), str(folder), "blend", case["kind"], "a", options)
     message = {"make": case["make"], "damage": case["damage"], "job": asdict(job)}
-    damaged = case["odd"] == "damaged"
     answer = reader.ask(message)
-    if {"ended", "unmade"} & answer.keys() and not damaged:
+    if {"ended", "unmade"} & answer.keys() and not case["damaged"]:
         answer = reader.ask(message)  # by a process that hasn't read anything yet
     assert "traceback" not in answer, answer["traceback"]
-    event(f"{case['odd']}: {next(iter(answer))}")
+    event(f"{case['make']['case']}: {next(iter(answer))}")
     if "unmade" in answer:
         return  # Blender crashed while making it, so there is no file
     if "report" in answer:
@@ -100,7 +182,7 @@ def test_every_blend_is_read_or_refused_in_one_line(reader, case):
     elif "error" in answer:
         assert "\n" not in answer["error"]["problem"]
     else:  # Blender itself may crash on a damaged file; the parent process reports that in one line
-        assert damaged, answer
+        assert case["damaged"], answer
 
 
 def use(job: Job, *, drawn: bool) -> None:

@@ -17,10 +17,11 @@ from pathlib import Path
 import bpy
 import numpy as np
 from mathutils import Matrix, Vector
-from messy_parts import CASES, FOLDER, box, empty, link
+
+from hulldown.tests.messy_parts import CASES, FOLDER, box, empty, link
 
 for cases in ("messy_vehicles", "messy_contents", "messy_sceneries"):
-    importlib.import_module(cases)  # this import fills CASES
+    importlib.import_module(f"hulldown.tests.{cases}")  # this import fills CASES
 
 SIZE = 160
 FOV = math.radians(40)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import bpy
-from messy_parts import FOLDER, box, case, collection, link, tank
+
+from hulldown.tests.messy_parts import FOLDER, box, case, collection, link, tank
 
 
 @case

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
-from messy_parts import box, case, collection, empty, layer, link, scatter, sheet
+
+from hulldown.tests.messy_parts import box, case, collection, empty, layer, link, scatter, sheet
 
 MAP = (500_000.0, 5_400_000.0, 200.0)
 

@@ -6,7 +6,8 @@ import math
 
 import bpy
 from mathutils import Matrix
-from messy_parts import FOLDER, box, case, collection, empty, layer, link, scatter, tank
+
+from hulldown.tests.messy_parts import FOLDER, box, case, collection, empty, layer, link, scatter, tank
 
 
 @case
