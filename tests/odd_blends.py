@@ -15,6 +15,13 @@ def nan_location(_):
     cube().location.x = math.nan
 
 
+def nan_empty(_):
+    cube()
+    bpy.ops.object.empty_add()
+    bpy.context.object.name = "pivot"
+    bpy.context.object.location.z = math.nan
+
+
 def far_location(_):
     cube().location.y = 1e20
 
@@ -92,7 +99,7 @@ def font(folder):
 
 
 CASES = (
-    *(nan_location, far_location, nan_vertices, nan_strands, bald, furry),
+    *(nan_location, nan_empty, far_location, nan_vertices, nan_strands, bald, furry),
     *(no_known_tree, names, instances, library, font),
 )
 COMPRESSED = (library,)  # too

@@ -39,6 +39,7 @@ def refused(path: Path, folder: Path, **more: object) -> str:
     ("case", "line"),
     [
         ("nan_location", "object 'Body' has a position that isn't finite; repair or delete it"),
+        ("nan_empty", "object 'pivot' has a position that isn't finite; repair or delete it"),
         ("far_location", "object 'Body' reaches 1e+20 m from the origin, more than 1e+08 m; move"),
         ("nan_vertices", "object 'Body': "),
         ("nan_strands", "object 'Body': the strands of 'Hair' have coordinates that aren't numbers; repair or delete"),

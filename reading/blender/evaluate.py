@@ -116,6 +116,7 @@ class _Reader:
                 self._read_strands(instance)
             if kind == "EMPTY":
                 pose = self.poses.instance_pose(instance)
+                _refuse_endless(instance.object.name, pose)
                 self.result.markers.append(self._chain(instance, pose, scattered=_is_scattered(instance)))
             elif not instance.show_self:
                 self._leave(instance, "its instances are drawn, but not it itself")
@@ -224,8 +225,7 @@ class _Reader:
         self, name: str, pose: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "n 3"]
     ) -> Float[np.ndarray, "2 3"]:
         """Bounds of a mesh's points where it's drawn, in meters."""
-        if not np.isfinite(pose).all():
-            raise AssetError(f"object {name!r} has a position that isn't finite", remedy=REPAIR)
+        _refuse_endless(name, pose)
         with np.errstate(over="ignore", invalid="ignore"):
             seen = apply(self.meters @ pose, points)
         if not np.abs(seen).max() <= FARTHEST:
@@ -303,6 +303,11 @@ def _is_own_surface(instance: Any) -> bool:
     if not _carries_itself(instance) or instance.parent.type == "MESH":
         return False
     return bool(np.array_equal(np.array(instance.matrix_world), np.array(instance.parent.matrix_world)))
+
+
+def _refuse_endless(name: str, pose: Float[np.ndarray, "4 4"]) -> None:
+    if not np.isfinite(pose).all():
+        raise AssetError(f"object {name!r} has a position that isn't finite", remedy=REPAIR)
 
 
 @contextmanager
