@@ -8,14 +8,24 @@ from PIL import Image
 from hulldown.annotate.masks import encode
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.verification import check_pictures
-from hulldown.dataset.verification.planned import image_record, label_records
 from hulldown.dataset.verification.verify import Finding, verify
 from hulldown.geometry.errors import ConfigError, DatasetError
-from hulldown.planning.row import decode_row
-from hulldown.tests.plan_lines import POSE, VEHICLE, line, row, write_lines
+from hulldown.tests.plan_lines import IMAGE, POSE, VEHICLE, row, write_lines
 
 MASK = np.zeros((24, 32), dtype=bool)
 MASK[4:10, 5:15] = True
+# Keys of rows that records don't have.
+UNRECORDED = {
+    *("slope_deg", "gap", "penetration", "tries", "label", "bounds"),
+    *("companions", "distractors", "rejected", "left_out"),
+}
+# The camera is 1.25 m below the center; its azimuth is that of the image's lower edge, the vehicle's left.
+IN_SPACE = {
+    "distance": 1.25,
+    "azimuth_seen": 1.570796327,
+    "bbox_3d": {"center": [0.0, 0.0, 1.25], "size": [6.0, 3.0, 2.5], "rotation": np.eye(3).tolist()},
+}
+FOG = {"visibility_m": 500.0, "kind": "fog", "rain_mm_h": 0.0, "wind_m_s": [0.0, 0.0], "exposure_s": 0.004}
 
 
 @pytest.fixture
@@ -121,8 +131,13 @@ def planned_row(i):
     """A row of a foggy image with two hidden companions, and a third in image 1."""
     unseen = [{**VEHICLE, "visible_fraction": 0.0, "label": "none"}, {**VEHICLE, "bbox": None, "label": "none"}]
     seen = [{**VEHICLE, "category": "truck", "bbox": [6.5, 4.0, 8.0, 6.0]}] if i == 1 else []
-    fog = {"visibility_m": 500.0, "kind": "fog"}
+    fog = {**FOG, "ground_cover": 0.0, "vehicle_cover": 0.0}
     return row(i, fov_x_deg=1 / 3, weather=fog, file_name=f"images/{i}.png", companions=unseen + seen)
+
+
+def recorded(values, keys):
+    """The values of a row that a record has, of these keys."""
+    return {key: values[key] for key in keys if key not in UNRECORDED}
 
 
 @pytest.fixture
@@ -142,12 +157,10 @@ def planned(tmp_path):
             name = run.file_name(each["file_name"])
             Image.new("RGB", (32, 24), (i, 0, 0)).save(folder / name)
             boxes = []
-            decoded = decode_row(line(each))
-            for label in label_records(decoded):
+            for vehicle in (each, *each["companions"][2:]):
                 n += 1
-                boxes.append({"id": n, **label})
-            image = {"id": run.image_offset + i + 1, "file_name": name, **image_record(decoded)}
-            dataset.append(image, boxes)
+                boxes.append({"id": n, **recorded(vehicle, VEHICLE), **IN_SPACE, "iscrowd": 0})
+            dataset.append({"id": run.image_offset + i + 1, "file_name": name, **recorded(each, IMAGE)}, boxes)
     return folder, plan
 
 
