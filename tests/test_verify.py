@@ -194,7 +194,7 @@ def moved(pose):
         (
             lambda i, a: i.update(id=100),
             "warning",
-            "plan.jsonl: 1 of 4 planned images are not there",
+            "plan.jsonl: 1 of 4 planned images are not there, such as images/2-",
         ),
     ],
 )
