@@ -134,7 +134,6 @@ class PosedVehicle:
         *,
         row: Int[np.ndarray, " n"] | None = None,
         max_distance: ArrayLike = np.inf,
-        threads: int = 1,
     ) -> RayHits:
         """The first face of the shape's mesh along each ray in the world; arguments as for `RayCaster.cast`.
 
@@ -150,7 +149,7 @@ class PosedVehicle:
         for part, world_from_part in self._parts():
             some, rays = _into(part, world_from_part, pose, start[ray], along[ray])
             at = ray[some]
-            met = part.caster.cast(*rays, max_distance=np.minimum(reach, distance)[at], threads=threads)
+            met = part.caster.cast(*rays, max_distance=np.minimum(reach, distance)[at])
             # Farthest first, so that of several poses the nearest is written last.
             order = np.argsort(-met.distance, kind="stable")
             order = order[met.distance[order] < distance[at[order]]]
@@ -164,7 +163,6 @@ class PosedVehicle:
         *,
         row: Int[np.ndarray, " n"] | None = None,
         max_distance: ArrayLike = np.inf,
-        threads: int = 1,
     ) -> Bool[np.ndarray, " n"]:
         """Whether the vehicle lies along each ray in the world; arguments as for `cast`."""
         start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
@@ -175,7 +173,7 @@ class PosedVehicle:
             left = ~blocked[ray]
             pose, ray = pose[left], ray[left]
             some, rays = _into(part, world_from_part, pose, start[ray], along[ray])
-            met = part.caster.occluded(*rays, max_distance=reach[ray[some]], threads=threads)
+            met = part.caster.occluded(*rays, max_distance=reach[ray[some]])
             blocked[ray[some[met]]] = True
         return blocked
 

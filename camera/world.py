@@ -43,9 +43,7 @@ class Plane:
 
     z: float
 
-    def cast(
-        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
-    ) -> RayHits:
+    def cast(self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf) -> RayHits:
         """Where each ray meets the plane; arguments as for `RayCaster.cast`."""
         o, d = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -54,13 +52,13 @@ class Plane:
         return RayHits(np.where(met, at, np.inf), np.where(met, 0, -1))
 
     def occluded(
-        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Bool[np.ndarray, " n"]:
         """Whether the plane lies along each ray."""
         return self.cast(origins, directions, max_distance=max_distance).hit
 
     def transmittance(
-        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Float[np.ndarray, " n"]:
         """0 where the plane lies along a ray, else 1."""
         return 1.0 - self.occluded(origins, directions, max_distance=max_distance)
@@ -162,14 +160,12 @@ class World:
         """Select cameras, which become cameras 0, 1, ..."""
         return self.with_vehicles([vehicle.rows(index) for vehicle in self.vehicles])
 
-    def nearest(
-        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
-    ) -> WorldHits:
+    def nearest(self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf) -> WorldHits:
         """First hit of each ray; on ties ground, then obstacles, then vehicles. Arguments as for `occluded`."""
         start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
 
         def cast(thing: Thing, reach: Float[np.ndarray, " n"]) -> RayHits | InstanceHits:
-            return thing.cast(start, along, max_distance=np.minimum(max_distance, reach), threads=threads)
+            return thing.cast(start, along, max_distance=np.minimum(max_distance, reach))
 
         return self._first(along, cast)
 
@@ -253,7 +249,6 @@ class World:
         *,
         row: Int[np.ndarray, " n"] | None = None,
         max_distance: ArrayLike = np.inf,
-        threads: int = 1,
     ) -> Bool[np.ndarray, " n"]:
         """Whether anything lies along each ray.
 
@@ -267,8 +262,6 @@ class World:
             (n,) ascending: the camera of each ray, which meets the vehicles of that camera. None: all are of camera 0.
         max_distance
             How far to look, in meters; a number or (n,).
-        threads
-            How many threads share the work.
 
         Raises
         ------
@@ -282,7 +275,7 @@ class World:
         for _, _, thing in self._things():
             left = np.flatnonzero(~blocked) if blocked.any() else slice(None)
             of = {"row": None if row is None else row[left]} if isinstance(thing, PosedVehicle) else {}
-            blocked[left] = thing.occluded(start[left], along[left], max_distance=reach[left], threads=threads, **of)
+            blocked[left] = thing.occluded(start[left], along[left], max_distance=reach[left], **of)
         return blocked
 
     def passed(

@@ -55,45 +55,43 @@ class CutoutCaster:
         self._mixed_face = mesh.cutouts.face[cuts == Cut.MIXED]
         self._mixed = _Holes(mesh.of_faces(self._mixed_face)) if len(self._mixed_face) else None
 
-    def cast(
-        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
-    ) -> RayHits:
+    def cast(self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf) -> RayHits:
         """The first face along each ray that hides where it is met; arguments as for `RayCaster.cast`."""
         start, along, reach = checked_rays(origins, directions, max_distance)
         distance, face = np.full(len(start), np.inf), np.full(len(start), -1, dtype=np.int32)
         if self._opaque is not None:
-            met = self._opaque.cast(start, along, max_distance=reach, threads=threads)
+            met = self._opaque.cast(start, along, max_distance=reach)
             distance, face = met.distance, np.where(met.hit, self._opaque_face[met.face], -1).astype(np.int32)
-        passed = self._through(start, along, np.minimum(reach, distance), threads=threads, hard=True)
+        passed = self._through(start, along, np.minimum(reach, distance), hard=True)
         stopped = np.flatnonzero(passed.left == 0.0)
         distance[stopped], face[stopped] = passed.distance[stopped], self._mixed_face[passed.face[stopped]]
         return RayHits(distance, face)
 
     def occluded(
-        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Bool[np.ndarray, " n"]:
         """Whether anything that hides lies along each ray; arguments as for `RayCaster.cast`."""
-        return self._left(origins, directions, max_distance, threads=threads, hard=True) == 0.0
+        return self._left(origins, directions, max_distance, hard=True) == 0.0
 
     def transmittance(
-        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Float[np.ndarray, " n"]:
         """How much of the light along each ray gets through, from 0 to 1; arguments as for `RayCaster.cast`."""
-        return self._left(origins, directions, max_distance, threads=threads, hard=False)
+        return self._left(origins, directions, max_distance, hard=False)
 
     def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
         """Unit normals of these faces, by their winding; nan for faces without area."""
         return self.mesh.normals(face)
 
     def _left(
-        self, origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike, *, threads: int, hard: bool
+        self, origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike, *, hard: bool
     ) -> Float[np.ndarray, " n"]:
         start, along, reach = checked_rays(origins, directions, max_distance)
         left = np.ones(len(start))
         if self._opaque is not None:
-            left[self._opaque.occluded(start, along, max_distance=reach, threads=threads)] = 0.0
+            left[self._opaque.occluded(start, along, max_distance=reach)] = 0.0
         free = np.flatnonzero(left)
-        left[free] = self._through(start[free], along[free], reach[free], threads=threads, hard=hard).left
+        left[free] = self._through(start[free], along[free], reach[free], hard=hard).left
         return left
 
     def _through(
@@ -102,7 +100,6 @@ class CutoutCaster:
         along: Float[np.ndarray, "n 3"],
         reach: Float[np.ndarray, " n"],
         *,
-        threads: int,
         hard: bool,
     ) -> _Passed:
         """Rays through the mixed faces, with unit directions."""
@@ -114,7 +111,7 @@ class CutoutCaster:
         more = np.ones(n)  # of the usual step beyond a hit
         while len(rays):
             origins, onward = start[rays] + from_start[rays, None] * along[rays], along[rays]
-            met = self._mixed.caster.cast(origins, onward, max_distance=reach[rays] - from_start[rays], threads=threads)
+            met = self._mixed.caster.cast(origins, onward, max_distance=reach[rays] - from_start[rays])
             on = np.flatnonzero(met.hit)
             rays, face = rays[on], met.face[on]
             at = from_start[rays] + met.distance[on]

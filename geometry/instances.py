@@ -109,32 +109,30 @@ class InstancedScene:
         self._boxes = RayCaster(_box_mesh(roomy)) if len(poses) >= MANY else None
         self._widest = float(np.linalg.norm(np.ptp(roomy, axis=1), axis=1).max(initial=0.0))
 
-    def cast(
-        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
-    ) -> InstanceHits:
+    def cast(self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf) -> InstanceHits:
         """The first face along each ray; arguments as for `RayCaster.cast`."""
         start, along, limit = checked_rays(origins, directions, max_distance)
         hits, reach = InstanceHits.missed(len(start)), limit.copy()
         for begin in range(0, len(start), RAYS):
-            ray, instance, entry = self._crossings(start, along, reach, slice(begin, begin + RAYS), threads)
+            ray, instance, entry = self._crossings(start, along, reach, slice(begin, begin + RAYS))
             for batch in rounds(ray):
                 on = batch[entry[batch] <= reach[ray[batch]]]
-                self.cast_by(start, along, ray[on], instance=instance[on], reach=reach, hits=hits, threads=threads)
+                self.cast_by(start, along, ray[on], instance=instance[on], reach=reach, hits=hits)
         return hits
 
     def occluded(
-        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Bool[np.ndarray, " n"]:
         """Whether anything lies along each ray; arguments as for `RayCaster.cast`."""
         start, along, reach = checked_rays(origins, directions, max_distance)
         blocked = np.zeros(len(start), dtype=bool)
         for begin in range(0, len(start), RAYS):
-            ray, instance, _ = self._crossings(start, along, reach, slice(begin, begin + RAYS), threads)
+            ray, instance, _ = self._crossings(start, along, reach, slice(begin, begin + RAYS))
             for batch in rounds(ray):
                 on = batch[~blocked[ray[batch]]]
                 for caster, rows, inside, inward, scale in self._moved(start, along, ray[on], instance[on]):
                     rows = on[rows]
-                    met = caster.occluded(inside, inward, max_distance=reach[ray[rows]] * scale, threads=threads)
+                    met = caster.occluded(inside, inward, max_distance=reach[ray[rows]] * scale)
                     blocked[ray[rows[met]]] = True
         return blocked
 
@@ -191,7 +189,6 @@ class InstancedScene:
         instance: Int[np.ndarray, " p"],
         reach: Float[np.ndarray, " n"],
         hits: InstanceHits,
-        threads: int = 1,
     ) -> None:
         """Let rays meet the instances that they're paired with.
 
@@ -203,12 +200,10 @@ class InstancedScene:
             (p,) indices: the pairs to try.
         reach, hits
             (n,) how far each ray looks and what it has met so far; both are updated.
-        threads
-            How many threads share the work.
         """
         distance, face = np.full(len(ray), np.inf), np.full(len(ray), -1, dtype=np.int32)
         for caster, rows, inside, inward, scale in self._moved(start, along, ray, instance):
-            met = caster.cast(inside, inward, max_distance=reach[ray[rows]] * scale, threads=threads)
+            met = caster.cast(inside, inward, max_distance=reach[ray[rows]] * scale)
             distance[rows], face[rows] = met.distance / scale, met.face
         # The nearest of each ray; of equals, the instance that comes first.
         nearer = np.flatnonzero(distance < hits.distance[ray])
@@ -219,14 +214,14 @@ class InstancedScene:
         hits.face[at], hits.instance[at] = face[first], instance[first]
 
     def _crossings(
-        self, start: np.ndarray, along: np.ndarray, reach: np.ndarray, part: slice, threads: int
+        self, start: np.ndarray, along: np.ndarray, reach: np.ndarray, part: slice
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"], Float[np.ndarray, " p"]]:
         """Pairs of some rays and instances whose boxes these cross, by ray, nearest first; and where rays enter."""
         rows = np.arange(len(start))[part]
         if self._boxes is not None and len(rows) >= FEW_RAYS:
             # Further than the ray goes: one that ends inside a box meets a side of it only beyond its end.
             far = (reach[part] + self._widest) * (1 + 1e-4)
-            rows = rows[self._boxes.occluded(start[part], along[part], max_distance=far, threads=threads)]
+            rows = rows[self._boxes.occluded(start[part], along[part], max_distance=far)]
         crossings = self._tree.crossed(start[rows], along[rows], reach[rows])
         order = np.lexsort((crossings.box, crossings.entry, crossings.ray))
         return rows[crossings.ray[order]], crossings.box[order], crossings.entry[order]

@@ -101,9 +101,7 @@ class RayCaster:
                     self._built = scene
         return self._built
 
-    def cast(
-        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
-    ) -> RayHits:
+    def cast(self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf) -> RayHits:
         """The first face along each ray.
 
         Parameters
@@ -114,8 +112,6 @@ class RayCaster:
             (n, 3), of any length but zero.
         max_distance
             How far to look, in meters; a number or (n,).
-        threads
-            How many threads share the work.
 
         Raises
         ------
@@ -131,11 +127,11 @@ class RayCaster:
             face[i[within]] = met["primID"][within]
             distance[i[within]] = rays.skipped[i[within]] + met["tfar"][within]
 
-        in_coherent_blocks(trace, rays.passing, threads=threads)
+        in_coherent_blocks(trace, rays.passing)
         return RayHits(distance, face)
 
     def occluded(
-        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Bool[np.ndarray, " n"]:
         """Whether anything lies along each ray; arguments as for `cast`."""
         rays = self._rays(origins, directions, max_distance)
@@ -145,14 +141,14 @@ class RayCaster:
             met = self._scene.run(rays.origins[i], rays.directions[i], dists=rays.reach[i], query="OCCLUDED")
             blocked[i] = (met >= 0) & (rays.reach[i] >= 0)
 
-        in_coherent_blocks(trace, rays.passing, threads=threads)
+        in_coherent_blocks(trace, rays.passing)
         return blocked
 
     def transmittance(
-        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf, threads: int = 1
+        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Float[np.ndarray, " n"]:
         """0 where anything lies along a ray, else 1; arguments as for `cast`."""
-        return 1.0 - self.occluded(origins, directions, max_distance=max_distance, threads=threads)
+        return 1.0 - self.occluded(origins, directions, max_distance=max_distance)
 
     def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
         """Unit normals of these faces, by their winding; nan for faces without area."""
@@ -315,7 +311,7 @@ class WorkerThreads:
 
 
 def in_coherent_blocks(
-    work: Callable[[Int[np.ndarray, " k"]], None], points: Float[np.ndarray, "n d"], *, threads: int
+    work: Callable[[Int[np.ndarray, " k"]], None], points: Float[np.ndarray, "n d"], *, threads: int = 1
 ) -> None:
     """Call `work` with the indices of all points, in spatially compact blocks, on some threads."""
     with WorkerThreads(threads if len(points) > BLOCK else min(threads, 1)) as pool:

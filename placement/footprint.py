@@ -17,10 +17,12 @@ from hulldown.geometry.rays import RayCaster
 
 RASTER = 128  # cells a side of an underside: 3 to 7 cm under a tank
 LEAN = 0.05  # meters higher that a spot may be for each meter that it is nearer; measured in docs/settling.md
+BAND = 0.05  # of a mesh's height: the lowest part that counts as touching
+LEAST = 0.2  # of its length and width: the footprint has at least these
 FOOT = 0.01  # of the footprint's longer side: a foot is no higher than this above the lowest spot
 
 
-def contact_footprint(vertices: ArrayLike, *, band: float = 0.05, least: float = 0.2) -> Float[np.ndarray, "2 2"]:
+def contact_footprint(vertices: ArrayLike) -> Float[np.ndarray, "2 2"]:
     """Lowest and highest (x, y) of the lowest band of a mesh, which touches the ground.
 
     A long barrel, a raised dozer blade, or an antenna widens the bounding box without touching the ground; wheels,
@@ -30,10 +32,6 @@ def contact_footprint(vertices: ArrayLike, *, band: float = 0.05, least: float =
     ----------
     vertices
         (v, 3) of the parts that stand on the ground, vehicle frame, z up.
-    band
-        Height of the part that counts as touching, as a share of the height of all vertices.
-    least
-        Least length and width of the footprint, as shares of those of all vertices.
 
     Returns
     -------
@@ -43,13 +41,12 @@ def contact_footprint(vertices: ArrayLike, *, band: float = 0.05, least: float =
     points = checked(vertices, "vertices", ("v", 3))
     if not len(points):
         raise ValueError("vertices: expected at least one vertex, got none")
-    if not (0 < band <= 1 and 0 <= least <= 1):
-        raise ValueError(f"band, least: expected shares in (0, 1] and [0, 1], got {band} and {least}")
     low, high = points.min(axis=0), points.max(axis=0)
+    band = BAND
     while True:
         touching = points[points[:, 2] <= low[2] + band * (high[2] - low[2]), :2]
         box = np.stack([touching.min(axis=0), touching.max(axis=0)])
-        if band >= 1 or (box[1] - box[0] >= least * (high - low)[:2]).all():
+        if band >= 1 or (box[1] - box[0] >= LEAST * (high - low)[:2]).all():
             return box
         band = min(2 * band, 1.0)
 
