@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from fractions import Fraction
 from unittest import mock
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
@@ -65,19 +65,10 @@ def soup(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 
 def subdivided_box(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    n = int(rng.integers(1, 6))
-    line = np.linspace(-0.5, 0.5, n + 1)
-    a, b = (grid.ravel() for grid in np.meshgrid(line, line, indexing="ij"))
-    corner = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
-    quads = np.stack([corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]], -1).reshape(-1, 4)
-    flat = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
-    vertices, faces = [], []
-    for axis, side in itertools.product(range(3), (-0.5, 0.5)):
-        face = np.empty((len(a), 3))
-        face[:, axis], face[:, (axis + 1) % 3], face[:, (axis + 2) % 3] = side, a, b
-        faces.append(flat + len(vertices) * len(a))
-        vertices.append(face)
-    return np.concatenate(vertices), np.concatenate(faces)
+    mesh = trimesh.creation.box()
+    for _ in range(rng.integers(4)):
+        mesh = mesh.subdivide()
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
 
 
 def ball(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

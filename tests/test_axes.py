@@ -5,6 +5,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
+import trimesh
 
 from hulldown.geometry.errors import AssetError
 from hulldown.geometry.meshes import Mesh
@@ -28,17 +29,8 @@ def box(size: tuple, at: tuple) -> Mesh:
 
 def tube(start: tuple, end: tuple, radius: float) -> Mesh:
     """A closed prism of 16 sides."""
-    a, b = np.array(start, float), np.array(end, float)
-    axis = (b - a) / np.linalg.norm(b - a)
-    side = np.cross(axis, [0.3, 0.5, 0.8])
-    side /= np.linalg.norm(side)
-    around = np.linspace(0, 2 * np.pi, 17)[:-1]
-    rim = radius * (np.cos(around)[:, None] * side + np.sin(around)[:, None] * np.cross(axis, side))
-    k = np.arange(16)
-    n = (k + 1) % 16
-    sides = np.concatenate([np.stack([k, n, 16 + k], 1), np.stack([n, 16 + n, 16 + k], 1)])
-    caps = np.array([(0, i, i + 1) for i in range(1, 15)] + [(16, 16 + i, 17 + i) for i in range(1, 15)])
-    return Mesh(np.concatenate([a + rim, b + rim]), np.concatenate([sides, caps]))
+    mesh = trimesh.creation.cylinder(radius, sections=16, segment=(start, end))
+    return Mesh(mesh.vertices, mesh.faces)
 
 
 TANK = {

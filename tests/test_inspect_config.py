@@ -10,7 +10,6 @@ import pytest
 from PIL import Image
 
 from hulldown import cli
-from hulldown.geometry.errors import ConfigError
 from hulldown.planning.config.schema import Config
 from hulldown.planning.loading import inspect_config
 from hulldown.reading.inspect import inspect
@@ -117,11 +116,6 @@ def test_a_mistake_in_a_config_is_a_one_line_error(
     assert printed.out == ""
     assert printed.err.startswith(line)
     assert printed.err.count("\n") == 1
-
-
-def test_the_error_of_a_missing_config_tells_how_to_get_one() -> None:
-    with pytest.raises(ConfigError, match="no such file; `hulldown init` writes one to start from"):
-        Config.read("none.toml")
 
 
 def test_an_existing_page_of_another_program_is_found_before_reading(

@@ -1,14 +1,11 @@
 """The table of `inspect`: whole names in any output, and few rows for dropped objects."""
 
 import io
-import tomllib
 from dataclasses import replace
 
 import pytest
 
-from hulldown.cli import main
 from hulldown.geometry.terminal import Terminal
-from hulldown.planning.config.schema import Config
 from hulldown.reading.report import FileReport, ObjectRow
 from hulldown.reading.vehicle.paintable import MaterialRow
 from hulldown.verbs import terminal
@@ -61,20 +58,6 @@ def test_objects_dropped_for_one_reason_share_a_row():
     assert rows[1][0].endswith("helper l of mine and 4 more")
     assert rows[1][3] == "16"
     assert rows[3][2] == "its name matches 'lamp'"
-
-
-def test_the_report_keeps_every_object():
-    rows = [ObjectRow(f"a{k}x", "MESH", "dropped", "hidden from render") for k in range(20)]
-    assert len(report(*rows).to_json()["rows"]) == 20
-
-
-def test_init_bare_writes_only_the_config(tmp_path, capsys):
-    assert main(["init", str(tmp_path / "mine"), "--bare"]) == 0
-    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["hulldown.toml"]
-    assert Config.read(tmp_path / "mine" / "hulldown.toml").assets.vehicles[0].path == "vehicles/tank.blend"
-    assert tomllib.loads((tmp_path / "mine" / "hulldown.toml").read_text())
-    assert main(["init", str(tmp_path / "mine"), "--bare"]) == 2
-    assert "is there already" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("count", [1, 2])

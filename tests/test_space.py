@@ -23,11 +23,6 @@ def rows(assets):
     return list(plan(small_config(), assets))
 
 
-def corners_of(box):
-    signs = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-    return np.array(box["center"]) + (signs * box["size"]) @ np.array(box["rotation"]).T
-
-
 def points_of(assets, vehicle, row):
     """All vertices of a vehicle in its camera's frame."""
     points = apply(vehicle.world_from_vehicle, assets.vehicles[vehicle.vehicle].vertices_at(vehicle.articulation))
@@ -41,18 +36,6 @@ def test_the_box_contains_every_vertex_and_touches_some_on_each_side(assets, row
             inside = (points_of(assets, vehicle, row) - box["center"]) @ np.array(box["rotation"])
             np.testing.assert_allclose(inside.min(axis=0), -np.array(box["size"]) / 2, rtol=0, atol=1e-7)
             np.testing.assert_allclose(inside.max(axis=0), np.array(box["size"]) / 2, rtol=0, atol=1e-7)
-
-
-def test_the_projected_box_contains_the_label(rows):
-    for row in rows:
-        label = label_records(row)[0]
-        corners = corners_of(label["bbox_3d"])
-        intrinsics = row.intrinsics
-        focal = intrinsics.width / 2 / math.tan(intrinsics.fov_x / 2)
-        seen = focal * corners[:, :2] / corners[:, 2:] + [intrinsics.width / 2, intrinsics.height / 2]
-        x, y, w, h = label["bbox_amodal"]
-        assert (seen.min(axis=0) <= [x + 1e-3, y + 1e-3]).all()
-        assert (seen.max(axis=0) >= [x + w - 1e-3, y + h - 1e-3]).all()
 
 
 def test_distance_and_azimuth_are_those_of_the_center(rows):
