@@ -27,10 +27,7 @@ VEHICLES = (
     *("textured", "odd_ones"),
 )
 SCENERIES = ("scattered", "hairy", "furry", "unnamed", "map_in_object")
-FILES = [
-    *((name, "vehicle") for name in VEHICLES),
-    *((name, "scenery") for name in SCENERIES),
-]
+FILES = [*((name, "vehicle") for name in VEHICLES), *((name, "scenery") for name in SCENERIES)]
 ODD_NUMBERS = [0.0, -0.0, 1e-30, 1e6, 5e6, 1e20, -3e38, float("nan"), float("inf"), float("-inf")]
 numbers = st.floats(-100.0, 100.0, width=32) | st.sampled_from(ODD_NUMBERS)
 triples = st.tuples(numbers, numbers, numbers)
@@ -44,17 +41,7 @@ modifiers = st.sampled_from([
     *("SKIN", "REMESH", "WIREFRAME", "SCREW", "ARMATURE", "SOFT_BODY", "OCEAN", "EXPLODE", "FLUID", "DYNAMIC_PAINT"),
     *("NODES", "NODES", "NODES"),
 ])  # fmt: skip
-empty_data = (
-    "meshes",
-    "hair_curves",
-    "pointclouds",
-    "volumes",
-    "grease_pencils",
-    "lattices",
-    "curves",
-    "metaballs",
-    "lights",
-)
+empty_data = ("meshes", "hair_curves", "pointclouds", "volumes", "grease_pencils", "lattices", "metaballs", "lights")
 changes = {
     "name": names,
     **dict.fromkeys(("location", "scale", "rotation_euler", "move a vertex"), triples),

@@ -219,17 +219,12 @@ def _key() -> bytes:
     return key
 
 
-def _may_read(file: Path, asset: Path) -> bool:
-    """Whether the reader could have opened a file that an asset refers to; this process opens no others."""
-    return bool(unconfined()) or is_inside(file, asset_folders(asset))
-
-
 def _print_of(file: Path, asset: Path, *, known: list[Any] | None = None) -> list[Any] | None:
     """Size, time, and content of a file that an asset refers to; None if it can't be read.
 
-    A file of the known size and time has the known content.
+    A file of the known size and time has the known content. A file that the confined reader couldn't open isn't opened.
     """
-    if not _may_read(file, asset):
+    if not (unconfined() or is_inside(file, asset_folders(asset))):
         return None
     try:
         stat = file.stat()

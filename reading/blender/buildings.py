@@ -23,7 +23,6 @@ def add_buildings(buildings: Sequence[Building], terrain: Elevations) -> int:
     """
     ground = Terrain(Mesh(terrain.vertices, terrain.faces))
     material = bpy.data.materials.new("building")
-    material.use_nodes = True
     shader = material.node_tree.nodes["Principled BSDF"]
     shader.inputs["Base Color"].default_value, shader.inputs["Roughness"].default_value = COLOR, 0.9
     standing = 0

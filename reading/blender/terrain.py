@@ -50,7 +50,6 @@ def open_terrain(path: Path, options: Options) -> tuple[Elevations, list[str]]:
     bpy.context.scene.collection.objects.link(obj)
     material = bpy.data.materials.new(NAME)
     mesh.materials.append(material)
-    material.use_nodes = True
     shader = material.node_tree.nodes["Principled BSDF"]
     shader.inputs["Roughness"].default_value = 0.95
     shader.inputs["Specular IOR Level"].default_value = 0.1

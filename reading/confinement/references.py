@@ -27,7 +27,9 @@ def refuse_odd_references(path: Path, kind: str) -> None:
         Naming it.
     """
     if kind == "obj":
-        _check_obj(path)
+        for material in material_libraries(path):
+            for _, picture in directives(material, b"map_", b"bump", b"disp", b"refl", b"norm"):
+                _refuse(path, picture.split()[-1] if picture.split() else picture)
     elif kind == "gltf":
         _check_gltf(path)
 
@@ -36,12 +38,6 @@ def _refuse(path: Path, named: str) -> None:
     found = kind_of_file(path.parent / named)
     if found not in ("", "a file"):
         raise AssetError(f"refers to {named[:200]}, which is {found}, not a file", path=path, remedy=AGAIN)
-
-
-def _check_obj(path: Path) -> None:
-    for material in material_libraries(path):
-        for _, picture in directives(material, b"map_", b"bump", b"disp", b"refl", b"norm"):
-            _refuse(path, picture.split()[-1] if picture.split() else picture)
 
 
 def material_libraries(path: Path) -> Iterator[Path]:
@@ -72,8 +68,10 @@ def directives(path: Path, *starts: bytes) -> Iterator[tuple[str, str]]:
 def _check_gltf(path: Path) -> None:
     try:
         data = json.loads(_gltf_json(path))
-    except (ValueError, RecursionError, struct.error) as error:
-        raise AssetError(f"isn't readable glTF ({_said(error)})", path=path, remedy=AGAIN) from None
+    except RecursionError:
+        raise AssetError("isn't readable glTF (it is nested too deeply)", path=path, remedy=AGAIN) from None
+    except (ValueError, struct.error) as error:
+        raise AssetError(f"isn't readable glTF ({str(error)[:200]})", path=path, remedy=AGAIN) from None
     if not isinstance(data, dict):
         raise AssetError("isn't glTF: it isn't a JSON object", path=path, remedy=AGAIN)
     asset = data.get("asset")
@@ -106,10 +104,6 @@ def _gltf_json(path: Path) -> bytes:
             raise AssetError(problem, path=path, remedy="export it as .glb, whose buffers are no JSON")
         file.seek(start)
         return file.read(size)
-
-
-def _said(error: Exception) -> str:
-    return "it is nested too deeply" if isinstance(error, RecursionError) else str(error)[:200]
 
 
 def _entries(data: Mapping[str, Any], owner: str) -> Iterator[tuple[int, Mapping[str, Any]]]:

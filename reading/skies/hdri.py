@@ -150,9 +150,8 @@ def read_hdris(
         refuse_no_hdri(path)
     make_cache(cache)
     digests = [sha256(path) for path in paths]
-    found = {digest: _entry(path, digest, cache) for path, digest in zip(paths, digests, strict=True)}
-    new = {digest: path for path, digest in zip(paths, digests, strict=True) if found[digest] is None}
-    todo = list(new.items())
+    named = dict(zip(digests, paths, strict=True))
+    todo = [(digest, path) for digest, path in named.items() if _entry(path, digest, cache) is None]
     for start in range(0, len(todo), BATCH):
         _read(todo[start : start + BATCH], cache, limits, progress)
     read = []
@@ -185,10 +184,9 @@ def _entry(path: Path, digest: str, cache: Path) -> Hdri | None:
     note = unseal(entry)
     if note is None:
         return None
-    light = msgspec.convert(note["light"], SkyLight)
-    if not note["mended_sha256"]:
-        return Hdri(path, digest, light, entry / MAP_NAME)
-    return Hdri(entry / MENDED_NAME, digest, light, entry / MAP_NAME, note["mended_sha256"], tuple(note["notes"]))
+    light, mended = msgspec.convert(note["light"], SkyLight), note["mended_sha256"]
+    rendered = entry / MENDED_NAME if mended else path
+    return Hdri(rendered, digest, light, entry / MAP_NAME, mended, tuple(note["notes"]))
 
 
 def _read(

@@ -132,15 +132,12 @@ def _is_there(path: str) -> bool:
     try:
         if TILES in path:
             return any(Path(path).parent.glob(Path(path).name.replace(TILES, "[0-9][0-9][0-9][0-9]")))
-        return Path(path).is_file() and _opens(path)
+        if Path(path).is_file():
+            with open(path, "rb"):  # a confined process learns only by trying whether it can
+                return True
     except (OSError, ValueError):
-        return False
-
-
-def _opens(path: str) -> bool:
-    """Whether this process can open it, which a confined process learns only by trying."""
-    with open(path, "rb"):
-        return True
+        pass
+    return False
 
 
 def _objects_using(block: Any, users: dict[Any, set[Any]]) -> set[str]:
