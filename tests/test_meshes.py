@@ -27,12 +27,6 @@ def test_the_error_of_a_bad_mesh_names_it_and_the_first_bad_element(vertices, fa
         Mesh(vertices, faces, "hill")
 
 
-def test_any_integer_and_float_types_are_accepted():
-    mesh = Mesh(SQUARE.astype(np.float32), FACES.astype(np.uint8))
-    assert mesh.vertices.dtype == np.float64
-    assert mesh.faces.dtype == np.int32
-
-
 def test_bounds_exclude_unused_vertices():
     mesh = Mesh(np.vstack([SQUARE, [9.0, 9.0, 9.0]]), FACES)
     np.testing.assert_array_equal(mesh.bounds, [[0, 0, 0], [1, 1, 2]])

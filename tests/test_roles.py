@@ -116,15 +116,6 @@ def test_a_body_modeled_from_a_plane_is_the_vehicle() -> None:
         assert vehicle_uses(wheels, body) == ["vehicle", "vehicle"]
 
 
-def test_two_floors_are_no_evidence_for_each_other() -> None:
-    floors = [
-        piece("A", size=(90, 70, 0.01)),
-        piece("B", size=(80, 70, 0.01), at=(9, 0, -0.1)),
-        piece("Floor", size=(99, 99, 1)),
-    ]
-    assert vehicle_uses(*floors, HULL) == ["dropped", "dropped", "dropped", "vehicle"]
-
-
 def test_the_config_overrides_the_rules_and_keep_overrides_drop() -> None:
     floor, wheel, spare = piece("Floor", size=(20, 20, 0.1)), piece("Wheel"), piece("Wheel_spare")
     got = vehicle_uses(HULL, floor, wheel, spare, keep=["floor", "*spare"], drop=["wheel*"])

@@ -188,10 +188,9 @@ def test_a_wrong_call_names_the_argument(options, message):
     ("size", "options", "message"),
     [
         (TANK, {"footprint": [[1, 1], [0, 2]]}, "footprint: expected the lowest corner first"),
-        (TANK, {"threads": 0}, "threads: expected at least 1, got 0"),
         ([7.0, 0.0, 2.5], {}, r"size_xyz: expected lengths above 0, got \[7.0, 0.0, 2.5\]"),
     ],
 )
-def test_an_invalid_vehicle_or_thread_count_is_refused(size, options, message):
+def test_an_invalid_vehicle_is_refused(size, options, message):
     with pytest.raises(ValueError, match=message):
         settle(slope(0.1), size, [[0.0, 0.0]], [0.0], **options)
