@@ -13,6 +13,7 @@ from hulldown.annotate.curves import CurvedView, extremes_of_curved
 from hulldown.annotate.posing import PosedParts, move, slices
 from hulldown.camera.frustum import Frustum
 from hulldown.camera.projection import NEAR
+from hulldown.geometry.arrays import numbered
 
 SMALL = 30_000  # triangles: clipping up to so many takes less time than choosing among them
 LEAF = 64  # triangles in a cluster: fewer cost more bounds, more cost more clipping
@@ -196,5 +197,5 @@ def _clusters(vertices: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"])
 
 def _ranges(starts: Int[np.ndarray, " n"], ends: Int[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:
     """All integers of the half-open ranges, one range after the other."""
-    counts = ends - starts
-    return np.arange(counts.sum()) + np.repeat(starts - (np.cumsum(counts) - counts), counts)
+    group, number = numbered(ends - starts)
+    return starts[group] + number

@@ -15,7 +15,7 @@ from hulldown.camera.projection import NEAR, Camera, directions
 from hulldown.camera.target import PosedVehicle
 from hulldown.camera.visibility import TOUCHING
 from hulldown.camera.world import World
-from hulldown.geometry.arrays import checked
+from hulldown.geometry.arrays import checked, numbered
 from hulldown.geometry.transforms import rotate
 
 FIRST_LOOK = 256  # pixels that are tested first
@@ -92,8 +92,8 @@ def show_pixels(
     def look(cameras: Int[np.ndarray, " k"], step: Int[np.ndarray, " k"]) -> None:
         """Test every step-th pixel of these cameras' boxes."""
         count = -(-pixels[cameras] // step)
-        row = np.repeat(np.arange(len(cameras)), count)
-        pixel = (np.arange(len(row)) - (np.cumsum(count) - count)[row]) * step[row]
+        row, number = numbered(count)
+        pixel = number * step[row]
         camera = cameras[row]
         uv = np.stack([pixel % width[camera], pixel // width[camera]], axis=1) + first[camera] + 0.5
         poses = world_from_camera[camera]

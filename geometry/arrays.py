@@ -76,12 +76,23 @@ def whole(value: object, name: str) -> int:
     return int(value)
 
 
+def numbered(counts: Int[np.ndarray, " g"]) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """The group of each thing, and its number in the group, for groups of so many things one after the other.
+
+    Examples
+    --------
+    >>> [column.tolist() for column in numbered(np.array([2, 0, 3]))]
+    [[0, 0, 2, 2, 2], [0, 1, 0, 1, 2]]
+    """
+    group = np.repeat(np.arange(len(counts)), counts)
+    return group, np.arange(len(group)) - np.repeat(np.cumsum(counts) - counts, counts)
+
+
 def joined(keys: Int[np.ndarray, " k"], wanted: Int[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
     """All pairs (i, j) with `keys[i] == wanted[j]`, where `wanted` ascends; ordered by i, then by j."""
     first, last = np.searchsorted(wanted, keys, "left"), np.searchsorted(wanted, keys, "right")
-    i = np.repeat(np.arange(len(keys)), last - first)
-    before = np.cumsum(last - first) - (last - first)
-    return i, np.arange(len(i)) - before[i] + first[i]
+    i, number = numbered(last - first)
+    return i, first[i] + number
 
 
 def rounds(group: Int[np.ndarray, " k"], *, first: int = 1, growth: int = 2) -> Iterator[Int[np.ndarray, " m"]]:

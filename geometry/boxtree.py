@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from hulldown.geometry.arrays import numbered
+
 FANOUT = 8
 SLACK = 1e-14  # relative rounding error of a ray through a box's edge
 PARALLEL = 1e-200  # below this, a direction's coordinate counts as 0
@@ -159,10 +161,8 @@ def _each(
     box: Int[np.ndarray, " q"],
 ) -> tuple[Int[np.ndarray, " r"], Int[np.ndarray, " r"]]:
     """Pairs of packet and box as pairs of ray and box."""
-    many = count[packet]
-    ends = np.cumsum(many)
-    step = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - many, many)
-    return np.repeat(first[packet], many) + step, np.repeat(box, many)
+    pair, number = numbered(count[packet])
+    return first[packet][pair] + number, box[pair]
 
 
 def _entries(

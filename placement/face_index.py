@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from hulldown.geometry.arrays import numbered
+
 _FINEST = 30  # the finest grid has at most 2**30 cells a side, so that a cell's row and column fit one int64
 _STRIDE = np.int64(1) << 31
 _PAIRS = 1 << 15  # candidates looked at together, so that intermediate arrays stay in cache
@@ -87,10 +89,9 @@ class FaceIndex:
             points, faces = [], []
             for i, (start, count) in enumerate(zip(starts, counts, strict=True)):
                 n = count[batch]
-                point = np.repeat(np.arange(end - begin), n)
-                offset = np.arange(len(point)) - np.repeat(np.cumsum(n) - n, n)
+                point, number = numbered(n)
                 points.append(point)
-                faces.append(self._levels[i // (_REACH + 1)].faces[np.repeat(start[batch], n) + offset])
+                faces.append(self._levels[i // (_REACH + 1)].faces[start[batch][point] + number])
             yield batch, np.concatenate(points), np.concatenate(faces)
             begin = end
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.arrays import checked
+from hulldown.geometry.arrays import checked, numbered
 from hulldown.geometry.hulls import inner_point
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.portable import hypot
@@ -125,8 +125,8 @@ def _along_edges(mesh: Mesh, step: Float[np.ndarray, "2"]) -> Float[np.ndarray, 
         steps = (np.abs(mesh.vertices[end, :2] - mesh.vertices[start, :2]) / step).max(axis=1)
         far = np.flatnonzero(steps > 1)
         pieces = np.ceil(steps[far]).astype(np.int64)
-        edge = np.repeat(np.arange(len(far)), pieces)
-        share = (np.arange(len(edge)) - (np.cumsum(pieces) - pieces)[edge]) / pieces[edge]
+        edge, number = numbered(pieces)
+        share = number / pieces[edge]
         first, last = mesh.vertices[start[far[edge]]], mesh.vertices[end[far[edge]]]
         points.append(first + share[:, None] * (last - first))
     return np.concatenate(points)

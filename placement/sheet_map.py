@@ -53,6 +53,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy import ndimage
 
+from hulldown.geometry.arrays import numbered
 from hulldown.geometry.meshes import first_alike
 
 EMPTY, SINGLE, UNKNOWN = 0, 1, 2
@@ -140,10 +141,10 @@ class SheetMap:
         span = np.ptp(ends, axis=1).max(axis=1)
         short = span <= 1
         pieces = np.minimum(span[~short], max(_MOST_PIECES // max(len(edges), 1), 1))
-        edge = np.repeat(np.flatnonzero(~short), pieces)
-        step = np.arange(len(edge)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+        long, step = numbered(pieces)
+        edge = np.flatnonzero(~short)[long]
         start, along = edges[edge, 0], edges[edge, 1] - edges[edge, 0]
-        share = np.repeat(1.0 / pieces, pieces)[:, None]
+        share = (1.0 / pieces)[long, None]
         from_, to = start + along * (step[:, None] * share), start + along * ((step[:, None] + 1) * share)
         # Points along an edge are rounded, by far less than a cell: one cell more on every side makes up for it.
         cuts = [np.stack([self._cells(p[:, 0], 0), self._cells(p[:, 1], 1)], axis=1) for p in (from_, to)]
