@@ -12,7 +12,8 @@ from hulldown.planning.config.schema import Config
 from hulldown.planning.found_assets import FoundFile, asset_files, found_config, missing_kinds, read_found
 from hulldown.planning.loading import hdri_paths
 
-FILES = """
+# Code for Blender that begins with an empty scene.
+CUBES = """
 import bpy, pathlib
 
 def cube(name, size, place):
@@ -25,6 +26,8 @@ def save(path):
     bpy.ops.wm.read_factory_settings(use_empty=True)
 
 bpy.ops.wm.read_factory_settings(use_empty=True)
+"""
+FILES = f"""{CUBES}
 cube("Hull", (6, 3, 1), (0, 0, 0.5))
 cube("Turret", (2, 2, 1), (0, 0, 1.5))
 bpy.ops.wm.save_as_mainfile(filepath=str(pathlib.Path("tank.blend").resolve()))

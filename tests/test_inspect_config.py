@@ -13,25 +13,16 @@ from hulldown import cli
 from hulldown.planning.config.schema import Config
 from hulldown.planning.loading import inspect_config
 from hulldown.reading.inspect import inspect
-from hulldown.tests.test_found_assets import SKY
+from hulldown.tests.test_found_assets import CUBES, SKY
 
-FILES = """
-import bpy
-from mathutils import Vector
-
-def cube(name, size, place):
-    bpy.ops.mesh.primitive_cube_add(size=1, location=place)
-    bpy.context.object.name, bpy.context.object.scale = name, size
-
-bpy.ops.wm.read_factory_settings(use_empty=True)
+FILES = f"""{CUBES}
 cube("Hull", (300, 600, 100), (0, 0, 50))
 cube("Turret", (200, 200, 100), (0, 0, 150))
 cube("Crate", (200, 200, 200), (500, 0, 100))
-bpy.ops.wm.save_as_mainfile(filepath="tank.blend")
-bpy.ops.wm.read_factory_settings(use_empty=True)
+save("tank.blend")
 cube("Lawn", (100, 100, 1), (0, 0, 0))
 cube("Rock", (2, 2, 2), (0, 0, 1))
-bpy.ops.wm.save_as_mainfile(filepath="park.blend")
+save("park.blend")
 """
 CONFIG = """
 [assets]
