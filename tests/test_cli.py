@@ -118,6 +118,14 @@ def test_a_stopped_run_reports_what_is_left(words, expected, monkeypatch, capsys
     assert expected in capsys.readouterr().err
 
 
+def test_the_time_limit_of_a_picture_reaches_the_pool(monkeypatch):
+    given = {}
+    monkeypatch.setattr("hulldown.render.supervisor.render_plan", lambda *_, **options: given.update(options))
+    with pytest.raises(AttributeError):  # there is no report
+        cli.main(["render", "plan.jsonl", "-o", "dataset", "--image-timeout", "7.5"])
+    assert given["engine"].limits.job_s == 7.5
+
+
 def test_join_reports_its_result(run, tmp_path):
     for part in ("a", "b"):
         with CocoDataset.open(tmp_path / part, categories=["tank"]) as dataset:
