@@ -22,6 +22,12 @@ def nan_empty(_):
     bpy.context.object.location.z = math.nan
 
 
+def squashed_gun(_):
+    cube()
+    turret, gun = cube("Turret"), cube("Gun")
+    turret.location.z, gun.location.z, gun.scale = 2.0, 2.0, (0.0, 0.0, 0.0)
+
+
 def far_location(_):
     cube().location.y = 1e20
 
@@ -100,7 +106,7 @@ def font(folder):
 
 CASES = (
     *(nan_location, nan_empty, far_location, nan_vertices, nan_strands, bald, furry),
-    *(no_known_tree, names, instances, library, font),
+    *(squashed_gun, no_known_tree, names, instances, library, font),
 )
 COMPRESSED = (library,)  # too
 

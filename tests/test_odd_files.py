@@ -59,6 +59,7 @@ def test_an_odd_file_is_a_one_line_error(odd: Path, tmp_path: Path, case: str, l
         ("names", ["unnamed 0"]),  # names that aren't UTF-8
         ("bald", ["Body"]),  # hair without strands, which crashed Blender
         ("furry", ["Body", "Body"]),  # hair with a material
+        ("squashed_gun", ["Body", "Turret", "Gun"]),  # a gun without a muzzle
         ("no_known_tree", ["Body"]),  # a material with nodes of an unknown kind
     ],
 )

@@ -69,8 +69,8 @@ def known_points(
     """
     part = {name: i for i, name in enumerate(shape.part_names)}
     found = {}
-    if GUN_PART in part:
-        found[MUZZLE] = _muzzle(shape, part[GUN_PART]), part[GUN_PART]
+    if GUN_PART in part and (muzzle := _muzzle(shape, part[GUN_PART])) is not None:
+        found[MUZZLE] = muzzle, part[GUN_PART]
     if TURRET_PART in part:
         found[TURRET] = _roof(shape, part[TURRET_PART]), part[TURRET_PART]
     if wheels is not None:
@@ -88,14 +88,16 @@ def known_points(
     return found
 
 
-def _muzzle(shape: VehicleShape, part: int) -> Float[np.ndarray, "3"]:
-    """The point just ahead of the middle of the gun's front end."""
+def _muzzle(shape: VehicleShape, part: int) -> Float[np.ndarray, "3"] | None:
+    """The point just ahead of the middle of the gun's front end; None for a gun without length."""
     points = shape.mesh.vertices[shape.vertex_part == part]
     pivot, axis = shape.part_pivot[part], shape.part_axis[part]
     off = points - pivot
     out = off[np.argmax(np.linalg.norm(off, axis=1))]
     out = out - (out @ axis) * axis
-    out /= np.linalg.norm(out)
+    if not (length := np.linalg.norm(out)) > 0.0:
+        return None
+    out /= length
     along = off @ out
     tip = points[along >= along.max() - TIP]
     middle = (tip.min(axis=0) + tip.max(axis=0)) / 2
