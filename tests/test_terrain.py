@@ -63,6 +63,13 @@ def test_clean_ground_is_certified_as_one_sheet_except_at_its_border():
     assert (sheets.state(np.array([-9.0, 40.0]), np.array([10.0, 1e9])) == EMPTY).all()
 
 
+def test_a_hole_is_certified_empty():
+    outer = hills(20)
+    kept = np.abs(outer.triangles[:, :, :2] - 10).max(axis=(1, 2)) > 4
+    sheets = sheets_of(Mesh(outer.vertices, outer.faces[kept]))
+    assert (sheets.state(np.array([10.0, 2.0]), np.array([10.0, 2.0])) == [EMPTY, SINGLE]).all()
+
+
 def test_a_long_border_across_many_cells_is_marked_along_its_length():
     large = sheet(0.0, high=1000.0)  # its diagonal is no border; a strip placed across it has two
     strip = Mesh(np.array([[100.0, 0, 1], [103.0, 0, 1], [900.0, 1000, 1]]), np.array([[0, 1, 2]]))
@@ -84,11 +91,14 @@ def test_threads_and_batches_change_nothing():
 
 @pytest.mark.parametrize("method", METHODS)
 def test_the_methods_agree_where_float32_is_enough(method):
-    mesh = hills(30)
-    xy = np.random.default_rng(2).uniform(1, 29, (5000, 2))
+    land = hills(30)
+    mesh = Mesh(land.vertices, np.concatenate([land.faces[::2], land.faces[1::2, ::-1]]))
+    xy = np.random.default_rng(2).uniform(-9, 39, (5000, 2))
     certified, other = Terrain(mesh).top_hits(xy), Terrain(mesh).top_hits(xy, method=method)
-    same = certified.face == other.face
-    assert same.mean() > 0.999
+    assert (certified.face == other.face).mean() > 0.999
+    assert np.isnan(other.z[~other.hit]).all()
+    assert np.isnan(other.normal[~other.hit]).all()
+    same = other.hit & (certified.face == other.face)
     np.testing.assert_allclose(other.z[same], certified.z[same], atol=1e-5)
     np.testing.assert_allclose(other.normal[same], certified.normal[same], atol=1e-5)
     np.testing.assert_allclose(np.linalg.norm(other.normal[same], axis=1), 1.0, rtol=1e-14)
