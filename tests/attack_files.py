@@ -7,6 +7,7 @@ renders files as Blender does, without hulldown's precautions.
 
 import json
 import os
+import struct
 import sys
 from pathlib import Path
 
@@ -40,7 +41,7 @@ def skinned(path, source="FILE"):
 
 
 def importing(kind, path):
-    """A body whose geometry nodes import a text, on a grid of as many points as it has letters, or an OBJ file."""
+    """A body whose geometry nodes import a file; its shape depends on the file's content."""
     group, given, result = node_group("Geometry")
     nodes, link = group.nodes, group.links.new
     join, node = nodes.new("GeometryNodeJoinGeometry"), nodes.new(f"GeometryNodeImport{kind}")
@@ -52,6 +53,12 @@ def importing(kind, path):
         link(made, length.inputs[0])
         link(length.outputs[0], grid.inputs["Vertices X"])
         made = grid.outputs[0]
+    elif kind == "CSV":
+        instance, real = nodes.new("GeometryNodeInstanceOnPoints"), nodes.new("GeometryNodeRealizeInstances")
+        link(made, instance.inputs["Points"])
+        link(nodes.new("GeometryNodeMeshCube").outputs[0], instance.inputs["Instance"])
+        link(instance.outputs[0], real.inputs[0])
+        made = real.outputs[0]
     link(made, join.inputs[0])
     link(join.outputs[0], result[0])
     cube().modifiers.new("nodes", "NODES").node_group = group
@@ -95,6 +102,23 @@ def udim(secret):
     skinned(secret / "udim.1001.png", "TILED").filepath = str(secret / "udim.<UDIM>.png")
 
 
+def movie(secret):
+    """An uncompressed AVI of one picture."""
+    frame = bytes(8 * 8 * 3)
+    strf = struct.pack("<IiiHHIIiiII", 40, 8, 8, 1, 24, 0, len(frame), 0, 0, 0, 0)
+    strh = struct.pack("<4s4sIHHIIIIIIIIHHHH", b"vids", b"DIB ", 0, 0, 0, 0, 1, 25, 0, 1, len(frame), 0, 0, 0, 0, 8, 8)
+    avih = struct.pack("<14I", 40000, 0, 0, 0x10, 1, 0, 1, len(frame), 8, 8, 0, 0, 0, 0)
+
+    def chunk(name, data):
+        return name + struct.pack("<I", len(data)) + data
+
+    streams = chunk(b"LIST", b"strl" + chunk(b"strh", strh) + chunk(b"strf", strf))
+    body = b"AVI " + chunk(b"LIST", b"hdrl" + chunk(b"avih", avih) + streams)
+    body += chunk(b"LIST", b"movi" + chunk(b"00db", frame)) + chunk(b"idx1", struct.pack("<4sIII", b"00db", 16, 4, 192))
+    (secret / "movie.avi").write_bytes(chunk(b"RIFF", body))
+    skinned(secret / "movie.avi", "MOVIE")
+
+
 def displaced(secret):
     modifier = cube().modifiers.new("displaced", "DISPLACE")
     modifier.texture = bpy.data.textures.new("t", "IMAGE")
@@ -116,13 +140,21 @@ def volume(secret):
     bpy.context.scene.collection.objects.link(bpy.data.objects.new("smoke", data))
 
 
-def alembic(secret):
-    """A body whose shape is in a cache."""
+def cached(path, export, inside):
+    """A body whose shape is in a cache, under this name."""
     obj = cube()
-    bpy.ops.wm.alembic_export(filepath=str(secret / "alembic.abc"))
-    bpy.ops.cachefile.open(filepath=str(secret / "alembic.abc"))
+    export(filepath=str(path))
+    bpy.ops.cachefile.open(filepath=str(path))
     modifier = obj.modifiers.new("cached", "MESH_SEQUENCE_CACHE")
-    modifier.cache_file, modifier.object_path = bpy.data.cache_files[0], "/Body/Body"
+    modifier.cache_file, modifier.object_path = bpy.data.cache_files[0], inside
+
+
+def alembic(secret):
+    cached(secret / "alembic.abc", bpy.ops.wm.alembic_export, "/Body/Body")
+
+
+def usd(secret):
+    cached(secret / "usd.usdc", bpy.ops.wm.usd_export, "/root/Body/Body")
 
 
 def ies(secret):
@@ -137,13 +169,17 @@ def import_text(secret):
     importing("Text", text(secret / "import_text.txt", "loot"))
 
 
+def import_csv(secret):
+    importing("CSV", text(secret / "import_csv.csv", "position:3,a\n1,2\n"))
+
+
 def import_obj(secret):
     importing("OBJ", text(secret / "import_obj.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"))
 
 
 READERS = (
-    *(linked, linked_by_a_link, image, relative, image_by_a_link, udim, displaced, font, volume, alembic, ies),
-    *(import_text, import_obj),
+    *(linked, linked_by_a_link, image, relative, image_by_a_link, udim, movie, displaced, font, volume),
+    *(alembic, usd, ies, import_text, import_csv, import_obj),
 )
 
 
@@ -160,6 +196,7 @@ def gltf(path, owner, uri):
 def files_of_other_formats(assets, secret):
     up = os.path.relpath(secret, assets)
     gltf(assets / "gltf_picture.gltf", "images", f"{up}/{picture(secret / 'gltf_picture.png').name}")
+    gltf(assets / "gltf_absolute.gltf", "images", str(picture(secret / "gltf_absolute.png")))
     gltf(assets / "gltf_points.gltf", "buffers", f"{up}/gltf_points.bin")
     (assets / "gltf_points.bin").rename(secret / "gltf_points.bin")
     for name in ("obj_material", "obj_picture", "fbx"):
@@ -191,7 +228,7 @@ def build(assets, secret, target):
     (assets / "all").mkdir()
     bpy.ops.wm.save_as_mainfile(filepath=str(assets / "all/everything.blend"))
     for case, aim in attacks:
-        if case.__name__ not in ("alembic", "fluid"):  # those export the whole scene, or crash with others
+        if case.__name__ not in ("alembic", "usd", "fluid"):  # those export the whole scene, or crash with others
             case(aim)
     for obj in bpy.data.objects:
         if not obj.library:
@@ -209,6 +246,7 @@ def build(assets, secret, target):
     with bpy.data.libraries.load(str(assets / "all/nodes.blend"), link=True) as (_, wanted):
         wanted.node_groups = ["linked nodes"]
     bpy.context.object.modifiers[0].node_group = wanted.node_groups[0]
+    importing("CSV", text(assets / "table.csv", "position:3,a\n1,2\n5,6\n"))
     bpy.ops.wm.save_as_mainfile(filepath=str(assets / "all/neighbors.blend"), relative_remap=False)
     sky(assets / "sky.exr")
 
