@@ -55,6 +55,27 @@ def test_on_an_open_plane_everything_in_the_frame_is_visible(
     assert (seen.hits > 0).all()
 
 
+@given(lenses, seeds, st.floats(0.01, 1.2), turns)
+def test_behind_a_wall_nothing_is_visible(lens: Intrinsics, seed: int, elevation: float, turn: float) -> None:
+    n = 2
+    poses = cameras(seed, elevation, n)
+    # Across the line of sight, 1 m in front of the camera.
+    walls = poses.copy()
+    walls[:, :3, 3] += poses[:, :3, 2]
+    walls[:, :3, :3] = poses[:, :3, :3] * np.array([1000.0, 1000.0, 0.01])
+    for i in range(n):
+        seen = visible_fraction(
+            TANK,
+            HERE,
+            poses[i : i + 1],
+            intrinsics=lens,
+            articulation={"turret": turn},
+            world=World(obstacles=InstancedScene([CUBE], [0], walls[i : i + 1])),
+        )
+        assert seen.fraction[0] == 0
+        assert seen.by_obstacles[0] == 1
+
+
 @given(lenses, seeds, elevations, turns, st.integers(1, 12))
 def test_an_added_occluder_never_raises_the_fraction(
     lens: Intrinsics, seed: int, elevation: float, turn: float, k: int
@@ -86,3 +107,15 @@ def test_a_beam_finds_the_hits_of_its_single_rays(seed: int, k: int, fov: float)
     reach = rng.uniform(-1, 60, len(which))
     passed = passed_in_beams(scene, camera_rays, poses, which=which, reach=reach)
     np.testing.assert_array_equal(passed == 0.0, scene.occluded(*camera_rays.rays(poses, which), max_distance=reach))
+
+
+@given(seeds, st.floats(0.05, 0.8))
+def test_moving_the_world_changes_almost_nothing(seed: int, elevation: float) -> None:
+    shift = rigid(np.eye(3), [5e5, 5.4e6, 50.0])
+    scene = boulders(np.random.default_rng(seed), 8)
+    moved = InstancedScene([CUBE], scene.instance_mesh, shift @ scene.world_from_instance)
+    poses, lens = cameras(seed, elevation), Intrinsics(320, 240, 0.8)
+    here = visible_fraction(TANK, HERE, poses, intrinsics=lens, world=World(Plane(0.1), scene))
+    there = visible_fraction(TANK, shift[None], shift @ poses, intrinsics=lens, world=World(Plane(50.1), moved))
+    np.testing.assert_allclose(here.hits, there.hits, atol=2)
+    np.testing.assert_allclose(here.fraction, there.fraction, atol=0.04)

@@ -135,3 +135,12 @@ def test_a_name_that_a_config_cannot_hold_is_not_listed(tmp_path: Path) -> None:
     (tmp_path / "tank\n\udcff.glb").write_bytes(b"glTF")
     with pytest.raises(AssetError, match=r"(?s)none of its 1 files can be used.*rename it"):
         read_found(tmp_path, asset_files(tmp_path))
+
+
+def test_init_bare_writes_only_the_config(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["init", str(tmp_path / "mine"), "--bare"]
+    assert cli.main(words) == 0
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["hulldown.toml"]
+    assert Config.read(tmp_path / "mine" / "hulldown.toml").assets.vehicles[0].path == "vehicles/tank.blend"
+    assert cli.main(words) == 2
+    assert "is there already" in capsys.readouterr().err

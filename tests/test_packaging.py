@@ -65,6 +65,12 @@ def test_import_rules_cover_every_package_in_pipeline_order():
     assert rules["contracts"][0]["layers"] == [f"hulldown.{package}" for package in PACKAGES[::-1]]
 
 
+def test_the_core_does_not_import_blender():
+    core = ["geometry.rays", "placement.terrain", "camera.projection", "annotate.boxes", "planning.planner"]
+    code = f"import sys; import {', '.join(f'hulldown.{m}' for m in core)}; assert 'bpy' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=120)
+
+
 def test_the_version_is_stated_once():
     version = PYPROJECT["project"]["version"]
     files = [path for folder in ("docs", *SHIPPED) for path in [*(ROOT / folder).rglob("*.[mp][dy]"), ROOT / folder]]
