@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from hulldown.annotate.masks import extent
 from hulldown.annotate.oriented import fits
-from hulldown.camera.weather import GHOST
+from hulldown.camera.weather.extinction import GHOST
 from hulldown.dataset.exports.clipping import ROUNDED, SLIGHT, beyond
 from hulldown.dataset.oriented import is_rectangle
 from hulldown.dataset.space import check_space

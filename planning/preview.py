@@ -15,7 +15,7 @@ from hulldown.assets.library import Assets
 from hulldown.camera.projection import Camera
 from hulldown.camera.response import ALBEDO
 from hulldown.camera.target import PosedVehicle
-from hulldown.camera.weather_kinds import Weather
+from hulldown.camera.weather.kinds import Weather
 from hulldown.camera.world import World
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.color import LUMINANCE

@@ -19,7 +19,7 @@ from msgspec import Meta, Struct
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.camera.sensor import Sensor
-from hulldown.camera.weather_kinds import Weather
+from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.files import PICTURE_NAME
 from hulldown.planning.appearance.paint import Coat
 from hulldown.planning.poses import FARTHEST, GivenPoses

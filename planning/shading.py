@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from hulldown.camera.projection import Camera
-from hulldown.camera.weather import air_contrast
-from hulldown.camera.weather_kinds import KINDS, Weather
+from hulldown.camera.weather.extinction import air_contrast
+from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.camera.world import Kind, World
 
 _ZENITH, _HORIZON = np.array([0.36, 0.55, 0.82]), np.array([0.78, 0.84, 0.92])

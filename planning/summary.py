@@ -17,7 +17,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from hulldown.annotate.sheets import SOFTWARE, refuse_foreign
-from hulldown.camera.weather_kinds import KINDS
+from hulldown.camera.weather.kinds import KINDS
 from hulldown.geometry.files import replacing
 from hulldown.planning.appearance.paint import OWN
 from hulldown.planning.row import LeftOut, Row

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hulldown.annotate.boxes import surface_box
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
-from hulldown.camera.weather_kinds import KINDS
+from hulldown.camera.weather.kinds import KINDS
 from hulldown.dataset.verification.planned import label_records
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.rays import RayCaster

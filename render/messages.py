@@ -12,7 +12,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.sensor import Sensor
-from hulldown.camera.weather_kinds import Weather
+from hulldown.camera.weather.kinds import Weather
 
 Matrix = list[list[float]]  # (4, 4)
 

@@ -18,7 +18,7 @@ import numpy as np
 from PIL import Image
 
 from hulldown.camera.response import ALBEDO
-from hulldown.camera.weather_kinds import airlight
+from hulldown.camera.weather.kinds import airlight
 from hulldown.reading.blender.pictures import _write
 from hulldown.render.blender import cycles
 from hulldown.render.blender.air import Fog

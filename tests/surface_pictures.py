@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.weather_kinds import Weather
+from hulldown.camera.weather.kinds import Weather
 from hulldown.reading.blender.add_nodes import add_node, maths
 from hulldown.reading.blender.tidy_properties import PART, REST
 from hulldown.render.blender import cycles

@@ -6,7 +6,7 @@ import tomllib
 
 import pytest
 
-from hulldown.camera.weather_kinds import KINDS
+from hulldown.camera.weather.kinds import KINDS
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.config.config_keys import ENTRIES, PAGE, keys_of, page, sections
 from hulldown.planning.config.schema import Config, Section

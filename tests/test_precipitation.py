@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from hulldown.camera.fog import extinction
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.precipitation import (
+from hulldown.camera.weather.fog import extinction
+from hulldown.camera.weather.precipitation import (
     FARTHEST,
     MOST,
     NEAREST,

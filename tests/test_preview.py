@@ -5,7 +5,7 @@ import pytest
 from msgspec.structs import replace as altered
 from PIL import Image
 
-from hulldown.camera.weather_kinds import Weather
+from hulldown.camera.weather.kinds import Weather
 from hulldown.planning.preview import Artist, caption, preview_sheet
 from hulldown.planning.shading import sun_of
 from hulldown.planning.write import write_plan

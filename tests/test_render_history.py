@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace as altered
 
-from hulldown.camera.weather_kinds import Weather
+from hulldown.camera.weather.kinds import Weather
 from hulldown.render.jobs import VehicleFile, render_assets
 from hulldown.tests.blender_plans import copied, draw, job, make_plan, make_worlds
 

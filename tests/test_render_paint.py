@@ -8,7 +8,7 @@ from msgspec.structs import replace as altered
 
 from hulldown.annotate.masks import vehicle_mask
 from hulldown.camera.target import PosedVehicle, VehicleTarget
-from hulldown.camera.weather_kinds import Weather
+from hulldown.camera.weather.kinds import Weather
 from hulldown.camera.world import World
 from hulldown.planning.appearance.paint import Coat
 from hulldown.planning.check import check_plan

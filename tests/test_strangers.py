@@ -9,7 +9,7 @@ from PIL import Image
 
 from hulldown.assets.bundle import load_scenery, load_vehicle
 from hulldown.assets.skylight import SkyLight
-from hulldown.camera.weather_kinds import airlight
+from hulldown.camera.weather.kinds import airlight
 from hulldown.geometry.color import LUMINANCE, linear_color
 from hulldown.geometry.errors import HulldownError
 from hulldown.planning.appearance.land import land_above_horizon

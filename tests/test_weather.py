@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from hulldown.camera.weather import rain_visibility_m, wetness
-from hulldown.camera.weather_kinds import Weather
+from hulldown.camera.weather.extinction import rain_visibility_m, wetness
+from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.air import NAMES, draw_air
 from hulldown.planning.appearance.light import draw_lights, hdri_weights

@@ -14,13 +14,13 @@ from jaxtyping import Bool, Float, UInt8
 from PIL import Image
 from scipy import ndimage
 
-from hulldown.camera import fog
 from hulldown.camera.backdrop import HIGH, even_color, fade
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.camera.response import displayed, white_balance
 from hulldown.camera.sensor import Sensor
-from hulldown.camera.weather_kinds import air_layers, airlight
+from hulldown.camera.weather import fog
+from hulldown.camera.weather.kinds import air_layers, airlight
 from hulldown.camera.world import World
 from hulldown.dataset.records import Finding
 from hulldown.dataset.store.runs import Run, find_run, plan_key

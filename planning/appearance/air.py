@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hulldown.camera.weather import rain_visibility_m, wetness
-from hulldown.camera.weather_kinds import KINDS, Weather
+from hulldown.camera.weather.extinction import rain_visibility_m, wetness
+from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.geometry.portable import sin_cos
 from hulldown.planning.config.weather_section import WeatherSection
 from hulldown.planning.row import rounded

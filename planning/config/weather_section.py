@@ -7,8 +7,8 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from hulldown.camera.weather import GHOST
-from hulldown.camera.weather_kinds import KINDS
+from hulldown.camera.weather.extinction import GHOST
+from hulldown.camera.weather.kinds import KINDS
 from hulldown.planning.config.section import Section, ranged
 
 Share = Annotated[float, Field(ge=0, le=1)]

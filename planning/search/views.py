@@ -13,7 +13,7 @@ from hulldown.annotate.masks import show_pixels
 from hulldown.camera.lenses import Lenses
 from hulldown.camera.shell import camera_pose
 from hulldown.camera.visibility import visibility_of
-from hulldown.camera.weather import air_contrast
+from hulldown.camera.weather.extinction import air_contrast
 from hulldown.placement.rejection import Rejection
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import rounded
@@ -41,7 +41,7 @@ class Views:
     truncated_fraction, visible_fraction
         (n,) shares; 1 and 0 for a vehicle outside the frame.
     air_contrast
-        (n,) share of the vehicle's contrast after haze; see `camera.weather`.
+        (n,) share of the vehicle's contrast after haze; see `camera.weather.extinction`.
     rejection
         (n,) codes of `Rejection`.
     asked, followed

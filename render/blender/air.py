@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.camera.weather_kinds import air_layers
+from hulldown.camera.weather.kinds import air_layers
 from hulldown.reading.blender.add_nodes import add_node
 from hulldown.reading.blender.frames import pose
 from hulldown.render.blender.light import HdriWorld
@@ -19,7 +19,7 @@ from hulldown.render.blender.light import HdriWorld
 class Fog:
     """A flat box of air around the camera that absorbs light and emits the sky's.
 
-    Koschmieder's law (`camera.fog`): the radiance through `d` meters of air is
+    Koschmieder's law (`camera.weather.fog`): the radiance through `d` meters of air is
     ``radiance * exp(-extinction d) + airlight * (1 - exp(-extinction d))``. Absorption and emission have that closed
     form, so fog adds no noise; scattering, simulated, needs many bounces, turns the ground black when it gets few, and
     in a world volume hides the sky, which is infinitely far away.

@@ -11,8 +11,8 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.camera.precipitation import Streaks, drops_in_view, rng_of, streaks, view_of
-from hulldown.camera.weather_kinds import KINDS, Weather
+from hulldown.camera.weather.kinds import KINDS, Weather
+from hulldown.camera.weather.precipitation import Streaks, drops_in_view, rng_of, streaks, view_of
 from hulldown.reading.blender.add_nodes import add_node, maths
 from hulldown.reading.blender.frames import pose
 from hulldown.render.blender.air import set_hidden
@@ -89,7 +89,7 @@ class Precipitation:
 
 
 def _glow_by_opacity(tree: Any) -> Any:
-    """Build the material: an emission with the opacity `camera.precipitation.opacity` times the gain."""
+    """Build the material: an emission with the opacity `camera.weather.precipitation.opacity` times the gain."""
     tree.nodes.clear()
     math = partial(maths, tree)
     profile = add_node(tree, "Attribute", attribute_name="profile").outputs["Vector"]

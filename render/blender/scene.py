@@ -18,7 +18,7 @@ import bpy
 import numpy as np
 
 from hulldown.assets.naming import BACKDROPS, first_match
-from hulldown.camera.weather_kinds import KINDS, Weather, airlight
+from hulldown.camera.weather.kinds import KINDS, Weather, airlight
 from hulldown.reading.blender.frames import pose, world_from_blender_camera
 from hulldown.reading.blender.opening import disarm, open_blend
 from hulldown.reading.blender.tidy_properties import PART, REST, TIDY

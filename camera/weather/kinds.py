@@ -14,9 +14,18 @@ from types import MappingProxyType
 
 import numpy as np
 
-from hulldown.camera.fog import DUST_ALBEDO, DUST_LAYERS, FOG_ABOVE, FOG_REACH, FOG_SIDE, FOG_TOP, AirLayer, extinction
-from hulldown.camera.precipitation import Sizes, rain_sizes, snow_sizes
 from hulldown.camera.response import off_daylight
+from hulldown.camera.weather.fog import (
+    DUST_ALBEDO,
+    DUST_LAYERS,
+    FOG_ABOVE,
+    FOG_REACH,
+    FOG_SIDE,
+    FOG_TOP,
+    AirLayer,
+    extinction,
+)
+from hulldown.camera.weather.precipitation import Sizes, rain_sizes, snow_sizes
 from hulldown.geometry.color import LUMINANCE
 
 DAYLIGHT_K = 5000.0  # kelvin of the warmest light in which fog is gray

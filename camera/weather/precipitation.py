@@ -20,8 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hulldown.camera.fog import extinction
 from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.weather.fog import extinction
 
 EFFICIENCY = 2.0  # of extinction: drops and flakes are far larger than a wavelength of light
 RAIN_MM = (0.3, 6.0)  # diameters: smaller drops are never seen, larger ones break up

@@ -1,0 +1,1 @@
+"""Weather: its kinds, what it does to light on its way, and drops and flakes near the camera."""
