@@ -77,7 +77,7 @@ def whole(value: object, name: str) -> int:
 
 
 def numbered(counts: Int[np.ndarray, " g"]) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """The group of each thing, and its number in the group, for groups of so many things one after the other.
+    """Group of each element and its number in the group, for consecutive groups of `counts` elements.
 
     Examples
     --------

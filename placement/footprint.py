@@ -17,8 +17,8 @@ from hulldown.geometry.rays import RayCaster
 
 RASTER = 128  # cells a side of an underside: 3 to 7 cm under a tank
 LEAN = 0.05  # meters higher that a spot may be for each meter that it is nearer; measured in docs/settling.md
-BAND = 0.05  # of a mesh's height: the lowest part that counts as touching
-LEAST = 0.2  # of its length and width: the footprint has at least these
+BAND = 0.05  # share of a mesh's height that counts as touching the ground
+LEAST = 0.2  # least footprint, as a share of the mesh's length and width
 FOOT = 0.01  # of the footprint's longer side: a foot is no higher than this above the lowest spot
 
 
