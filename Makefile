@@ -68,10 +68,10 @@ bench: setup ## speed against error: rewrites docs/benchmarks.md and its plots (
 
 thorough: setup-training browser kernels ## what make test leaves out: long tests, all shapes checked, thousands of examples: hours
 	HULLDOWN_NO_SKIPS=1 HULLDOWN_SHAPES=all $(PYTEST) -m thorough
-	HYPOTHESIS_PROFILE=thorough $(PYTEST) property_tests
+	HYPOTHESIS_PROFILE=thorough $(PYTEST) --timeout=14400 property_tests
 
 fuzz: setup ## 20,000 configs, plans, datasets and .blend files of any contents for each test: hours
-	HULLDOWN_SHAPES=off HYPOTHESIS_PROFILE=thorough $(BIN)/python -P -m pytest --hypothesis-show-statistics \
+	HULLDOWN_SHAPES=off HYPOTHESIS_PROFILE=thorough $(BIN)/python -P -m pytest --timeout=14400 --hypothesis-show-statistics \
 	$(wildcard property_tests/test_any_*.py) property_tests/test_blend_files.py
 
 clean: ## remove what the other targets made, .venv included
