@@ -18,6 +18,14 @@ def test_four_wheels_span_the_footprint():
     np.testing.assert_allclose(contact_footprint(np.concatenate([HULL, wheels])), [[-1.5, -0.8], [1.6, 0.8]])
 
 
+@pytest.mark.parametrize("z", [0.0, -50.0])
+def test_the_band_is_doubled_until_the_footprint_is_wide_enough(z):
+    """One foot is lowest, the others are 8 cm higher: within a tenth of the height, but not within a twentieth."""
+    feet = np.array([[-1.5, -0.8, 0.0], [-1.5, 0.8, 0.08], [1.6, -0.8, 0.08], [1.6, 0.8, 0.08]])
+    vertices = np.concatenate([HULL, feet]) + np.array([0.0, 0.0, z])
+    np.testing.assert_allclose(contact_footprint(vertices), [[-1.5, -0.8], [1.6, 0.8]])
+
+
 def test_flat_sheets_and_single_points_have_the_footprint_of_their_bounds():
     np.testing.assert_array_equal(contact_footprint([[0, 0, 1], [2, 3, 1]]), [[0, 0], [2, 3]])
     np.testing.assert_array_equal(contact_footprint([[4, 5, 6]]), [[4, 5], [4, 5]])
