@@ -24,7 +24,7 @@ LONGEST = 1 << 20  # largest block that is read, in bytes; usual ones have some 
 MOST_LIBRARIES = 1000  # that refer to each other
 
 
-def refuse_odd_references(path: Path) -> None:
+def refuse_special_files(path: Path) -> None:
     """Raise if a .blend or one of its libraries refers to something that exists and isn't a regular file.
 
     Raises

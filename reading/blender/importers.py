@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 
 from hulldown.geometry.errors import AssetError
-from hulldown.reading.blender.blocks import refuse_odd_references
+from hulldown.reading.blender.blocks import refuse_special_files
 from hulldown.reading.blender.duplicates import Duplicate, take_duplicates
 from hulldown.reading.blender.mtl import clear_false_glass
 from hulldown.reading.blender.opening import open_blend
@@ -96,7 +96,7 @@ def open_file(path: Path, kind: str, options: Options) -> Opened:
 
 
 def _open_blend(path: Path) -> Opened:
-    refuse_odd_references(path)
+    refuse_special_files(path)
     duplicates: dict[str, list[Duplicate]] = {}
     try:
         doubts = open_blend(str(path), then=lambda: duplicates.update(take_duplicates()))
