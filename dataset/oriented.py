@@ -13,7 +13,7 @@ from hulldown.annotate.oriented import mask_rectangle, rectangle_corners
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, project_camera
 from hulldown.dataset.space import check_space
-from hulldown.dataset.store.entries import are_numbers
+from hulldown.dataset.store.entries import is_list_of_numbers
 from hulldown.geometry.errors import DatasetError
 
 # Of the lower side of bbox_3d, in halves of its size: front left, front right, rear right, rear left.
@@ -67,4 +67,4 @@ def ground_corners(label: Mapping[str, Any], image: Mapping[str, Any]) -> Float[
 
 def is_rectangle(value: Any) -> TypeGuard[list[float]]:
     """Whether this is [center x, center y, width, height, angle], finite and with an area."""
-    return are_numbers(value) and len(value) == 5 and min(value[2:4]) > 0
+    return is_list_of_numbers(value) and len(value) == 5 and min(value[2:4]) > 0

@@ -17,7 +17,7 @@ from hulldown.dataset.exports.clipping import ROUNDED, SLIGHT, beyond
 from hulldown.dataset.oriented import is_rectangle
 from hulldown.dataset.space import check_space
 from hulldown.dataset.store.document import read_coco
-from hulldown.dataset.store.entries import are_numbers, is_box, place_of
+from hulldown.dataset.store.entries import is_box, is_list_of_numbers, place_of
 from hulldown.dataset.store.runs import runs_of
 from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, broken
 from hulldown.geometry.errors import DatasetError, shortened
@@ -306,7 +306,7 @@ def _keypoint_problems(
     keypoints, names = annotation.get("keypoints"), category.get("keypoints")
     if keypoints is None:
         return
-    if not are_numbers(keypoints):
+    if not is_list_of_numbers(keypoints):
         yield "keypoints are no list of numbers"
     elif not isinstance(names, list) or len(keypoints) != 3 * len(names):
         yield f"keypoints has {len(keypoints)} numbers, its category has {len(names or ())} keypoints"

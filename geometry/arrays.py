@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from jaxtyping import Int
 from numpy.typing import ArrayLike, DTypeLike
+
+LARGEST = sys.float_info.max
 
 
 def checked(
@@ -54,6 +57,18 @@ def checked(
         first = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise ValueError(f"{name}: expected finite numbers, got {array[first]} at index {first}")
     return array
+
+
+def are_numbers(values: Iterable[object]) -> bool:
+    """Whether all values are finite numbers; true and false are not.
+
+    Examples
+    --------
+    >>> are_numbers([1, 2.5]), are_numbers([1, np.nan]), are_numbers([True])
+    (True, False, False)
+    """
+    # NaN fails the comparison, and so do integers beyond the largest float.
+    return all(isinstance(x, int | float) and not isinstance(x, bool) and abs(x) <= LARGEST for x in values)
 
 
 def whole(value: object, name: str) -> int:

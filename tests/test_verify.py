@@ -86,6 +86,7 @@ def test_a_sound_dataset_has_no_findings(dataset, capsys):
         (lambda c: c["annotations"][1].update(bbox=[5, 4, 29, 6]), "error", "leaves its image of 32 x 24"),
         (lambda c: c["annotations"][1].update(bbox=[5, 4, 0, 6]), "error", "has no area"),
         (lambda c: c["annotations"][1].update(bbox=[5, 4, 6]), "error", "is not [x, y, width, height]"),
+        (lambda c: c["annotations"][1].update(bbox=[5, True, 10, 6]), "error", "is not [x, y, width, height]"),
         (lambda c: c["annotations"][1].update(bbox=[7, 4, 8, 6]), "error", "beyond its bbox"),
         (lambda c: c["annotations"][1].update(area=61), "error", "area is 61, its mask has 60 pixels"),
         (lambda c: c["annotations"][1]["segmentation"].update(size=[32, 24]), "error", "expected size [24, 32]"),

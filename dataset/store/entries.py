@@ -9,6 +9,7 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
+from hulldown.geometry.arrays import are_numbers
 from hulldown.geometry.files import stays_inside
 
 # The dataset's own files: pictures with these names would be removed or overwritten.
@@ -68,12 +69,12 @@ def check_annotation(record: Mapping[str, Any], name: str) -> None:
 
 def is_box(value: Any) -> TypeGuard[list[float]]:
     """Whether this is [x, y, width, height], finite; width and height may be below 0."""
-    return are_numbers(value) and len(value) == 4
+    return is_list_of_numbers(value) and len(value) == 4
 
 
-def are_numbers(value: Any) -> TypeGuard[list[float]]:
+def is_list_of_numbers(value: Any) -> TypeGuard[list[float]]:
     """Whether this is a list of finite numbers."""
-    return isinstance(value, list) and all(isinstance(n, int | float) and math.isfinite(n) for n in value)
+    return isinstance(value, list) and are_numbers(value)
 
 
 def new_category(name: str) -> dict[str, Any]:

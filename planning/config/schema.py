@@ -18,6 +18,7 @@ from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.response import COOLEST, FARTHEST_EV, WARMEST
+from hulldown.geometry.arrays import are_numbers
 from hulldown.geometry.toml_files import read_toml, validated
 from hulldown.planning.appearance.paint import PaintEntry
 from hulldown.planning.config.asset_sections import AssetsSection
@@ -26,7 +27,6 @@ from hulldown.planning.config.section import (
     Pair,
     Patterns,
     Section,
-    are_numbers,
     is_absent,
     ranged,
     with_preset,

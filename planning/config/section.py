@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
@@ -41,12 +40,6 @@ def ranged(lowest: float, highest: float, kind: type = float, *, optional: bool 
 def is_absent(value: Any) -> bool:
     """Whether an optional key has its default, and is left out of a plan's header."""
     return value is None or value == (0.0, 0.0)
-
-
-def are_numbers(values: Sequence[Any]) -> bool:
-    """Whether all values are finite numbers; true and false are not."""
-    # NaN fails the comparison, and so do integers beyond the largest float.
-    return all(isinstance(x, (int, float)) and not isinstance(x, bool) and abs(x) <= sys.float_info.max for x in values)
 
 
 def with_preset(data: Any, key: str, presets: Mapping[str, Mapping[str, Any]]) -> Any:
