@@ -5,12 +5,9 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
-import os
 from pathlib import Path
 from typing import Any
 
-from hulldown.geometry.errors import HulldownError
-from hulldown.geometry.files import make_room, replacing
 from hulldown.geometry.terminal import progress_bar, progress_bars, say, warn
 from hulldown.verbs.arguments import Subparsers, add_verb
 from hulldown.verbs.cluster import add_scheduler, scheduler_of, training_workers
@@ -20,28 +17,12 @@ MOST_AT_ONCE = 256  # runs that a cluster is asked for
 
 
 def _init(arguments: argparse.Namespace) -> int:
-    from hulldown.training.study.config import study_text
+    from hulldown.training.study.config import write_study
 
-    output = arguments.output
-    if output.exists():
-        raise HulldownError("is there already", path=output, remedy="delete it or name another file")
-    make_room(output)
-    named = {key: getattr(arguments, key) for key in ("real", "synthetic", "test", "valid")}
-    lost = [folder for folder in named.values() if folder is not None and not folder.is_dir()]
-    if lost:
-        raise HulldownError("no such folder", path=lost[0], remedy="name the folder of a COCO dataset")
-    folders = {key: _seen_from(output.parent, folder) for key, folder in named.items() if folder is not None}
-    with replacing(output) as file:
-        file.write(study_text(**folders).encode())
+    output, folders = arguments.output, ("real", "synthetic", "test", "valid")
+    write_study(output, **{key: getattr(arguments, key) for key in folders})
     say(f"wrote {output}; next: hulldown study run {output} -o STUDY --dry-run")
     return DONE
-
-
-def _seen_from(start: Path, folder: Path) -> str:
-    try:
-        return Path(os.path.relpath(folder.resolve(), start.resolve())).as_posix()
-    except ValueError:  # another drive
-        return folder.resolve().as_posix()
 
 
 def _run(arguments: argparse.Namespace) -> int:

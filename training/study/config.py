@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from hulldown.geometry.errors import ConfigError
+from hulldown.geometry.errors import ConfigError, HulldownError
+from hulldown.geometry.files import make_room, replacing
 from hulldown.geometry.toml_files import read_toml, validated
 from hulldown.training.settings import Settings, completed
 from hulldown.training.subset import FRACTIONS
@@ -116,13 +118,35 @@ def load_study(path: Path | str) -> StudyConfig:
     return study.model_copy(update={**folders, "train": completed(train)})
 
 
-def study_text(real: str, synthetic: str, test: str, valid: str | None = None) -> str:
-    """A commented config with every key and its default."""
-    chosen = f"valid = {_toml(valid)}" if valid else '# valid = "photographs/valid"'
-    return _TEXT.format(
-        real=_toml(real), synthetic=_toml(synthetic), test=_toml(test), valid=chosen,
-        threshold="# threshold = 0.5" if valid else "threshold = 0.5",
-    )  # fmt: skip
+def write_study(path: Path, *, real: Path, synthetic: Path, test: Path, valid: Path | None = None) -> None:
+    """Write a commented config with every key and its default; its folders are relative to it.
+
+    Raises
+    ------
+    HulldownError
+        If the file exists, or one of the folders doesn't.
+    """
+    if path.exists():
+        raise HulldownError("is there already", path=path, remedy="delete it or name another file")
+    make_room(path)
+    folders = {"real": real, "synthetic": synthetic, "test": test} | ({"valid": valid} if valid else {})
+    for folder in folders.values():
+        if not folder.is_dir():
+            raise HulldownError("no such folder", path=folder, remedy="name the folder of a COCO dataset")
+    named = {key: _toml(_seen_from(path.parent, folder)) for key, folder in folders.items()}
+    if valid:
+        named |= {"valid": f"valid = {named['valid']}", "threshold": "# threshold = 0.5"}
+    else:
+        named |= {"valid": '# valid = "photographs/valid"', "threshold": "threshold = 0.5"}
+    with replacing(path) as file:
+        file.write(_TEXT.format(**named).encode())
+
+
+def _seen_from(start: Path, folder: Path) -> str:
+    try:
+        return Path(os.path.relpath(folder.resolve(), start.resolve())).as_posix()
+    except ValueError:  # another drive
+        return folder.resolve().as_posix()
 
 
 def _toml(value: str | Sequence[str]) -> str:
