@@ -29,12 +29,16 @@ STORED = {
 def content_of(mesh: Any) -> object:
     """Return a key that two meshes share only if they're drawn alike with the same materials.
 
-    The key is the mesh itself if it has content that isn't compared: a text attribute, a custom property, a library.
+    The key is the mesh itself if it has content that isn't compared: a text attribute, a custom property, a library; or
+    if it's damaged.
     """
     if mesh.library or mesh.override_library or mesh.keys():
         return mesh
     stored = hashlib.sha256()
-    stored.update(read(mesh.polygons, "loop_start", np.int32).tobytes())
+    try:
+        stored.update(read(mesh.polygons, "loop_start", np.int32).tobytes())
+    except TypeError:  # in a damaged file, faces may have no corners
+        return mesh
     kinds = []
     for attribute in sorted(mesh.attributes, key=lambda attribute: str(attribute.name)):
         if attribute.data_type not in STORED:
