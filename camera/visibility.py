@@ -15,7 +15,7 @@ from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
 from hulldown.camera.lenses import Lenses, Optics, lenses
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import BATCH, World
-from hulldown.geometry.arrays import checked
+from hulldown.geometry.arrays import checked, numbered
 from hulldown.geometry.rays import WorkerThreads
 from hulldown.geometry.transforms import apply, invert_rigid
 
@@ -181,8 +181,7 @@ def jittered(n: int, *, rng: np.random.Generator) -> Float[np.ndarray, "n 2"]:
     rows = max(1, round(math.sqrt(n)))
     columns = np.full(rows, n // rows)
     columns[: n % rows] += 1
-    row = np.repeat(np.arange(rows), columns)
-    column = np.arange(n) - np.repeat(np.cumsum(columns) - columns, columns)
+    row, column = numbered(columns)
     # A row is as high as its share of the cells.
     top = (np.cumsum(columns) - columns)[row] / n
     uniform = rng.random((n, 2))

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from hulldown.geometry.arrays import numbered
 from hulldown.geometry.errors import ConfigError
 from hulldown.placement.settle import Settled, unsettled
 from hulldown.planning.config.schema import Config
@@ -61,17 +62,18 @@ class Block:
     @property
     def owner(self) -> Int[np.ndarray, " m"]:
         """The row of each image's position."""
-        return np.repeat(np.arange(len(self.position)), self.shots)
+        return numbered(self.shots)[0]
 
     @property
     def shot(self) -> Int[np.ndarray, " m"]:
         """Number of each image at its position."""
-        return np.arange(int(self.shots.sum())) - np.repeat(np.cumsum(self.shots) - self.shots, self.shots)
+        return numbered(self.shots)[1]
 
     @property
     def image(self) -> Int[np.ndarray, " m"]:
         """Index of each image."""
-        return self.first_image[self.owner] + self.shot
+        owner, shot = numbered(self.shots)
+        return self.first_image[owner] + shot
 
     @property
     def scene(self) -> Int[np.ndarray, " m"]:

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hulldown.geometry.arrays import joined
+from hulldown.geometry.arrays import joined, numbered
 from hulldown.placement.candidates import candidates
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.settle import Settled, unsettled
@@ -164,8 +164,9 @@ class _Search:
             which, attempt, ready = which[waiting], attempt[waiting], take(ready, np.flatnonzero(waiting))
             idle = extras[~np.isin(extras, which) & (tried[extras] < COMPANION_TRIES)]
             more = np.minimum(np.maximum(tried[idle], FIRST_LOOK), COMPANION_TRIES - tried[idle])
-            new = np.repeat(idle, more)
-            number = np.arange(len(new)) - np.repeat(np.cumsum(more) - more - tried[idle], more)
+            entry, number = numbered(more)
+            new = idle[entry]
+            number += tried[new]
             tried[idle] += more
             settled = self._settle_extras(new, number, photographed)
             settles = settled.rejection == Rejection.NONE

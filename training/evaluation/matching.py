@@ -19,6 +19,7 @@ import shapely
 from jaxtyping import Bool, Float, Int
 
 from hulldown.dataset.oriented import visible_corners
+from hulldown.geometry.arrays import numbered
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.predictions import Predictions
 
@@ -123,9 +124,8 @@ def overlapping(labels: Labels, predictions: Predictions, *, at_least: float = 0
     counts[~_leading(predictions)] = 0
     parts = []
     for start, stop in _chunks(np.cumsum(counts)):
-        each = counts[start:stop]
-        detection = np.repeat(np.arange(start, stop), each)
-        within = np.arange(len(detection)) - np.repeat(np.cumsum(each) - each, each)
+        detection, within = numbered(counts[start:stop])
+        detection += start
         box = order[first[predictions.image[detection]] + within]
         iou = iou_of(found[detection], true[box], labels.crowd[box])
         parts.append(Overlaps(detection, box, iou).where(iou >= at_least))
