@@ -9,6 +9,7 @@ import json
 import os
 import struct
 import sys
+from functools import partial
 from pathlib import Path
 
 import bpy
@@ -154,7 +155,7 @@ def alembic(secret):
 
 
 def usd(secret):
-    cached(secret / "usd.usdc", bpy.ops.wm.usd_export, "/root/Body/Body")
+    cached(secret / "usd.usdc", partial(bpy.ops.wm.usd_export, root_prim_path="/scene"), "/scene/Body/Body")
 
 
 def ies(secret):

@@ -25,7 +25,10 @@ IN_SPACE = {
     "azimuth_seen": 1.570796327,
     "bbox_3d": {"center": [0.0, 0.0, 1.25], "size": [6.0, 3.0, 2.5], "rotation": np.eye(3).tolist()},
 }
-FOG = {"visibility_m": 500.0, "kind": "fog", "rain_mm_h": 0.0, "wind_m_s": [0.0, 0.0], "exposure_s": 0.004}
+FOG = {
+    **{"visibility_m": 500.0, "kind": "fog", "rain_mm_h": 0.0, "wind_m_s": [0.0, 0.0], "exposure_s": 0.004},
+    **{"ground_cover": 0.0, "vehicle_cover": 0.0},
+}
 
 
 @pytest.fixture
@@ -132,8 +135,7 @@ def planned_row(i):
     """A row of a foggy image with two hidden companions, and a third in image 1."""
     unseen = [{**VEHICLE, "visible_fraction": 0.0, "label": "none"}, {**VEHICLE, "bbox": None, "label": "none"}]
     seen = [{**VEHICLE, "category": "truck", "bbox": [6.5, 4.0, 8.0, 6.0]}] if i == 1 else []
-    fog = {**FOG, "ground_cover": 0.0, "vehicle_cover": 0.0}
-    return row(i, fov_x_deg=1 / 3, weather=fog, file_name=f"images/{i}.png", companions=unseen + seen)
+    return row(i, fov_x_deg=1 / 3, weather=FOG, file_name=f"images/{i}.png", companions=unseen + seen)
 
 
 def recorded(values, keys):
