@@ -136,7 +136,7 @@ def _model(folder: Path, path: Path, limits: ReadLimits) -> FoundFile:
     report = inspect(
         folder / path, kind="vehicle" if folder_kind == "distractor" else folder_kind, limits=limits
     ).report
-    return FoundFile(path, folder_kind or report.kind, (*report.notes(), *_ground(report)))
+    return FoundFile(path, folder_kind or report.kind, (*report.lines(), *_ground(report)))
 
 
 def _ground(report: FileReport) -> list[str]:

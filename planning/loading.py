@@ -14,7 +14,6 @@ from hulldown.assets.bundle import load_scenery, load_vehicle
 from hulldown.assets.keypoints import category_fields
 from hulldown.assets.library import AssetFile, Assets
 from hulldown.assets.naming import first_match
-from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.errors import AssetError, ConfigError
 from hulldown.geometry.transforms import apply
@@ -28,7 +27,6 @@ from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.doubts import length_said, likely_scale
 from hulldown.reading.export import Exported
 from hulldown.reading.formats import HDRI_SUFFIXES
-from hulldown.reading.inspect import Inspected, draw
 from hulldown.reading.options import Options
 from hulldown.reading.report import FileReport, refuse_missing
 from hulldown.reading.skies.hdri import Hdri, read_hdris, refuse_no_hdri
@@ -184,30 +182,6 @@ def load_library(
     annotated = [*assets.vehicles.values(), *(assets.distractors[e.name] for e in listed.distractors if e.category)]
     category_fields(annotated, config.annotate.keypoints, config.annotate.skeleton, path=config.folder)
     return Library(assets, models, sceneries, skies)
-
-
-def inspect_config(
-    config: Config,
-    *,
-    strict: bool = False,
-    pictures: bool = False,
-    progress: Callable[[str], None] | None = None,
-    limits: ReadLimits = DEFAULT_LIMITS,
-) -> list[Inspected]:
-    """Return the reports of a config's assets in its order, with pictures if wanted; see `load_library`."""
-    library = load_library(config, strict=strict, progress=progress, limits=limits)
-    shapes = {**library.assets.vehicles, **library.assets.distractors}
-    listed: list[tuple[FileReport, VehicleShape | Scenery]] = []
-    listed += [(_with_limits(e.report, shapes[name]), shapes[name]) for name, e in library.models.items()]
-    listed += [(e.report, library.assets.sceneries[name]) for name, e in library.sceneries.items()]
-    return [Inspected(asset.name, report, draw(asset) if pictures else None) for report, asset in listed]
-
-
-def _with_limits(report: FileReport, shape: VehicleShape) -> FileReport:
-    """Return the report with the config's limits of parts."""
-    limits = dict(zip(shape.part_names, shape.part_limits.tolist(), strict=True))
-    parts = (replace(part, limits=(limits[part.name][0], limits[part.name][1])) for part in report.parts)
-    return replace(report, parts=tuple(parts))
 
 
 def _painted(exported: Exported, entry: ModelEntry) -> Exported:

@@ -175,7 +175,7 @@ def test_every_blend_is_read_or_refused_in_one_line(reader, case):
 def use(job: Job, *, drawn: bool) -> None:
     """Use a read asset as `hulldown inspect` does."""
     read = exported_by(job)
-    assert all("\n" not in line for line in read.report.notes())
+    assert all("\n" not in line for line in read.report.lines())
     asset = (load_vehicle if read.report.kind == "vehicle" else load_scenery)(read.bundle)
     if drawn:
         draw(asset, size=8)

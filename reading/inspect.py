@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -22,7 +23,9 @@ from hulldown.geometry.errors import AssetError
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.export import export
 from hulldown.reading.report import FileReport, refuse_missing
+from hulldown.reading.skies.sky_report import SkyReport
 
+Report = TypeVar("Report", FileReport, SkyReport)
 # Colors that color-blind people tell apart: Okabe, Ito, Color universal design, 2008.
 COLORS = np.array([(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float)
 OBSTACLE = np.array([150.0, 150.0, 150.0])
@@ -38,22 +41,22 @@ VIEWS = (
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Inspected:
+class Inspected(Generic[Report]):
     """An inspected file.
 
     Parameters
     ----------
     name
-        Of the vehicle or scenery.
+        Of the vehicle, scenery, or HDRI.
     report
         The report about its file.
     picture
-        A picture of it (see `draw`); None if not requested.
+        A picture of it (see `draw`); None if not requested, and of an HDRI.
     """
 
     name: str
-    report: FileReport
-    picture: Image.Image | None
+    report: Report
+    picture: Image.Image | None = None
 
 
 def inspect(
@@ -64,7 +67,7 @@ def inspect(
     pictures: bool = False,
     progress: Callable[[str], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
-) -> Inspected:
+) -> Inspected[FileReport]:
     """Inspect an asset file, read without cache and options.
 
     Parameters
@@ -112,7 +115,7 @@ def pages(path: Path, assets: int) -> list[Path]:
     return [path, *(path.with_name(f"{path.stem}-{number}{path.suffix}") for number in range(2, count + 1))]
 
 
-def write_pictures(inspected: Sequence[Inspected], path: Path) -> list[Path]:
+def write_pictures(inspected: Sequence[Inspected[Any]], path: Path) -> list[Path]:
     """Write the pictures as pages and return their names; several side by side, each under its name.
 
     Raises

@@ -179,7 +179,7 @@ class FileReport:
             table.add_row(escape(row.name), row.use, escape(row.why), str(row.count), f"{row.triangles:,}", size)
         return table
 
-    def notes(self) -> list[str]:
+    def lines(self) -> list[str]:
         """Lines below the table: size, moving parts, doubts."""
         size = " x ".join(f"{x:.2f}" for x in self.size)
         lines = [f"size {size} m, {self.triangles:,} triangles, {self.up} up, 1 unit = {self.unit:g} m"]

@@ -27,7 +27,7 @@ def shown(monkeypatch, table, **console):
 
 def test_a_name_with_a_line_break_stays_in_one_line():
     odd = replace(report(), materials=(MaterialRow("Ty\nre", 1.0, (0.0, 0.0, 0.0), "is rubber"),))
-    assert odd.notes()[-1] == "materials left alone: Ty\\nre (is rubber)"
+    assert odd.lines()[-1] == "materials left alone: Ty\\nre (is rubber)"
 
 
 def test_a_piped_table_has_whole_names_in_one_line(monkeypatch):

@@ -209,5 +209,5 @@ def test_inspect_lists_the_materials_that_can_be_painted(folder, plan):
     dark, bright = (((x + 0.055) / 1.055) ** 2.4 for x in (0.3, 0.8))
     share = (15 / 16) ** 2
     assert rows["Skin"].color[0] == pytest.approx(share * dark + (1 - share) * bright, abs=0.01)
-    assert any("materials left alone: Tire" in note for note in report.notes())
-    assert any(note.startswith("painted: ") and "#c01010" in note for note in report.notes())
+    assert any("materials left alone: Tire" in note for note in report.lines())
+    assert any(note.startswith("painted: ") and "#c01010" in note for note in report.lines())

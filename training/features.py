@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from hulldown.dataset.reports.comparison import Encoder
 from hulldown.training.detectors.detector import DetectorError
 from hulldown.training.extra import require_extra
 from hulldown.training.predict import load_detector
 from hulldown.training.settings import load_settings
 
 BATCH = 8  # images that go through the encoder at once
-Encoder = Callable[[Sequence[UInt8[np.ndarray, "_ _ 3"]]], Float[np.ndarray, "n d"]]
 
 
 def load_encoder(weights: str) -> Encoder:

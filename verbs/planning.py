@@ -67,45 +67,28 @@ def _init_from(arguments: argparse.Namespace, values: Mapping[str, Any]) -> int:
 
 def _inspect(arguments: argparse.Namespace) -> int:
     from hulldown.annotate.sheets import make_room_for_picture
-    from hulldown.planning.config.schema import Config
-    from hulldown.planning.loading import inspect_config
-    from hulldown.reading.formats import HDRI_SUFFIXES
-    from hulldown.reading.inspect import Inspected, inspect, pages, write_pictures
-    from hulldown.reading.report import FileReport
-    from hulldown.reading.skies.sky_report import SkyReport, inspect_sky
+    from hulldown.planning.inspection import drawn_assets, inspect_file
+    from hulldown.reading.inspect import Inspected, pages, write_pictures
 
-    configs = {path: Config.read(path) for path in arguments.files if path.suffix.lower() == ".toml"}
-    if arguments.output:
-        drawn = [path for path in arguments.files if path.suffix.lower() not in HDRI_SUFFIXES]
-        assets = sum(len(configs[path].assets.entries) if path in configs else 1 for path in drawn)
-        for page in pages(arguments.output, assets):
-            make_room_for_picture(page)
+    output, drawn = arguments.output, sum(map(drawn_assets, arguments.files))
+    for page in pages(output, drawn) if output else ():
+        make_room_for_picture(page)
     limits = read_limits(arguments)
-    inspected: list[Inspected] = []
-    reports: list[FileReport | SkyReport] = []
+    inspected: list[Inspected[Any]] = []
     for path in arguments.files:
-        new: list[FileReport | SkyReport]
         with reading_status() as progress:
-            if path.suffix.lower() in HDRI_SUFFIXES:
-                progress(str(path))
-                new = [inspect_sky(path, limits=limits)]
-            else:
-                options = {"strict": arguments.strict, "pictures": bool(arguments.output), "limits": limits}
-                if path in configs:
-                    found = inspect_config(configs[path], **options, progress=progress)
-                else:
-                    found = [inspect(path, kind=arguments.kind, **options, progress=progress)]
-                inspected += found
-                new = [one.report for one in found]
-        reports += new
-        if not arguments.json:
-            for report in new:
-                show_table(report.table())
-                show_list(report.lines() if isinstance(report, SkyReport) else report.notes())
-    if arguments.output and inspected:
-        say(f"wrote {', '.join(map(str, write_pictures(inspected, arguments.output)))}")
+            new = inspect_file(
+                path, kind=arguments.kind, strict=arguments.strict, pictures=bool(output), progress=progress,
+                limits=limits,
+            )  # fmt: skip
+        inspected += new
+        for report in (one.report for one in new if not arguments.json):
+            show_table(report.table())
+            show_list(report.lines())
+    if output and drawn:
+        say(f"wrote {', '.join(map(str, write_pictures(inspected, output)))}")
     if arguments.json:
-        print_json([report.to_json() for report in reports])
+        print_json([one.report.to_json() for one in inspected])
     return DONE
 
 

@@ -19,7 +19,6 @@ from hulldown.verbs.arguments import (
     fraction,
     one_of_shares,
     page_name,
-    planned_assets,
     positive,
     read_limits,
     three_shares,
@@ -146,30 +145,18 @@ def _export(arguments: argparse.Namespace) -> int:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    from hulldown.dataset.reports.report import THUMBNAIL_WIDTH, write_report
-    from hulldown.dataset.table import Dataset
-    from hulldown.planning.plan_file import read_plan
-    from hulldown.planning.preview import Artist
+    from hulldown.dataset.reports.report import report
+    from hulldown.reading.confinement.watch import DEFAULT_LIMITS
 
-    source: Path = arguments.source
-    if source.is_dir():
-        dataset = Dataset.read(source)
-    else:
-        plan = read_plan(source)
-        artist = Artist(plan, planned_assets(plan, arguments))
-        dataset = Dataset.of_plan(plan, lambda i: artist.picture(plan[i], width=THUMBNAIL_WIDTH, labels=False))
-    comparison = None
-    if arguments.photographs:
-        from hulldown.assets.photographs import read_photographs
-        from hulldown.dataset.reports.comparison import compare
+    encode = None
+    if arguments.photographs and arguments.features:
+        from hulldown.training.features import load_encoder
 
-        photographs, encode = read_photographs(arguments.photographs), None
-        if arguments.features:
-            from hulldown.training.features import load_encoder
-
-            encode = load_encoder(arguments.features)
-        comparison = compare(dataset, photographs, pixels=source.is_dir(), encode=encode)
-    write_report(dataset, arguments.output, most=arguments.images, comparison=comparison)
+        encode = load_encoder(arguments.features)
+    comparison = report(
+        arguments.source, arguments.output, photographs=arguments.photographs, encode=encode, most=arguments.images,
+        cache=arguments.cache, limits=DEFAULT_LIMITS if arguments.source.is_dir() else read_limits(arguments),
+    )  # fmt: skip
     if comparison:
         if arguments.json:
             print_json(comparison.to_json())

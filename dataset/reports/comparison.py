@@ -64,6 +64,7 @@ LOOKS = (
     Feature("warmth", "warmth (mean red minus blue)", "light.hdris and light.white_balance_error_k"),
     Feature("spectrum", "fine detail (slope of the power spectrum)", "the sceneries' textures and render.denoise"),
 )
+Encoder = Callable[[Sequence[UInt8[np.ndarray, "_ _ 3"]]], Float[np.ndarray, "n d"]]
 Values = dict[str, tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"]]]  # of each feature, and of which picture
 
 
@@ -225,7 +226,7 @@ def compare(
     photographs: Photographs,
     *,
     pixels: bool,
-    encode: Callable[[list[UInt8[np.ndarray, "_ _ 3"]]], Float[np.ndarray, "n d"]] | None = None,
+    encode: Encoder | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Comparison:
     """Compare a dataset or a plan with photographs, feature by feature.

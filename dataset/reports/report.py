@@ -18,9 +18,10 @@ from hulldown.annotate.drawing import color_of
 from hulldown.annotate.known import SCALES, SIDES, SIZE, bins_of, poses_of
 from hulldown.annotate.oriented import rectangle_corners
 from hulldown.annotate.outlines import polygons
+from hulldown.assets.photographs import read_photographs
 from hulldown.dataset.oriented import ground_corners, is_rectangle
 from hulldown.dataset.reports.charts import azimuths, histogram, place_map, places_in_pictures, shares
-from hulldown.dataset.reports.comparison import Comparison
+from hulldown.dataset.reports.comparison import Comparison, Encoder, compare
 from hulldown.dataset.reports.page import (
     GENERATOR,
     Charts,
@@ -37,13 +38,61 @@ from hulldown.dataset.table import CONDITIONS, Dataset, Image
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.files import replace_file
-from hulldown.geometry.terminal import shown
+from hulldown.geometry.terminal import reading_status, shown
+from hulldown.planning.loading import load_planned_library
+from hulldown.planning.plan_file import read_plan
+from hulldown.planning.preview import Artist
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
 MOST = 1_000  # thumbnails on a page: some 15 MB
 THUMBNAIL_WIDTH = 320  # pixels of a thumbnail
 QUALITY = 65  # of JPEG
 COCO_SIZES = {"small": (0.0, 32.0), "medium": (32.0, 96.0), "large": (96.0, math.inf)}
 ORDERS = (SIZE, *SCALES)
+
+
+def report(
+    source: Path | str,
+    out: Path | str,
+    *,
+    photographs: Path | str | None = None,
+    encode: Encoder | None = None,
+    most: int = MOST,
+    cache: Path | None = None,
+    limits: ReadLimits = DEFAULT_LIMITS,
+) -> Comparison | None:
+    """Write the page about a dataset's folder or a plan's file; compare it with photographs if given.
+
+    Parameters
+    ----------
+    source, out
+        The dataset or plan, and the page's file; see `write_report`.
+    photographs
+        A COCO folder or file.
+    encode, most
+        See `compare` and `write_report`; pictures of plans are previews, which aren't compared.
+    cache, limits
+        Of reading a plan's assets; see `planning.loading.load_planned_library`.
+
+    Raises
+    ------
+    HulldownError
+        If the source, one of its assets, or the photographs are unusable, or the page can't be written.
+    """
+    source = Path(source)
+    if source.is_dir():
+        dataset = Dataset.read(source)
+    else:
+        plan = read_plan(source)
+        with reading_status() as progress:
+            assets = load_planned_library(plan, cache=cache, progress=progress, limits=limits).assets
+        artist = Artist(plan, assets)
+        dataset = Dataset.of_plan(plan, lambda i: artist.picture(plan[i], width=THUMBNAIL_WIDTH, labels=False))
+    comparison = None
+    if photographs is not None:
+        comparison = compare(dataset, read_photographs(Path(photographs)), pixels=source.is_dir(), encode=encode)
+    write_report(dataset, out, most=most, comparison=comparison)
+    return comparison
 
 
 def write_report(

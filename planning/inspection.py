@@ -1,0 +1,102 @@
+"""`hulldown inspect` of any file: an asset, an HDRI, or a config with all that it lists."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from hulldown.assets.scenery import Scenery
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.planning.config.schema import Config
+from hulldown.planning.loading import load_library
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.reading.formats import HDRI_SUFFIXES
+from hulldown.reading.inspect import Inspected, draw, inspect
+from hulldown.reading.report import FileReport
+from hulldown.reading.skies.sky_report import SkyReport, inspect_sky
+
+
+def drawn_assets(path: Path) -> int:
+    """Number of vehicles and sceneries that `inspect_file` draws.
+
+    Raises
+    ------
+    ConfigError
+        If the file is a config with a mistake.
+    """
+    return len(Config.read(path).assets.entries) if _is_config(path) else int(not _is_hdri(path))
+
+
+def inspect_file(
+    path: Path,
+    *,
+    kind: str | None = None,
+    strict: bool = False,
+    pictures: bool = False,
+    progress: Callable[[str], None] | None = None,
+    limits: ReadLimits = DEFAULT_LIMITS,
+) -> Sequence[Inspected[FileReport] | Inspected[SkyReport]]:
+    """Inspect an asset or an HDRI, read without a cache, or the vehicles and sceneries of a config, in its order.
+
+    Parameters
+    ----------
+    path
+        An asset, an HDRI, or a config (.toml).
+    kind
+        "vehicle" or "scenery"; None: by the asset's contents. A config's entries have their own kind.
+    strict
+        Refuse a file whose textures or libraries are missing.
+    pictures
+        Whether to draw vehicles and sceneries.
+    progress
+        Called with a file's path before it is read.
+    limits
+        Limits of reading.
+
+    Raises
+    ------
+    ConfigError
+        If the config has a mistake.
+    AssetError
+        If a file can't be read.
+    """
+    if _is_config(path):
+        return inspect_config(Config.read(path), strict=strict, pictures=pictures, progress=progress, limits=limits)
+    if _is_hdri(path):
+        if progress:
+            progress(str(path))
+        return [Inspected(path.stem, inspect_sky(path, limits=limits))]
+    return [inspect(path, kind=kind, strict=strict, pictures=pictures, progress=progress, limits=limits)]
+
+
+def inspect_config(
+    config: Config,
+    *,
+    strict: bool = False,
+    pictures: bool = False,
+    progress: Callable[[str], None] | None = None,
+    limits: ReadLimits = DEFAULT_LIMITS,
+) -> list[Inspected[FileReport]]:
+    """Inspect a config's vehicles and sceneries, in its order; see `planning.loading.load_library`."""
+    library = load_library(config, strict=strict, progress=progress, limits=limits)
+    models = {**library.assets.vehicles, **library.assets.distractors}
+    listed: list[tuple[FileReport, VehicleShape | Scenery]]
+    listed = [(_with_limits(file.report, models[name]), models[name]) for name, file in library.models.items()]
+    listed += [(file.report, library.assets.sceneries[name]) for name, file in library.sceneries.items()]
+    return [Inspected(asset.name, report, draw(asset) if pictures else None) for report, asset in listed]
+
+
+def _with_limits(report: FileReport, shape: VehicleShape) -> FileReport:
+    """Return the report with the config's limits of parts."""
+    limits = dict(zip(shape.part_names, shape.part_limits.tolist(), strict=True))
+    parts = (replace(part, limits=(limits[part.name][0], limits[part.name][1])) for part in report.parts)
+    return replace(report, parts=tuple(parts))
+
+
+def _is_config(path: Path) -> bool:
+    return path.suffix.lower() == ".toml"
+
+
+def _is_hdri(path: Path) -> bool:
+    return path.suffix.lower() in HDRI_SUFFIXES
