@@ -156,7 +156,8 @@ class Training:
         )  # fmt: skip
         self._run(
             trainer(
-                devices=1, accumulate_grad_batches=self.settings.accumulate or 1,
+                devices=[self.device.index] if self.device.type == "cuda" and self.device.index else 1,
+                accumulate_grad_batches=self.settings.accumulate or 1,
                 callbacks=[StepSeeds(self.settings.seed), average, validator, recorder], logger=self.logger, **_OURS,
             ),
             module, **data,

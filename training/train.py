@@ -74,7 +74,7 @@ def train(
     workers
         Processes that read and augment pictures; None: by the machine. Pixels don't depend on it.
     device
-        ``"auto"``, ``"cpu"`` or ``"gpu"``.
+        ``"auto"``, ``"cpu"``, ``"gpu"``, or PyTorch's name of a device, such as ``"cuda:1"``.
     checkpoint_every
         Steps between checkpoints; None: one a minute.
     progress
