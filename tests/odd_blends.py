@@ -74,6 +74,12 @@ def names(_):
     bpy.context.scene.view_layers[0].name = "Lxyer"
 
 
+def empty_scene(_):
+    """Everything is in a scene that isn't the active one."""
+    cube()
+    bpy.context.window.scene = bpy.data.scenes.new("Empty")
+
+
 def instances(_):
     group, _, result = node_group("Geometry")
     points, on_points = group.nodes.new("GeometryNodePoints"), group.nodes.new("GeometryNodeInstanceOnPoints")
@@ -106,7 +112,7 @@ def font(folder):
 
 CASES = (
     *(nan_location, nan_empty, far_location, nan_vertices, nan_strands, bald, furry),
-    *(squashed_gun, no_known_tree, names, instances, library, font),
+    *(squashed_gun, no_known_tree, names, empty_scene, instances, library, font),
 )
 COMPRESSED = (library,)  # too
 

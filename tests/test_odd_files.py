@@ -43,6 +43,7 @@ def refused(path: Path, folder: Path, **more: object) -> str:
         ("far_location", "object 'Body' reaches 1e+20 m from the origin, more than 1e+08 m; move"),
         ("nan_vertices", "object 'Body': "),
         ("nan_strands", "object 'Body': the strands of 'Hair' have coordinates that aren't numbers; repair or delete"),
+        ("empty_scene", "its active scene 'Empty' is empty, beside 'Scene'; choose a scene with objects"),
         ("library", "lib.blend, which is a FIFO, not a file"),
         ("library_compressed", "lib.blend, which is a FIFO, not a file"),
         ("font", "font.woff2, which is a FIFO, not a file"),

@@ -114,6 +114,11 @@ def _open_blend(path: Path) -> Opened:
     unit = float(f"{units.scale_length:.7g}") if units.system != "NONE" else 1.0
     if len(bpy.data.scenes) > 1:
         others = quoted(s.name for s in bpy.data.scenes if s != scene)
+        if not scene.objects:
+            raise AssetError(
+                f"its active scene {scene.name!r} is empty, beside {others}",
+                remedy="choose a scene with objects in Blender and save",
+            )
         doubts.append(f"only the scene {scene.name!r} is read, not {others}")
     layers = [layer.name for layer in scene.view_layers if layer.use]
     if len(layers) > 1:
