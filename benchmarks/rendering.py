@@ -18,7 +18,7 @@ from hulldown.benchmarks.rendering_error import FAST, PAPER
 from hulldown.benchmarks.tables import table
 from hulldown.demo.project import create_project
 from hulldown.planning.config.schema import Config
-from hulldown.planning.loading import load_library
+from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row
 from hulldown.planning.write import write_plan

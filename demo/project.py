@@ -12,7 +12,7 @@ from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, DISTRACTORS, LAUNCHER, P
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.files import replacing
 from hulldown.planning.config.template import bare_text, config_text
-from hulldown.planning.found_assets import FoundFile, found_config
+from hulldown.planning.inputs.found_assets import FoundFile, found_config
 
 CONFIG = "hulldown.toml"
 NOTHING: Mapping[str, Any] = MappingProxyType({})  # beyond the defaults; else see `config_text`

@@ -30,8 +30,8 @@ from hulldown.demo.catalog import CATEGORY
 from hulldown.geometry.files import replacing
 from hulldown.planning.config.schema import Config
 from hulldown.planning.config.template import config_text
-from hulldown.planning.loading import load_library
-from hulldown.planning.more_of import read_more_of
+from hulldown.planning.inputs.loading import load_library
+from hulldown.planning.inputs.more_of import read_more_of
 from hulldown.planning.write import write_plan
 from hulldown.render.supervisor import Progress, render_plan
 

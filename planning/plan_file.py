@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from PIL import Image
 
     from hulldown.planning.config.schema import Config
-    from hulldown.planning.preview import Artist
+    from hulldown.planning.pictures.preview import Artist
     from hulldown.planning.summary import Summary
 
 _CHUNK = 1 << 24
@@ -149,7 +149,7 @@ class Plan(ShownInNotebooks):
         HulldownError
             If an asset can't be read, or a row is damaged.
         """
-        from hulldown.planning.preview import sheet
+        from hulldown.planning.pictures.preview import sheet
 
         chosen = spread(len(self), 6).tolist() if indices is None else indices
         return sheet(self, self._artist, chosen, columns=min(columns, max(len(chosen), 1)), tile_width=width)
@@ -157,8 +157,8 @@ class Plan(ShownInNotebooks):
     @cached_property
     def _artist(self) -> Artist:
         from hulldown.geometry.terminal import reading_status
-        from hulldown.planning.loading import load_planned_library
-        from hulldown.planning.preview import Artist
+        from hulldown.planning.inputs.loading import load_planned_library
+        from hulldown.planning.pictures.preview import Artist
 
         with reading_status() as progress:
             return Artist(self, load_planned_library(self, progress=progress).assets)

@@ -21,8 +21,8 @@ from hulldown.assets.photographs import read_photographs
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.light import draw_lights, hdri_weights
 from hulldown.planning.config.schema import Config
-from hulldown.planning.more_of import CANDIDATES, kept, position_weights
-from hulldown.planning.poses import GivenPoses
+from hulldown.planning.inputs.more_of import CANDIDATES, kept, position_weights
+from hulldown.planning.inputs.poses import GivenPoses
 from hulldown.planning.row import MoreOf, Row, encode_rows
 from hulldown.planning.rows import rows_of
 from hulldown.planning.search.block import Block, HopelessPosition, before
@@ -49,9 +49,9 @@ class Planner:
     pairs
         The pairs of vehicles and sceneries that another planner of the same config has found.
     more_of
-        The bins in which a detector missed more, see `planning.more_of`.
+        The bins in which a detector missed more, see `planning.inputs.more_of`.
     poses
-        Given poses, see `planning.poses`; they replace the config's numbers of images.
+        Given poses, see `planning.inputs.poses`; they replace the config's numbers of images.
 
     Raises
     ------

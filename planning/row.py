@@ -22,7 +22,7 @@ from hulldown.camera.sensor import Sensor
 from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.files import PICTURE_NAME
 from hulldown.planning.appearance.paint import Coat
-from hulldown.planning.poses import FARTHEST, GivenPoses
+from hulldown.planning.inputs.poses import FARTHEST, GivenPoses
 
 FORMAT = 3
 
@@ -303,7 +303,7 @@ class LeftOut(Struct, frozen=True, kw_only=True):
 
 
 class MoreOf(Struct, frozen=True, kw_only=True):
-    """Weights of labels that a detector missed, see `planning.more_of`.
+    """Weights of labels that a detector missed, see `planning.inputs.more_of`.
 
     Parameters
     ----------

@@ -22,10 +22,10 @@ from hulldown.assets.photographs import read_photographs
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.files import make_room
 from hulldown.planning.config.schema import Config
-from hulldown.planning.more_of import read_more_of
+from hulldown.planning.inputs.more_of import read_more_of
+from hulldown.planning.inputs.poses import GivenPoses, read_poses
 from hulldown.planning.plan_file import Plan, PlanWriter, picture_of, read_plan
 from hulldown.planning.planner import BLOCK, Planner
-from hulldown.planning.poses import GivenPoses, read_poses
 from hulldown.planning.row import (
     FORMAT,
     DistractorSource,
@@ -98,7 +98,7 @@ def plan(
     from hulldown.annotate.sheets import make_room_for_picture
     from hulldown.geometry.terminal import reading_status, shown
     from hulldown.planning.appearance.land import land_above_horizon
-    from hulldown.planning.loading import load_library
+    from hulldown.planning.inputs.loading import load_library
     from hulldown.reading.wording import warnings_of
 
     if more_of and poses:

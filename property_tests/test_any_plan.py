@@ -19,10 +19,10 @@ from hulldown.dataset.store.runs import plan_key
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.check import check_rows
 from hulldown.planning.config.schema import Config
-from hulldown.planning.loading import load_planned_library, refuse_changed
+from hulldown.planning.inputs.loading import load_planned_library, refuse_changed
+from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan_file import Plan, read_plan
 from hulldown.planning.planner import Planner
-from hulldown.planning.preview import Artist
 from hulldown.planning.row import Row
 from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan

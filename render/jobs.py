@@ -19,7 +19,7 @@ from hulldown.camera.projection import NEAR
 from hulldown.geometry.color import LUMINANCE, linear_color
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.paint import Coat
-from hulldown.planning.loading import Library, load_planned_library
+from hulldown.planning.inputs.loading import Library, load_planned_library
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import PlannedVehicle, Row
 from hulldown.reading.confinement.landlock import asset_folders
@@ -129,7 +129,7 @@ def render_assets(
     plan
         The plan.
     cache
-        The cache; see `planning.loading.planned_cache`.
+        The cache; see `planning.inputs.loading.planned_cache`.
     progress
         Called with the path of each file that must be read.
     limits

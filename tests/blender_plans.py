@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from hulldown.planning.config.schema import Config
-from hulldown.planning.loading import load_library
+from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.write import write_plan
 from hulldown.render.jobs import render_job
 from hulldown.render.messages import CyclesSettings, to_json

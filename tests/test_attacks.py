@@ -14,7 +14,7 @@ import pytest
 
 from hulldown.geometry.errors import AssetError
 from hulldown.planning.config.schema import Config
-from hulldown.planning.loading import load_library
+from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.write import write_plan
 from hulldown.reading.confinement.landlock import abi

@@ -16,7 +16,7 @@ from hulldown.assets.bundle import save_scenery, save_vehicle
 from hulldown.geometry.errors import AssetError, ConfigError
 from hulldown.geometry.meshes import Mesh
 from hulldown.planning.config.schema import Config
-from hulldown.planning.loading import load_library, load_planned_library
+from hulldown.planning.inputs.loading import load_library, load_planned_library
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.write import make_header
 from hulldown.reading.cache import cached, sha256

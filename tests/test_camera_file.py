@@ -7,8 +7,8 @@ import pytest
 
 from hulldown import cli
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.camera_file import read_camera
 from hulldown.planning.config.schema import Config
+from hulldown.planning.inputs.camera_file import read_camera
 
 MATRIX = [1420.0, 0.0, 963.7, 0.0, 1418.5, 545.2, 0.0, 0.0, 1.0]
 LENS = [-0.21, 0.07, 3e-4, -1e-4, 0.0]

@@ -8,9 +8,9 @@ import pytest
 
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.check import check_plan, check_rows
+from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.planner import Planner
-from hulldown.planning.preview import Artist
 from hulldown.planning.relabel import relabeled
 from hulldown.planning.row import PlannedVehicle, Row, encode, fields
 from hulldown.planning.write import write_plan

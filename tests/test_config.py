@@ -11,7 +11,7 @@ from hulldown.geometry.errors import ConfigError
 from hulldown.planning.config.config_keys import ENTRIES, PAGE, keys_of, page, sections
 from hulldown.planning.config.schema import Config, Section
 from hulldown.planning.config.template import bare_text, config_text
-from hulldown.planning.loading import hdri_paths
+from hulldown.planning.inputs.loading import hdri_paths
 
 MINIMAL = """
 [[assets.vehicles]]

@@ -9,8 +9,8 @@ import pytest
 from hulldown import cli
 from hulldown.geometry.errors import AssetError
 from hulldown.planning.config.schema import Config
-from hulldown.planning.found_assets import FoundFile, asset_files, found_config, missing_kinds, read_found
-from hulldown.planning.loading import hdri_paths
+from hulldown.planning.inputs.found_assets import FoundFile, asset_files, found_config, missing_kinds, read_found
+from hulldown.planning.inputs.loading import hdri_paths
 
 # Code for Blender that begins with an empty scene.
 CUBES = """

@@ -11,7 +11,7 @@ from PIL import Image
 
 from hulldown import cli
 from hulldown.planning.config.schema import Config
-from hulldown.planning.inspection import inspect_config
+from hulldown.planning.inputs.inspection import inspect_config
 from hulldown.reading.inspect import inspect
 from hulldown.tests.test_found_assets import CUBES, SKY
 

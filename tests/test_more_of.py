@@ -10,7 +10,7 @@ from hulldown.annotate.known import SIDES, sides_of
 from hulldown.dataset.table import Dataset
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.check import check_plan
-from hulldown.planning.more_of import MOST, kept, read_more_of
+from hulldown.planning.inputs.more_of import MOST, kept, read_more_of
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.row import MoreOf
 from hulldown.planning.write import write_plan

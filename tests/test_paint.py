@@ -7,7 +7,7 @@ import pytest
 
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.paint import Coat, PaintEntry, paint_doubts, previewed
-from hulldown.planning.preview import caption
+from hulldown.planning.pictures.preview import caption
 from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
 from hulldown.reading.vehicle.paintable import MaterialRow, left_alone_by_name, painted

@@ -8,9 +8,9 @@ from PIL import Image
 
 from hulldown.annotate.masks import mask_box, vehicle_mask
 from hulldown.planning.config.schema import Config
-from hulldown.planning.passes import PASSES, STUFF, write_passes
+from hulldown.planning.pictures.passes import PASSES, STUFF, write_passes
+from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan_file import read_plan
-from hulldown.planning.preview import Artist
 from hulldown.planning.search.stage import make_stage
 from hulldown.planning.write import write_plan
 from hulldown.tests.planning_assets import small_assets, small_config

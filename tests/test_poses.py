@@ -6,7 +6,7 @@ import pytest
 from hulldown.camera.projection import project
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.check import check_plan
-from hulldown.planning.poses import read_poses
+from hulldown.planning.inputs.poses import read_poses
 from hulldown.planning.write import write_plan
 from hulldown.tests.planning_assets import small_assets, small_config
 

@@ -6,8 +6,8 @@ from msgspec.structs import replace as altered
 from PIL import Image
 
 from hulldown.camera.weather.kinds import Weather
-from hulldown.planning.preview import Artist, caption, preview_sheet
-from hulldown.planning.shading import sun_of
+from hulldown.planning.pictures.preview import Artist, caption, preview_sheet
+from hulldown.planning.pictures.shading import sun_of
 from hulldown.planning.write import write_plan
 from hulldown.tests.planning_assets import small_assets, small_config
 

@@ -13,7 +13,7 @@ from hulldown.camera.world import World
 from hulldown.planning.appearance.paint import Coat
 from hulldown.planning.check import check_plan
 from hulldown.planning.config.schema import Config
-from hulldown.planning.loading import load_library
+from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.write import write_plan
 from hulldown.render.jobs import render_assets, render_job
 from hulldown.render.messages import CyclesSettings, to_json

@@ -9,7 +9,7 @@ from hulldown.dataset.exports.export import export
 from hulldown.dataset.verification.verify import verify
 from hulldown.planning.check import check_plan
 from hulldown.planning.config.schema import Config
-from hulldown.planning.loading import load_library
+from hulldown.planning.inputs.loading import load_library
 from hulldown.render.jobs import render_assets
 from hulldown.render.supervisor import render_plan
 from hulldown.tests.blender_plans import CONFIG, copied, draw, job, make_plan

@@ -15,7 +15,7 @@ from hulldown.geometry.errors import HulldownError
 from hulldown.planning.appearance.land import land_above_horizon
 from hulldown.planning.appearance.paint import PaintEntry, paint_doubts
 from hulldown.planning.config.schema import Config
-from hulldown.planning.loading import load_library
+from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.write import write_plan
 from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
 from hulldown.reading.export import ask_reader, exported_by, job_for

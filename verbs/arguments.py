@@ -160,7 +160,7 @@ def add_planned(sub: argparse.ArgumentParser) -> None:
 
 def planned_assets(plan: Any, arguments: argparse.Namespace) -> Any:
     """A plan's assets, read by the arguments of `add_planned`."""
-    from hulldown.planning.loading import load_planned_library
+    from hulldown.planning.inputs.loading import load_planned_library
 
     with reading_status() as progress:
         limits = read_limits(arguments)

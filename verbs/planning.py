@@ -27,7 +27,7 @@ from hulldown.verbs.terminal import DONE, FOUND, STDOUT, print_json, show_list, 
 
 def _init(arguments: argparse.Namespace) -> int:
     from hulldown.demo.project import AERIAL, create_bare_project, create_project
-    from hulldown.planning.camera_file import read_camera
+    from hulldown.planning.inputs.camera_file import read_camera
 
     values: dict[str, Any] = dict(AERIAL) if arguments.aerial else {}
     if arguments.camera:
@@ -49,7 +49,7 @@ def _init(arguments: argparse.Namespace) -> int:
 
 def _init_from(arguments: argparse.Namespace, values: Mapping[str, Any]) -> int:
     from hulldown.demo.project import CONFIG, create_found_project, refuse_config
-    from hulldown.planning.found_assets import asset_files, missing_kinds, read_found
+    from hulldown.planning.inputs.found_assets import asset_files, missing_kinds, read_found
 
     refuse_config(arguments.folder / CONFIG)
     files = asset_files(arguments.source)
@@ -67,7 +67,7 @@ def _init_from(arguments: argparse.Namespace, values: Mapping[str, Any]) -> int:
 
 def _inspect(arguments: argparse.Namespace) -> int:
     from hulldown.annotate.sheets import make_room_for_picture
-    from hulldown.planning.inspection import drawn_assets, inspect_file
+    from hulldown.planning.inputs.inspection import drawn_assets, inspect_file
     from hulldown.reading.inspect import Inspected, pages, write_pictures
 
     output, drawn = arguments.output, sum(map(drawn_assets, arguments.files))
@@ -135,8 +135,8 @@ def _check(arguments: argparse.Namespace) -> int:
 
 def _preview(arguments: argparse.Namespace) -> int:
     from hulldown.annotate.sheets import make_room_for_picture
+    from hulldown.planning.pictures.preview import preview_sheet
     from hulldown.planning.plan_file import picture_of, read_plan
-    from hulldown.planning.preview import preview_sheet
 
     plan = read_plan(arguments.plan)
     output = arguments.output or picture_of(arguments.plan, "preview")
@@ -149,7 +149,7 @@ def _preview(arguments: argparse.Namespace) -> int:
 
 
 def _passes(arguments: argparse.Namespace) -> int:
-    from hulldown.planning.passes import PASSES, write_passes
+    from hulldown.planning.pictures.passes import PASSES, write_passes
     from hulldown.planning.plan_file import read_plan
 
     plan = read_plan(arguments.plan)

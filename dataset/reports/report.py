@@ -39,9 +39,9 @@ from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.files import replace_file
 from hulldown.geometry.terminal import reading_status, shown
-from hulldown.planning.loading import load_planned_library
+from hulldown.planning.inputs.loading import load_planned_library
+from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan_file import read_plan
-from hulldown.planning.preview import Artist
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
 MOST = 1_000  # thumbnails on a page: some 15 MB
@@ -72,7 +72,7 @@ def report(
     encode, most
         See `compare` and `write_report`; pictures of plans are previews, which aren't compared.
     cache, limits
-        Of reading a plan's assets; see `planning.loading.load_planned_library`.
+        Of reading a plan's assets; see `planning.inputs.loading.load_planned_library`.
 
     Raises
     ------

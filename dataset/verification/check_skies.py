@@ -24,7 +24,7 @@ from hulldown.camera.weather.kinds import air_layers, airlight
 from hulldown.camera.world import World
 from hulldown.dataset.records import Finding
 from hulldown.dataset.store.runs import Run, find_run, plan_key
-from hulldown.planning.loading import load_planned_library, planned_cache
+from hulldown.planning.inputs.loading import load_planned_library, planned_cache
 from hulldown.planning.plan_file import Plan
 from hulldown.reading.skies.hdri import sky_map
 

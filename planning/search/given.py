@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from hulldown.planning.poses import GivenPoses, refused
+from hulldown.planning.inputs.poses import GivenPoses, refused
 from hulldown.planning.search.budget import Budget, Positions
 from hulldown.planning.search.columns import take
 from hulldown.planning.search.stage import Site

@@ -9,12 +9,12 @@ from pathlib import Path
 import bpy
 
 from hulldown.geometry.errors import AssetError
-from hulldown.reading.blender.blocks import refuse_special_files
 from hulldown.reading.blender.duplicates import Duplicate, take_duplicates
 from hulldown.reading.blender.mtl import clear_false_glass
 from hulldown.reading.blender.opening import open_blend
 from hulldown.reading.blender.surfaces.textures import find_moved
 from hulldown.reading.blender.terrain import open_terrain
+from hulldown.reading.confinement.blocks import refuse_special_files
 from hulldown.reading.options import Options
 from hulldown.reading.scenery.geotiff import Elevations
 from hulldown.reading.wording import quoted

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hulldown.geometry.errors import AssetError
-from hulldown.reading.blender.blocks import PATH, blocks, named_files, unpacked
 from hulldown.reading.cache import sha256
+from hulldown.reading.confinement.blocks import PATH, blocks, named_files, unpacked
 from hulldown.reading.confinement.landlock import is_inside
 from hulldown.render.jobs import RenderAssets
 

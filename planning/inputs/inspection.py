@@ -9,7 +9,7 @@ from pathlib import Path
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.planning.config.schema import Config
-from hulldown.planning.loading import load_library
+from hulldown.planning.inputs.loading import load_library
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.formats import HDRI_SUFFIXES
 from hulldown.reading.inspect import Inspected, draw, inspect
@@ -78,7 +78,7 @@ def inspect_config(
     progress: Callable[[str], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> list[Inspected[FileReport]]:
-    """Inspect a config's vehicles and sceneries, in its order; see `planning.loading.load_library`."""
+    """Inspect a config's vehicles and sceneries, in its order; see `planning.inputs.loading.load_library`."""
     library = load_library(config, strict=strict, progress=progress, limits=limits)
     models = {**library.assets.vehicles, **library.assets.distractors}
     listed: list[tuple[FileReport, VehicleShape | Scenery]]

@@ -22,10 +22,10 @@ from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.exposure import card
 from hulldown.planning.appearance.paint import previewed
+from hulldown.planning.pictures.shading import look, paint_of, sun_of
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import PlannedVehicle, Row
 from hulldown.planning.search.stage import make_stage
-from hulldown.planning.shading import look, paint_of, sun_of
 
 TILE_WIDTH = 480
 HIGHEST = 4  # largest ratio of a preview's height to its width

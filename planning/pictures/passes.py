@@ -22,8 +22,8 @@ from hulldown.camera.world import Kind, WorldHits
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.files import make_room, replace_file
+from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan_file import Plan
-from hulldown.planning.preview import Artist
 from hulldown.planning.row import Row, encode
 
 PASSES = ("depth", "normal", "instance", "part", "category")

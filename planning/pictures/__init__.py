@@ -1,0 +1,1 @@
+"""Pictures of a plan without Blender: previews and passes."""
