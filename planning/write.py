@@ -47,14 +47,14 @@ _SMALLEST_BLOCK = 64
 
 
 def plan(
-    config: Config,
+    config: Config | str | os.PathLike[str],
     path: str | os.PathLike[str],
     *,
     workers: int | None = None,
     strict: bool = False,
-    more_of: Path | None = None,
-    poses: Path | None = None,
-    cache: Path | None = None,
+    more_of: str | os.PathLike[str] | None = None,
+    poses: str | os.PathLike[str] | None = None,
+    cache: str | os.PathLike[str] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
     progress: Progress | None = None,
 ) -> Plan:
@@ -65,7 +65,7 @@ def plan(
     Parameters
     ----------
     config
-        The config.
+        The config, or its file.
     path
         The plan file, such as ``plan.jsonl``; replaced only when the new plan is complete.
     workers
@@ -91,8 +91,7 @@ def plan(
 
     Examples
     --------
-    >>> config = Config.read("project/hulldown.toml")  # doctest: +SKIP
-    >>> made = plan(config, "project/plan.jsonl")  # doctest: +SKIP
+    >>> made = plan("project/hulldown.toml", "project/plan.jsonl")  # doctest: +SKIP
     """
     # Local imports, since the worker processes import this module.
     from hulldown.annotate.sheets import make_room_for_picture
@@ -104,7 +103,8 @@ def plan(
     if more_of and poses:
         remedy = "leave one of them out: with poses given, there are no candidates to choose from"
         raise ConfigError("--more-of and --poses exclude each other", remedy=remedy)
-    missed, given = read_more_of(more_of) if more_of else None, read_poses(poses) if poses else None
+    config = config if isinstance(config, Config) else Config.read(config)
+    missed, given = read_more_of(Path(more_of)) if more_of else None, read_poses(Path(poses)) if poses else None
     path = Path(path)
     if path.suffix.lower() == ".png":
         raise ConfigError("a plan's name can't end in .png", path=path, remedy="end it in .jsonl")

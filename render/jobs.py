@@ -118,7 +118,7 @@ class RenderAssets:
 def render_assets(
     plan: Plan,
     *,
-    cache: Path | None = None,
+    cache: str | os.PathLike[str] | None = None,
     progress: Callable[[str], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> RenderAssets:

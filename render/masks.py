@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -95,7 +96,7 @@ def verify_masks(
     *,
     count: int,
     assets: RenderAssets | None = None,
-    cache: Path | None = None,
+    cache: str | os.PathLike[str] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
     progress: Callable[[int, int], None] | None = None,
 ) -> MaskReport:

@@ -111,7 +111,7 @@ def render(
     scheduler: str | Scheduler | None = None,
     device: str = "auto",
     part: Part = WHOLE,
-    cache: Path | None = None,
+    cache: str | os.PathLike[str] | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> Dataset:
     """Render a plan's missing images into the dataset in `folder`, and return it.
@@ -198,7 +198,7 @@ def render_plan(
     engine: Engine = DEFAULT_ENGINE,
     part: Part = WHOLE,
     assets: RenderAssets | None = None,
-    cache: Path | None = None,
+    cache: str | os.PathLike[str] | None = None,
     read_limits: ReadLimits = DEFAULT_READ_LIMITS,
     progress: Callable[[Progress], None] | None = None,
 ) -> RenderReport:

@@ -130,6 +130,23 @@ def test_datasets_and_plans_are_path_like(dataset, plan, tmp_path):
     assert not (tmp_path / "rendered").exists()
 
 
+def test_files_are_named_by_strings_too(dataset, plan, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(hd.HulldownError, match=r"^none\.toml: no such file"):
+        hd.plan("none.toml", "plan.jsonl")
+    for key in ("poses", "more_of"):
+        with pytest.raises(hd.HulldownError, match=r"^none: cannot be read"):
+            hd.plan(plan.config, "plan.jsonl", **{key: "none"})
+    with pytest.raises(hd.HulldownError):
+        hd.render(str(plan.path), "rendered", cache="cache")
+
+
+@pytest.mark.parametrize("wrong", [{"threshold": "bset"}, {"threshold": 50}, {"iou": 0}])
+def test_a_threshold_out_of_range_is_refused(dataset, wrong):
+    with pytest.raises(ValueError, match=f"^{next(iter(wrong))}: expected a number"):
+        hd.evaluate(dataset, "found.json", "report", **wrong)
+
+
 def test_training_settings_are_validated_by_key():
     with pytest.raises(hd.HulldownError, match="budgt"):
         hd.train({}, "run", settings={"budgt": 5})
@@ -140,10 +157,10 @@ def test_training_settings_are_validated_by_key():
 @pytest.mark.thorough
 def test_a_project_from_config_to_dataset(tmp_path):
     """Plan, preview, render half, continue, verify: as in docs/python.md, with the smallest sizes."""
-    config = hd.Config.read(create_project(tmp_path, small=True))
+    config = str(create_project(tmp_path, small=True))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
-        plan = hd.plan(config, tmp_path / "plan.jsonl", workers=1)
+        plan = hd.plan(config, tmp_path / "plan.jsonl", workers=1, cache=str(tmp_path / ".hulldown-cache"))
     assert (tmp_path / "plan.jsonl.summary.png").exists()
     assert np.ptp(np.asarray(plan.preview([0, 1], width=64).convert("L"))) > 100
     assert "<img" in plan._repr_html_()

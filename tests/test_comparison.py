@@ -149,3 +149,5 @@ def test_whole_images_are_compared_by_features_of_an_encoder(tmp_path, capsys):
     code, _, err = report(photographs, tmp_path / "small.pt")
     assert code == 2
     assert "no DINOv2 encoder" in err
+    assert main(["report", str(own), "-o", str(tmp_path / "page.html"), "--features", str(weights)]) == 2
+    assert "--features needs --beside" in capsys.readouterr().err

@@ -45,7 +45,7 @@ def train(
     *,
     settings: Settings | Mapping[str, Any] | None = None,
     valid: str | os.PathLike[str] | None = None,
-    draws_file: Path | None = None,
+    draws_file: str | os.PathLike[str] | None = None,
     more_budget: int | None = None,
     workers: int | None = None,
     device: str = "auto",
@@ -107,7 +107,7 @@ def train(
                 workers=workers, device=device, checkpoint_every=checkpoint_every, progress=bars, say=say or show_line,
             )  # fmt: skip
     progress, say = progress or (lambda what, done, total: None), say or (lambda line: None)
-    out, after = Path(out), 0
+    out, after, draws_file = Path(out), 0, None if draws_file is None else Path(draws_file)
     if settings.keep == "best" and valid is None:
         raise ConfigError('keep = "best" needs a dataset to validate on', remedy="add --valid DIR")
     if more_budget is not None:

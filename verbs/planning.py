@@ -93,7 +93,6 @@ def _inspect(arguments: argparse.Namespace) -> int:
 
 
 def _plan(arguments: argparse.Namespace) -> int:
-    from hulldown.planning.config.schema import Config
     from hulldown.planning.plan_file import picture_of
     from hulldown.planning.write import plan
 
@@ -104,7 +103,7 @@ def _plan(arguments: argparse.Namespace) -> int:
     if output is None:
         raise HulldownError("-o is missing", remedy="name the file to write, such as -o plan.jsonl")
     made = plan(
-        Config.read(arguments.config), output, workers=arguments.workers, strict=arguments.strict,
+        arguments.config, output, workers=arguments.workers, strict=arguments.strict,
         more_of=arguments.more_of, poses=arguments.poses, cache=arguments.cache, limits=read_limits(arguments),
     )  # fmt: skip
     if arguments.json:

@@ -148,8 +148,10 @@ def _report(arguments: argparse.Namespace) -> int:
     from hulldown.dataset.reports.report import report
     from hulldown.reading.confinement.watch import DEFAULT_LIMITS
 
+    if arguments.features and not arguments.photographs:
+        raise HulldownError("--features needs --beside, whose photographs the images are compared with")
     encode = None
-    if arguments.photographs and arguments.features:
+    if arguments.features:
         from hulldown.training.features import load_encoder
 
         encode = load_encoder(arguments.features)

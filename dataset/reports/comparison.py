@@ -273,6 +273,8 @@ def compare(
             coverage = coverage_of(encode(own_pictures), encode(pictures))
     elif pixels:
         notes.append(f"None of the photographs' pictures is in {folder}, so that only boxes are compared.")
+    elif encode is not None:
+        notes.append("Coverage needs pictures, which a plan doesn't have yet.")
     if len(photographs.file_names) < 4:
         notes.append("Fewer than four photographs: what chance explains isn't known.")
     features = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import math
+import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -58,7 +59,7 @@ def report(
     photographs: Path | str | None = None,
     encode: Encoder | None = None,
     most: int = MOST,
-    cache: Path | None = None,
+    cache: str | os.PathLike[str] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Comparison | None:
     """Write the page about a dataset's folder or a plan's file; compare it with photographs if given.

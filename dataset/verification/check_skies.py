@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from hulldown.camera.weather.kinds import air_layers, airlight
 from hulldown.camera.world import World
 from hulldown.dataset.records import Finding
 from hulldown.dataset.store.runs import Run, find_run, plan_key
-from hulldown.planning.inputs.loading import load_planned_library, planned_cache
+from hulldown.planning.inputs.loading import load_planned_library
 from hulldown.planning.plan_file import Plan
 from hulldown.reading.skies.hdri import sky_map
 
@@ -111,7 +111,7 @@ class SkyCheck:
         return along.reshape(height, WIDTH, 3), ~met.reshape(height, WIDTH), light[..., None]
 
 
-def sky_check(plan: Plan, coco: Mapping[str, Any], *, cache: Path | None = None) -> SkyCheck | None:
+def sky_check(plan: Plan, coco: Mapping[str, Any], *, cache: str | os.PathLike[str] | None = None) -> SkyCheck | None:
     """A check of a plan's images in a dataset; None if there are none.
 
     Parameters
@@ -131,7 +131,6 @@ def sky_check(plan: Plan, coco: Mapping[str, Any], *, cache: Path | None = None)
     run = find_run(coco, plan_key(plan.path))
     if run is None:
         return None
-    cache = cache or planned_cache(plan)
     library = load_planned_library(plan, cache=cache)
     used = {image.get("hdri") for image in coco["images"] if run.has_image(image["id"])}
     skies = {name: sky_map(hdri) for name, hdri in library.hdris.items() if name in used}

@@ -29,7 +29,7 @@ def verify(
     plan: str | os.PathLike[str] | None = None,
     *,
     fast: bool = False,
-    cache: Path | None = None,
+    cache: str | os.PathLike[str] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Finding]:
     """Find everything that is wrong with a dataset.

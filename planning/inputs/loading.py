@@ -112,7 +112,7 @@ def load_library(
     config: Config,
     *,
     strict: bool = False,
-    cache: Path | None = None,
+    cache: str | os.PathLike[str] | None = None,
     progress: Callable[[str], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Library:
@@ -134,7 +134,7 @@ def load_library(
     AssetError
         Naming the file, what is wrong, and what to do.
     """
-    cache = config.folder / config.assets.cache if cache is None else cache
+    cache = config.folder / config.assets.cache if cache is None else Path(cache)
     hdris = hdri_paths(config)
     for path in hdris.values():
         refuse_no_hdri(path)  # before the long work
@@ -209,7 +209,7 @@ def planned_cache(plan: Plan) -> Path:
 def load_planned_library(
     plan: Plan,
     *,
-    cache: Path | None = None,
+    cache: str | os.PathLike[str] | None = None,
     progress: Callable[[str], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Library:

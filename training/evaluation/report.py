@@ -91,6 +91,10 @@ def evaluate_files(
     >>> evaluate_files(folder, folder / "found.json", folder / "report")["overall"]["recall"]
     1.0
     """
+    if not (threshold == "best" or (isinstance(threshold, int | float) and 0 <= threshold <= 1)):
+        raise ValueError(f"threshold: expected a number from 0 to 1 or 'best', got {threshold!r}")
+    if not 0 < iou <= 1:
+        raise ValueError(f"iou: expected a number above 0 and up to 1, got {iou!r}")
     output = Path(output)
     several = [predictions] if isinstance(predictions, str | os.PathLike) else predictions
     paths = [Path(path) for path in several]
