@@ -25,7 +25,8 @@ from hulldown.reading.vehicle.keypoints import known_points, marked_points
 from hulldown.reading.vehicle.nose import forward_said
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART
 from hulldown.reading.vehicle.parts import Parts, find_parts
-from hulldown.reading.vehicle.stance import Upright, heading, vehicle_from_upright
+from hulldown.reading.vehicle.solids import MOST
+from hulldown.reading.vehicle.stance import Upright, heading, vehicle_from_upright, with_solids_of
 from hulldown.reading.vehicle.strays import find_strays
 
 KILOMETER = 1000.0
@@ -62,6 +63,8 @@ def build_vehicle(
     if not kept:
         there = ", ".join(sorted({repr(p.name) for p in pieces})[:8]) or "nothing that is rendered"
         raise AssetError(f"nothing is left after clean-up; it contains {there}", remedy="name what to `keep`")
+    if len(upright.solids) == MOST:
+        upright = with_solids_of(upright, kept, meshes)
     left_out: list[str] = []
     while True:
         forward, solids, wheels = heading(upright, kept, forward=options.forward, yaw_deg=options.yaw_deg)

@@ -15,6 +15,7 @@ from hulldown.reading.evaluated import Evaluated
 from hulldown.reading.options import Options
 from hulldown.reading.roles import Link, Piece
 from hulldown.reading.vehicle.axes import UPS, up_matrix
+from hulldown.reading.vehicle.solids import MOST
 from hulldown.reading.vehicle.stance import meters_from_file, stand_upright
 
 BOX = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
@@ -259,6 +260,14 @@ def test_launch_tubes_point_ahead_and_turn_at_the_top_of_their_plates() -> None:
         inner = apply(np.linalg.inv(built.shape.vehicle_from_file @ pose), at[None])[0]
         assert np.allclose(inner, [-1.0, 0, 2.2], atol=1e-6)
         assert any("gun_pivot" in d for d in built.doubts)
+
+
+def test_a_vehicle_is_read_beside_thousands_of_larger_solids() -> None:
+    # Fuzzing found it: all of the vehicle's solids were left out for the trees', and Blender's process ended.
+    trees = {f"Tree{k}": box((9, 9, 9), (20 * (k % 70), 20 * (k // 70) + 20, 0)) for k in range(MOST)}
+    built = read(TANK | trees, turned(rotation_z(np.radians(120))), drop=["Tree*"])
+    assert np.allclose(built.shape.size_xyz, read(TANK).shape.size_xyz, atol=1e-6)
+    assert built.shape.part_names == ("hull", "turret", "gun")
 
 
 def test_mirrors_show_the_nose() -> None:

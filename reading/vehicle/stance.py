@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.assets.naming import GUN, GUN_HINTS, NOT_GUN, first_match, hints
+from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply, rotation_z
 from hulldown.reading.evaluated import Evaluated
 from hulldown.reading.roles import Piece
@@ -69,6 +70,14 @@ def stand_upright(drawn: Evaluated, *, unit: float, stated_up: str, up: str | No
         turned = own[used] @ turn.T
         pieces.append(replace(piece, bounds=np.stack([turned.min(axis=0), turned.max(axis=0)])))
     return Upright(pieces, upright, found, solids.turned(turn))
+
+
+def with_solids_of(upright: Upright, kept: Sequence[int], meshes: Sequence[Mesh]) -> Upright:
+    """Look for solids in these pieces alone, so that `MOST` doesn't leave theirs out for larger ones of others."""
+    pieces = [upright.pieces[i] for i in kept]
+    points = [apply(upright.meters @ piece.pose, meshes[piece.mesh].vertices) for piece in pieces]
+    solids = find_solids(points, [meshes[piece.mesh].faces for piece in pieces])
+    return replace(upright, solids=replace(solids, piece=np.asarray(kept)[solids.piece]))
 
 
 def meters_from_file(unit: float, up: str) -> Float[np.ndarray, "4 4"]:
