@@ -10,8 +10,9 @@ import torch
 
 from hulldown.cli import main
 from hulldown.geometry.errors import ConfigError, DatasetError, HulldownError
+from hulldown.tests.editing import edit
 from hulldown.tests.test_train import in_child, nano, small, train_and_die
-from hulldown.tests.training_pictures import edit, make_dataset
+from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.data import DrawnExamples
 from hulldown.training.detectors.center_points import CenterNetwork
 from hulldown.training.detectors.small import save_small

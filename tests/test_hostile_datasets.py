@@ -14,6 +14,7 @@ from hulldown.dataset.exports.export import LAYOUTS, export
 from hulldown.dataset.records import listed
 from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.errors import DatasetError
+from hulldown.tests.editing import edit
 
 
 @pytest.fixture
@@ -29,13 +30,6 @@ def folder(tmp_path):
     coco = {"images": images, "annotations": annotations, "categories": [{"id": 1, "name": "tank"}]}
     (made / "annotations.json").write_text(json.dumps(coco))
     return made
-
-
-def edit(folder, change):
-    path = folder / "annotations.json"
-    coco = json.loads(path.read_text())
-    change(coco)
-    path.write_text(json.dumps(coco))
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

@@ -12,6 +12,7 @@ from hulldown.dataset.join import join
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.errors import DatasetError
+from hulldown.tests.editing import edit
 
 PLAN = "a" * 64
 
@@ -161,26 +162,21 @@ def no_image(folder):
 
 
 def licences(folder):
-    coco = json.loads((folder / "annotations.json").read_text())
-    (folder / "annotations.json").write_text(json.dumps({**coco, "licenses": [{"id": 1}]}))
+    edit(folder, lambda coco: coco.update(licenses=[{"id": 1}]))
 
 
 def run_without_a_key(folder):
     """A record with an id of the dataset's plan, but without a plan."""
-    coco = json.loads((folder / "annotations.json").read_text())
-    coco["info"]["hulldown_runs"][0]["key"] = ""
-    (folder / "annotations.json").write_text(json.dumps(coco))
+    edit(folder, lambda coco: coco["info"]["hulldown_runs"][0].update(key=""))
     (folder / "journal.jsonl").unlink(missing_ok=True)
 
 
 def edited(**change):
-    def edit(folder):
-        coco = json.loads((folder / "annotations.json").read_text())
+    def first_records(folder):
         for key, (field, value) in change.items():
-            coco[key][0][field] = value
-        (folder / "annotations.json").write_text(json.dumps(coco))
+            edit(folder, lambda coco, key=key, new={field: value}: coco[key][0].update(new))
 
-    return edit
+    return first_records
 
 
 @pytest.mark.parametrize(
@@ -238,18 +234,15 @@ def test_a_picture_whose_plan_was_removed_is_still_recognized(tmp_path):
     share = render(tmp_path / "1", [0])
     bare = render(tmp_path / "2", [0])
     (bare / "journal.jsonl").unlink()
-    coco = json.loads((bare / "annotations.json").read_text())
-    del coco["info"]
-    (bare / "annotations.json").write_text(json.dumps(coco))
+    edit(bare, lambda coco: coco.pop("info"))
     assert (join([share, bare], tmp_path / "new").added, len(read_coco(tmp_path / "new")["images"])) == (1, 1)
 
 
 def with_photograph(folder, image_id):
     """A photograph added by hand, with an id reserved for the plan."""
     picture(folder / "real/x.png", 200)
-    coco = json.loads((folder / "annotations.json").read_text())
-    coco["images"].append({"id": image_id, "file_name": "real/x.png", "width": 8, "height": 6})
-    (folder / "annotations.json").write_text(json.dumps(coco))
+    photograph = {"id": image_id, "file_name": "real/x.png", "width": 8, "height": 6}
+    edit(folder, lambda coco: coco["images"].append(photograph))
     return folder
 
 

@@ -1,7 +1,5 @@
 """Keypoints: position, visibility, configuration, storage, export."""
 
-import json
-
 import numpy as np
 import pytest
 import yaml
@@ -22,6 +20,7 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.reading.roles import Link
 from hulldown.reading.vehicle.keypoints import marked_points
+from hulldown.tests.editing import edit
 from hulldown.tests.planning_assets import small_assets
 from hulldown.tests.shapes import FACES
 from hulldown.tests.test_masks import CAMERA, CUBE, SHAPE
@@ -139,9 +138,7 @@ def test_yolo_pose_has_ultralytics_format(dataset, tmp_path):
     ],
 )
 def test_verify_finds_invalid_keypoints(dataset, change, problem):
-    coco = json.loads((dataset / "annotations.json").read_text())
-    coco["annotations"][0] |= change
-    (dataset / "annotations.json").write_text(json.dumps(coco))
+    edit(dataset, lambda coco: coco["annotations"][0].update(change))
     assert any(problem in finding.problem for finding in verify(dataset, fast=True))
 
 

@@ -1,8 +1,6 @@
 """Oriented boxes: the smallest rectangle around a mask, the ground rectangle of a vehicle, and their exports."""
 
-import importlib
 import json
-import warnings
 
 import numpy as np
 import pytest
@@ -22,13 +20,8 @@ from hulldown.render.annotations import Segmenter, annotation_records
 from hulldown.tests.detections import dataset as dataset_of
 from hulldown.tests.detections import loaded
 from hulldown.tests.planning_assets import plan, small_assets, small_config
+from hulldown.tests.test_exports import package
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold
-
-
-def reader(name):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # its own warning on import
-        return importlib.import_module(name)
 
 
 def random_mask(rng, kind):
@@ -138,7 +131,7 @@ def test_supervision_and_hotcoco_read_the_corners(dataset, tmp_path, ground):
     suffix = "-ground" if ground else ""
     export(dataset, tmp_path / "yolo", layout="yolo-obb" + suffix, **options)
     folders = (str(tmp_path / "yolo" / kind / "train") for kind in ("images", "labels"))
-    data = reader("supervision").DetectionDataset.from_yolo(*folders, str(tmp_path / "yolo/data.yaml"), is_obb=True)
+    data = package("supervision").DetectionDataset.from_yolo(*folders, str(tmp_path / "yolo/data.yaml"), is_obb=True)
     assert len(data) == len(wanted)
     for path, _, detections in data:
         full = [(name, corners) for name, corners, one in wanted[path[-12:-4]] if not one["iscrowd"]]
@@ -146,7 +139,7 @@ def test_supervision_and_hotcoco_read_the_corners(dataset, tmp_path, ground):
         for found, (_, corners) in zip(detections.data.get("xyxyxyxy", []), full, strict=True):
             np.testing.assert_allclose(found, corners, rtol=0, atol=1e-3)
     export(dataset, tmp_path / "dota", layout="dota" + suffix, **options)
-    loaded = reader("hotcoco").COCO.from_dota(str(tmp_path / "dota/train/labelTxt")).dataset
+    loaded = package("hotcoco").COCO.from_dota(str(tmp_path / "dota/train/labelTxt")).dataset
     known = {category["id"]: category["name"] for category in loaded["categories"]}
     assert len(loaded["annotations"]) == len(coco["annotations"])
     for image in loaded["images"]:
@@ -201,7 +194,7 @@ def mask_box_of(rectangle):
 
 @pytest.mark.parametrize("seed", range(20))
 def test_average_precision_of_oriented_boxes_equals_hotcocos(seed):
-    hotcoco = reader("hotcoco")
+    hotcoco = package("hotcoco")
     coco, found = oriented_case(seed)
     labels, predictions = loaded(coco, found)
     average = Evaluation(labels, predictions, threshold=Threshold(0.5, "given")).average

@@ -12,6 +12,7 @@ from PIL import Image
 from hulldown.cli import main
 from hulldown.geometry.errors import DatasetError, HulldownError
 from hulldown.tests.detections import dataset
+from hulldown.tests.editing import edit
 from hulldown.training.detectors.center_points import CenterNetwork
 from hulldown.training.detectors.small import save_small, small_size
 from hulldown.training.evaluation.labels import read_labels
@@ -86,18 +87,14 @@ def test_with_other_weights_prediction_starts_over(run, data, tmp_path):
 
 
 def test_a_class_that_the_dataset_lacks_gets_an_id_and_keeps_its_name(run, data, tmp_path):
-    coco = json.loads((data / "annotations.json").read_text())
-    coco["categories"] = [{"id": 1, "name": "tank"}]
-    (data / "annotations.json").write_text(json.dumps(coco))
+    edit(data, lambda coco: coco.update(categories=[{"id": 1, "name": "tank"}]))
     output = tmp_path / "found.json"
     assert predict(run, data, output).unknown == ("truck",)
     assert read_predictions(output, read_labels(data)).class_names[:2] == ("tank", "truck")
 
 
 def test_a_dataset_with_other_classes_is_refused_with_both_lists(run, data, tmp_path):
-    coco = json.loads((data / "annotations.json").read_text())
-    coco["categories"] = [{"id": 1, "name": "Tank"}]
-    (data / "annotations.json").write_text(json.dumps(coco))
+    edit(data, lambda coco: coco.update(categories=[{"id": 1, "name": "Tank"}]))
     with pytest.raises(HulldownError, match="it has Tank; the detector knows truck, tank"):
         predict(run, data, tmp_path / "found.json")
     assert list(tmp_path.iterdir()) == [data]

@@ -1,6 +1,5 @@
 """Refusals by `render`, which leave the dataset unchanged; with a stand-in for Blender."""
 
-import json
 import os
 import signal
 import warnings
@@ -14,6 +13,7 @@ from hulldown.geometry.errors import ConfigError, DatasetError, HulldownError
 from hulldown.render.engine import Engine
 from hulldown.render.process import Limits
 from hulldown.render.supervisor import Part, render_plan
+from hulldown.tests.editing import edit
 from hulldown.tests.render_plans import ASSETS, make_row, write_plan
 
 NO_DENOISER = r"""
@@ -99,10 +99,8 @@ def test_a_run_that_is_stopped_before_its_first_image_leaves_no_trace(tmp_path, 
 def test_an_id_of_the_plan_that_another_record_has_is_named(tmp_path, blender, kind, changes, message):
     plan = write_plan(tmp_path, [make_row(i) for i in range(5)])
     render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender), part=Part(limit=2))
+    edit(tmp_path / "d", lambda coco: coco[kind].append(changes))
     path = tmp_path / "d" / "annotations.json"
-    coco = json.loads(path.read_text())
-    coco[kind].append(changes)
-    path.write_text(json.dumps(coco))
     before = path.read_bytes()
     with pytest.raises(DatasetError, match=rf"{message} that is set aside for images/00000004\.png; .* from 6 on"):
         render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))

@@ -15,6 +15,7 @@ from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, digest, seal_of
 from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.errors import DatasetError
+from hulldown.tests.editing import edit
 
 PLAN = "c" * 64
 
@@ -35,13 +36,6 @@ def fill(folder, n=3, *, seals=True, key=PLAN):
             box = {"id": run.annotation_offset + i + 1, "category": "tank", "bbox": [5.0, 4.0, 10.25, 6.5]}
             dataset.append(image, [box])
     return folder
-
-
-def edit(folder, change):
-    path = folder / "annotations.json"
-    coco = json.loads(path.read_text())
-    change(coco)
-    path.write_text(json.dumps(coco))
 
 
 def errors(folder, **options):

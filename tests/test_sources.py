@@ -11,7 +11,8 @@ import pytest
 from PIL import Image
 
 from hulldown.geometry.errors import ConfigError, DatasetError, HulldownError
-from hulldown.tests.training_pictures import edit, make_dataset
+from hulldown.tests.editing import edit
+from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.augment import TABLE
 from hulldown.training.settings import Settings, completed, load_settings, rate_factor
 from hulldown.training.sources import check_pictures, read_sources

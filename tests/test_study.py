@@ -16,8 +16,9 @@ from PIL import Image
 
 from hulldown.cli import main
 from hulldown.geometry.errors import HulldownError
+from hulldown.tests.editing import edit
 from hulldown.tests.test_train import in_child
-from hulldown.tests.training_pictures import edit, make_dataset
+from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.study.arms import StudyRun, arm_draws, budget_of, study_runs
 from hulldown.training.study.config import load_study
 from hulldown.training.study.manifest import read_manifest, settle, write_manifest

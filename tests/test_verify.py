@@ -10,6 +10,7 @@ from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.verification import check_pictures
 from hulldown.dataset.verification.verify import Finding, verify
 from hulldown.geometry.errors import ConfigError, DatasetError
+from hulldown.tests.editing import edit
 from hulldown.tests.plan_lines import IMAGE, POSE, VEHICLE, row, write_lines
 
 MASK = np.zeros((24, 32), dtype=bool)
@@ -56,10 +57,7 @@ def dataset(tmp_path):
 
 def damage(folder, change) -> list[Finding]:
     """Findings after `change` was applied to the COCO dictionary."""
-    path = folder / "annotations.json"
-    coco = json.loads(path.read_text())
-    change(coco)
-    path.write_text(json.dumps(coco))
+    edit(folder, change)
     return list(verify(folder))
 
 

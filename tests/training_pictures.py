@@ -49,11 +49,3 @@ def make_dataset(
     coco = {"images": images, "annotations": annotations, "categories": categories}
     (folder / "annotations.json").write_text(json.dumps(coco))
     return folder
-
-
-def edit(folder: Path, change) -> None:
-    """Change the records of a dataset."""
-    path = folder / "annotations.json"
-    coco = json.loads(path.read_text())
-    change(coco)
-    path.write_text(json.dumps(coco))
