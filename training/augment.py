@@ -13,7 +13,6 @@ Information 11(2), 2020.
 
 from __future__ import annotations
 
-import math
 import random
 import warnings
 from collections.abc import Mapping, Sequence
@@ -27,6 +26,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from hulldown.annotate.masks import mask_box
+from hulldown.geometry.arrays import are_numbers
 from hulldown.geometry.errors import ConfigError
 
 Number: TypeAlias = int | float
@@ -215,17 +215,17 @@ def _changed(name: str, line: Change, keys: Mapping[str, Any]) -> Change:
     for key, value in keys.items():
         where = f"augmentation.{name}.{key}"
         if key == "probability":
-            if not _is_number(value) or not 0.0 <= value <= 1.0:
+            if not are_numbers([value]) or not 0.0 <= value <= 1.0:
                 raise ConfigError(f"{where} = {value!r}: expected a number from 0 to 1")
             probability = float(value)
         elif key not in options:
             raise ConfigError(f"unknown key {where}; {_hint(key, ['probability', *options])}")
         elif isinstance(options[key], tuple):
             pair = value if isinstance(value, list | tuple) else [value, value]
-            if len(pair) != 2 or not all(map(_is_number, pair)) or pair[0] > pair[1]:
+            if len(pair) != 2 or not are_numbers(pair) or pair[0] > pair[1]:
                 raise ConfigError(f"{where} = {value!r}: expected a range, such as {list(_pair(options[key]))}")
             options[key] = (pair[0], pair[1])
-        elif not _is_number(value) or value < 0:
+        elif not are_numbers([value]) or value < 0:
             raise ConfigError(f"{where} = {value!r}: expected a number from 0 on")
         else:
             options[key] = value
@@ -235,10 +235,6 @@ def _changed(name: str, line: Change, keys: Mapping[str, Any]) -> Change:
 def _hint(name: str, known: Sequence[str]) -> str:
     near = get_close_matches(name, known, n=1)
     return f"did you mean {near[0]}?" if near else f"known here: {', '.join(sorted(known))}"
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _pair(value: Option) -> tuple[Number, Number]:
