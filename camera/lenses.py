@@ -10,8 +10,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.camera.distortion import distorted, frame_bounds, seen_radius, undistorted
-from hulldown.camera.intrinsics import Intrinsics
-from hulldown.geometry.arrays import checked
+from hulldown.camera.intrinsics import Intrinsics, filling_distance
 from hulldown.geometry.portable import arctan2, hypot, sin_cos
 
 ALONG = 8  # parts of a window's side at whose ends its image is measured
@@ -68,8 +67,7 @@ class Lenses:
 
     def distance_for(self, size: ArrayLike, target_fraction: ArrayLike) -> Float[np.ndarray, "..."]:
         """As `Intrinsics.distance_for`, for each camera; sizes and shares broadcast against the m cameras."""
-        meters, fraction = _positive(size, "size"), _positive(target_fraction, "target_fraction")
-        return np.asarray(meters * self.focal[..., 1] / (self.size[..., 1] * fraction))
+        return filling_distance(self.focal[..., 1], self.size[..., 1], size, target_fraction)
 
     @property
     def distorted(self) -> bool:
@@ -172,10 +170,3 @@ def lenses(intrinsics: Optics) -> Lenses:
             for k, width in enumerate((2, 2, 2, 5))
         )
     )
-
-
-def _positive(value: ArrayLike, name: str) -> np.ndarray:
-    array = checked(value, name, ("...",))
-    if (array <= 0.0).any():
-        raise ValueError(f"{name}: expected positive numbers, got {float(array.min())}")
-    return array

@@ -59,6 +59,14 @@ def checked(
     return array
 
 
+def positive(value: ArrayLike, name: str) -> np.ndarray:
+    """`value` as finite positive numbers of any shape, or a ValueError that names it."""
+    array = checked(value, name, ("...",))
+    if (array <= 0.0).any():
+        raise ValueError(f"{name}: expected positive numbers, got {float(array.min())}")
+    return array
+
+
 def are_numbers(values: Iterable[object]) -> bool:
     """Whether all values are finite numbers; true and false are not.
 

@@ -11,18 +11,26 @@ import runpy
 import signal
 import sys
 import threading
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 from hulldown.geometry.child import Child
 from hulldown.geometry.errors import HulldownError
 from hulldown.training.study.manifest import RUNS_NAME, Manifest, PlannedRun, draws_path
-from hulldown.training.study.runs import Progress, RunOptions
 
 LOOPS_NAME = "loops"
 
 
-def train_loop(study: Path, manifest: Manifest, run: PlannedRun, options: RunOptions, progress: Progress) -> None:
+def train_loop(
+    study: Path,
+    manifest: Manifest,
+    run: PlannedRun,
+    *,
+    workers: int | None,
+    device: str,
+    progress: Callable[[str, int, int], None],
+) -> None:
     """Train a run of the arm; an interrupted one continues.
 
     The first detector has the draws of the arm `synthetic`. The second has the same budget and settings, and draws from
@@ -43,17 +51,17 @@ def train_loop(study: Path, manifest: Manifest, run: PlannedRun, options: RunOpt
     if not plan.exists():
         train(
             {"synthetic": synthetic}, first, settings=run.settings, draws_file=draws_path(study, run.folder),
-            workers=options.workers, device=options.device, progress=progress,
+            workers=workers, device=device, progress=progress,
         )  # fmt: skip
         if not found.exists():
-            predict(first, valid, found, device=options.device, progress=partial(progress, "looking at valid"))
+            predict(first, valid, found, device=device, progress=partial(progress, "looking at valid"))
         evaluate_files(valid, found, begun / "evaluation", threshold="best", progress=partial(progress, "evaluating"))
         report = begun / "evaluation" / "report.json"
         _hulldown("plan", str(manifest.config.plan), "-o", str(plan), "--more-of", str(report), log=begun / "plan.txt")
-    _hulldown("render", str(plan), "-o", str(more), "--device", options.device, log=begun / "render.txt")
+    _hulldown("render", str(plan), "-o", str(more), "--device", device, log=begun / "render.txt")
     train(
         {"synthetic": synthetic, "more": str(more)}, study / RUNS_NAME / run.folder, settings=run.settings,
-        workers=options.workers, device=options.device, progress=progress,
+        workers=workers, device=device, progress=progress,
     )  # fmt: skip
 
 

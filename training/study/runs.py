@@ -21,6 +21,7 @@ import orjson
 from hulldown.geometry.child import Child
 from hulldown.geometry.files import replace_file
 from hulldown.training.run_folder import RunFolder, alone_in
+from hulldown.training.study.loop import train_loop
 from hulldown.training.study.manifest import (
     LOGS_NAME,
     MANIFEST_NAME,
@@ -101,9 +102,7 @@ def run_one(
     run = manifest.run(name)
     folder = study / RUNS_NAME / run.folder
     if run.base == "loop":
-        from hulldown.training.study.loop import train_loop
-
-        train_loop(study, manifest, run, options, progress)
+        train_loop(study, manifest, run, workers=options.workers, device=options.device, progress=progress)
     else:
         train(
             {source: manifest.datasets[source].folder for source in run.sources}, folder, settings=run.settings,
