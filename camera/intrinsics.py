@@ -194,7 +194,7 @@ class Intrinsics:
 
 
 def filling_distance(
-    focal_y: float | np.ndarray, height: float | np.ndarray, size: ArrayLike, target_fraction: ArrayLike
+    focal_y: float | np.ndarray, height: int | np.ndarray, size: ArrayLike, target_fraction: ArrayLike
 ) -> np.ndarray:
     """The distance of `Intrinsics.distance_for`, from focal lengths and heights of images in pixels."""
     from hulldown.geometry.arrays import positive  # needs more than numpy

@@ -132,7 +132,7 @@ def settle(
     >>> settled = settle(Terrain(ramp), [7.0, 3.5, 2.4], xy=[[20.0, 20.0], [-5.0, 20.0]], yaw=[0.0, 0.0])
     >>> settled.ok.tolist()  # the second is off the ground
     [True, False]
-    >>> settled.world_from_vehicle[0, :3, 3].round(6).tolist(), settled.gap[0].round(6) == 0.0
+    >>> settled.world_from_vehicle[0, :3, 3].round(6).tolist(), bool(settled.gap[0].round(6) == 0.0)
     ([20.0, 20.0, 4.0], True)
     """
     size = checked(size_xyz, "size_xyz", (3,))

@@ -262,7 +262,7 @@ def _caption(tile: Image.Image, view: _View, title: str) -> None:
     pen.text((10, 8), title, fill=(0, 0, 0), font=font)
     room = view.size / view.scale / 3
     bar = 10.0 ** np.floor(np.log10(room))
-    bar *= next(f for f in (5.0, 2.0, 1.0) if f * bar <= room)
+    bar *= next((f for f in (5.0, 2.0) if f * bar <= room), 1.0)
     low = view.size - 12
     pen.line((10, low, 10 + bar * view.scale, low), fill=(0, 0, 0), width=2)
     pen.text((10, low - 20), f"{bar:g} m", fill=(0, 0, 0), font=font)

@@ -54,6 +54,12 @@ def test_the_picture_shows_each_part_in_its_color() -> None:
         assert {0, 1} <= set(np.unique(hue_of(view)))
 
 
+def test_a_model_is_drawn_whose_bar_of_meters_is_rounded_below_a_power_of_ten() -> None:
+    # 0.24 m * 1.25 / 3 is 0.09999999999999999 m, whose logarithm is -1: fuzzing found it.
+    model = vehicle_of(box((-0.12, -0.06, 0), (0.12, 0.06, 0.04)), box((-0.04, -0.04, 0.04), (0.04, 0.04, 0.08)))
+    assert draw(model, size=120).width == 240
+
+
 @pytest.mark.parametrize("ground", [True, False])
 def test_a_scenery_is_drawn(ground: bool) -> None:
     land = box((-50, -50, -1), (50, 50, 0)) if ground else None

@@ -101,7 +101,7 @@ def arm_draws(run: StudyRun, photographs: Int[np.ndarray, " k"], synthetic: int,
 
     >>> real = arm_draws(StudyRun("real", 0.5, 0, "real"), np.array([3, 8]), 5, 4)
     >>> matched = arm_draws(StudyRun("matched", 0.5, 0, "matched"), np.array([3, 8]), 5, 4)
-    >>> matched.source.tolist(), (matched.image[::2] == real.image).all()
+    >>> matched.source.tolist(), bool((matched.image[::2] == real.image).all())
     ([0, 1, 0, 1, 0, 1, 0, 1], True)
     """
     k, seed = len(photographs), run.seed
