@@ -160,14 +160,11 @@ class World:
         """Select cameras, which become cameras 0, 1, ..."""
         return self.with_vehicles([vehicle.rows(index) for vehicle in self.vehicles])
 
-    def nearest(self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf) -> WorldHits:
+    def nearest(self, origins: ArrayLike, directions: ArrayLike) -> WorldHits:
         """First hit of each ray; on ties ground, then obstacles, then vehicles. Arguments as for `occluded`."""
         start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
 
-        def cast(thing: Thing, reach: Float[np.ndarray, " n"]) -> RayHits | InstanceHits:
-            return thing.cast(start, along, max_distance=np.minimum(max_distance, reach))
-
-        return self._first(along, cast)
+        return self._first(along, lambda thing, reach: thing.cast(start, along, max_distance=reach))
 
     def seen_by(self, camera: Camera, *, threads: int = 1) -> WorldHits:
         """First hit at the center of each pixel of a camera, row by row; (n,) is (height * width,).

@@ -173,11 +173,8 @@ class InstancedScene:
         start, along, reach = checked_rays(origins, directions, max_distance)
         passed = np.ones(len(start))
         for caster, rows, inside, inward, scale in self._moved(start, along, ray, instance):
-            limit = reach[ray[rows]] * scale
-            if isinstance(caster, RayCaster):
-                passed[ray[rows[caster.occluded(inside, inward, max_distance=limit)]]] = 0.0
-            else:
-                np.multiply.at(passed, ray[rows], caster.transmittance(inside, inward, max_distance=limit))
+            through = caster.transmittance(inside, inward, max_distance=reach[ray[rows]] * scale)
+            np.multiply.at(passed, ray[rows], through)
         return passed
 
     def cast_by(

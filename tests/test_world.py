@@ -80,7 +80,6 @@ def test_occluded_rays_have_a_closer_hit():
     hits = WORLD.nearest(origin, along)
     reach = np.random.default_rng(1).uniform(1.0, 15.0, len(along))
     np.testing.assert_array_equal(WORLD.occluded(origin, along, max_distance=reach), hits.distance <= reach)
-    np.testing.assert_array_equal(WORLD.nearest(origin, along, max_distance=reach).hit, hits.distance <= reach)
 
 
 def test_camera_rays_are_hidden_like_single_rays():
