@@ -8,26 +8,13 @@ in `placement.simplex` is of whole numbers, and exact.)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from hulldown.placement.footprint import Samples
-from hulldown.placement.support import support_plane
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Rest:
-    """Rest planes z = height + gradient . (x, y) about the vehicle's origin, in frames turned by the headings.
-
-    `margin` is that of `placement.support.Support`; nan for rules without contacts.
-    """
-
-    height: Float[np.ndarray, " k"]
-    gradient: Float[np.ndarray, "k 2"]
-    found: Bool[np.ndarray, " k"]
-    margin: Float[np.ndarray, " k"]
+from hulldown.placement.support import Rest, support_plane
 
 
 def averaged(
@@ -96,6 +83,6 @@ def support(samples: Samples, heights: Float[np.ndarray, "k m"], valid: Bool[np.
     """
     solid = np.isfinite(samples.height)  # others support nothing
     clear = np.compress(solid, heights, axis=1) - samples.height[solid]
-    plane = support_plane(samples.xy[solid] - samples.center, clear, np.compress(solid, valid, axis=1))
+    plane, _ = support_plane(samples.xy[solid] - samples.center, clear, np.compress(solid, valid, axis=1))
     height = plane.height - plane.gradient[:, 0] * samples.center[0] - plane.gradient[:, 1] * samples.center[1]
-    return Rest(height, plane.gradient, plane.found, plane.margin)
+    return replace(plane, height=height)

@@ -23,8 +23,9 @@ from hulldown.geometry.transforms import facing, rigid
 from hulldown.placement.contact import Footing, gap_and_penetration, stacked
 from hulldown.placement.footprint import Samples, Underside
 from hulldown.placement.rejection import Rejection
-from hulldown.placement.rest import Rest, averaged, least_squares, support
+from hulldown.placement.rest import averaged, least_squares, support
 from hulldown.placement.rules import SettleRules
+from hulldown.placement.support import Rest
 from hulldown.placement.terrain import Terrain
 
 BLOCK_RAYS = 1 << 16  # footprint rays at a time, whose data stay in cache

@@ -25,24 +25,23 @@ OTHER_WAYS = np.array([[-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Support:
-    """The rest plane of each candidate: height at the center, gradient, and three samples around the center.
+class Rest:
+    """Rest planes z = height + gradient . (x, y) about the vehicle's origin, in frames turned by the headings.
 
-    `margin` is how far the center lies inside the triangle of the three. Where it is 0, the center is right above a
-    contact, or between two, and the plane may tip several ways; it is then the mean of those, which touches that
-    contact or those two, and the three samples are those of one way.
+    `margin` is how far the center lies inside the triangle of three contacts; nan for rules without contacts. Where it
+    is 0, the center is right above a contact, or between two, and the plane may tip several ways; it is then the mean
+    of those, which touches that contact or those two.
     """
 
     height: Float[np.ndarray, " n"]
     gradient: Float[np.ndarray, "n 2"]
-    contacts: Int[np.ndarray, "n 3"]
-    margin: Float[np.ndarray, " n"]
     found: Bool[np.ndarray, " n"]
+    margin: Float[np.ndarray, " n"]
 
 
 def support_plane(
     samples_xy: Float[np.ndarray, "m 2"], heights: Float[np.ndarray, "n m"], valid: Bool[np.ndarray, "n m"]
-) -> Support:
+) -> tuple[Rest, Int[np.ndarray, "n 3"]]:
     """The lowest plane above all valid samples, for each row of heights.
 
     Parameters
@@ -56,8 +55,9 @@ def support_plane(
 
     Returns
     -------
-    Support
-        `found` is False if the center is outside the hull of the valid samples, which then don't support it.
+    rest, contacts
+        The planes about the center, of which `found` is False if it's outside the hull of the valid samples, which then
+        don't support it; and three samples around the center that touch the plane, or one of those it's the mean of.
     """
     n = len(heights)
     coefficients, margin, contacts = np.full((n, 3), np.nan), np.full(n, np.nan), np.full((n, 3), -1)
@@ -84,7 +84,7 @@ def support_plane(
     plane[edge] = _over_an_edge(samples_xy, heights[edge], basis[edge], np.argmax(idle[edge], axis=1), plane[edge])
     plane[above_contact] = _over_one_contact(samples_xy, heights[above_contact], nudge, plane[above_contact])
     coefficients[rows] = plane
-    return Support(coefficients[:, 2] + top, coefficients[:, :2], contacts, margin, contacts[:, 0] >= 0)
+    return Rest(coefficients[:, 2] + top, coefficients[:, :2], contacts[:, 0] >= 0, margin), contacts
 
 
 def _over_an_edge(

@@ -27,7 +27,7 @@ def test_the_plane_is_the_lowest_above_all_samples(share):
     rng = np.random.default_rng(11)
     heights = rng.normal(0, 0.3, (40, 25)) + GRID @ [0.1, -0.3]
     valid = rng.random((40, 25)) < share
-    plane = support_plane(GRID, heights, valid)
+    plane, contacts = support_plane(GRID, heights, valid)
     expected = np.array([slow_twin(GRID, h, v) for h, v in zip(heights, valid, strict=True)])
     np.testing.assert_array_equal(plane.found, np.isfinite(expected))
     assert plane.found.mean() > 0.5
@@ -37,18 +37,18 @@ def test_the_plane_is_the_lowest_above_all_samples(share):
     np.testing.assert_allclose(at_center, expected[f], atol=1e-5)
     above = plane.height[f, None] + plane.gradient[f] @ GRID.T - heights[f]
     assert above[valid[f]].min() > -1e-11
-    np.testing.assert_allclose(np.take_along_axis(above, plane.contacts[f], axis=1).min(axis=1), 0, atol=1e-11)
-    assert np.take_along_axis(valid[f], plane.contacts[f], axis=1).all()
+    np.testing.assert_allclose(np.take_along_axis(above, contacts[f], axis=1).min(axis=1), 0, atol=1e-11)
+    assert np.take_along_axis(valid[f], contacts[f], axis=1).all()
 
 
 def test_over_an_edge_the_plane_is_the_mean_of_both_sides():
     roof = np.where(GRID[:, 0] < 0, 0.2, -0.4) * GRID[:, 0]
     roof[12] = -1.0  # nothing directly below the center
     both = np.ones((1, 25), dtype=bool)
-    np.testing.assert_allclose(support_plane(GRID, roof[None], both).gradient, [[-0.1, 0.0]], atol=1e-15)
+    np.testing.assert_allclose(support_plane(GRID, roof[None], both)[0].gradient, [[-0.1, 0.0]], atol=1e-15)
     # Without ground beyond the edge there's only one side.
     one = (GRID[:, 0] >= 0)[None]
-    np.testing.assert_allclose(support_plane(GRID, roof[None], one).gradient, [[-0.4, 0.0]], atol=1e-15)
+    np.testing.assert_allclose(support_plane(GRID, roof[None], one)[0].gradient, [[-0.4, 0.0]], atol=1e-15)
 
 
 @pytest.mark.parametrize("n", [2, 3, 4, 9, 21])
@@ -60,26 +60,26 @@ def test_at_any_density_contacts_touch_surround_the_center_and_nothing_is_above(
     xy = np.stack(np.meshgrid(3.5 * side, 1.75 * side, indexing="ij"), -1).reshape(-1, 2)
     heights = np.round(rng.normal(0, 0.3, (300, n * n)) + xy @ [0.2, -0.1], 1) + 500.0
     valid = rng.random(heights.shape) < share
-    plane = support_plane(xy, heights, valid)
+    plane, contacts = support_plane(xy, heights, valid)
     f = np.flatnonzero(plane.found)
     assert len(f) > (30 if n == 2 and share < 1 else 200)
-    corners = xy[plane.contacts[f]]
+    corners = xy[contacts[f]]
     ends = np.roll(corners, -1, axis=1)
     around = corners[..., 0] * ends[..., 1] - corners[..., 1] * ends[..., 0]
     assert (around > -1e-12).all()
     above = plane.height[f, None] + plane.gradient[f] @ xy.T - heights[f]
     sure = plane.margin[f] > 1e-9
-    touching = np.take_along_axis(above, plane.contacts[f], axis=1)
+    touching = np.take_along_axis(above, contacts[f], axis=1)
     np.testing.assert_allclose(touching[sure], 0, atol=1e-11)
     assert above[valid[f]].min() > -1e-11
 
 
 def test_few_samples_and_no_rows_are_legal():
-    assert support_plane(GRID, np.zeros((0, 25)), np.zeros((0, 25), bool)).found.shape == (0,)
+    assert support_plane(GRID, np.zeros((0, 25)), np.zeros((0, 25), bool))[0].found.shape == (0,)
     line = np.array([[-1.0, 0.0], [1.0, 0.0]])
-    assert not support_plane(line, np.zeros((3, 2)), np.ones((3, 2), bool)).found.any()
+    assert not support_plane(line, np.zeros((3, 2)), np.ones((3, 2), bool))[0].found.any()
 
 
 def test_relief_below_the_smallest_divisor_is_flat():
-    plane = support_plane(GRID, 1e-308 * GRID[:, 0][None], np.ones((1, 25), dtype=bool))
+    plane, _ = support_plane(GRID, 1e-308 * GRID[:, 0][None], np.ones((1, 25), dtype=bool))
     np.testing.assert_allclose(plane.gradient, [[0.0, 0.0]], atol=1e-300)
