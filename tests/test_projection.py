@@ -14,13 +14,6 @@ from hulldown.geometry.transforms import rigid, rotation_about
 VGA = Intrinsics(640, 480, math.pi / 2)  # f = 320
 
 
-def test_pixels_by_hand() -> None:
-    projected = Camera(VGA, np.eye(4)).project([[0, 0, 2], [1, 0, 2], [0, 1, 2], [-2, -1.5, 2]])
-    # f is 320 except for the rounding of tan(pi / 4).
-    np.testing.assert_allclose(projected.pixels, [[320, 240], [480, 240], [320, 400], [0, 0]], atol=1e-12)
-    assert projected.depth.tolist() == [2, 2, 2, 2]
-
-
 def test_points_at_or_behind_the_camera_have_a_depth_but_no_pixel() -> None:
     pixels, depth = Camera(VGA, np.eye(4)).project([[1, 1, 0], [1, 1, -1], [0, 0, -0.0], [0, 0, 1e-300]])
     assert np.isnan(pixels[:3]).all()

@@ -18,13 +18,6 @@ def test_the_first_face_is_hit_at_a_distance_in_meters_for_directions_of_any_len
     assert hits.hit.tolist() == [True, True, False]
 
 
-def test_nothing_beyond_the_limit_is_hit():
-    caster = RayCaster(HOUSE)
-    origins, directions = [[-0.25, -0.5, 3.0]] * 2, [DOWN] * 2
-    assert caster.cast(origins, directions, max_distance=[2.9, 3.1]).face.tolist() == [-1, 0]
-    assert caster.occluded(origins, directions, max_distance=[2.9, 3.1]).tolist() == [False, True]
-
-
 def test_occlusion_agrees_with_casting():
     rng = np.random.default_rng(0)
     origins, directions = rng.uniform(-1.5, 1.5, (5000, 3)), rng.normal(size=(5000, 3))

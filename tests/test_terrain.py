@@ -7,7 +7,7 @@ from hulldown.placement.ground import Ground
 from hulldown.placement.sheet_map import EMPTY, SINGLE, UNKNOWN, SheetMap
 from hulldown.placement.terrain import Terrain
 from hulldown.tests.oracles.top_hits import exact_tops
-from hulldown.tests.shapes import surface
+from hulldown.tests.shapes import sheet, surface
 
 METHODS = ["certified", "refined", "float32"]
 
@@ -22,11 +22,6 @@ def hills(n, *, seed=0):
     )
 
 
-def sheet(z, *, low=0.0, high=10.0):
-    corners = np.array([[low, low, z], [high, low, z], [high, high, z], [low, high, z]])
-    return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]))
-
-
 def sheets_of(mesh):
     ground = Ground.of(mesh)
     low, high = ground.boxes()
@@ -36,7 +31,7 @@ def sheets_of(mesh):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_zero_points_give_zero_hits(method):
-    hits = Terrain(sheet(0.0)).top_hits(np.empty((0, 2)), method=method)
+    hits = Terrain(sheet((0, 0), (10, 10))).top_hits(np.empty((0, 2)), method=method)
     assert hits.z.shape == (0,)
     assert hits.normal.shape == (0, 3)
     assert hits.hit.shape == (0,)
@@ -71,7 +66,7 @@ def test_a_hole_is_certified_empty():
 
 
 def test_a_long_border_across_many_cells_is_marked_along_its_length():
-    large = sheet(0.0, high=1000.0)  # its diagonal is no border; a strip placed across it has two
+    large = sheet((0, 0), (1000, 1000))  # its diagonal is no border; a strip placed across it has two
     strip = Mesh(np.array([[100.0, 0, 1], [103.0, 0, 1], [900.0, 1000, 1]]), np.array([[0, 1, 2]]))
     mesh = merge([large, hills(40), strip])[0]
     xy = np.column_stack([np.linspace(101, 899, 300), np.linspace(0.1, 999, 300)])
@@ -124,17 +119,17 @@ def test_the_plane_is_hit_everywhere(method):
 )
 def test_the_error_of_a_wrong_call_names_the_argument(xy, options, message):
     with pytest.raises(ValueError, match=message):
-        Terrain(sheet(0.0)).top_hits(xy, **options)
+        Terrain(sheet((0, 0), (10, 10))).top_hits(xy, **options)
 
 
 @pytest.mark.parametrize("high", [1e31, 1e300])
 def test_coordinates_of_extreme_size_are_refused(high):
-    with pytest.raises(ValueError, match="mesh 'mesh': expected coordinates within 1e30 m"):
-        Terrain(sheet(0.0, high=high))
+    with pytest.raises(ValueError, match="mesh 'sheet': expected coordinates within 1e30 m"):
+        Terrain(sheet((0, 0), (high, high)))
 
 
 def test_unused_vertices_can_be_anywhere():
-    mesh = sheet(1.0)
+    mesh = sheet((0, 0), (10, 10), 1.0)
     stray = Mesh(np.vstack([mesh.vertices, [1e300, -1e300, 1e300]]), mesh.faces)
     assert Terrain(stray).top_hits([[5, 5]]).z.tolist() == [1.0]
 
