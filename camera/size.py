@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -21,17 +21,6 @@ Measure = Literal["height", "width", "diagonal", "area"]
 ROUNDS = 80
 RELATIVE = 4e-15
 SECANTS = 12  # of a distorting lens: 4 to 6
-
-
-class ProjectedSize(NamedTuple):
-    """Size in pixels of the tight box around projected points, in the frame or not; nan: no box."""
-
-    width: Float[np.ndarray, "..."]
-    height: Float[np.ndarray, "..."]
-
-    def measure(self, measure: Measure) -> Float[np.ndarray, "..."]:
-        """Width, height or diagonal in pixels; for area the root of it, so that all four are lengths."""
-        return _length(np.stack([self.width, self.height], -1), measure)
 
 
 def solve_distance(
@@ -98,7 +87,7 @@ def solve_distance(
     def size(at: Float[np.ndarray, " k"], rows: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         seen = project_camera(lens.rows(rows), points[rows] + (ray[rows] * at[:, None])[:, None]).pixels
         sides = seen.max(axis=1) - seen.min(axis=1)
-        return ProjectedSize(sides[:, 0], sides[:, 1]).measure(measure)
+        return box_length(sides, measure)
 
     return refine_distance(size, distance, target)
 
@@ -117,7 +106,7 @@ def refine_distance(
     distance
         (m,) to begin with; nan stays nan.
     wanted
-        (m,) lengths, such as `ProjectedSize.measure` gives.
+        (m,) lengths, such as `box_length` gives.
     """
     solution = distance.copy()
     rows = np.flatnonzero(np.isfinite(solution))
@@ -183,7 +172,7 @@ def _size_and_slope(
     high, low = at[row, last, axis], at[row, first, axis]
     sides = high - low
     slopes = -high * inverse[row, last] + low * inverse[row, first]
-    size = _length(sides, measure)
+    size = box_length(sides, measure)
     if measure == "height":
         return size, slopes[:, 1]
     if measure == "width":
@@ -194,7 +183,8 @@ def _size_and_slope(
         return size, (sides[:, ::-1] * slopes).sum(axis=1) / (2.0 * size)
 
 
-def _length(sides: Float[np.ndarray, "... 2"], measure: Measure) -> Float[np.ndarray, "..."]:
+def box_length(sides: Float[np.ndarray, "... 2"], measure: Measure) -> Float[np.ndarray, "..."]:
+    """Width, height, or diagonal of boxes with these sides; for area the root of it, so that all four are lengths."""
     across, down = sides[..., 0], sides[..., 1]
     lengths = {"width": across, "height": down}
     if measure in lengths:

@@ -12,7 +12,7 @@ from hulldown.annotate.boxes import Boxes
 from hulldown.camera.framing import Framed, turned
 from hulldown.camera.lenses import Lenses
 from hulldown.camera.shell import camera_pose
-from hulldown.camera.size import Measure, ProjectedSize, refine_distance, solve_distance
+from hulldown.camera.size import Measure, box_length, refine_distance, solve_distance
 from hulldown.planning.config.schema import RenderSection
 from hulldown.planning.search.columns import put
 from hulldown.planning.search.instances import Instances
@@ -34,7 +34,7 @@ def image_size(measure: Measure, render: RenderSection) -> float:
 
 def fraction_of(amodal: Float[np.ndarray, "n 4"], measure: Measure, render: RenderSection) -> Float[np.ndarray, " n"]:
     """Share of the image's height, width, diagonal, or area that these boxes fill; nan without a box."""
-    size = ProjectedSize(amodal[:, 2], amodal[:, 3]).measure(measure)
+    size = box_length(amodal[:, 2:], measure)
     return (size**2 if measure == "area" else size) / image_size(measure, render)
 
 
@@ -99,7 +99,7 @@ def sized_cameras(
             moved = poses[rows]
             moved[:, :3, 3] = centers[rows] + at[:, None] * outward[rows]
             amodal = boxes_of(targets.take(rows), moved, lens.rows(rows)).amodal
-            return ProjectedSize(amodal[:, 2], amodal[:, 3]).measure(measure)
+            return box_length(amodal[:, 2:], measure)
 
         distance = refine_distance(size, distance, np.sqrt(pixels) if measure == "area" else pixels)
     poses[:, :3, 3] = centers + distance[:, None] * outward
