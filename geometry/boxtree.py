@@ -8,7 +8,6 @@ query.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -21,23 +20,6 @@ PARALLEL = 1e-200  # below this, a direction's coordinate counts as 0
 PACKET = 16  # rays that are tested together
 SPREAD = 0.1  # largest difference of their directions' coordinates
 VISITS = 1 << 12  # (query, node) pairs expanded at a time: what they touch stays in cache
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Crossings:
-    """Which rays cross which boxes.
-
-    Parameters
-    ----------
-    ray, box
-        (p,) indices, in no particular order; every pair once.
-    entry
-        (p,) distance from the origin to the box along the ray; 0 where the origin lies inside.
-    """
-
-    ray: Int[np.ndarray, " p"]
-    box: Int[np.ndarray, " p"]
-    entry: Float[np.ndarray, " p"]
 
 
 class BoxTree:
@@ -70,10 +52,16 @@ class BoxTree:
         origins: Float[np.ndarray, "n 3"],
         directions: Float[np.ndarray, "n 3"],
         max_distance: Float[np.ndarray, " n"],
-    ) -> Crossings:
+    ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"], Float[np.ndarray, " p"]]:
         """All boxes that each ray crosses within its distance, which counts in lengths of the direction.
 
         A box that a ray passes by less than rounding may be among them.
+
+        Returns
+        -------
+        ray, box, entry
+            (p,) indices, in no particular order, every pair once; and the distance from the origin to the box along
+            the ray, 0 where the origin lies inside.
         """
         first = self._packets(origins, directions)
         count = np.diff(first, append=len(origins))
@@ -102,11 +90,14 @@ class BoxTree:
             return (enter <= leave * (1 + SLACK)) & (enter < np.inf)
 
         packet, box = self._descend(len(first), touch)
-        blocks = [
-            _entries(self._bounds, origins, directions, max_distance, *_each(first, count, packet[some], box[some]))
-            for some in (slice(i, i + VISITS) for i in range(0, max(len(packet), 1), VISITS))
-        ]
-        return Crossings(*(np.concatenate(part) for part in zip(*blocks, strict=True)))
+        blocks = []
+        for i in range(0, max(len(packet), 1), VISITS):
+            some = packet[i : i + VISITS]
+            pair, number = numbered(count[some])
+            ray, boxes = first[some][pair] + number, box[i : i + VISITS][pair]
+            blocks.append(_entries(self._bounds, origins, directions, max_distance, ray, boxes))
+        rays, boxes, entry = (np.concatenate(part) for part in zip(*blocks, strict=True))
+        return rays, boxes, entry
 
     def _packets(
         self, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
@@ -152,17 +143,6 @@ class BoxTree:
                 pairs.append((query[row], self._order[child]))
         query, box = (np.concatenate(part) for part in zip(*pairs, strict=True))
         return query, box
-
-
-def _each(
-    first: Int[np.ndarray, " p"],
-    count: Int[np.ndarray, " p"],
-    packet: Int[np.ndarray, " q"],
-    box: Int[np.ndarray, " q"],
-) -> tuple[Int[np.ndarray, " r"], Int[np.ndarray, " r"]]:
-    """Pairs of packet and box as pairs of ray and box."""
-    pair, number = numbered(count[packet])
-    return first[packet][pair] + number, box[pair]
 
 
 def _entries(

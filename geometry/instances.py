@@ -219,9 +219,9 @@ class InstancedScene:
             # Further than the ray goes: one that ends inside a box meets a side of it only beyond its end.
             far = (reach[part] + self._widest) * (1 + 1e-4)
             rows = rows[self._boxes.occluded(start[part], along[part], max_distance=far)]
-        crossings = self._tree.crossed(start[rows], along[rows], reach[rows])
-        order = np.lexsort((crossings.box, crossings.entry, crossings.ray))
-        return rows[crossings.ray[order]], crossings.box[order], crossings.entry[order]
+        ray, box, entry = self._tree.crossed(start[rows], along[rows], reach[rows])
+        order = np.lexsort((box, entry, ray))
+        return rows[ray[order]], box[order], entry[order]
 
     def _moved(
         self, start: np.ndarray, along: np.ndarray, ray: np.ndarray, instance: np.ndarray

@@ -96,8 +96,8 @@ def test_the_tree_finds_the_boxes_of_a_plain_loop(seed, k, axis):
     directions = rng.integers(-2, 3, (12, 3)).astype(float)
     directions[(directions == 0).all(axis=1)] = np.eye(3)[axis % 3]
     reach = rng.uniform(0, 8, 12)
-    found = BoxTree(bounds).crossed(origins, directions, reach)
-    pairs = list(zip(found.ray.tolist(), found.box.tolist(), strict=True))
+    ray, crossed, _ = BoxTree(bounds).crossed(origins, directions, reach)
+    pairs = list(zip(ray.tolist(), crossed.tolist(), strict=True))
     assert len(pairs) == len(set(pairs))
     every = [(i, j) for i in range(12) for j in range(k)]
     least = {(i, j) for i, j in every if _crosses(origins[i], directions[i], reach[i], bounds[j], 0.0)}
