@@ -101,10 +101,6 @@ class Child:
         with contextlib.suppress(OSError):
             self._process.stdin.close()
 
-    def terminate(self) -> None:
-        """Ask it to end."""
-        self._process.terminate()
-
     def wait(self, seconds: float | None = None) -> int | None:
         """Wait until it ends, at most so long; its exit code, None if it still runs."""
         with contextlib.suppress(subprocess.TimeoutExpired):
