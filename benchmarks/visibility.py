@@ -55,7 +55,7 @@ class Woods:
         )
         at_rest = np.concatenate([part.hull for part in self.target.parts])
         hull = apply(self.world_from_vehicle, at_rest)
-        self.world_from_camera = frame_target(poses, hull, HD, rng=rng).world_from_camera
+        self.world_from_camera = frame_target(poses, hull, HD, rng=rng)
         above = self.world_from_camera[:, 2, 3] - _height(*self.world_from_camera[:, :2, 3].T)
         self.world_from_camera[above < 0.5, 2, 3] += 0.5 - above[above < 0.5]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -20,14 +19,6 @@ from hulldown.geometry.uniform import UniformNumbers
 # Turning changes the box a little, so its place is found by iteration; a telephoto lens needs one or two rounds.
 ROUNDS = 20
 PLACED_PX = 1e-3
-
-
-class Framed(NamedTuple):
-    """Turned cameras, and the target's truncation in each."""
-
-    world_from_camera: Float[np.ndarray, "n 4 4"]
-    pixel: Float[np.ndarray, "n 2"]  # where the point that was on the optical axis is now
-    truncated: Float[np.ndarray, " n"]  # share of the target's box area that is out of the frame; nan: box unknown
 
 
 def turned(
@@ -114,7 +105,7 @@ def frame_target(
     roll: ArrayLike = 0.0,
     spread: float = 1.0,
     truncated: tuple[float, float] = (0.0, 0.0),
-) -> Framed:
+) -> Float[np.ndarray, "n 4 4"]:
     """Turn each camera so that the target's box has a random place in the frame, with the wanted part of it inside.
 
     The part to cut is drawn uniformly from `truncated`. With nothing to cut, the box's place is uniform over all that
@@ -140,10 +131,9 @@ def frame_target(
 
     Returns
     -------
-    Framed
-        `truncated` exceeds its range if the box is larger than the frame. If a point of the target isn't in front of
-        the camera, the camera keeps its pose, and `truncated` is nan. For cameras within a vehicle's length of the
-        target, one place in several hundred is missed, since the box changes so much with the turn.
+    (n, 4, 4) turned poses. More than `truncated` is cut off if the box is larger than the frame. If a point of the
+    target isn't in front of the camera, the camera keeps its pose. For cameras within a vehicle's length of the target,
+    one place in several hundred is missed, since the box changes so much with the turn.
     """
     poses = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
     points = checked(points_world, "points_world", ("m", "k", 3))
@@ -182,7 +172,7 @@ def place_boxes(
     corners: Float[np.ndarray, "n 4"],
     cut: Bool[np.ndarray, "n 4"],
     roll: ArrayLike = 0.0,
-) -> Framed:
+) -> Float[np.ndarray, "n 4 4"]:
     """Turn each camera so that the target's box is where another box is, for boxes of any sizes.
 
     Along an axis on which neither side of the frame cuts the other box off, their centers agree as far as the target
@@ -223,15 +213,13 @@ def _turned_until(
     *,
     start: tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, "n 2 2"]],
     corner: Callable[[Int[np.ndarray, " r"], Float[np.ndarray, "r 2"]], Float[np.ndarray, "r 2"]],
-) -> Framed:
+) -> Float[np.ndarray, "n 4 4"]:
     """Cameras turned until the upper left corner of each box is where `corner` wants it for a box of that size."""
     n, (first, box) = len(poses), start
-    known = np.isfinite(box).all(axis=(1, 2))
-    size = np.broadcast_to(lens.size, (n, 2))
-    best, best_pixel, best_box = first.copy(), np.array(np.broadcast_to(lens.center, (n, 2))), box
+    best, best_pixel = first.copy(), np.array(np.broadcast_to(lens.center, (n, 2)))
     best_miss = np.full(n, np.inf)
     # Finished cameras stay as they are, so a result doesn't depend on the other cameras.
-    todo = np.flatnonzero(known)
+    todo = np.flatnonzero(np.isfinite(box).all(axis=(1, 2)))
     pixel = best_pixel[todo]
     for _ in range(ROUNDS):
         if not len(todo):
@@ -243,13 +231,12 @@ def _turned_until(
         miss = np.abs(step).max(axis=1)
         better = miss < best_miss[todo]
         rows = todo[better]
-        best[rows], best_pixel[rows], best_box[rows] = pose[better], pixel[better], box[better]
-        best_miss[rows] = miss[better]
+        best[rows], best_pixel[rows], best_miss[rows] = pose[better], pixel[better], miss[better]
         # Halved steps from the best place so far where the last one led away (very wide lenses).
         pixel = np.where(better[:, None], pixel + step, (pixel + best_pixel[todo]) / 2.0)
         on = best_miss[todo] > PLACED_PX
         todo, pixel = todo[on], pixel[on]
-    return Framed(best, best_pixel, _share_outside(best_box, size))
+    return best
 
 
 def _box(
@@ -260,12 +247,6 @@ def _box(
     """Low and high corner of the projected points, nan if one of them is not in front."""
     pixels = project(lens, poses, points).pixels
     return np.stack([pixels.min(axis=1), pixels.max(axis=1)], 1)
-
-
-def _share_outside(box: Float[np.ndarray, "n 2 2"], size: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
-    extent = box[:, 1] - box[:, 0]
-    kept = np.clip(np.minimum(box[:, 1], size) - np.maximum(box[:, 0], 0.0), 0.0, None)
-    return 1.0 - np.prod(kept / np.where(extent > 0.0, extent, np.nan), axis=1)
 
 
 def _draw_cuts(

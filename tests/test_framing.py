@@ -13,38 +13,22 @@ CORNERS = np.array([[x, y, z] for x in (-3.5, 3.5) for y in (-1.7, 1.7) for z in
 N = 500
 
 
-def poses(
-    n: int = N, distance: tuple[float, float] = (20, 80), elevation: tuple[float, float] = (0.0, 0.6)
-) -> np.ndarray:
+def poses(elevation: tuple[float, float]) -> np.ndarray:
     rng = np.random.default_rng(11)
-    return camera_pose(
-        [0, 0, 0], rng.uniform(*distance, n), draw_azimuth(n, rng=rng), draw_elevation(n, elevation, rng=rng)
-    )
+    distance, azimuth = rng.uniform(20, 80, N), draw_azimuth(N, rng=rng)
+    return camera_pose([0, 0, 0], distance, azimuth, draw_elevation(N, elevation, rng=rng))
 
 
-def boxes(world_from_camera: np.ndarray, intrinsics: Intrinsics = HD) -> tuple[np.ndarray, np.ndarray]:
-    pixels = project(intrinsics, world_from_camera, CORNERS).pixels
-    return pixels.min(axis=1), pixels.max(axis=1)
-
-
-def test_a_target_is_completely_in_the_image_unless_cuts_are_allowed() -> None:
-    framed = frame_target(poses(), CORNERS[None], HD, rng=np.random.default_rng(0))
-    low, high = boxes(framed.world_from_camera)
-    assert (low > -1e-2).all()
-    assert (high < np.array([1920, 1080]) + 1e-2).all()
-    assert (framed.truncated < 1e-4).all()
-
-
-@pytest.mark.parametrize("band", [(0.1, 0.1), (0.2, 0.7), (0.0, 0.5), (0.9, 0.95)])
+@pytest.mark.parametrize("band", [(0.0, 0.0), (0.1, 0.1), (0.2, 0.7), (0.0, 0.5), (0.9, 0.95)])
 @pytest.mark.parametrize("elevation", [(0.0, 0.6), (1.3, math.pi / 2)])
 def test_targets_are_cut_as_much_as_requested(band: tuple[float, float], elevation: tuple[float, float]) -> None:
-    framed = frame_target(poses(elevation=elevation), CORNERS[None], HD, rng=np.random.default_rng(3), truncated=band)
-    low, high = boxes(framed.world_from_camera)
+    framed = frame_target(poses(elevation), CORNERS[None], HD, rng=np.random.default_rng(3), truncated=band)
+    pixels = project(HD, framed, CORNERS).pixels
+    low, high = pixels.min(axis=1), pixels.max(axis=1)
     kept = np.clip(np.minimum(high, [1920, 1080]) - np.maximum(low, 0), 0, None)
     truncated = 1 - (kept / (high - low)).prod(axis=1)
-    np.testing.assert_allclose(framed.truncated, truncated, atol=1e-12)
-    assert truncated.min() >= band[0] - 1e-3
-    assert truncated.max() <= band[1] + 1e-3
+    assert truncated.min() >= band[0] - 1e-4
+    assert truncated.max() <= band[1] + 1e-4
     # The whole range is used.
     assert np.ptp(truncated) >= 0.9 * (band[1] - band[0])
 
@@ -61,7 +45,7 @@ def test_cuts_of_each_kind_are_as_frequent_as_their_area() -> None:
     corners = np.array([[0, y, z] for y in (-1.5, 1.5) for z in (-2.5, 2.5)])
     pose = np.tile(camera_pose([0, 0, 0], 20 / (2 * math.tan(math.radians(0.1))), 0.0, 0.0), (20_000, 1, 1))
     framed = frame_target(pose, corners[None], lens, rng=rng, truncated=(0.6, 0.6))
-    pixels = project(lens, framed.world_from_camera, corners).pixels
+    pixels = project(lens, framed, corners).pixels
     out = (pixels.min(axis=1) < -0.1) | (pixels.max(axis=1) > size + 0.1)
     for kind in ([True, False], [False, True], [True, True]):
         expected = float((cut == kind).all(axis=1).mean())
@@ -71,14 +55,12 @@ def test_cuts_of_each_kind_are_as_frequent_as_their_area() -> None:
 def test_a_camera_inside_the_targets_box_is_unchanged() -> None:
     inside = camera_pose([0, 0, 0], 1.0, 0.3, 0.1)[None]
     framed = frame_target(inside, CORNERS[None], HD, rng=np.random.default_rng(0))
-    np.testing.assert_array_equal(framed.world_from_camera, inside)
-    assert np.isnan(framed.truncated).all()
-    assert framed.pixel.tolist() == [[960, 540]]
+    np.testing.assert_array_equal(framed, inside)
 
 
 def test_zero_cameras_are_legal() -> None:
     framed = frame_target(np.zeros((0, 4, 4)), CORNERS[None], HD, rng=np.random.default_rng(0))
-    assert [len(x) for x in framed] == [0, 0, 0]
+    assert framed.shape == (0, 4, 4)
 
 
 @pytest.mark.parametrize(
@@ -87,7 +69,6 @@ def test_zero_cameras_are_legal() -> None:
 )
 def test_wrong_calls_are_refused(options: dict) -> None:
     (name,) = options
+    arguments = {"points_world": CORNERS[None], **options}
     with pytest.raises(ValueError, match=f"{name}: expected"):
-        frame_target(
-            poses(2), intrinsics=HD, rng=np.random.default_rng(0), **{"points_world": CORNERS[None], **options}
-        )
+        frame_target(poses((0.0, 0.6)), intrinsics=HD, rng=np.random.default_rng(0), **arguments)

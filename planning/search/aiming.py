@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hulldown.camera.framing import Framed, frame_target, turned
+from hulldown.camera.framing import frame_target, turned
 from hulldown.camera.lenses import Lenses, lenses
 from hulldown.camera.shell import draw_azimuth, draw_elevation, shell_axes, shell_place
 from hulldown.geometry.transforms import rigid
@@ -93,7 +93,7 @@ class Aims:
     wishes: Wishes | None
     alike: Bool[np.ndarray, " n"]
     sized: Float[np.ndarray, "n 4 4"]
-    framed: Callable[[Float[np.ndarray, "k 4 4"], Int[np.ndarray, " k"]], Framed]
+    framed: Callable[[Float[np.ndarray, "k 4 4"], Int[np.ndarray, " k"]], Float[np.ndarray, "k 4 4"]]
 
 
 def aims_of(tries: Tries, config: Config, *, draws: RandomStreams, likeness: Likeness | None) -> Aims:
@@ -170,7 +170,7 @@ def _framed(
     *,
     lens: Lenses,
     roll: Float[np.ndarray, " n"],
-) -> Framed:
+) -> Float[np.ndarray, "k 4 4"]:
     """Turn the cameras of these rows so that their targets are in frame, or to the given points."""
     aimed = frame_target(
         poses,
@@ -185,7 +185,7 @@ def _framed(
     at = np.flatnonzero(~np.isnan(points[:, 0]))
     position, own_lens = poses[at, :3, 3], lens.rows(rows[at])
     axes = shell_axes(*shell_place(position - points[at])[1:])[1]
-    aimed.world_from_camera[at] = turned(rigid(axes, position), own_lens, own_lens.center, roll[rows[at]])
+    aimed[at] = turned(rigid(axes, position), own_lens, own_lens.center, roll[rows[at]])
     return aimed
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hulldown.annotate.boxes import Boxes
-from hulldown.camera.framing import Framed, turned
+from hulldown.camera.framing import turned
 from hulldown.camera.lenses import Lenses
 from hulldown.camera.shell import camera_pose
 from hulldown.camera.size import Measure, box_length, refine_distance, solve_distance
@@ -58,7 +58,7 @@ def sized_cameras(
     azimuth: Float[np.ndarray, " n"],
     elevation: Float[np.ndarray, " n"],
     roll: Float[np.ndarray, " n"],
-    framed: Callable[[Float[np.ndarray, "n 4 4"]], Framed],
+    framed: Callable[[Float[np.ndarray, "n 4 4"]], Float[np.ndarray, "n 4 4"]],
 ) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, " n"]]:
     """Return cameras in these directions from n targets of one model, framed, at distances with the wanted box sizes.
 
@@ -91,7 +91,7 @@ def sized_cameras(
     for _ in range(ROUNDS):
         # Rows without a distance are kept, so that every row keeps its own random numbers.
         poses = camera_pose(centers, np.where(np.isnan(distance), 1e3, distance), azimuth, elevation)
-        poses = framed(poses).world_from_camera
+        poses = framed(poses)
         distance = np.where(np.isnan(distance), np.nan, solved(poses))
     if lens.distorted:
         # The image of an edge is a curve, which may extend beyond its end points.

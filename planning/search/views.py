@@ -105,7 +105,7 @@ def try_cameras(site: Site, tries: Tries, config: Config, *, draws: RandomStream
     kept = np.flatnonzero(views.rejection[rows] == Rejection.NONE)
     rows, poses, targets, lens = rows[kept], poses[kept], targets.take(kept), lens.rows(kept)
     level = np.flatnonzero(np.isnan(aims.sized[rows, 0, 0]))
-    poses[level] = aims.framed(poses[level], rows[level]).world_from_camera
+    poses[level] = aims.framed(poses[level], rows[level])
     poses = rounded("world_from_camera", poses)  # labels follow from rounded poses
     views.world_from_camera[rows] = poses
     views.air_contrast[rows] = air_contrasts(targets, poses, tries.visibility_m[rows])
