@@ -7,8 +7,6 @@ A ray that goes on starts beyond its hit by a few units in the last place of the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 from numpy.typing import ArrayLike
@@ -62,9 +60,9 @@ class CutoutCaster:
         if self._opaque is not None:
             met = self._opaque.cast(start, along, max_distance=reach)
             distance, face = met.distance, np.where(met.hit, self._opaque_face[met.face], -1).astype(np.int32)
-        passed = self._through(start, along, np.minimum(reach, distance), hard=True)
-        stopped = np.flatnonzero(passed.left == 0.0)
-        distance[stopped], face[stopped] = passed.distance[stopped], self._mixed_face[passed.face[stopped]]
+        left, at, mixed = self._through(start, along, np.minimum(reach, distance), hard=True)
+        stopped = np.flatnonzero(left == 0.0)
+        distance[stopped], face[stopped] = at[stopped], self._mixed_face[mixed[stopped]]
         return RayHits(distance, face)
 
     def occluded(
@@ -91,7 +89,7 @@ class CutoutCaster:
         if self._opaque is not None:
             left[self._opaque.occluded(start, along, max_distance=reach)] = 0.0
         free = np.flatnonzero(left)
-        left[free] = self._through(start[free], along[free], reach[free], hard=hard).left
+        left[free] = self._through(start[free], along[free], reach[free], hard=hard)[0]
         return left
 
     def _through(
@@ -101,12 +99,12 @@ class CutoutCaster:
         reach: Float[np.ndarray, " n"],
         *,
         hard: bool,
-    ) -> _Passed:
-        """Rays through the mixed faces, with unit directions."""
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+        """Share of light that mixed faces leave on each ray of unit direction; distance and face of its last hit."""
         n = len(start)
-        passed = _Passed(np.ones(n), np.full(n, np.inf), np.full(n, -1))
+        left, distance, hit = np.ones(n), np.full(n, np.inf), np.full(n, -1)
         if self._mixed is None:
-            return passed
+            return left, distance, hit
         rays, from_start, last = np.arange(n), np.zeros(n), np.full(n, -1)
         more = np.ones(n)  # of the usual step beyond a hit
         while len(rays):
@@ -120,22 +118,13 @@ class CutoutCaster:
             if hard:
                 opacity = (opacity >= HIDES).astype(np.float64)
             opacity[again] = 0.0
-            left = passed.left[rays] * (1.0 - opacity)
-            left[left < PASSED] = 0.0
-            passed.left[rays], passed.distance[rays], passed.face[rays] = left, at, face
+            share = left[rays] * (1.0 - opacity)
+            share[share < PASSED] = 0.0
+            left[rays], distance[rays], hit[rays] = share, at, face
             more[rays] = np.where(again, 2.0 * more[rays], 1.0)
             from_start[rays], last[rays] = at + more[rays] * step, face
-            rays = rays[left > 0.0]
-        return passed
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class _Passed:
-    """Share of light left on each ray, and the distance and face of its last hit."""
-
-    left: np.ndarray
-    distance: np.ndarray
-    face: np.ndarray
+            rays = rays[share > 0.0]
+        return left, distance, hit
 
 
 class _Textured:
