@@ -69,38 +69,27 @@ class Plane:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class WorldHits:
-    """First hits of n rays.
+class WorldHits(RayHits):
+    """First hits of n rays; faces are those of the mesh of the ground, of the instance, or of the vehicle's shape.
 
     Parameters
     ----------
-    distance
-        (n,) meters from the origin; inf on a miss.
     kind
         (n,) a code of `Kind`.
     which
         (n,) index of the obstacle's instance or of the vehicle; 0 for the ground, -1 on a miss.
-    face
-        (n,) face in the mesh of the ground, of the instance or of the vehicle's shape; -1 on a miss.
     normal
         (n, 3) unit, on the side of the face that the ray comes from; nan on a miss and for faces without area.
     """
 
-    distance: Float[np.ndarray, " n"]
     kind: UInt8[np.ndarray, " n"]
     which: Int[np.ndarray, " n"]
-    face: Int[np.ndarray, " n"]
     normal: Float[np.ndarray, "n 3"]
 
     @classmethod
     def missed(cls, n: int) -> WorldHits:
         """Those of n rays that met nothing."""
-        return cls(np.full(n, np.inf), np.zeros(n, np.uint8), np.full(n, -1), np.full(n, -1), np.full((n, 3), np.nan))
-
-    @property
-    def hit(self) -> Bool[np.ndarray, " n"]:
-        """Whether each ray met anything."""
-        return self.face >= 0
+        return cls(np.full(n, np.inf), np.full(n, -1), np.zeros(n, np.uint8), np.full(n, -1), np.full((n, 3), np.nan))
 
 
 Thing: TypeAlias = RayCaster | CutoutCaster | Plane | InstancedScene | PosedVehicle
@@ -207,7 +196,7 @@ class World:
         """First hits of all rays of n cameras, from the near plane on."""
         start, along = camera_rays.rays(world_from_camera, np.arange(len(world_from_camera) * camera_rays.count))
 
-        def cast(thing: Thing, reach: Float[np.ndarray, " n"]) -> RayHits | InstanceHits:
+        def cast(thing: Thing, reach: Float[np.ndarray, " n"]) -> RayHits:
             match thing:
                 case InstancedScene():
                     return nearest_in_beams(thing, camera_rays, world_from_camera, reach=reach)
@@ -220,7 +209,7 @@ class World:
     def _first(
         self,
         along: Float[np.ndarray, "n 3"],
-        cast: Callable[[Thing, Float[np.ndarray, " n"]], RayHits | InstanceHits],
+        cast: Callable[[Thing, Float[np.ndarray, " n"]], RayHits],
     ) -> WorldHits:
         """The nearest hit of several casts, each within the distance of the hits before."""
         hits = WorldHits.missed(len(along))

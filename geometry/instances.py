@@ -18,7 +18,7 @@ from hulldown.geometry.arrays import checked, rounds
 from hulldown.geometry.boxtree import BoxTree
 from hulldown.geometry.cutouts import CutoutCaster, caster_of
 from hulldown.geometry.meshes import Mesh, unit_normals
-from hulldown.geometry.rays import RayCaster, checked_rays
+from hulldown.geometry.rays import RayCaster, RayHits, checked_rays
 from hulldown.geometry.transforms import apply, invert_affine
 
 RAYS = 1 << 16  # rays whose crossings are in memory at a time
@@ -30,32 +30,21 @@ FEW_RAYS = 1024
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class InstanceHits:
-    """What n rays met first.
+class InstanceHits(RayHits):
+    """What n rays met first; distances are in the world, and faces those of the instance's own mesh.
 
     Parameters
     ----------
-    distance
-        (n,) meters from the origin, in the world; inf on a miss.
-    face
-        (n,) face index in the instance's own mesh; -1 on a miss.
     instance
         (n,) index of the instance; -1 on a miss.
     """
 
-    distance: Float[np.ndarray, " n"]
-    face: Int[np.ndarray, " n"]
     instance: Int[np.ndarray, " n"]
 
     @classmethod
     def missed(cls, n: int) -> InstanceHits:
         """Hits for n rays that met nothing."""
         return cls(np.full(n, np.inf), np.full(n, -1, dtype=np.int32), np.full(n, -1, dtype=np.int64))
-
-    @property
-    def hit(self) -> Bool[np.ndarray, " n"]:
-        """Whether each ray met anything."""
-        return self.face >= 0
 
 
 class InstancedScene:
