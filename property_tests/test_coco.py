@@ -9,6 +9,7 @@ import signal
 import tempfile
 import time
 import warnings
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pytest
@@ -138,14 +139,17 @@ def test_fifty_kills_lose_and_double_nothing(seed: int) -> None:
         folder = Path(name) / "killed"
         acknowledged: set[int] = set()
         for _ in range(50):
-            acknowledged |= run_and_kill(folder, total, rng.randrange(12), rng.uniform(0.0, 0.003))
+            heard = killed(
+                lambda tell: render_share(folder, total, tell=tell), rng.randrange(12), rng.uniform(0.0, 0.003)
+            )
+            acknowledged |= {int(line) for line in heard.split()}
             if not folder.exists():
                 continue
             found = [int(i["file_name"][7:-4]) for i in read_or_nothing(folder)["images"]]
             assert len(found) == len(set(found))
             assert acknowledged <= set(found)
-        append_planned(folder, total, None)
-        append_planned(Path(name) / "quiet", total, None)
+        render_share(folder, total)
+        render_share(Path(name) / "quiet", total)
         assert (folder / "annotations.json").read_bytes() == (Path(name) / "quiet" / "annotations.json").read_bytes()
         assert len(acknowledged) > 0
 
@@ -163,21 +167,31 @@ def test_shares_joined_in_any_order_are_the_whole(
             render_share(part, len(owner), own_rows)
         for group in (order[:at_once], order[at_once:]):
             join([parts[k] for k in group], folder / "joined")
-        render_share(folder / "whole", len(owner), list(range(len(owner))))
+        render_share(folder / "whole", len(owner))
         for file in ("annotations.json", *(f"images/{i}.png" for i in range(len(owner)))):
             assert (folder / "joined" / file).read_bytes() == (folder / "whole" / file).read_bytes()
 
 
-def render_share(folder: Path, total: int, indices: list[int]) -> None:
-    """Add records of these images of a plan as rendering does; image i has i % 3 annotations."""
-    with CocoDataset.open(folder, categories=["tank", "truck"]) as dataset:
+def render_share(folder: Path, total: int, indices: Iterable[int] | None = None, *, tell: int | None = None) -> None:
+    """Add the missing ones of these images of a plan (all) as rendering does; image i has i % 3 annotations.
+
+    The number of each added image goes to the pipe `tell`.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        dataset = CocoDataset.open(folder, categories=["tank", "truck"])
+    with dataset:
         run = dataset.run("p" * 64, images=total, annotations=total * 2)
-        (folder / "images").mkdir()
-        for i in indices:
+        (folder / "images").mkdir(exist_ok=True)
+        for i in range(total) if indices is None else indices:
             name = run.file_name(f"images/{i}.png")
+            if dataset.finished(name):
+                continue
             (folder / name).write_bytes(b"%d" % i)
             boxed = [{"category": "truck", "bbox": [0, 0, 4, k + 0.1], "id": 2 * i + k} for k in range(1, i % 3 + 1)]
             dataset.append({"id": i + 1, "file_name": name, "width": 8, "height": 6}, boxed)
+            if tell is not None:
+                os.write(tell, b"%d\n" % i)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="kills real processes, made by fork")
@@ -191,28 +205,18 @@ def test_a_killed_join_loses_and_doubles_nothing() -> None:
             render_share(part, total, list(range(k, total, 2)))
         began = []
         for _ in range(6):
-            hear, tell = os.pipe()
-            child = os.fork()
-            if child == 0:
-                try:
-                    hulldown.dataset.coco.MERGE_EVERY_S, hulldown.dataset.coco.MERGE_SHARE = 0.0, 0.5
-                    join(parts, folder / "joined", progress=lambda done, of, tell=tell: os.write(tell, b"x"))
-                finally:
-                    os._exit(0)
-            os.close(tell)
-            with os.fdopen(hear, "rb", buffering=0) as pipe:
-                for _ in range(rng.randrange(40)):
-                    pipe.read(1)
-                time.sleep(rng.uniform(0.0, 0.01))
-                os.kill(child, signal.SIGKILL)
-                os.waitpid(child, 0)
+            killed(
+                lambda tell: join(parts, folder / "joined", progress=lambda done, of: os.write(tell, b"\n")),
+                rng.randrange(40),
+                rng.uniform(0.0, 0.01),
+            )
             if (folder / "joined").exists():
                 began.append(len(read_or_nothing(folder / "joined")["images"]))
         assert began == sorted(began)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
             join(parts, folder / "joined")
-        render_share(folder / "whole", total, list(range(total)))
+        render_share(folder / "whole", total)
         joined, whole = ((folder / which / "annotations.json").read_bytes() for which in ("joined", "whole"))
         assert joined == whole
         assert {path.name for path in (folder / "joined" / "images").iterdir()} == {f"{i}.png" for i in range(total)}
@@ -225,41 +229,23 @@ def read_or_nothing(folder: Path) -> dict:
     return read_coco(folder)
 
 
-def append_planned(folder: Path, total: int, tell: int | None) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        dataset = CocoDataset.open(folder, categories=["tank"])
-    with dataset:
-        run = dataset.run("p" * 64, images=total, annotations=2 * total)
-        for i in range(total):
-            name = run.file_name(f"images/{i}.png")
-            if dataset.finished(name):
-                continue
-            boxed = [
-                {"category": "tank", "bbox": [0, 0, 4, 3], "id": run.annotation_offset + 2 * i + k} for k in (1, 2)
-            ]
-            dataset.append({"id": run.image_offset + i + 1, "file_name": name, "width": 8, "height": 6}, boxed)
-            if tell is not None:
-                os.write(tell, b"%d\n" % i)
-
-
-def run_and_kill(folder: Path, total: int, images: int, after_s: float) -> set[int]:
-    """Images acknowledged by a process that was killed soon after this many images."""
+def killed(work: Callable[[int], object], lines: int, after_s: float) -> bytes:
+    """What a process wrote to a pipe that does some work and is killed soon after this many lines."""
     hear, tell = os.pipe()
     child = os.fork()
     if child == 0:
         try:
             # It merges continuously, so that kills interrupt merges too.
             hulldown.dataset.coco.MERGE_EVERY_S, hulldown.dataset.coco.MERGE_SHARE = 0.0, 0.5
-            append_planned(folder, total, tell)
+            work(tell)
         finally:
             os._exit(0)
     os.close(tell)
     with os.fdopen(hear, "rb", buffering=0) as pipe:
         heard = b""
-        while heard.count(b"\n") < images and (byte := pipe.read(1)):
+        while heard.count(b"\n") < lines and (byte := pipe.read(1)):
             heard += byte
         time.sleep(after_s)
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
-        return {int(line) for line in (heard + pipe.read()).split()}
+        return heard + pipe.read()
