@@ -100,8 +100,3 @@ def rectangle_corners(rectangles: ArrayLike) -> Float[np.ndarray, "... 4 2"]:
     x, y = np.moveaxis(_UNIT * given[..., None, 2:4], -1, 0)
     turned = np.stack([x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle)], axis=-1)
     return given[..., None, :2] + turned
-
-
-def overlap(first: Float[np.ndarray, "n 4 2"], second: Float[np.ndarray, "n 4 2"]) -> Float[np.ndarray, " n"]:
-    """Shared area of convex quadrilaterals, pair by pair, in square pixels."""
-    return np.asarray(shapely.area(shapely.intersection(shapely.polygons(first), shapely.polygons(second))))
