@@ -1,9 +1,30 @@
-"""Edit a dataset by hand, as its owner might."""
+"""Datasets made elsewhere, and edits by hand as their owner might make them."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+from PIL import Image
+
+
+def write_dataset(
+    folder: Path, images: Iterable[Mapping], labels: Iterable[Mapping] = (), *, names: Sequence[str] = ("tank",)
+) -> Path:
+    """Write records with ids from 1, 32 x 24 pixels, and the first class unless stated, and plain missing pictures."""
+    coco = {
+        "images": [{"id": i, "width": 32, "height": 24, **image} for i, image in enumerate(images, start=1)],
+        "annotations": [{"id": k, "category_id": 1, **label} for k, label in enumerate(labels, start=1)],
+        "categories": [{"id": number, "name": name} for number, name in enumerate(names, start=1)],
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    for image in coco["images"]:
+        path = folder / image["file_name"]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if not path.exists():
+            Image.new("RGB", (image["width"], image["height"]), (image["id"] % 256, 90, 60)).save(path)
+    (folder / "annotations.json").write_text(json.dumps(coco))
+    return folder
 
 
 def edit(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:

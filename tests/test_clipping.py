@@ -4,26 +4,17 @@ import json
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.errors import DatasetError
+from hulldown.tests.editing import write_dataset
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.sources import read_sources
 
 
 def dataset(folder, *boxes):
-    Image.new("RGB", (32, 24)).save(folder / "a.png")
-    coco = {
-        "images": [{"id": 1, "file_name": "a.png", "width": 32, "height": 24}],
-        "annotations": [
-            {"id": k, "image_id": 1, "category_id": 1, "bbox": list(box)} for k, box in enumerate(boxes, start=1)
-        ],
-        "categories": [{"id": 1, "name": "tank"}],
-    }
-    (folder / "annotations.json").write_text(json.dumps(coco))
-    return folder
+    return write_dataset(folder, [{"file_name": "a.png"}], [{"image_id": 1, "bbox": list(box)} for box in boxes])
 
 
 def exported(folder, out, **options):

@@ -1,7 +1,6 @@
 """Datasets with broken pictures, impossible masks, repeated keys, and links to other files."""
 
 import errno
-import json
 import os
 import shutil
 import subprocess
@@ -14,22 +13,14 @@ from hulldown.dataset.exports.export import LAYOUTS, export
 from hulldown.dataset.records import listed
 from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.errors import DatasetError
-from hulldown.tests.editing import edit
+from hulldown.tests.editing import edit, write_dataset
 
 
 @pytest.fixture
 def folder(tmp_path):
     """Three photographs with one label each."""
-    made = tmp_path / "dataset"
-    made.mkdir()
-    images, annotations = [], []
-    for i in (1, 2, 3):
-        Image.new("RGB", (32, 24), (9 * i, 0, 0)).save(made / f"{i}.png")
-        images.append({"id": i, "file_name": f"{i}.png", "width": 32, "height": 24})
-        annotations.append({"id": i, "image_id": i, "category_id": 1, "bbox": [1, 1, 4, 4], "segmentation": []})
-    coco = {"images": images, "annotations": annotations, "categories": [{"id": 1, "name": "tank"}]}
-    (made / "annotations.json").write_text(json.dumps(coco))
-    return made
+    labels = [{"image_id": i, "bbox": [1, 1, 4, 4], "segmentation": []} for i in (1, 2, 3)]
+    return write_dataset(tmp_path / "dataset", [{"file_name": f"{i}.png"} for i in (1, 2, 3)], labels)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

@@ -1,7 +1,5 @@
 """Saved copies of a picture are recognized; other and plain pictures aren't."""
 
-import json
-
 import numpy as np
 import pytest
 from PIL import Image
@@ -10,6 +8,7 @@ from scipy import ndimage
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
 from hulldown.dataset.verification.verify import verify
+from hulldown.tests.editing import write_dataset
 
 
 def scene(seed):
@@ -66,7 +65,6 @@ def test_verify_warns_of_photographs_with_the_same_content(photographs, tmp_path
     for name in names:
         with Image.open(photographs / f"{name[0]}.png") as picture:
             picture.save(tmp_path / name, quality=70)
-    images = [{"id": i, "file_name": name, "width": 160, "height": 90} for i, name in enumerate(names)]
-    (tmp_path / "annotations.json").write_text(json.dumps({"images": images, "annotations": [], "categories": []}))
+    write_dataset(tmp_path, [{"file_name": name, "width": 160, "height": 90} for name in names])
     (finding,) = verify(tmp_path)
     assert (finding.severity, finding.where, "0.png" in finding.problem) == ("warning", "0.jpg", True)

@@ -19,6 +19,7 @@ from hulldown.geometry.transforms import apply
 from hulldown.render.annotations import Segmenter, annotation_records
 from hulldown.tests.detections import dataset as dataset_of
 from hulldown.tests.detections import loaded
+from hulldown.tests.editing import write_dataset
 from hulldown.tests.planning_assets import plan, small_assets, small_config
 from hulldown.tests.test_exports import package
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold
@@ -153,11 +154,8 @@ def test_supervision_and_hotcoco_read_the_corners(dataset, tmp_path, ground):
 
 
 def test_labels_without_a_pose_have_no_ground_rectangle(dataset, tmp_path):
-    with CocoDataset.open(tmp_path / "photographs", categories=["truck"]) as photographs:
-        photographs.append(
-            {"file_name": "1.png", "width": 9, "height": 9}, [{"category": "truck", "bbox": [1, 1, 5, 4]}]
-        )
-    Image.new("RGB", (9, 9)).save(tmp_path / "photographs/1.png")
+    image, label = {"file_name": "1.png", "width": 9, "height": 9}, {"image_id": 1, "bbox": [1, 1, 5, 4]}
+    write_dataset(tmp_path / "photographs", [image], [label], names=("truck",))
     with pytest.raises(DatasetError, match="annotation 1 has no bbox_3d"):
         export(tmp_path / "photographs", tmp_path / "out", layout="dota-ground")
     assert not (tmp_path / "out").exists()

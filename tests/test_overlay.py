@@ -7,6 +7,7 @@ from hulldown.annotate.masks import encode
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.table import Dataset
 from hulldown.geometry.errors import DatasetError
+from hulldown.tests.editing import write_dataset
 
 NAMES = {1: "tank", 2: "truck"}
 
@@ -97,10 +98,7 @@ def test_sheet_of_a_dataset(tmp_path):
 
 
 def test_the_error_of_a_mask_that_cannot_be_drawn_names_it(tmp_path):
-    gray(32, 24).save(tmp_path / "1.png")
-    with CocoDataset.open(tmp_path) as dataset:
-        box = {"category": "tank", "bbox": [4, 4, 8, 8], "segmentation": [1]}
-        dataset.append({"file_name": "1.png", "width": 32, "height": 24}, [box])
+    write_dataset(tmp_path, [{"file_name": "1.png"}], [{"image_id": 1, "bbox": [4, 4, 8, 8], "segmentation": [1]}])
     with pytest.raises(DatasetError, match=r"1\.png: segmentation: expected polygons.*hulldown verify"):
         Dataset.read(tmp_path).sheet()
 

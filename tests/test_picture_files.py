@@ -11,6 +11,7 @@ from hulldown.dataset.picture_files import read_picture, read_pixels, rgb
 from hulldown.dataset.table import Dataset
 from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.errors import DatasetError
+from hulldown.tests.editing import write_dataset
 from hulldown.training.sources import read_sources
 
 GRAY = np.array([[0, 51, 102], [153, 204, 255]], dtype=np.uint8)  # fifths of the range, in every bit depth
@@ -104,13 +105,8 @@ def test_orientation_is_applied(tmp_path, suffix, orientation):
 def turned(tmp_path):
     """A dataset of one photograph that is stored on its side; record and box are those of the displayed picture."""
     save_turned(tmp_path / "a.png", np.kron(COLOR, np.ones((32, 32, 1), np.uint8)), 6)
-    label = {"id": 1, "image_id": 1, "category_id": 1, "bbox": [32, 0, 32, 32]}
-    coco = {
-        "images": [{"id": 1, "file_name": "a.png", "width": 64, "height": 96}],
-        "annotations": [label], "categories": [{"id": 1, "name": "tank"}],
-    }  # fmt: skip
-    (tmp_path / "annotations.json").write_text(json.dumps(coco))
-    return tmp_path
+    image = {"file_name": "a.png", "width": 64, "height": 96}
+    return write_dataset(tmp_path, [image], [{"image_id": 1, "bbox": [32, 0, 32, 32]}])
 
 
 def test_every_reader_uses_the_displayed_picture(turned):

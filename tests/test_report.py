@@ -1,11 +1,9 @@
 """The page about a dataset, and its contents."""
 
-import json
 import re
 
 import numpy as np
 import pytest
-from PIL import Image
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select
@@ -15,6 +13,7 @@ from hulldown.annotate.masks import encode
 from hulldown.dataset.reports.report import write_report
 from hulldown.dataset.table import Dataset
 from hulldown.geometry.errors import DatasetError
+from hulldown.tests.editing import write_dataset
 
 WIDTH, HEIGHT = 96, 54
 
@@ -28,32 +27,25 @@ def pose(x, y, z):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """Twelve renders of two classes, one of them with two labels, one background, and two photographs."""
-    folder = tmp_path_factory.mktemp("dataset")
     images, labels = [], []
     for i in range(14):
-        image = {"id": i + 1, "file_name": f"images/{i}.png", "width": WIDTH, "height": HEIGHT}
-        (folder / "images").mkdir(exist_ok=True)
-        Image.new("RGB", (WIDTH, HEIGHT), (10 * i, 90, 60)).save(folder / image["file_name"])
+        images.append({"file_name": f"images/{i}.png", "width": WIDTH, "height": HEIGHT})
         if i < 12:
-            image |= {"scenery": ("hills", "<steppe>")[i % 2], "hdri": "noon", "position": i // 2, "strength": 1.0}
-            image |= {
+            images[i] |= {"scenery": ("hills", "<steppe>")[i % 2], "hdri": "noon", "position": i // 2, "strength": 1.0}
+            images[i] |= {
                 "world_from_camera": pose(0.0, -20.0, 5.0).tolist(),
                 "weather": {"visibility_m": 300.0} if i == 5 else None,
             }
-        images.append(image)
         mask = np.zeros((HEIGHT, WIDTH), dtype=bool)
         mask[10:20, 20 : 30 + i] = True
         for k in range(0 if i == 7 else 2 if i == 3 else 1):
-            label = {"id": len(labels) + 1, "image_id": i + 1, "category_id": 1 + (i + k) % 2}
+            label = {"image_id": i + 1, "category_id": 1 + (i + k) % 2}
             label |= {"bbox": [20.0, 10.0 + 20 * k, 10.0 + i, 10.0], "segmentation": encode(mask) if k == 0 else []}
             if i < 12:
                 label |= {"vehicle": f"v{k}", "world_from_vehicle": pose(0.0, float(i), 0.0).tolist()}
                 label |= {"visible_fraction": 0.5 + i / 24, "truncated_fraction": 0.0}
             labels.append(label)
-    categories = [{"id": 1, "name": "tank"}, {"id": 2, "name": "truck & <trailer>"}]
-    coco = {"images": images, "annotations": labels, "categories": categories}
-    (folder / "annotations.json").write_text(json.dumps(coco))
-    return folder
+    return write_dataset(tmp_path_factory.mktemp("dataset"), images, labels, names=("tank", "truck & <trailer>"))
 
 
 @pytest.fixture(scope="module")
@@ -171,15 +163,13 @@ def test_a_picture_that_is_missing_is_named(folder, tmp_path):
 
 
 def test_an_empty_dataset_is_reported(tmp_path):
-    (tmp_path / "annotations.json").write_text('{"images": [], "annotations": [], "categories": []}')
+    write_dataset(tmp_path, [])
     with pytest.raises(DatasetError, match="has no images yet"):
         write_report(Dataset.read(tmp_path), tmp_path / "report.html")
 
 
 def test_photographs_alone_have_a_report(tmp_path):
-    Image.new("RGB", (8, 6)).save(tmp_path / "a.jpg")
-    image = {"id": 1, "file_name": "a.jpg", "width": 8, "height": 6}
-    (tmp_path / "annotations.json").write_text(json.dumps({"images": [image], "annotations": [], "categories": []}))
+    write_dataset(tmp_path, [{"file_name": "a.jpg"}], names=())
     write_report(Dataset.read(tmp_path), tmp_path / "report.html")
     assert "1 image, 0 labels of 0 classes" in (tmp_path / "report.html").read_text()
 

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import LAYOUTS, export
 from hulldown.dataset.exports.split import SPLITS, group_of, share_out
 from hulldown.geometry.errors import DatasetError
+from hulldown.tests.editing import edit, write_dataset
 
 
 def pose(x: float) -> list:
@@ -20,29 +20,16 @@ def pose(x: float) -> list:
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
     """60 positions of 5 shots, two classes, and 20 real images."""
-    folder = tmp_path_factory.mktemp("dataset")
-    (folder / "images").mkdir()
-    images, annotations = [], []
-    for i in range(320):
-        image = {"id": i + 1, "file_name": f"images/{i}.png", "width": 32, "height": 24}
-        Image.new("RGB", (32, 24)).save(folder / image["file_name"])
-        if i < 300:
-            image |= {"scenery": "hills", "position": i // 5, "shot": i % 5}
-            annotations.append(
-                {
-                    "id": i + 1,
-                    "image_id": i + 1,
-                    "category_id": 1 if i // 5 % 3 else 2,
-                    "bbox": [4, 3, 8, 6],
-                    "vehicle": "a",
-                    "world_from_vehicle": pose(i // 5),
-                }
-            )
-        images.append(image)
-    categories = [{"id": 1, "name": "tank"}, {"id": 2, "name": "truck"}]
-    coco = {"images": images, "annotations": annotations, "categories": categories}
-    (folder / "annotations.json").write_text(json.dumps(coco))
-    return folder
+    images = [
+        {"file_name": f"images/{i}.png"} | ({"scenery": "hills", "position": i // 5, "shot": i % 5} if i < 300 else {})
+        for i in range(320)
+    ]
+    labels = [
+        {"image_id": i + 1, "category_id": 1 if i // 5 % 3 else 2, "bbox": [4, 3, 8, 6], "vehicle": "a"}
+        | {"world_from_vehicle": pose(i // 5)}
+        for i in range(300)
+    ]
+    return write_dataset(tmp_path_factory.mktemp("dataset"), images, labels, names=("tank", "truck"))
 
 
 def grouped(folder) -> tuple[list[dict], dict[int, list[dict]]]:
@@ -128,21 +115,18 @@ def test_other_formats_of_poses_do_not_group_images(kind):
     "names", [("a/1.png", "b/1.png", "b/1.jpg"), ("1-3.png", "a/1.png", "b/1.png"), ("a/1-2.png", "b/1-2.png", "1.png")]
 )
 def test_equal_names_in_different_folders_stay_separate(tmp_path, names):
-    folder = tmp_path / "dataset"
-    with CocoDataset.open(folder) as dataset:
-        for i, name in enumerate(names):
-            (folder / name).parent.mkdir(exist_ok=True)
-            Image.new("RGB", (4 + i, 4)).save(folder / name)
-            dataset.append({"file_name": name, "width": 4 + i, "height": 4}, [])
+    sizes = range(4, 7)
+    images = [{"file_name": name, "width": size, "height": 4} for name, size in zip(names, sizes, strict=True)]
+    folder = write_dataset(tmp_path / "dataset", images)
     export(folder, tmp_path / "out", fractions=(1.0, 0.0, 0.0))
     coco = json.loads((tmp_path / "out" / "train" / "_annotations.coco.json").read_text())
     assert len({image["file_name"] for image in coco["images"]}) == 3
     for image in coco["images"]:
         with Image.open(tmp_path / "out" / "train" / image["file_name"]) as picture:
             assert picture.width == image["width"]
-    for i, name in enumerate(names):
+    for name, size in zip(names, sizes, strict=True):
         with Image.open(folder / name) as picture:
-            assert picture.width == 4 + i
+            assert picture.width == size
 
 
 @pytest.mark.parametrize(
@@ -157,14 +141,8 @@ def test_equal_names_in_different_folders_stay_separate(tmp_path, names):
     ],
 )
 def test_a_record_that_cannot_be_exported_is_named_before_anything_is_written(tmp_path, change, message):
-    coco = {
-        "images": [{"id": 1, "file_name": "a.png", "width": 8, "height": 6}],
-        "annotations": [{"id": 1, "image_id": 1, "category_id": 1, "bbox": [1, 1, 3, 3]}],
-        "categories": [{"id": 1, "name": "tank"}],
-    }
-    change(coco)
-    Image.new("RGB", (8, 6)).save(tmp_path / "a.png")
-    (tmp_path / "annotations.json").write_text(json.dumps(coco))
+    write_dataset(tmp_path, [{"file_name": "a.png"}], [{"image_id": 1, "bbox": [1, 1, 3, 3]}])
+    edit(tmp_path, change)
     with pytest.raises(DatasetError, match=message):
         export(tmp_path, tmp_path / "out", layout="yolo")
     assert not (tmp_path / "out").exists()
@@ -183,8 +161,7 @@ def test_a_picture_that_is_a_link_is_exported_as_its_target(tmp_path):
     (tmp_path / "d").mkdir()
     Image.new("RGB", (32, 24)).save(tmp_path / "raw" / "x.png")
     (tmp_path / "d" / "x.png").symlink_to("../raw/x.png")
-    images = [{"id": 1, "file_name": "x.png", "width": 32, "height": 24}]
-    (tmp_path / "d" / "annotations.json").write_text(json.dumps({"images": images, "categories": []}))
+    write_dataset(tmp_path / "d", [{"file_name": "x.png"}])
     options = {"fractions": (1.0, 0.0, 0.0), "allow_links": [tmp_path / "raw"]}
     export(tmp_path / "d", tmp_path / "far" / "away" / "out", **options)
     exported = tmp_path / "far" / "away" / "out" / "train" / "x.png"

@@ -1,30 +1,20 @@
-import json
-
 import pytest
-from PIL import Image
 
 from hulldown.dataset.records import read_usable
 from hulldown.geometry.errors import DatasetError
+from hulldown.tests.editing import write_dataset
 from hulldown.training.subset import nested_subsets, write_subsets
 
 FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.05)
 
 
 def make(folder, count, shots=1):
-    (folder / "images").mkdir(parents=True)
-    images, annotations = [], []
-    for i in range(count):
-        name = f"images/{i:03}.png"
-        images.append({"id": i + 1, "file_name": name, "width": 4, "height": 3, "scenery": "hills"})
-        if shots > 1:
-            images[-1] |= {"position": i // shots, "shot": i % shots}
-        Image.new("RGB", (4, 3)).save(folder / name)
-        label = 1 if i // shots % 4 else 2
-        annotations.append({"id": i + 1, "image_id": i + 1, "category_id": label, "bbox": [0, 0, 2, 2]})
-    categories = [{"id": 1, "name": "tank"}, {"id": 2, "name": "truck"}]
-    coco = {"images": images, "annotations": annotations, "categories": categories}
-    (folder / "annotations.json").write_text(json.dumps(coco))
-    return folder
+    images = [{"file_name": f"images/{i:03}.png", "scenery": "hills"} for i in range(count)]
+    if shots > 1:
+        images = [{**image, "position": i // shots, "shot": i % shots} for i, image in enumerate(images)]
+    label_of = [1 if i // shots % 4 else 2 for i in range(count)]
+    labels = [{"image_id": i, "category_id": label, "bbox": [0, 0, 2, 2]} for i, label in enumerate(label_of, start=1)]
+    return write_dataset(folder, images, labels, names=("tank", "truck"))
 
 
 def names(folder):
