@@ -12,6 +12,7 @@ from hulldown.dataset.failures import write_failures
 from hulldown.dataset.provenance import GROWING, add_provenance
 from hulldown.dataset.store.document import read_coco
 from hulldown.geometry.errors import DatasetError
+from hulldown.tests.editing import edit
 
 FOREIGN = {
     "info": {"description": "by hand", "year": 2024},
@@ -103,9 +104,7 @@ def test_records_deleted_by_hand_stay_deleted(tmp_path):
     with CocoDataset.open(tmp_path) as dataset:
         for i in range(3):
             dataset.append(image(i), [annotation()])
-    coco = load(tmp_path)
-    del coco["images"][1], coco["annotations"][1]
-    (tmp_path / "annotations.json").write_text(json.dumps(coco))
+    edit(tmp_path, lambda coco: (coco["images"].pop(1), coco["annotations"].pop(1)))
     with CocoDataset.open(tmp_path) as dataset:
         assert not dataset.finished(image(1)["file_name"])
         dataset.append(image(3), [annotation()])

@@ -1,5 +1,4 @@
 import hashlib
-import json
 
 import numpy as np
 import pytest
@@ -201,25 +200,15 @@ def moved(pose):
 )
 def test_every_difference_from_the_plan_is_found(planned, change, severity, text):
     folder, plan = planned
-    path = folder / "annotations.json"
-    coco = json.loads(path.read_text())
-    (image,) = (image for image in coco["images"] if image["id"] == 7)
-    (box,) = (box for box in coco["annotations"] if box["image_id"] == 7)
-    change(image, box)
-    path.write_text(json.dumps(coco))
+    edit(folder, lambda coco: change(coco["images"][3], coco["annotations"][3]))
     findings = list(verify(folder, plan=plan))
     assert any(text in str(finding) and finding.severity == severity for finding in findings), findings
 
 
 def test_an_annotation_with_another_ones_id_is_found(planned):
     folder, plan = planned
-    path = folder / "annotations.json"
-    coco = json.loads(path.read_text())
-    coco["images"] = [image for image in coco["images"] if image["id"] != 8]
-    (box,) = (box for box in coco["annotations"] if box["image_id"] == 8)
-    box["image_id"] = 7
-    path.write_text(json.dumps(coco))
-    assert f"-2.png: annotation {box['id']} has the id of one" in "".join(map(str, verify(folder, plan=plan)))
+    edit(folder, lambda coco: (coco["images"].pop(), coco["annotations"][-1].update(image_id=7)))
+    assert "-2.png: annotation 8 has the id of one" in "".join(map(str, verify(folder, plan=plan)))
 
 
 def test_a_plan_that_was_not_rendered_here_is_reported(planned):
