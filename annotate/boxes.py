@@ -43,7 +43,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -154,10 +153,7 @@ class VehicleBoxes:
     def __init__(self, shape: VehicleShape) -> None:
         self.shape = shape
         self._parts = PosedParts(shape)
-
-    @cached_property
-    def _surface(self) -> ClusteredSurface:
-        return ClusteredSurface(self._parts)
+        self._surface = ClusteredSurface(self._parts)
 
     def box(
         self,

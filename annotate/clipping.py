@@ -34,15 +34,6 @@ def extremes_of_mesh(points: Float[np.ndarray, "3 v"], faces: np.ndarray, frustu
     return union(whole, extremes_of_clipped(points[:, straddling], frustum))
 
 
-def extremes_of_triangles(triangles: Float[np.ndarray, "3 f 3"], frustum: Frustum) -> Float[np.ndarray, "4"]:
-    """Extremes of loose triangles (coordinate, face, corner), clipped."""
-    outside = frustum.outside(triangles)
-    either = np.bitwise_or.reduce(outside, axis=1)
-    whole = extremes_of_points(frustum.project(triangles[:, either == 0]))
-    straddling = (either != 0) & (np.bitwise_and.reduce(outside, axis=1) == 0)
-    return union(whole, extremes_of_clipped(triangles[:, straddling], frustum))
-
-
 def extremes_of_clipped(triangles: Float[np.ndarray, "3 f 3"], frustum: Frustum) -> Float[np.ndarray, "4"]:
     """Extremes of triangles, every one of them clipped against every plane."""
     points, _, on = clipped(triangles, frustum)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from hulldown.annotate.clipping import EMPTY, extremes_of_mesh, extremes_of_points, extremes_of_triangles, union
+from hulldown.annotate.clipping import EMPTY, extremes_of_mesh, extremes_of_points, union
 from hulldown.annotate.curves import CurvedView, extremes_of_curved
 from hulldown.annotate.posing import PosedParts, move, slices
 from hulldown.camera.frustum import Frustum
@@ -83,7 +83,7 @@ class ClusteredSurface:
                 gain = self._leaves.gain(best, frustum, camera_from_parts, left) / np.maximum(depth, NEAR)
                 chosen[:] = False
                 chosen[np.argpartition(gain, -count, axis=1)[:, -count:]] = True
-            best = union(best, self._look(left[chosen], camera_from_parts, frustum))
+            best = union(best, extremes_of_mesh(*self._mesh(left[chosen], camera_from_parts), frustum))
             left, count = self._leaves.within(frustum, best, camera_from_parts, left[~chosen]), 2 * count
         return best
 
@@ -97,21 +97,16 @@ class ClusteredSurface:
             return EMPTY
         best = view.seen(first)
         left = np.flatnonzero(view.may_widen(best, *self._leaves.rectangles(camera_from_parts)))
-        triangles = self._corners(left, camera_from_parts)
-        return extremes_of_curved(triangles, np.arange(triangles.shape[1]).reshape(-1, 3), view, best)
+        return extremes_of_curved(*self._mesh(left, camera_from_parts), view, best)
 
-    def _look(
-        self, clusters: Int[np.ndarray, " m"], camera_from_parts: Float[np.ndarray, "p 3 4"], frustum: Frustum
-    ) -> Float[np.ndarray, "4"]:
-        return extremes_of_triangles(self._corners(clusters, camera_from_parts).reshape(3, -1, 3), frustum)
-
-    def _corners(
+    def _mesh(
         self, clusters: Int[np.ndarray, " m"], camera_from_parts: Float[np.ndarray, "p 3 4"]
-    ) -> Float[np.ndarray, "3 n"]:
-        """The corners of the triangles of some clusters, in the camera's frame."""
+    ) -> tuple[Float[np.ndarray, "3 n"], Int[np.ndarray, "f 3"]]:
+        """The triangles of some clusters in the camera's frame, which share no points."""
         corners = self._parts.vertices[:, self._faces[clusters].reshape(-1)]
         ends = np.searchsorted(clusters, self._leaves.ends) * self._faces[0].size
-        return move(corners, slices(ends), camera_from_parts[None])[:, 0]
+        points = move(corners, slices(ends), camera_from_parts[None])[:, 0]
+        return points, np.arange(points.shape[1]).reshape(-1, 3)
 
 
 class _Bounds:
