@@ -31,12 +31,7 @@ def extremes_of_mesh(points: Float[np.ndarray, "3 v"], faces: np.ndarray, frustu
     seen[inside.ravel()] = True
     straddling = faces[touched & ((a & b & c) == 0)]
     whole = extremes_of_points(frustum.project(points[:, seen]))
-    return union(whole, extremes_of_clipped(points[:, straddling], frustum))
-
-
-def extremes_of_clipped(triangles: Float[np.ndarray, "3 f 3"], frustum: Frustum) -> Float[np.ndarray, "4"]:
-    """Extremes of triangles, every one of them clipped against every plane."""
-    points, _, on = clipped(triangles, frustum)
+    points, _, on = clipped(points[:, straddling], frustum)
     pixels = frustum.project(points)
     u, v = pixels
     # A corner cut by an edge of the image is exactly on it.
@@ -44,7 +39,7 @@ def extremes_of_clipped(triangles: Float[np.ndarray, "3 f 3"], frustum: Frustum)
     u[on & RIGHT_BIT != 0] = frustum.size[0]
     v[on & TOP_BIT != 0] = 0.0
     v[on & BOTTOM_BIT != 0] = frustum.size[1]
-    return extremes_of_points(pixels)
+    return union(whole, extremes_of_points(pixels))
 
 
 def clipped(

@@ -78,9 +78,9 @@ class Document:
     Parameters
     ----------
     head
-        A COCO dictionary without images and annotations; its categories are removed.
-    images, annotations
-        Its records as iterables, read once, images first.
+        A COCO dictionary without the records.
+    categories, images, annotations
+        Its records as iterables, read once, in this order.
     path
         Its file, for errors.
     """
@@ -88,11 +88,12 @@ class Document:
     def __init__(
         self,
         head: dict[str, Any],
+        categories: Iterable[dict[str, Any]],
         images: Iterable[dict[str, Any]],
         annotations: Iterable[dict[str, Any]],
         path: Path,
     ) -> None:
-        self.categories: list[dict[str, Any]] = _objects(head, "categories", path)
+        self.categories = list(categories)
         self.category_ids: dict[str, int] = {}
         for record in self.categories:
             # The first of two with the same name, so that reopening doesn't change the choice.
@@ -224,7 +225,7 @@ def read_document(folder: Path) -> Document:
     # First, since another process may merge meanwhile: its lines are then read from the journal.
     merged = last_merged(journal)
     exists = path.exists()
-    document = _read_annotations(path) if exists else Document({}, (), (), path)
+    document = _read_annotations(path) if exists else Document({}, (), (), (), path)
     since: dict[str | int, tuple[int, dict[str, Any]]] = {}
     number = 0
     try:
@@ -306,8 +307,8 @@ def _read_annotations(path: Path) -> Document:
         with open_regular(path) as file:
             content = file.read()
         parts = msgspec.json.decode(content, type=dict[str, msgspec.Raw])
-        images, annotations = (_records(parts.pop(key, NO_RECORDS), key, path) for key in ("images", "annotations"))
-        return Document({key: orjson.loads(memoryview(part)) for key, part in parts.items()}, images, annotations, path)
+        records = [_records(parts.pop(key, NO_RECORDS), key, path) for key in ("categories", "images", "annotations")]
+        return Document({key: orjson.loads(memoryview(part)) for key, part in parts.items()}, *records, path)
     except OSError as error:
         raise _unusable(path, f"cannot be read ({error.strerror})") from error
     except msgspec.ValidationError as error:
@@ -329,14 +330,6 @@ def _records(content: msgspec.Raw, key: str, path: Path) -> Iterator[dict[str, A
         if not isinstance(record, dict):
             raise _unusable(path, f"{key!r} is not a list of objects")
         yield record
-
-
-def _objects(coco: dict[str, Any], key: str, path: Path) -> list[dict[str, Any]]:
-    """Remove and return a list of records from a dictionary; empty if there is none."""
-    records = coco.pop(key, [])
-    if not isinstance(records, list) or not all(isinstance(record, dict) for record in records):
-        raise _unusable(path, f"{key!r} is not a list of objects")
-    return records
 
 
 def _id(record: Mapping[str, Any], kind: str, path: Path) -> int:
