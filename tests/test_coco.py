@@ -111,16 +111,6 @@ def test_records_deleted_by_hand_stay_deleted(tmp_path):
     assert [i["shot"] for i in load(tmp_path)["images"]] == [0, 2, 3]
 
 
-def test_a_lost_annotations_file_is_rebuilt_from_the_journal(tmp_path):
-    with CocoDataset.open(tmp_path) as dataset:
-        dataset.append(image(1), [annotation()])
-    before = (tmp_path / "annotations.json").read_bytes()
-    (tmp_path / "annotations.json").unlink()
-    with pytest.warns(UserWarning, match="is missing; it is made anew"):
-        CocoDataset.open(tmp_path).close()
-    assert (tmp_path / "annotations.json").read_bytes() == before
-
-
 def test_a_crash_between_the_two_files_doubles_nothing(tmp_path):
     with CocoDataset.open(tmp_path) as dataset:
         dataset.append(image(1), [annotation()])

@@ -108,13 +108,7 @@ def test_valid_masks_are_exported(folder, tmp_path):
 def test_output_to_an_ascii_terminal_works(folder, tmp_path):
     (folder / "ü.png").write_bytes((folder / "1.png").read_bytes() + b" ")
     edit(folder, lambda coco: coco["images"][0].update(file_name="ü.png", width=31))
-    command = [
-        sys.executable,
-        "-c",
-        "import sys; from hulldown.cli import main; sys.exit(main())",
-        "verify",
-        str(folder),
-    ]
+    command = [sys.executable, "-m", "hulldown", "verify", str(folder)]
     done = subprocess.run(command, capture_output=True, env={**os.environ, "PYTHONIOENCODING": "ascii"})
     assert (done.returncode, done.stderr.count(b"Traceback")) == (1, 0)
     assert rb"\xfc.png" in done.stdout

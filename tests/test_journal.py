@@ -8,20 +8,6 @@ from hulldown.geometry.errors import DatasetError
 from hulldown.tests.oracles.synced import synced_bytes
 
 
-def test_lines_round_trip_in_order(tmp_path):
-    path = tmp_path / "journal.jsonl"
-    with closing(Journal(path)) as journal:
-        for i in range(3):
-            journal.append({"i": i})
-    with closing(Journal(path)) as journal:
-        journal.append({"i": 3})
-    assert [line["i"] for line in read_journal(path)] == [0, 1, 2, 3]
-
-
-def test_a_missing_file_has_no_lines(tmp_path):
-    assert list(read_journal(tmp_path / "journal.jsonl")) == []
-
-
 def test_a_line_survives_a_crash_of_the_machine(tmp_path, monkeypatch):
     synced, path = synced_bytes(monkeypatch), tmp_path / "journal.jsonl"
     with closing(Journal(path)) as journal:

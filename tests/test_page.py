@@ -5,7 +5,6 @@ import io
 import pytest
 from PIL import Image
 from selenium.webdriver.common.by import By
-from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select
 
 from hulldown.dataset.reports.page import Charts, Facet, Gallery, Items, PageSection, Table, Tile, Words, page
@@ -79,16 +78,6 @@ def test_thumbnails_filter_by_every_facet_and_all_come_back(shown):
     assert visible(shown) == [3]
     shown.find_element(By.CSS_SELECTOR, ".clear").click()
     assert visible(shown) == [0, 1, 2, 3, 4]
-
-
-def test_a_click_enlarges_a_thumbnail_and_escape_closes_it(shown):
-    dialog = shown.find_element(By.TAG_NAME, "dialog")
-    assert not dialog.is_displayed()
-    shown.find_elements(By.CSS_SELECTOR, ".tile")[1].click()
-    assert dialog.is_displayed()
-    assert dialog.find_element(By.TAG_NAME, "p").text == "tank 1 & <b>co</b>\nline"
-    shown.switch_to.active_element.send_keys(Keys.ESCAPE)
-    assert not dialog.is_displayed()
 
 
 def test_pictures_are_embedded_in_the_page(shown):

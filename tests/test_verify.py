@@ -227,7 +227,7 @@ def test_a_missing_plan_and_a_missing_dataset_are_errors(dataset, tmp_path_facto
 
 def test_an_interrupted_run_is_reported(dataset):
     (dataset / "annotations.json").unlink()
-    with pytest.warns(UserWarning, match="is missing"):
+    with pytest.warns(UserWarning, match="is missing; it is made anew"):
         findings = list(verify(dataset))
     assert [str(f) for f in findings] == [
         "warning: annotations.json: is not there yet: the run has not been closed; render again to finish it"
