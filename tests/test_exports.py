@@ -360,20 +360,6 @@ def test_a_layout_without_polygons_refuses_the_option(dataset, tmp_path, layout)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_damaged_mask_is_named_before_polygons_are_written(dataset, tmp_path):
-    folder = tmp_path / "broken"
-    folder.mkdir()
-    (folder / "images").symlink_to(dataset / "images")
-    coco = json.loads((dataset / "annotations.json").read_text())
-    coco["images"] = coco["images"][:30]
-    coco["annotations"] = [one for one in coco["annotations"] if one["image_id"] <= 30]
-    coco["annotations"][2]["segmentation"] = {"size": [3, 3], "counts": "1"}
-    (folder / "annotations.json").write_text(json.dumps(coco))
-    with pytest.raises(DatasetError, match="annotation 3: segmentation: expected size"):
-        export(folder, tmp_path / "out", polygons_within=0.3, allow_links=[dataset])
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.parametrize("kind", [0, 1, 2])
 def test_polygons_without_tolerance_equal_the_mask(kind):
     mask = mask_of(kind)

@@ -39,11 +39,11 @@ def test_broken_pictures_are_all_named_and_not_exported(folder, tmp_path, layout
     [[[1, 1]], [["a", 1, 2, 3, 4, 5]], {"size": [24, 32], "counts": "zzz"}, {"size": [9, 9], "counts": [81]},
      {"size": [24, 32], "counts": [1, 2]}, 7],
 )  # fmt: skip
-@pytest.mark.parametrize("layout", ["coco", "voc"])
-def test_impossible_masks_are_not_exported(folder, tmp_path, mask, layout):
+@pytest.mark.parametrize("options", [{}, {"layout": "voc"}, {"polygons_within": 0.3}])
+def test_impossible_masks_are_not_exported(folder, tmp_path, mask, options):
     edit(folder, lambda coco: coco["annotations"][1].update(segmentation=mask))
-    with pytest.raises(DatasetError, match="1 mask cannot be used: annotation 2"):
-        export(folder, tmp_path / "out", layout=layout)
+    with pytest.raises(DatasetError, match="1 mask cannot be used: annotation 2: segmentation: expected"):
+        export(folder, tmp_path / "out", **options)
     assert not (tmp_path / "out").exists()
 
 

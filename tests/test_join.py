@@ -157,41 +157,32 @@ def test_failures_and_provenance_are_carried_over(tmp_path):
     assert not (joined / "failures.jsonl").exists()
 
 
-def no_image(folder):
-    (folder / "images" / "00000001.png").unlink()
-
-
-def licences(folder):
-    edit(folder, lambda coco: coco.update(licenses=[{"id": 1}]))
-
-
 def run_without_a_key(folder):
     """A record with an id of the dataset's plan, but without a plan."""
     edit(folder, lambda coco: coco["info"]["hulldown_runs"][0].update(key=""))
     (folder / "journal.jsonl").unlink(missing_ok=True)
 
 
-def edited(**change):
-    def first_records(folder):
-        for key, (field, value) in change.items():
-            edit(folder, lambda coco, key=key, new={field: value}: coco[key][0].update(new))
-
-    return first_records
+def edited(key, **fields):
+    return lambda folder: edit(folder, lambda coco: coco[key][0].update(fields))
 
 
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (no_image, r"00000001\.png: is missing"),
-        (licences, "has 'licenses', which joining would lose; join the other parts into this one"),
+        (lambda folder: (folder / "images/00000001.png").unlink(), r"00000001\.png: is missing"),
+        (
+            lambda folder: edit(folder, lambda coco: coco.update(licenses=[{"id": 1}])),
+            "has 'licenses', which joining would lose; join the other parts into this one",
+        ),
         (run_without_a_key, "expected key and prefix to be parts of names, got ''"),
-        (edited(images=("id", 2)), "image ids aren't unique"),
-        (edited(images=("file_name", "images/00000002.png")), "file names aren't unique"),
-        (edited(images=("file_name", "../x.png")), "no path inside the dataset"),
-        (edited(annotations=("id", 2)), "annotation ids aren't unique"),
-        (edited(annotations=("image_id", 77)), "image 77 does not exist"),
-        (edited(annotations=("category_id", 77)), "category 77 does not exist"),
-        (edited(annotations=("bbox", [1, 2])), "is not \\[x, y, width, height\\]"),
+        (edited("images", id=2), "image ids aren't unique"),
+        (edited("images", file_name="images/00000002.png"), "file names aren't unique"),
+        (edited("images", file_name="../x.png"), "no path inside the dataset"),
+        (edited("annotations", id=2), "annotation ids aren't unique"),
+        (edited("annotations", image_id=77), "image 77 does not exist"),
+        (edited("annotations", category_id=77), "category 77 does not exist"),
+        (edited("annotations", bbox=[1, 2]), "is not \\[x, y, width, height\\]"),
         (lambda folder: (folder / "provenance.json").write_text("{}"), "isn't a hulldown provenance file"),
         (lambda folder: (folder / "annotations.json").write_text("{"), "is not valid JSON"),
     ],
@@ -266,9 +257,9 @@ def test_a_name_without_the_plans_prefix_is_not_the_plans(tmp_path):
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (edited(annotations=("bbox", [5, 5, -1, 3])), r"00000001\.png: annotations\[0\]: bbox: expected"),
-        (edited(categories=("name", "")), r"category: expected a name, got ''"),
-        (edited(annotations=("id", 11)), r"00000006\.png: annotation 11 is on another image too"),
+        (edited("annotations", bbox=[5, 5, -1, 3]), r"00000001\.png: annotations\[0\]: bbox: expected"),
+        (edited("categories", name=""), r"category: expected a name, got ''"),
+        (edited("annotations", id=11), r"00000006\.png: annotation 11 is on another image too"),
     ],
 )
 def test_a_part_that_cannot_be_appended_leaves_the_dataset_unchanged(tmp_path, damage, message):

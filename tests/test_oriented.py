@@ -1,6 +1,7 @@
 """Oriented boxes: the smallest rectangle around a mask, the ground rectangle of a vehicle, and their exports."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from hulldown.geometry.transforms import apply
 from hulldown.render.annotations import Segmenter, annotation_records
 from hulldown.tests.detections import dataset as dataset_of
 from hulldown.tests.detections import loaded
-from hulldown.tests.editing import write_dataset
+from hulldown.tests.editing import edit, write_dataset
 from hulldown.tests.planning_assets import plan, small_assets, small_config
 from hulldown.tests.test_exports import package
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold
@@ -101,20 +102,18 @@ def test_the_ground_rectangle_is_below_the_vehicle_with_its_front_first(planned,
         np.testing.assert_allclose(ground_corners(label_of[image_id], images[image_id]), wanted, rtol=0, atol=1e-4)
 
 
-def changed(dataset, folder, change):
-    coco = json.loads((dataset / "annotations.json").read_text())
-    change(coco["annotations"][0])
-    (folder / "annotations.json").write_text(json.dumps(coco))
-    return [finding.problem for finding in verify(folder, fast=True) if "obb" in finding.problem]
-
-
 @pytest.mark.parametrize(
     "by", [[0.0, 0, 0, 0, 0], [9.0, 0, 0, 0, 0], [0, 0, 1, 0, 0], [0, 0, 0, 0, 0.7], [0, 0, 0, -1e9, 0]]
 )
 def test_verify_finds_a_rectangle_that_does_not_fit_its_mask(dataset, tmp_path, by):
-    problems = changed(
-        dataset, tmp_path, lambda label: label.update(obb=[a + b for a, b in zip(label["obb"], by, strict=True)])
-    )
+    shutil.copy(dataset / "annotations.json", tmp_path)
+
+    def move(coco):
+        label = coco["annotations"][0]
+        label["obb"] = [a + b for a, b in zip(label["obb"], by, strict=True)]
+
+    edit(tmp_path, move)
+    problems = [finding for finding in verify(tmp_path, fast=True) if "obb" in finding.problem]
     assert len(problems) == any(by)
 
 
