@@ -56,15 +56,6 @@ def test_a_new_dataset(tmp_path):
     assert (second["id"], second["category_id"], second["pose"]) == (2, 2, [[1.0, 0.0], [0.0, 1.0]])
 
 
-def test_an_empty_dataset_is_a_valid_file(tmp_path):
-    CocoDataset.open(tmp_path, categories=["tank"]).close()
-    assert load(tmp_path) == {
-        "categories": [{"id": 1, "name": "tank", "supercategory": "vehicle"}],
-        "images": [],
-        "annotations": [],
-    }
-
-
 def test_a_foreign_dataset_keeps_all_its_fields(tmp_path):
     (tmp_path / "annotations.json").write_text(json.dumps(FOREIGN))
     with CocoDataset.open(tmp_path, categories=["truck", "launcher"]) as dataset:

@@ -11,7 +11,6 @@ from hulldown.assets.photographs import read_photographs
 from hulldown.cli import main
 from hulldown.dataset.reports.comparison import (
     compare,
-    distance,
     looks,
     spectral_slope,
 )
@@ -90,10 +89,6 @@ def test_few_photographs_and_photographs_without_files(tmp_path):
 def test_photographs_without_boxes_are_refused(tmp_path):
     with pytest.raises(DatasetError, match="no boxes"):
         compared(coco(tmp_path / "a", 4, seed=1), coco(tmp_path / "none", 0, seed=1))
-
-
-def test_distance_of_shifted_values():
-    assert distance(np.arange(4.0), np.arange(4.0) + 2) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("slope", [-1.0, -2.0, -3.0])
