@@ -307,8 +307,11 @@ def _read_annotations(path: Path) -> Document:
         with open_regular(path) as file:
             content = file.read()
         parts = msgspec.json.decode(content, type=dict[str, msgspec.Raw])
-        records = [_records(parts.pop(key, NO_RECORDS), key, path) for key in ("categories", "images", "annotations")]
-        return Document({key: orjson.loads(memoryview(part)) for key, part in parts.items()}, *records, path)
+        categories, images, annotations = (
+            _records(parts.pop(key, NO_RECORDS), key, path) for key in ("categories", "images", "annotations")
+        )
+        head = {key: orjson.loads(memoryview(part)) for key, part in parts.items()}
+        return Document(head, categories, images, annotations, path)
     except OSError as error:
         raise _unusable(path, f"cannot be read ({error.strerror})") from error
     except msgspec.ValidationError as error:
