@@ -116,26 +116,14 @@ def try_cameras(site: Site, tries: Tries, config: Config, *, draws: RandomStream
 
     rows = rows[views.rejection[rows] == Rejection.NONE]
     views.visible_fraction[rows] = visible_shares(
-        site,
-        tries.targets.take(rows),
-        tries.others.beside(rows)[0],
-        views.world_from_camera[rows],
-        intrinsics=aims.lens.rows(rows),
-        rays=limits.visibility_rays,
+        site, tries.targets, tries.others, views, rows, rays=limits.visibility_rays
     )
     views.rejection[rows] = outside(
         views.visible_fraction[rows], *limits.visible_fraction, below=Rejection.HIDDEN, above=Rejection.EXPOSED
     )
     rows = rows[views.rejection[rows] == Rejection.NONE]
     rows = rows[views.visible_fraction[rows] * views.bbox[rows, 2:].prod(axis=1) < PLENTY]
-    shown = pixels_shown(
-        site,
-        tries.targets.take(rows),
-        tries.others.beside(rows)[0],
-        world_from_camera=views.world_from_camera[rows],
-        lens=aims.lens.rows(rows),
-        bbox=rounded("bbox", views.bbox[rows]),
-    )
+    shown = pixels_shown(site, tries.targets, tries.others, views, rows)
     views.rejection[rows[~shown]] = Rejection.HIDDEN
     return views
 
@@ -185,29 +173,18 @@ def views_of_others(
 
     Row i of `subjects` and of `others` is camera i; `visibility_m` is nan in clear air.
     """
-    lens = cameras.lens
-    boxes = boxes_of(subjects, cameras.world_from_camera, lens)
-    visible = visible_shares(
-        site, subjects, others, cameras.world_from_camera, intrinsics=lens, rays=config.camera.visibility_rays
-    )
-    classed = np.array([model.category is not None for model in subjects.fleet.models])
-    named, pixels = np.flatnonzero(classed[subjects.model]), np.zeros(len(subjects), dtype=bool)
-    pixels[named] = pixels_shown(
-        site,
-        subjects.take(named),
-        others.beside(named)[0],
-        world_from_camera=cameras.world_from_camera[named],
-        lens=lens.rows(named),
-        bbox=rounded("bbox", boxes.xywh[named]),
-    )
+    boxes, every = boxes_of(subjects, cameras.world_from_camera, cameras.lens), np.arange(len(subjects))
     seen = replace(
         cameras,
         bbox=boxes.xywh,
         bbox_amodal=boxes.amodal,
         truncated_fraction=boxes.truncated_fraction,
-        visible_fraction=visible,
+        visible_fraction=visible_shares(site, subjects, others, cameras, every, rays=config.camera.visibility_rays),
         air_contrast=air_contrasts(subjects, cameras.world_from_camera, visibility_m),
     )
+    classed = np.array([model.category is not None for model in subjects.fleet.models])
+    named, pixels = np.flatnonzero(classed[subjects.model]), np.zeros(len(subjects), dtype=bool)
+    pixels[named] = pixels_shown(site, subjects, others, seen, named)
     return seen, pixels
 
 
@@ -220,38 +197,28 @@ def air_contrasts(
 
 
 def visible_shares(
-    site: Site,
-    subjects: Instances,
-    others: Instances,
-    world_from_camera: Float[np.ndarray, "n 4 4"],
-    *,
-    intrinsics: Lenses,
-    rays: int,
-) -> Float[np.ndarray, " n"]:
-    """Visible share of the outline of each camera's subject; 0 for a subject outside the frame."""
-    if not len(subjects):
+    site: Site, subjects: Instances, others: Instances, views: Views, rows: Int[np.ndarray, " k"], *, rays: int
+) -> Float[np.ndarray, " k"]:
+    """Visible share of the outline of the subject of each of these cameras; 0 for a subject outside the frame."""
+    if not len(rows):
         return np.zeros(0)
-    world = site.world.with_vehicles(others.posed())
-    seen = visibility_of(subjects.posed(), world_from_camera, intrinsics=intrinsics, world=world, rays=rays)
+    world, subject = site.world.with_vehicles(others.beside(rows)[0].posed()), subjects.take(rows).posed()
+    seen = visibility_of(
+        subject, views.world_from_camera[rows], intrinsics=views.lens.rows(rows), world=world, rays=rays
+    )
     # nan is a vehicle that no ray met, since it is thinner than the distance of the rays.
     return np.nan_to_num(seen.fraction)
 
 
 def pixels_shown(
-    site: Site,
-    subjects: Instances,
-    others: Instances,
-    *,
-    world_from_camera: Float[np.ndarray, "n 4 4"],
-    lens: Lenses,
-    bbox: Float[np.ndarray, "n 4"],
-) -> Bool[np.ndarray, " n"]:
-    """Whether the subject of each camera covers the center of any pixel, so that its mask isn't empty."""
-    shown = np.zeros(len(bbox), dtype=bool)
-    rows = np.flatnonzero(~np.isnan(bbox[:, 0]))
-    world = site.world.with_vehicles(others.beside(rows)[0].posed())
-    subject = subjects.take(rows).posed()
-    shown[rows] = show_pixels(subject, world_from_camera[rows], lens.rows(rows), xywh=bbox[rows], world=world)
+    site: Site, subjects: Instances, others: Instances, views: Views, rows: Int[np.ndarray, " k"]
+) -> Bool[np.ndarray, " k"]:
+    """Whether the subject of each of these cameras covers the center of any pixel, so that its mask isn't empty."""
+    framed = ~np.isnan(views.bbox[rows, 0])
+    rows, shown = rows[framed], np.zeros(len(rows), dtype=bool)
+    world, subject = site.world.with_vehicles(others.beside(rows)[0].posed()), subjects.take(rows).posed()
+    xywh = rounded("bbox", views.bbox[rows])
+    shown[framed] = show_pixels(subject, views.world_from_camera[rows], views.lens.rows(rows), xywh=xywh, world=world)
     return shown
 
 
