@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from hulldown.assets.library import Assets
 from hulldown.placement.rejection import Rejection
@@ -16,16 +16,16 @@ from hulldown.planning.appearance.light import Lights
 from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, Coat, draw_coats
 from hulldown.planning.appearance.sensor import draw_sensors
 from hulldown.planning.config.schema import Config
-from hulldown.planning.row import Bounds, Box, Followed, OnMap, PlannedVehicle, Row, picture_name, rounded
+from hulldown.planning.row import Bounds, Box, Followed, Label, OnMap, PlannedVehicle, Row, picture_name, rounded
 from hulldown.planning.search.block import Block, InstanceTable, Planned
 from hulldown.planning.search.draws import RandomStreams
 from hulldown.planning.search.extras import MOST, Role
 from hulldown.planning.search.instances import Instances
-from hulldown.planning.search.labels import labels_of
 from hulldown.planning.search.stage import Site
 from hulldown.planning.search.views import Views
 from hulldown.reading.scenery.geotiff import longitude_latitude
 
+LONGEST_CUT = 0.8  # default share of a labeled box that the frame may cut off, unless targets may lose more
 _SEEN = ("visible_fraction", "truncated_fraction", "air_contrast")
 
 
@@ -123,6 +123,27 @@ def _extras(
     for image, instance, role, label, shown in columns:
         extras[image, role].append(PlannedVehicle(**vehicles[instance], **shown, label=label))
     return extras
+
+
+def labels_of(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -> list[Label]:
+    """Return the labels of n companions and distractors, by `config.annotate`, or the limits of targets by default.
+
+    `pixels` tells whether a vehicle has a class and covers the center of any pixel; without, it has no label.
+    """
+    given, camera = config.annotate, config.camera
+    least_px, least_visible = given.min_box_px, given.min_visible_fraction
+    most_cut = given.max_truncated_fraction
+    if most_cut is None:
+        most_cut = max(LONGEST_CUT, camera.truncated_fraction[1])
+    full = rounded("bbox", views.bbox)[:, 2:].min(axis=1) >= (camera.min_box_px if least_px is None else least_px)
+    full &= rounded("visible_fraction", views.visible_fraction) >= (
+        camera.visible_fraction[0] if least_visible is None else least_visible
+    )
+    full &= rounded("truncated_fraction", views.truncated_fraction) <= most_cut
+    full &= rounded("air_contrast", views.air_contrast) >= config.weather.min_contrast
+    below: Label = "ignored" if given.below == "ignored" else "none"
+    pairs = zip(pixels.tolist(), full.tolist(), strict=True)
+    return [("full" if enough else below) if shown else "none" for shown, enough in pairs]
 
 
 def _vehicles(

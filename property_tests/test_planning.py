@@ -17,8 +17,8 @@ from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply
 from hulldown.placement.terrain import Terrain
+from hulldown.planning.check import relabeled
 from hulldown.planning.planner import Planner
-from hulldown.planning.relabel import relabeled
 from hulldown.render.annotations import Segmenter
 from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, small_assets, small_config
 

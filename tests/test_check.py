@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.check import check_plan, check_rows
+from hulldown.planning.check import check_plan, check_rows, relabeled
 from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.planner import Planner
-from hulldown.planning.relabel import relabeled
 from hulldown.planning.row import PlannedVehicle, Row, encode, fields
 from hulldown.planning.write import write_plan
 from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, VEHICLE_ENTRIES, small_assets, small_config
