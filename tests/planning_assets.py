@@ -14,6 +14,7 @@ from hulldown.planning.planner import BLOCK, Planner
 from hulldown.tests.shapes import box, scenery_of, vehicle_of
 
 CLASSES = {"t72": "tank", "leo": "tank", "ural": "truck"}
+SCALES = {"t72": 1.0, "leo": 1.1, "ural": 0.8}
 VEHICLE_ENTRIES = [{"path": f"vehicles/{name}.blend", "category": category} for name, category in CLASSES.items()]
 
 
@@ -71,11 +72,16 @@ def bare(name, origin_z=0.0):
     return scenery_of(name, origin=(0.0, 0.0, origin_z))
 
 
-def small_assets(*, distractors=False):
-    vehicles = {name: vehicle(name, scale) for name, scale in (("t72", 1.0), ("leo", 1.1), ("ural", 0.8))}
-    others = {name: vehicle(name, scale) for name, scale in DISTRACTORS.items()} if distractors else {}
-    sceneries = {"hills": hills("hills"), "bare": bare("bare")}
-    return Assets(vehicles, CLASSES, sceneries, ("noon", "dusk"), distractors=others)
+def small_assets(*sceneries, vehicles=tuple(CLASSES), distractors=False):
+    """Some of the vehicles on these sceneries, by default on hills and on a plane."""
+    others = DISTRACTORS if distractors else {}
+    return Assets(
+        {name: vehicle(name, SCALES[name]) for name in vehicles},
+        {name: CLASSES[name] for name in vehicles},
+        {one.name: one for one in sceneries or (hills("hills"), bare("bare"))},
+        ("noon", "dusk"),
+        distractors={name: vehicle(name, scale) for name, scale in others.items()},
+    )
 
 
 DISTRACTORS = {"car": 0.5, "bales": 0.3, "bus": 0.9}
@@ -87,6 +93,7 @@ DISTRACTOR_ENTRIES = [
 
 
 def small_config(**sections):
+    """A config with these changes; a planner takes the assets that it gets, whatever the config lists."""
     data = {
         "assets": {
             "vehicles": VEHICLE_ENTRIES,

@@ -5,12 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from hulldown.assets.library import Assets
 from hulldown.geometry.transforms import rigid
 from hulldown.planning.search.instances import Instances
 from hulldown.planning.search.placing import clear_of_obstacles
 from hulldown.planning.search.stage import make_stage
-from hulldown.tests.planning_assets import CLASSES, small_config, vehicle
+from hulldown.tests.planning_assets import small_assets, small_config
 from hulldown.tests.shapes import box, scenery_of
 
 POST = box((-0.1, -0.1, 0.0), (0.1, 0.1, 6.0))
@@ -20,10 +19,7 @@ POST = box((-0.1, -0.1, 0.0), (0.1, 0.1, 6.0))
 def stage():
     """A post near a vehicle's position, within reach of its gun but not of its hull."""
     post = scenery_of("bare", obstacles=(POST,), which=(0,), poses=(rigid(np.eye(3), [100.0, 54.0, 0.0]),))
-    vehicles = {name: vehicle(name) for name in CLASSES}
-    assets = Assets(vehicles, CLASSES, {"bare": post}, ("noon",))
-    config = small_config(assets={"sceneries": [{"path": "bare.blend"}]})
-    return make_stage(config, assets)
+    return make_stage(small_config(), small_assets(post, vehicles=["t72"]))
 
 
 def clear(stage, turret, clearance):

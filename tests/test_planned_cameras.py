@@ -9,13 +9,13 @@ import math
 import numpy as np
 import pytest
 
-from hulldown.assets.library import Assets
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.geometry.transforms import apply
-from hulldown.tests.planning_assets import bare, plan, small_config, vehicle
+from hulldown.tests.planning_assets import bare, plan, small_assets, small_config
 
 N = 600
-TANK = vehicle("t72")
+ASSETS = small_assets(bare("bare"), vehicles=["t72"])
+TANK = ASSETS.vehicles["t72"]
 # Kolmogorov's D: a uniform sample exceeds it with probability 0.001; other distributions exceed it by far.
 FAR = 1.95 / math.sqrt(N)
 FRACTION, FACTOR = 0.15, 2.0
@@ -27,12 +27,8 @@ def drawn(**camera):
         "fov_x_deg": [40, 60], "target_fraction": FRACTION, "distance_factor": FACTOR, "elevation_deg": [10, 60],
         "visible_fraction": [0, 1], "min_box_px": 0, "visibility_rays": 1, "framing": 1.0, **camera,
     }  # fmt: skip
-    config = small_config(
-        assets={"vehicles": [{"path": "t72.blend", "category": "tank"}], "sceneries": [{"path": "bare.blend"}]},
-        budget={"images_per_class": N, "images_per_position": 3},
-        camera=options,
-    )
-    rows = list(plan(config, Assets({"t72": TANK}, {"t72": "tank"}, {"bare": bare("bare")}, ("noon",))))
+    config = small_config(budget={"images_per_class": N, "images_per_position": 3}, camera=options)
+    rows = list(plan(config, ASSETS))
     assert all(row.rejected == {} for row in rows)
     poses = np.array([row.target.world_from_vehicle for row in rows])
     centers = apply(poses, TANK.mesh.bounds.mean(axis=0)[None])[:, 0]

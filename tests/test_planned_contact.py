@@ -28,11 +28,9 @@ def on_rails():
 
 
 def test_contact_footprint_models_the_belly_and_contact_box_does_not():
-    assets = small_assets()
-    footings = {}
+    assets, footings = replace(small_assets(), vehicles={"t72": on_rails()}), {}
     for contact in ("footprint", "box"):
-        config = small_config(assets={"sceneries": [{"path": "hills.blend"}]}, placement={"contact": contact})
-        stage = make_stage(config, replace(assets, vehicles={**assets.vehicles, "t72": on_rails()}))
+        stage = make_stage(small_config(placement={"contact": contact}), assets)
         footings[contact] = stage.models["t72"].footing.contact
     belly = np.abs(footings["footprint"].xy[:, 1]) < 0.5
     assert np.median(footings["footprint"].height[belly]) == pytest.approx(BELLY)

@@ -5,9 +5,8 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from hulldown.assets.library import Assets
 from hulldown.geometry.transforms import apply
-from hulldown.tests.planning_assets import hills, plan, small_config, vehicle
+from hulldown.tests.planning_assets import hills, plan, small_assets, small_config, vehicle
 
 TANK = vehicle("t72")
 ROCK = 1  # of the obstacle meshes, lower than the gun
@@ -17,15 +16,8 @@ OVER_A_BOX = np.stack(np.meshgrid(EDGE, EDGE, EDGE), -1).reshape(-1, 3)
 
 
 def planned(scenery, *, images=20, **sections):
-    config = small_config(
-        assets={
-            "vehicles": [{"path": "t72.blend", "category": "tank"}],
-            "sceneries": [{"path": f"{scenery.name}.blend"}],
-        },
-        budget={"images_per_class": images, "images_per_position": 2},
-        **sections,
-    )
-    rows = list(plan(config, Assets({"t72": TANK}, {"t72": "tank"}, {scenery.name: scenery}, ("noon",))))
+    config = small_config(budget={"images_per_class": images, "images_per_position": 2}, **sections)
+    rows = list(plan(config, small_assets(scenery, vehicles=["t72"])))
     return rows, sum((Counter(row.rejected) for row in rows), Counter())
 
 

@@ -1,6 +1,5 @@
 """The tries of a position depend on that position alone, and are counted exactly."""
 
-from dataclasses import replace
 from functools import cache
 
 import pytest
@@ -10,7 +9,7 @@ from hulldown.planning.planner import Planner
 from hulldown.planning.row import encode_rows
 from hulldown.tests.planning_assets import hills, small_assets, small_config
 
-ASSETS = replace(small_assets(), sceneries={"hills": hills("hills", cells=20, trees=3)})
+ASSETS = small_assets(hills("hills", cells=20, trees=3))
 
 
 @cache
@@ -18,7 +17,6 @@ def planner_of(max_tries, *, slope_deg=2.5, blind_below_px=None):
     """A world with few level places, all of them visible."""
     camera = {"min_box_px": blind_below_px, "max_tries": 1} if blind_below_px else {}
     config = small_config(
-        assets={"sceneries": [{"path": "hills.blend"}]},
         budget={"images_per_class": 8, "images_per_position": 1},
         camera={"visibility_rays": 4, **camera},
         placement={"max_slope_deg": slope_deg, "max_tries": max_tries},

@@ -1,24 +1,23 @@
 """Plans: complete, within their limits, the same bytes for any number of workers, and clear errors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from hulldown.assets.library import AssetFile, Assets
+from hulldown.assets.library import AssetFile
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.plan_file import PlanWriter
 from hulldown.planning.row import VehicleSource, encode, encode_rows
 from hulldown.planning.write import make_header, write_plan
-from hulldown.tests.planning_assets import bare, plan, small_assets, small_config
+from hulldown.tests.planning_assets import bare, hills, plan, small_assets, small_config
+
+ASSETS = small_assets()
 
 
 @pytest.fixture(scope="module")
-def assets():
-    return small_assets()
-
-
-@pytest.fixture(scope="module")
-def rows(assets):
-    return list(plan(small_config(), assets))
+def rows():
+    return list(plan(small_config(), ASSETS))
 
 
 def test_everything_varies(rows):
@@ -31,28 +30,23 @@ def test_everything_varies(rows):
     assert min(turrets) < -1.0 < 1.0 < max(turrets)
 
 
-def test_a_longer_plan_keeps_the_rows_of_a_shorter_one(assets):
-    short = list(plan(small_config(budget={"images_per_class": 8}), assets))
-    longer = list(plan(small_config(budget={"images_per_class": 16}), assets))
+def test_a_longer_plan_keeps_the_rows_of_a_shorter_one():
+    short = list(plan(small_config(budget={"images_per_class": 8}), ASSETS))
+    longer = list(plan(small_config(budget={"images_per_class": 16}), ASSETS))
     assert encode_rows(longer[: len(short)]) == encode_rows(short)
 
 
-def test_seeds_differ_and_0_is_valid(rows, assets):
-    other = list(plan(small_config(seed=1), assets))
+def test_seeds_differ_and_0_is_valid(rows):
+    other = list(plan(small_config(seed=1), ASSETS))
     assert not any(np.array_equal(a.world_from_camera, b.world_from_camera) for a, b in zip(rows, other, strict=True))
 
 
 @pytest.mark.parametrize("workers", [1, 3])
-def test_the_bytes_do_not_depend_on_the_number_of_workers(tmp_path, assets, rows, workers, monkeypatch):
+def test_the_bytes_do_not_depend_on_the_number_of_workers(tmp_path, rows, workers, monkeypatch):
     monkeypatch.setattr("hulldown.planning.write._SMALLEST_BLOCK", 2)
     seen = []
-    made = write_plan(
-        small_config(),
-        assets,
-        tmp_path / "plan.jsonl",
-        workers=workers,
-        progress=lambda done, n: seen.append((done, n)),
-    )
+    path = tmp_path / "plan.jsonl"
+    made = write_plan(small_config(), ASSETS, path, workers=workers, progress=lambda *done: seen.append(done))
     assert encode_rows(list(made)) == encode_rows(rows)
     assert made.path.read_bytes().split(b"\n", 1)[1] == b"".join(map(encode, rows))
     assert seen[0] == (0, 22)
@@ -61,23 +55,22 @@ def test_the_bytes_do_not_depend_on_the_number_of_workers(tmp_path, assets, rows
 
 
 @pytest.mark.parametrize("kept", [0, 3, 4, 22])
-def test_a_killed_plan_is_continued_with_the_same_bytes(tmp_path, assets, rows, kept):
+def test_a_killed_plan_is_continued_with_the_same_bytes(tmp_path, rows, kept):
     config, path = small_config(), tmp_path / "plan.jsonl"
-    header = make_header(config, assets, path, images=22)
+    header = make_header(config, ASSETS, path, images=22)
     writer = PlanWriter(path, header)
     writer.write(encode_rows(rows[:kept]) + b'{"index":', kept)
     writer.__exit__(KeyboardInterrupt, None, None)
     assert (tmp_path / "plan.jsonl.partial").exists() == (kept > 0)
     done = []
-    made = write_plan(config, assets, path, progress=lambda n, _: done.append(n))
+    made = write_plan(config, ASSETS, path, progress=lambda n, _: done.append(n))
     assert done[0] == {0: 0, 3: 0, 4: 4, 22: 22}[kept]
     assert made.path.read_bytes() == b"".join(map(encode, [header, *rows]))
 
 
 def test_the_header_has_the_plans_inputs(tmp_path):
-    base = small_assets()
-    made = Assets(
-        base.vehicles, base.categories, base.sceneries, base.hdris,
+    made = replace(
+        ASSETS,
         vehicle_files={"t72": AssetFile("vehicles/t72.blend", "ab" * 32)},
         hdri_files={"noon": AssetFile("hdris/noon.exr", "cd" * 32)},
     )  # fmt: skip
@@ -92,10 +85,8 @@ def test_the_header_has_the_plans_inputs(tmp_path):
     assert {"python", "numpy", "embreex"} <= set(header.versions)
 
 
-def test_without_ground_vehicles_are_on_the_fallback_plane(assets):
-    config = small_config(assets={"sceneries": [{"path": "bare.blend"}]}, ground={"fallback_z": 3.5})
-    high = Assets(assets.vehicles, assets.categories, {"bare": bare("bare", origin_z=1.0)}, assets.hdris)
-    for row in plan(config, high):
+def test_without_ground_vehicles_are_on_the_fallback_plane():
+    for row in plan(small_config(ground={"fallback_z": 3.5}), small_assets(bare("bare", origin_z=1.0))):
         assert row.target.world_from_vehicle[2].tolist() == [0.0, 0.0, 1.0, 2.5]
         assert (row.target.gap, row.target.penetration, row.target.slope_deg) == (0.0, 0.0, 0.0)
 
@@ -121,21 +112,13 @@ def test_without_ground_vehicles_are_on_the_fallback_plane(assets):
 )
 def test_an_impossible_config_is_explained(sections, message, monkeypatch):
     monkeypatch.setattr("hulldown.planning.search.positions.BLIND_PLACES", 2)
-    one = small_assets()
-    one = Assets(one.vehicles, one.categories, {"hills": one.sceneries["hills"]}, one.hdris)
     with pytest.raises(ConfigError, match=message):
-        list(plan(small_config(**sections), one))
+        list(plan(small_config(**sections), small_assets(hills("hills"))))
 
 
-def test_errors_of_workers_are_raised(tmp_path, assets, monkeypatch):
+def test_errors_of_workers_are_raised(tmp_path, monkeypatch):
     monkeypatch.setattr("hulldown.planning.write._SMALLEST_BLOCK", 2)
+    config = small_config(placement={"max_slope_deg": 1.5, "max_tries": 20})
     with pytest.raises(ConfigError, match="finds no place to stand"):
-        write_plan(
-            small_config(
-                placement={"max_slope_deg": 1.5, "max_tries": 20}, assets={"sceneries": [{"path": "hills.blend"}]}
-            ),
-            Assets(assets.vehicles, assets.categories, {"hills": assets.sceneries["hills"]}, assets.hdris),
-            tmp_path / "p.jsonl",
-            workers=2,
-        )
+        write_plan(config, small_assets(hills("hills")), tmp_path / "p.jsonl", workers=2)
     assert list(tmp_path.iterdir()) == []

@@ -5,11 +5,11 @@ import math
 import pytest
 
 from hulldown.annotate.boxes import surface_box
-from hulldown.assets.library import Assets
 from hulldown.geometry.transforms import apply
 from hulldown.planning.row import encode_rows
 from hulldown.tests.planning_assets import plan, small_assets, small_config
 
+ASSETS = small_assets(vehicles=["t72"])
 # relative to the requested size, as plans promise
 RELATIVE = 1e-9
 MEASURES = {
@@ -20,46 +20,37 @@ MEASURES = {
 }
 
 
-@pytest.fixture(scope="module")
-def assets():
-    base = small_assets()
-    return Assets({"t72": base.vehicles["t72"]}, {"t72": "tank"}, base.sceneries, base.hdris)
+def planned(**camera):
+    return list(plan(small_config(camera=camera, budget={"images_per_class": 6}), ASSETS))
 
 
-def config_of(**camera):
-    vehicles = [{"path": "t72.blend", "category": "tank"}]
-    return small_config(camera=camera, budget={"images_per_class": 6}, assets={"vehicles": vehicles})
-
-
-def amodal_size(row, assets):
+def amodal_size(row):
     """Size by the exact rule, from the row's poses alone."""
-    shape = assets.vehicles[row.target.vehicle]
+    shape = ASSETS.vehicles[row.target.vehicle]
     vertices = apply(row.target.world_from_vehicle, shape.vertices_at(row.target.articulation))
     return surface_box(vertices, shape.mesh.faces, row.camera, frame=False)[2:]
 
 
 @pytest.mark.parametrize("truncated", [[0.0, 0.0], [0.1, 0.4]], ids=["whole", "cut"])
 @pytest.mark.parametrize("measure", MEASURES)
-def test_the_box_has_the_requested_size(assets, measure, truncated):
-    config = config_of(size_measure=measure, target_fraction=0.15, framing=1.0, truncated_fraction=truncated)
-    for row in plan(config, assets):
-        assert MEASURES[measure](*amodal_size(row, assets)) == pytest.approx(0.15, rel=RELATIVE)
+def test_the_box_has_the_requested_size(measure, truncated):
+    for row in planned(size_measure=measure, target_fraction=0.15, framing=1.0, truncated_fraction=truncated):
+        assert MEASURES[measure](*amodal_size(row)) == pytest.approx(0.15, rel=RELATIVE)
         assert truncated[0] <= row.target.truncated_fraction <= truncated[1]
 
 
-def test_sizes_cover_their_range_and_the_distance_factor_is_unused(assets):
+def test_sizes_cover_their_range_and_the_distance_factor_is_unused():
     options = {"size_measure": "area", "target_fraction": [0.0005, 0.0044]}
-    rows = list(plan(config_of(**options, distance_factor=1.0), assets))
-    shares = [MEASURES["area"](*amodal_size(row, assets)) for row in rows]
+    rows = planned(**options, distance_factor=1.0)
+    shares = [MEASURES["area"](*amodal_size(row)) for row in rows]
     assert 0.0005 <= min(shares) < 0.0015 < 0.003 < max(shares) <= 0.0044
-    assert encode_rows(list(plan(config_of(**options, distance_factor=4.0), assets))) == encode_rows(rows)
+    assert encode_rows(planned(**options, distance_factor=4.0)) == encode_rows(rows)
 
 
-def test_a_size_that_no_distance_gives_is_counted(assets):
+def test_a_size_that_no_distance_gives_is_counted():
     # A box ten times as high as the image needs a camera inside the vehicle or too close to it.
-    config = config_of(
+    rows = planned(
         size_measure="height", target_fraction=[0.3, 10.0], truncated_fraction=[0.0, 1.0], distance_m=[0.0, 5000.0],
         obstacle_clearance=0.0, fov_x_deg=120.0, max_tries=500,
     )  # fmt: skip
-    rows = list(plan(config, assets))
     assert sum(row.rejected.get("size", 0) for row in rows) > 0
