@@ -32,13 +32,8 @@ from hulldown.render.messages import CyclesSettings
 from hulldown.render.remaining import Outline
 from hulldown.tests.planning_assets import hills, small_assets, small_config
 
-ALL = small_assets(distractors=True)
-ASSETS = replace(
-    ALL,
-    vehicles={"t72": ALL.vehicles["t72"]},
-    sceneries={"hills": hills("hills", cells=6, size=120.0, trees=2)},
-    distractors={"car": ALL.distractors["car"]},
-)
+ASSETS = small_assets(hills("hills", cells=6, size=120.0, trees=2), vehicles=["t72"], distractors=True)
+ASSETS = replace(ASSETS, distractors={"car": ASSETS.distractors["car"]})
 NAMES = {"t72", "car", "hills"}
 
 

@@ -9,41 +9,27 @@ from hulldown.geometry.errors import ConfigError
 from hulldown.planning.planner import Planner
 from hulldown.planning.row import encode_rows
 from hulldown.planning.search.extras import Role, offsets
-from hulldown.planning.write import write_plan
-from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, small_assets, small_config
+from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, plan, small_assets, small_config
+
+ASSETS = small_assets(distractors=True)
 
 
 def config_of(**sections):
     sections["assets"] = {"distractors": DISTRACTOR_ENTRIES, **sections.get("assets", {})}
-    sections["budget"] = {
-        "images_per_class": 6,
-        "background_share": 0.25,
-        "images_per_position": 2,
-        **sections.get("budget", {}),
-    }
+    budget = {"images_per_class": 6, "background_share": 0.25, "images_per_position": 2}
+    sections["budget"] = {**budget, **sections.get("budget", {})}
     return small_config(**sections)
 
 
 @pytest.fixture(scope="module")
-def assets():
-    return small_assets(distractors=True)
+def rows():
+    return list(plan(config_of(placement={"vehicles_per_image": [1, 3]}, seed=5), ASSETS))
 
 
-@pytest.fixture(scope="module")
-def made(assets, tmp_path_factory):
-    config = config_of(placement={"vehicles_per_image": [1, 3]}, seed=5)
-    return write_plan(config, assets, tmp_path_factory.mktemp("made") / "plan.jsonl")
-
-
-@pytest.fixture(scope="module")
-def rows(made):
-    return list(made)
-
-
-def test_rows_without_backgrounds_and_distractors_are_unchanged(assets):
+def test_rows_without_backgrounds_and_distractors_are_unchanged():
     plain = Planner(small_config(), small_assets())
-    listed = Planner(small_config(assets={"distractors": DISTRACTOR_ENTRIES},
-                                  placement={"distractors_per_image": 0}), assets)  # fmt: skip
+    none = {"distractors_per_image": 0}
+    listed = Planner(small_config(assets={"distractors": DISTRACTOR_ENTRIES}, placement=none), ASSETS)
     assert encode_rows(listed.rows(0, 4)) == encode_rows(plain.rows(0, 4))
 
 

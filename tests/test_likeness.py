@@ -35,15 +35,12 @@ def photographed(folder, boxes, names=("tank",)):
     (folder / "annotations.json").write_text(
         json.dumps({"images": images, "annotations": annotations, "categories": categories})
     )
-    assets = small_assets()
-    return replace(assets, sceneries={"bare": bare("bare")}, photographs=read_photographs(folder))
+    return replace(small_assets(bare("bare")), photographs=read_photographs(folder))
 
 
 def config_of(images=60, **camera):
     camera = {"like": "photographs", "like_share": 1.0, "visibility_rays": 16, "distance_m": [2, 1e5], **camera}
-    return small_config(
-        camera=camera, budget={"images_per_class": images}, assets={"sceneries": [{"path": "bare.blend"}]}
-    )
+    return small_config(camera=camera, budget={"images_per_class": images})
 
 
 def drawn_boxes(n, seed=0):
@@ -176,7 +173,6 @@ def test_companions_match_the_number_sizes_and_positions_of_other_boxes(tmp_path
         camera={"like": "photographs", "like_share": 1.0, "like_spread": 0.0, "visibility_rays": 16},
         placement={"vehicles_per_image": [1, 3], "companion_distance": [2, 100]},
         budget={"images_per_class": 30, "images_per_position": 1},
-        assets={"sceneries": [{"path": "bare.blend"}]},
     )
     wanted, found = [], []
     for row in plan(config, assets):

@@ -13,29 +13,18 @@ from hulldown.planning.planner import Planner
 from hulldown.planning.row import encode_rows
 from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
-from hulldown.tests.planning_assets import bare, hills, plan, small_assets, small_config, vehicle
+from hulldown.tests.planning_assets import hills, plan, small_assets, small_config, vehicle
 
 BASE = small_assets()
+HILLS, BARE = BASE.sceneries.values()
 CLIFFS = hills("cliffs", height=400.0, trees=0)  # steeper than 30 degrees almost everywhere
 YARD = hills("yard", size=7.0, trees=0)
 
 
-def world(*sceneries, **vehicles):
-    return replace(BASE, sceneries={one.name: one for one in sceneries}, vehicles={**BASE.vehicles, **vehicles})
-
-
-def config_for(assets, *, listed=None, **sections):
-    files = {"sceneries": [{"path": f"{name}.blend"} for name in assets.sceneries]}
-    if listed:
-        vehicles = [{"path": f"{name}.blend", "category": c} for name, c in BASE.categories.items()]
-        files["vehicles"] = [{**entry, **listed.get(entry["path"].removesuffix(".blend"), {})} for entry in vehicles]
-    return small_config(assets=files, **sections)
-
-
 def test_pairs_without_a_place_are_left_out_and_classes_stay_balanced(tmp_path):
     # Somebody's files: one scenery had no place for one vehicle, which failed the plan of nine.
-    assets = world(BASE.sceneries["hills"], BASE.sceneries["bare"], YARD)
-    made = write_plan(config_for(assets, budget={"images_per_class": 24}), assets, tmp_path / "plan.jsonl")
+    assets = small_assets(*BASE.sceneries.values(), YARD)
+    made = write_plan(small_config(budget={"images_per_class": 24}), assets, tmp_path / "plan.jsonl")
     assert {(pair.vehicle, pair.scenery) for pair in made.header.left_out} == {(v, "yard") for v in BASE.vehicles}
     assert all("vehicles are placed within 5.6 x 5.6 m" in pair.why for pair in made.header.left_out)
     rows = list(made)
@@ -48,8 +37,8 @@ def test_pairs_without_a_place_are_left_out_and_classes_stay_balanced(tmp_path):
 
 
 def test_a_pair_is_left_out_after_trial_placements():
-    assets = world(BASE.sceneries["bare"], CLIFFS)
-    config = config_for(assets, placement={"max_slope_deg": 0.01, "max_tries": 100})
+    assets = small_assets(BARE, CLIFFS)
+    config = small_config(placement={"max_slope_deg": 0.01, "max_tries": 100})
     planner = Planner(config, assets)
     assert [pair.scenery for pair in planner.pairs.left_out] == ["cliffs"] * 3
     assert "finds no place to stand: of 100 tries" in planner.pairs.left_out[0].why
@@ -58,33 +47,27 @@ def test_a_pair_is_left_out_after_trial_placements():
 
 def test_a_vehicle_without_any_scenery_is_an_error_and_so_is_a_missing_pair_if_strict():
     with pytest.raises(ConfigError, match=r"'t72' is 8.4 m long; in 'yard' .*; look at both"):
-        Planner(config_for(world(YARD)), world(YARD))
-    some = world(BASE.sceneries["bare"], YARD)
+        Planner(small_config(), small_assets(YARD))
     with pytest.raises(ConfigError, match="in 'yard' vehicles are placed"):
-        Planner(config_for(some), some, strict=True)
+        Planner(small_config(), small_assets(BARE, YARD), strict=True)
 
 
 def test_a_vehicle_without_images_needs_no_scenery():
-    assets = world(BASE.sceneries["hills"], ural=vehicle("ural", 25.0))
-    config = config_for(assets, budget={"images_per_class": {"tank": 4, "truck": 0}})
+    assets = small_assets(HILLS)
+    assets = replace(assets, vehicles={**assets.vehicles, "ural": vehicle("ural", 25.0)})
+    config = small_config(budget={"images_per_class": {"tank": 4, "truck": 0}})
     assert len(list(plan(config, assets))) == 4
-
-
-def narrow_config(assets, **sections):
-    """Half of the positions on the hills have no place."""
-    return config_for(
-        assets,
-        budget={"images_per_class": 8, "images_per_position": 1},
-        camera={"visibility_rays": 4},
-        placement={"max_slope_deg": 2.5, "max_tries": 12},
-        **sections,
-    )
 
 
 def test_a_position_without_a_place_moves_to_another_scenery_for_any_worker(tmp_path, monkeypatch):
     monkeypatch.setattr("hulldown.planning.write._SMALLEST_BLOCK", 5)
-    assets = world(hills("hills", cells=20, trees=3), bare("bare"))
-    config = narrow_config(assets)
+    # Half of the positions on these hills have no place.
+    assets = small_assets(hills("hills", cells=20, trees=3), BARE)
+    config = small_config(
+        budget={"images_per_class": 8, "images_per_position": 1},
+        camera={"visibility_rays": 4},
+        placement={"max_slope_deg": 2.5, "max_tries": 12},
+    )
     made = [write_plan(config, assets, tmp_path / f"{n}.jsonl", workers=n).path.read_bytes() for n in (1, 3)]
     assert made[0] == made[1]
     rows = list(read_plan(tmp_path / "1.jsonl"))
@@ -103,18 +86,20 @@ def test_a_position_without_a_place_moves_to_another_scenery_for_any_worker(tmp_
 
 
 def test_a_vehicle_is_planned_only_on_its_sceneries(tmp_path):
-    assets = world(BASE.sceneries["hills"], BASE.sceneries["bare"])
-    config = config_for(
-        assets,
-        listed={"t72": {"sceneries": ["h*"]}, "ural": {"sceneries": ["bare"]}},
+    patterns = {"t72": ["h*"], "leo": [], "ural": ["bare"]}
+    vehicles = [
+        {"path": f"{name}.blend", "category": BASE.categories[name], "sceneries": on} for name, on in patterns.items()
+    ]
+    config = small_config(
+        assets={"vehicles": vehicles},
         budget={"images_per_class": 24, "images_per_position": 2},
         placement={"vehicles_per_image": [1, 3]},
     )
-    made = write_plan(config, assets, tmp_path / "plan.jsonl")
+    made = write_plan(config, BASE, tmp_path / "plan.jsonl")
     on = {name: {row.scenery for row in made for one in row.vehicles if one.vehicle == name} for name in BASE.vehicles}
     assert on == {"t72": {"hills"}, "ural": {"bare"}, "leo": {"hills", "bare"}}
     assert made.header.left_out == []
-    assert check_plan(made, assets) == []
+    assert check_plan(made, BASE) == []
 
 
 @pytest.mark.parametrize(
@@ -125,20 +110,17 @@ def test_a_vehicle_is_planned_only_on_its_sceneries(tmp_path):
     ],
 )
 def test_impossible_sceneries_of_a_vehicle_are_refused(sceneries, weight, message):
-    assets = world(BASE.sceneries["hills"], BASE.sceneries["bare"])
     vehicles = [{"path": "t72.blend", "category": "tank", "sceneries": sceneries}]
     files = {"vehicles": vehicles, "sceneries": [{"path": "hills.blend"}, {"path": "bare.blend", "weight": weight}]}
-    only = replace(assets, vehicles={"t72": assets.vehicles["t72"]})
     with pytest.raises(ConfigError, match=message):
-        Planner(small_config(assets=files), only)
+        Planner(small_config(assets=files), small_assets(vehicles=["t72"]))
 
 
 def test_companions_without_room_are_left_out_and_counted(tmp_path, monkeypatch):
     # It ended the plan, with advice that led to the same error.
     monkeypatch.setattr("hulldown.planning.search.positions.CROWDED_PLACES", 0)
-    assets = world(BASE.sceneries["bare"])
-    config = config_for(
-        assets,
+    assets = small_assets(BARE)
+    config = small_config(
         budget={"images_per_class": 2, "images_per_position": 2},
         camera={"visibility_rays": 4, "visible_fraction": [0, 1]},
         placement={"vehicles_per_image": 4, "companion_distance": [6, 6.5]},
@@ -156,9 +138,8 @@ def test_companions_without_room_are_left_out_and_counted(tmp_path, monkeypatch)
 
 
 def test_few_tries_drop_companions_before_the_position():
-    assets = world(BASE.sceneries["bare"])
-    config = config_for(
-        assets,
+    assets = small_assets(BARE)
+    config = small_config(
         budget={"images_per_class": 2},
         camera={"visibility_rays": 4, "visible_fraction": [0, 1]},
         placement={"vehicles_per_image": 4, "companion_distance": [5, 6], "max_tries": 2},

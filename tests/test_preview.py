@@ -11,26 +11,23 @@ from hulldown.planning.pictures.shading import sun_of
 from hulldown.planning.write import write_plan
 from hulldown.tests.planning_assets import small_assets, small_config
 
-
-@pytest.fixture(scope="module")
-def assets():
-    return small_assets()
+ASSETS = small_assets()
 
 
 @pytest.fixture(scope="module")
-def plan(assets, tmp_path_factory):
+def plan(tmp_path_factory):
     config = small_config(
         budget={"images_per_class": 3},
         weather={"fog": 0.5},
         placement={"vehicles_per_image": 2, "companion_distance": [30, 40]},  # some are out of the frame
         light={"strength": 1.0},
     )
-    return write_plan(config, assets, tmp_path_factory.mktemp("preview") / "plan.jsonl")
+    return write_plan(config, ASSETS, tmp_path_factory.mktemp("preview") / "plan.jsonl")
 
 
 @pytest.fixture(scope="module")
-def artist(plan, assets):
-    return Artist(plan, assets)
+def artist(plan):
+    return Artist(plan, ASSETS)
 
 
 def clear(row):
@@ -40,18 +37,17 @@ def clear(row):
 def test_the_vehicle_is_where_its_box_is(plan, artist):
     row = altered(clear(plan[0]), companions=[])
     with_it = artist.shade(row, 160, 90)
-    lifted = row.target.world_from_vehicle.copy()
-    lifted[2, 3] += 500.0
-    away = altered(row, target=altered(row.target, world_from_vehicle=lifted))
-    changed = np.abs(artist.shade(away, 160, 90) - with_it).max(axis=2) > 1e-9
+    pose = row.target.world_from_vehicle.copy()
+    pose[2, 3] += 500.0
+    lifted = artist.shade(altered(row, target=altered(row.target, world_from_vehicle=pose)), 160, 90)
+    changed = np.abs(lifted - with_it).max(axis=2) > 1e-9
     x, y, w, h = (v / 12 for v in row.target.bbox)
     inside = np.zeros((90, 160), dtype=bool)
     inside[int(y) : int(y + h) + 1, int(x) : int(x + w) + 1] = True
     # Outside the box only the dark shadow differs.
     assert (changed & inside).sum() > 0.2 * inside.sum()
-    assert (with_it[changed & ~inside].sum(axis=-1) < artist.shade(away, 160, 90)[
-        changed & ~inside
-    ].sum(axis=-1)).all()  # fmt: skip
+    shadow = changed & ~inside
+    assert (with_it[shadow].sum(axis=-1) < lifted[shadow].sum(axis=-1)).all()
 
 
 def test_pictures_have_the_requested_size_and_valid_colors(plan, artist):
@@ -76,10 +72,10 @@ def test_the_sun_turns_with_the_hdri():
 
 
 @pytest.mark.parametrize(("count", "shown"), [(5, 5), (100, 6)])
-def test_the_sheet(plan, assets, tmp_path, count, shown):
+def test_the_sheet(plan, tmp_path, count, shown):
     assert any(row.companions[0].bbox is None for row in plan)
     seen, path = [], tmp_path / "sheet.png"
-    preview_sheet(plan, assets, path, count=count, columns=3, tile_width=48, progress=lambda *n: seen.append(n))
+    preview_sheet(plan, ASSETS, path, count=count, columns=3, tile_width=48, progress=lambda *n: seen.append(n))
     with Image.open(path) as sheet:
         assert sheet.width > 3 * 48
     assert seen == [(i, shown) for i in range(1, shown + 1)]

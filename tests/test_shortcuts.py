@@ -9,6 +9,8 @@ from hulldown.planning.shortcuts import shortcuts
 from hulldown.planning.summary import summarize
 from hulldown.tests.planning_assets import plan, small_assets, small_config
 
+ASSETS = small_assets()
+
 
 def counted(values, classes):
     by_class = {}
@@ -37,19 +39,11 @@ def test_a_value_that_reveals_a_class_is_named():
 
 def test_a_plan_has_no_shortcuts_unless_the_config_makes_one():
     budget = {"images_per_class": 150, "images_per_position": 1}
-    plain = summarize(plan(small_config(budget=budget), small_assets()))
+    plain = summarize(plan(small_config(budget=budget), ASSETS))
     assert plain.shortcuts == ()
     paint = [{"materials": ["*"], "colors": ["#ff0000"]}]
-    entries = [
-        {"path": "vehicles/t72.blend", "category": "tank"},
-        {"path": "vehicles/ural.blend", "category": "truck", "paint": paint},
-    ]
-    base = small_assets()
-    two = type(base)(
-        {name: base.vehicles[name] for name in ("t72", "ural")}, {"t72": "tank", "ural": "truck"}, base.sceneries,
-        base.hdris,
-    )  # fmt: skip
-    summary = summarize(plan(small_config(budget=budget, assets={"vehicles": entries}), two))
+    entries = [{"path": "vehicles/ural.blend", "category": "truck", "paint": paint}]
+    summary = summarize(plan(small_config(budget=budget, assets={"vehicles": entries}), ASSETS))
     (line,) = summary.shortcuts
     assert line.startswith("paint tells classes apart")
     assert line in summary.notes()
