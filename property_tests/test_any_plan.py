@@ -92,7 +92,7 @@ def planner_of(header: str) -> Planner | None:
     It's built once for an unchanged config.
     """
     config = Config.of(json.loads(header), path=Path("plan.jsonl"))
-    return Planner(config, ASSETS) if names_of(config) == NAMES else None
+    return Planner(config, ASSETS) if {entry.name for entry in config.assets.entries} == NAMES else None
 
 
 def change_line(line: dict[str, Any], at: int, which: int, key: str, new: Any, how: str) -> None:
@@ -121,42 +121,34 @@ def job_of(row: Row, plan: Path) -> None:
 
 def used(path: Path) -> None:
     """Use a plan in every way except rendering it."""
-    opened: list[Plan] = []
-    messages = [refusal(lambda: opened.append(read_plan(path)))]
-    messages += [line for plan in opened for line in all_uses(plan, path)]
+    plans: list[Plan] = []
+    messages = [refusal(lambda: plans.append(read_plan(path)))]
+    for plan in plans:
+        rows: list[Row] = []
+        messages += [
+            refusal(rows.extend, plan),
+            refusal(load_planned_library, plan),
+            refusal(refuse_changed, plan, ASSETS),
+            refusal(check, plan),
+            refusal(summarize, plan),
+            refusal(Outline, plan),
+            refusal(plan_key, path),
+            *(refusal(job_of, row, path) for row in rows),
+            *(refusal(draw, plan, row) for row in rows[:1]),
+        ]
     assert all("\n" not in line and len(line) < 5000 for line in messages)
 
 
-def all_uses(plan: Plan, path: Path) -> list[str]:
-    """Messages of each use of a plan that can be opened."""
-    rows: list[Row] = []
-    planners: list[Planner | None] = []
-    return [
-        refusal(rows.extend, plan),
-        refusal(load_planned_library, plan),
-        refusal(refuse_changed, plan, ASSETS),
-        refusal(lambda: planners.append(planner_of(json.dumps(plan.header.config)))),
-        *(line for planner in planners if planner for line in posed_uses(plan, planner, rows)),
-        refusal(summarize, plan),
-        refusal(Outline, plan),
-        refusal(plan_key, path),
-        *(refusal(job_of, row, path) for row in rows),
-    ]
+def check(plan: Plan) -> None:
+    """Check a plan, unless it names other assets."""
+    if planner := planner_of(json.dumps(plan.header.config)):
+        check_rows(plan, planner)
 
 
-def names_of(config: Config) -> set[str]:
-    """For all assets."""
-    return {entry.name for entry in config.assets.entries}
-
-
-def posed_uses(plan: Plan, planner: Planner, rows: list[Row]) -> list[str]:
-    """Messages of the check, and of previews."""
-    return [refusal(check_rows, plan, planner), *(refusal(draw, plan, planner, row) for row in rows[:1])]
-
-
-def draw(plan: Plan, planner: Planner, row: Row) -> None:
-    """Draw a preview."""
-    Artist(plan, ASSETS).picture(row, width=8)
+def draw(plan: Plan, row: Row) -> None:
+    """Draw a preview, unless the plan names other assets."""
+    if planner_of(json.dumps(plan.header.config)):
+        Artist(plan, ASSETS).picture(row, width=8)
 
 
 plans = st.integers(0, len(CONFIGS) - 1)
