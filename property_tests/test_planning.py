@@ -20,7 +20,7 @@ from hulldown.placement.terrain import Terrain
 from hulldown.planning.check import relabeled
 from hulldown.planning.planner import Planner
 from hulldown.render.annotations import Segmenter
-from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, small_assets, small_config
+from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, filled_share, small_assets, small_config
 
 # Rounding of rows: see planning/row.py.
 ROUNDED, ROTATION, PIXELS = 1e-9, 1e-12, 1e-6
@@ -230,7 +230,7 @@ def camera_within_limits(row, config):
     else:
         low, high = limits.target_fraction
         size = min(row.target.bbox_amodal[2:])
-        share = share_of_the_image(row, limits.size_measure)
+        share = filled_share(row.target.bbox_amodal[2:], row, limits.size_measure)
         assert low * (1 - 4 * PIXELS / size) <= share <= high * (1 + 4 * PIXELS / size)
     assert limits.distance_m[0] - 1e-6 <= distance <= limits.distance_m[1] + 1e-6
     elevation = math.degrees(math.asin(away[2] / distance))
@@ -247,17 +247,6 @@ def camera_within_limits(row, config):
     assert row.target.truncated_fraction == pytest.approx(1 - np.prod(found[2:]) / np.prod(amodal[2:]), abs=2 * ROUNDED)
     assert within(row.target.visible_fraction, limits.visible_fraction)
     assert min(row.target.bbox[2:]) >= limits.min_box_px - PIXELS
-
-
-def share_of_the_image(row, measure):
-    """Share of the image that the box fills, with or without the frame."""
-    (width, height), (image_width, image_height) = row.target.bbox_amodal[2:], (row.width, row.height)
-    return {
-        "height": height / image_height,
-        "width": width / image_width,
-        "diagonal": math.hypot(width, height) / math.hypot(image_width, image_height),
-        "area": width * height / (image_width * image_height),
-    }[measure]
 
 
 def light_within_limits(row, config):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -106,6 +107,17 @@ def small_config(**sections):
     for name, section in sections.items():
         data[name] = {**data.get(name, {}), **section} if isinstance(section, dict) else section
     return Config.of(data)
+
+
+def filled_share(size, row, measure):
+    """Share of a row's image that a box of this width and height fills, by a measure of `camera.size_measure`."""
+    width, height = size
+    return {
+        "height": height / row.height,
+        "width": width / row.width,
+        "diagonal": math.hypot(width, height) / math.hypot(row.width, row.height),
+        "area": width * height / (row.width * row.height),
+    }[measure]
 
 
 def plan(config, assets):
