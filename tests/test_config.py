@@ -8,6 +8,7 @@ import pytest
 
 from hulldown.camera.weather.kinds import KINDS
 from hulldown.geometry.errors import ConfigError
+from hulldown.placement.rejection import Rejection
 from hulldown.planning.config.config_keys import ENTRIES, PAGE, keys_of, page, sections
 from hulldown.planning.config.schema import Config, Section
 from hulldown.planning.config.template import bare_text, config_text
@@ -61,6 +62,13 @@ def test_every_key_has_a_description_in_the_docs():
     text = PAGE.read_text(encoding="utf-8")
     assert text.count("<!-- keys of ") == len(sections()) + len(ENTRIES) + 1
     assert page(text) == text, "run python -m hulldown.planning.config.config_keys"
+
+
+def test_the_docs_of_limits_have_every_reason_and_existing_keys():
+    rows = re.findall(r"(?m)^\| `(\w+)` \|(.*)\|.*\|$", PAGE.with_name("limits.md").read_text(encoding="utf-8"))
+    assert sorted(reason for reason, _ in rows) == sorted(each.key for each in Rejection if each)
+    for section, key in re.findall(r"`(\w+)\.(\w+)`", " ".join(keys for _, keys in rows)):
+        assert key in sections()[section].model_fields
 
 
 def test_examples_of_keys_without_a_default_are_allowed(read):

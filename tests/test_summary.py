@@ -86,22 +86,19 @@ def test_an_empty_plan():
     assert len(summary.tables()) == 3
 
 
-def test_tables_show_what_to_act_on():
+@pytest.mark.parametrize(
+    ("rows", "shown"),
+    [
+        (ROWS, ("4 images at 2 positions", "ural 1, man 1", "too steep at the spot", "60.0 %", "hidden more than")),
+        ([row(0, category="tank [/old]", vehicle="t72[b]")], ("tank [/old]", "t72[b] 1")),
+    ],
+    ids=["what to act on", "names with brackets"],
+)
+def test_tables_show(rows, shown):
     console = Console(width=140, record=True, file=io.StringIO())
-    for table in summarize(ROWS).tables():
-        console.print(table)
+    console.print(*summarize(rows).tables())
     text = console.export_text()
-    for words in ("4 images at 2 positions", "ural 1, man 1", "too steep at the spot", "60.0 %", "hidden more than"):
-        assert words in text
-
-
-def test_names_with_brackets_are_printed_unchanged():
-    console = Console(width=140, record=True, file=io.StringIO())
-    for table in summarize([row(0, category="tank [/old]", vehicle="t72[b]")]).tables():
-        console.print(table)
-    text = console.export_text()
-    assert "tank [/old]" in text
-    assert "t72[b] 1" in text
+    assert all(words in text for words in shown), text
 
 
 def test_a_class_is_not_a_formula(tmp_path):
