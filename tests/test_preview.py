@@ -6,7 +6,7 @@ from msgspec.structs import replace as altered
 from PIL import Image
 
 from hulldown.camera.weather.kinds import Weather
-from hulldown.planning.pictures.preview import Artist, caption, preview_sheet
+from hulldown.planning.pictures.preview import TILE_WIDTH, Artist, caption, preview_sheet
 from hulldown.planning.pictures.shading import sun_of
 from hulldown.planning.write import write_plan
 from hulldown.tests.planning_assets import small_assets, small_config
@@ -75,9 +75,9 @@ def test_the_sun_turns_with_the_hdri():
 def test_the_sheet(plan, tmp_path, count, shown):
     assert any(row.companions[0].bbox is None for row in plan)
     seen, path = [], tmp_path / "sheet.png"
-    preview_sheet(plan, ASSETS, path, count=count, columns=3, tile_width=48, progress=lambda *n: seen.append(n))
+    preview_sheet(plan, ASSETS, path, count=count, progress=lambda *n: seen.append(n))
     with Image.open(path) as sheet:
-        assert sheet.width > 3 * 48
+        assert sheet.width > 4 * TILE_WIDTH
     assert seen == [(i, shown) for i in range(1, shown + 1)]
     assert [path.name for path in tmp_path.iterdir()] == ["sheet.png"]
 

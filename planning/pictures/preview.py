@@ -37,13 +37,11 @@ def preview_sheet(
     path: str | Path,
     *,
     count: int = 24,
-    columns: int = 4,
-    tile_width: int = TILE_WIDTH,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
     """Write a contact sheet of up to `count` images, evenly spread over a plan; see `sheet`."""
     chosen = spread(len(plan), count).tolist()
-    made = sheet(plan, Artist(plan, assets), chosen, columns=columns, tile_width=tile_width, progress=progress)
+    made = sheet(plan, Artist(plan, assets), chosen, columns=4, tile_width=TILE_WIDTH, progress=progress)
     save_sheet(made, Path(path))
 
 
