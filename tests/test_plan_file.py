@@ -44,31 +44,6 @@ def test_rows_round_trip(path):
         plan[5]
 
 
-@pytest.mark.parametrize(
-    ("line", "text", "message"),
-    [
-        (3, b"{\n", r"line 3 is no JSON"),
-        (3, b"[]\n", r"line 3 is list, not an image"),
-        (4, line({"index": 2}), r"line 4 lacks vehicle, category, world_from_vehicle"),
-        (2, line(row(1)), r"line 2 has index 1, expected 0"),
-        (
-            6,
-            line(row(4, file_name="../x.png")),
-            r"line 6 has file_name '../x.png', expected a path like images/1.png",
-        ),
-        (6, b"", r"ends after 4 of 5 images"),
-        (6, line(row(4)) + line(row(5)), r"line 7 is more than the 5 images of the header"),
-    ],
-)
-def test_a_damaged_line_is_named(path, line, text, message):
-    lines = path.read_bytes().splitlines(keepends=True)
-    lines[line - 1] = text
-    path.write_bytes(b"".join(lines))
-    with pytest.raises(ConfigError, match=message) as caught:
-        list(read_plan(path))
-    assert str(path) in str(caught.value)
-
-
 def test_the_row_of_these_tests_has_every_key():
     assert set(row(0)) == {name for name, field in fields(Row).items() if not field.optional}
     assert set(VEHICLE) == {name for name, field in fields(PlannedVehicle).items() if not field.optional}
@@ -120,16 +95,27 @@ CHANGED = [
     ({"companions": [{**VEHICLE, "category": "car"}]}, "line 4 has the class 'car' for 't72', expected 'tank'"),
     *(({key: value}, f"line 4 has {key} ") for key, value in OUT_OF_RANGE),
 ]
+DAMAGED = [  # the number of a line, its replacement, and the error
+    (3, b"{\n", r"line 3 is no JSON"),
+    (3, b"[]\n", r"line 3 is list, not an image"),
+    (4, line({"index": 2}), r"line 4 lacks vehicle, category, world_from_vehicle"),
+    (2, line(row(1)), r"line 2 has index 1, expected 0"),
+    (6, line(row(4, file_name="../x.png")), r"line 6 has file_name '../x.png', expected a path like images/1.png"),
+    (6, b"", r"ends after 4 of 5 images"),
+    (6, line(row(4)) + line(row(5)), r"line 7 is more than the 5 images of the header"),
+    *((4, line(row(2, **changed)), message) for changed, message in CHANGED),
+]
 
 
-@pytest.mark.parametrize(("changed", "message"), CHANGED)
-def test_the_error_of_an_invalid_line_names_it(tmp_path, changed, message):
+@pytest.mark.parametrize(("number", "text", "message"), DAMAGED)
+def test_the_error_of_a_damaged_line_names_it(tmp_path, number, text, message):
     path = written(tmp_path / "plan.jsonl", vehicles={"t72": {"category": "tank"}})
     lines = path.read_bytes().splitlines(keepends=True)
-    lines[3] = line(row(2, **changed))
+    lines[number - 1] = text
     path.write_bytes(b"".join(lines))
-    with pytest.raises(ConfigError, match=message):
+    with pytest.raises(ConfigError, match=message) as caught:
         list(read_plan(path))
+    assert str(path) in str(caught.value)
 
 
 def test_only_plans_are_overwritten(path):
@@ -218,16 +204,9 @@ ILLEGAL = [
     *("images/./1.png", "images//1.png", "./images/1.png", "images/../images/1.png", "/images/1.png", "../1.png"),
     *("images", "images/", "images/.png", ".unfinished/1.png", "images/.unfinished/1.png", "images/a/.b.png", "1.png"),
     *("annotations.json", "images/1.gif", "images/1.PNG", "Images/1.png", "a/images/1.png", "images/1.png/"),
-    *(
-        "images\\1.png",
-        "C:\\images\\1.png",
-        "images/a:b.png",
-        "images/1.png\n",
-        "images/\x1b[31m.png",
-        "images/a\0.png",
-    ),
+    *("images\\1.png", "C:\\images\\1.png", "images/a:b.png", "images/1.png\n", "images/\x1b[31m.png"),
     *("images/CON.png", "images/nul/1.png", "images/a./1.png", "images/a /1.png", "images/a?.png", "images/*.png"),
-    *("", "images/" + "a" * 300 + ".png", "images/" + "a/" * 100 + "1.png"),
+    *("", "images/a\0.png", "images/" + "a" * 300 + ".png", "images/" + "a/" * 100 + "1.png"),
 ]
 
 
