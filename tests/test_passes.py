@@ -7,7 +7,6 @@ import pytest
 from PIL import Image
 
 from hulldown.annotate.masks import mask_box, vehicle_mask
-from hulldown.planning.config.schema import Config
 from hulldown.planning.pictures.passes import PASSES, STUFF, write_passes
 from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan_file import read_plan
@@ -23,8 +22,13 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("passes")
     config = small_config(
         budget={"images_per_class": 2},
-        placement={"vehicles_per_image": 2, "companion_distance": [8, 15], "distractors_per_image": 1},
-        camera={"elevation_deg": [3, 12], "target_fraction": [0.2, 0.4], "roll_deg": [-30, 30]},
+        placement={"vehicles_per_image": 4, "companion_distance": [6, 15], "distractors_per_image": 1},
+        camera={
+            "elevation_deg": [3, 12],
+            "target_fraction": [0.2, 0.4],
+            "roll_deg": [-30, 30],
+            "visibility_rays": 1024,
+        },
         render={"width": 240, "height": 136},
     )
     plan = write_plan(config, ASSETS, folder / "plan.jsonl")
@@ -52,14 +56,16 @@ def test_instances_equal_the_vehicles_masks(made):
             others = world.with_vehicles([v for v in world.vehicles if v is not vehicle])
             mask = vehicle_mask(vehicle, row.camera, world=others)
             assert (mask != (arrays["instance"] == i + 1)).sum() <= 1  # where two objects have the same distance
-            hidden += int((vehicle_mask(vehicle, row.camera) & ~mask).sum())
+            alone = vehicle_mask(vehicle, row.camera)
+            hidden += int((alone & ~mask).sum())
+            if alone.sum() > 200:
+                assert row.vehicles[i].visible_fraction == pytest.approx(mask.sum() / alone.sum(), abs=0.1)
     assert hidden > 100
 
 
 def test_depths_and_normals_equal_those_of_the_ground(made):
     plan, folder = made
-    config = Config.of(plan.header.config)
-    terrains = {site.name: site.terrain for site in make_stage(config, ASSETS).sites}
+    terrains = {site.name: site.terrain for site in make_stage(plan.config, ASSETS).sites}
     for row in plan:
         arrays, table = read(folder, row)
         (ground,) = (record["id"] for record in table["instances"] if record["kind"] == "ground")
@@ -88,11 +94,9 @@ def test_parts_are_the_movable_ones(made):
         arrays, _ = read(folder, row)
         assert ((arrays["part"] > 0) == np.isin(arrays["instance"], np.arange(len(row.vehicles)) + 1)).all()
         for i, vehicle in enumerate(row.vehicles):
-            shown = {parts[p]["part"] for p in np.unique(arrays["part"][arrays["instance"] == i + 1])}
-            assert {parts[p]["vehicle"] for p in np.unique(arrays["part"][arrays["instance"] == i + 1])} <= {
-                vehicle.vehicle
-            }
-            seen |= shown
+            shown = [parts[p] for p in np.unique(arrays["part"][arrays["instance"] == i + 1])]
+            assert {part["vehicle"] for part in shown} <= {vehicle.vehicle}
+            seen |= {part["part"] for part in shown}
     assert {"hull", "turret", "gun"} <= seen
 
 
