@@ -79,12 +79,6 @@ class Budget:
         return -(-self.images // self.shots)
 
     @property
-    def positions_per_class(self) -> Int[np.ndarray, " c"]:
-        """Positions of each class."""
-        running = np.concatenate([[0], np.cumsum(self.positions_per_vehicle)])
-        return np.diff(running[self.class_starts])
-
-    @property
     def n_images(self) -> int:
         """Images in all."""
         return int(self.images.sum()) + self.backgrounds
@@ -125,18 +119,17 @@ class Budget:
         start, stop = self.class_starts[last - 1], self.class_starts[np.minimum(last, len(self.class_starts) - 1)]
         return np.where(vehicle < 0, -1, start + (vehicle - start + turn) % np.maximum(stop - start, 1))
 
-    def target_positions(self, index: Int[np.ndarray, " n"]) -> Positions:
+    def target_positions(self, k: Int[np.ndarray, " n"]) -> Positions:
         """Return the k-th positions of vehicles, counted without positions and images of backgrounds."""
-        k = index
-        per_class = self.positions_per_class
+        running = np.concatenate([[0], np.cumsum(self.positions_per_vehicle)])
+        per_class = np.diff(running[self.class_starts])
         # Step t visits the t-th position of every class that has one. Between two successive totals the same classes
         # take part, so each step visits the same number of positions.
         totals = np.unique(per_class)
         active = (per_class[None, :] >= totals[:, None]).sum(axis=1)
         starts_t = np.concatenate([[0], totals])[:-1]
         starts_k = np.concatenate([[0], np.cumsum((totals - starts_t) * active)])
-        segment = np.searchsorted(starts_k, k, side="right") - 1
-        segment = np.minimum(segment, len(totals) - 1)
+        segment = np.minimum(np.searchsorted(starts_k, k, side="right") - 1, len(totals) - 1)
         t = starts_t[segment] + (k - starts_k[segment]) // active[segment]
         slot = (k - starts_k[segment]) % active[segment]
         taking_part = per_class[None, :] > t[:, None]
