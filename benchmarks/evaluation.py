@@ -123,7 +123,7 @@ def _drawn(labels, predictions, pairs, matching, seen) -> None:
 def _intervals(labels, predictions, matching, seen) -> None:
     classes, images = len(predictions.class_names), len(labels.image_id)
     sums = sums_by(
-        labels, predictions, matching, seen,
+        predictions, matching, seen,
         of_detection=predictions.image * classes + predictions.label,
         of_label=labels.image * classes + labels.label,
         groups=images * classes,

@@ -6,12 +6,11 @@ import numpy as np
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from hulldown.tests.detections import loaded, random_case
+from hulldown.tests.detections import judged, random_case, total
 from hulldown.tests.test_matching import assert_official
 from hulldown.training.evaluation.average_precision import average_precision
 from hulldown.training.evaluation.bootstrap import share_interval
-from hulldown.training.evaluation.matching import match, overlapping
-from hulldown.training.evaluation.metrics import confusion, figures, outcomes, sums_by
+from hulldown.training.evaluation.metrics import confusion, figures
 from hulldown.training.evaluation.tide import errors
 
 CASES = st.builds(
@@ -26,25 +25,9 @@ CASES = st.builds(
 THRESHOLDS = st.sampled_from([0.0, 0.3, 0.5, 0.9])
 
 
-def judged(coco, found, threshold):
-    labels, predictions = loaded(coco, found)
-    pairs = overlapping(labels, predictions)
-    matching = match(labels, predictions, pairs)
-    return labels, predictions, pairs, matching, outcomes(labels, predictions, matching, threshold)
-
-
-def sums(coco, found, threshold, *, by_image=False):
-    labels, predictions, _, matching, seen = judged(coco, found, threshold)
-    scale = int(by_image)
-    return sums_by(
-        labels,
-        predictions,
-        matching,
-        seen,
-        of_detection=predictions.image * scale,
-        of_label=labels.image * scale,
-        groups=len(labels.images) if by_image else 1,
-    )
+def sums(coco, found, threshold):
+    _, predictions, _, matching, seen = judged(coco, found, threshold=threshold)
+    return total(predictions, matching, seen)
 
 
 @given(CASES)
@@ -59,15 +42,15 @@ def test_the_order_of_images_categories_and_detections_does_not_matter(case, thr
     for records in (shuffled["images"], shuffled["categories"], mixed):
         random.shuffle(records)
     assert np.allclose(sums(coco, found, threshold), sums(shuffled, mixed, threshold), rtol=1e-12)
-    ours, theirs = (errors(*judged(*one, threshold)[:4]) for one in ((coco, found), (shuffled, mixed)))
+    ours, theirs = (errors(*judged(*one, threshold=threshold)[:4]) for one in ((coco, found), (shuffled, mixed)))
     assert ours.loss == theirs.loss or all(np.isnan(list(ours.loss.values())))
     assert np.array_equal(np.bincount(ours.cause + 1), np.bincount(theirs.cause + 1))
 
 
 @given(CASES, THRESHOLDS)
 def test_counts_agree_with_labels_detections_and_confusion(case, threshold):
-    labels, predictions, pairs, matching, seen = judged(*case, threshold)
-    tp, fp, fn = sums(*case, threshold)[0, :3]
+    labels, predictions, pairs, matching, seen = judged(*case, threshold=threshold)
+    tp, fp, fn = sums(*case, threshold)[:3]
     assert tp + fn == (~labels.crowd).sum()
     assert tp + fp == (~matching.ignored & (predictions.score >= threshold)).sum()
     matrix = confusion(labels, predictions, pairs, matching, seen)
@@ -82,8 +65,8 @@ def test_detections_equal_to_labels_are_perfect(case):
     assume(coco["annotations"])
     keys = ("image_id", "category_id", "bbox")
     found = [{key: label[key] for key in keys} | {"score": 0.9} for label in coco["annotations"]]
-    labels, predictions, pairs, matching, _ = judged(coco, found, 0.5)
-    figure = figures(sums(coco, found, 0.5)[0])
+    labels, predictions, pairs, matching, _ = judged(coco, found)
+    figure = figures(sums(coco, found, 0.5))
     assert {float(figure[key]) for key in ("precision", "recall", "f1", "mean_iou")} == {1.0}
     assert set(errors(labels, predictions, pairs, matching).loss.values()) == {0.0}
     assert np.isclose(average_precision(labels, predictions).summary["ap"], 1.0)
@@ -91,7 +74,7 @@ def test_detections_equal_to_labels_are_perfect(case):
 
 @given(CASES)
 def test_fixing_all_false_positives_or_misses_never_lowers_ap(case):
-    labels, predictions, pairs, matching, _ = judged(*case, 0.5)
+    labels, predictions, pairs, matching, _ = judged(*case)
     loss = errors(labels, predictions, pairs, matching).loss
     for cause in ("both", "duplicate", "background"):
         assert not loss[cause] < -1e-12

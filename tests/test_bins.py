@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from hulldown.annotate.known import seen_from
-from hulldown.tests.detections import dataset, loaded, random_case, results
+from hulldown.tests.detections import dataset, judged, loaded, random_case, results
 from hulldown.training.evaluation.bins import fields, figures_of, worst
-from hulldown.training.evaluation.matching import match, overlapping
-from hulldown.training.evaluation.metrics import outcomes
 
 
 def turned(yaw_deg, at=(0.0, 0.0, 0.0)):
@@ -113,10 +111,8 @@ def test_the_rarest_of_many_names_share_a_bin():
     assert np.bincount(field.of_label).tolist() == [2] * 30 + [10]
 
 
-def judged(coco, found):
-    labels, predictions = loaded(coco, found)
-    matching = match(labels, predictions, overlapping(labels, predictions))
-    seen = outcomes(labels, predictions, matching, 0.3)
+def binned(coco, found):
+    labels, predictions, _, matching, seen = judged(coco, found, threshold=0.3)
     return [
         figures_of(field, labels, predictions, matching, seen, position=labels.positions())
         for field in fields(labels, predictions)
@@ -128,7 +124,7 @@ def test_bins_add_up_to_the_whole(seed):
     coco, found = random_case(seed, crowds=0.2)
     for k, image in enumerate(coco["images"]):
         image["scenery"] = "ab"[k % 2]
-    figures, seen = judged(coco, found)
+    figures, seen = binned(coco, found)
     assert {one.field.name for one in figures} == {"class", "box_size", "scenery"}
     for one in figures:
         assert one.found.sum() == seen.found.sum()
@@ -140,7 +136,7 @@ def test_bins_add_up_to_the_whole(seed):
 def test_figures_of_bins_by_hand():
     boxes = [(1, 1, (0, 0, 10, 10)), (1, 1, (100, 0, 100, 100)), (1, 1, (300, 0, 100, 100))]
     found = [(1, 1, (100, 0, 100, 80), 0.9), (1, 1, (500, 0, 10, 10), 0.9)]
-    size = next(one for one in judged(dataset(boxes), results(found))[0] if one.field.name == "box_size")
+    size = next(one for one in binned(dataset(boxes), results(found))[0] if one.field.name == "box_size")
     assert size.field.bins == ("under 16 px", "64 to 96 px", "96 to 192 px")
     assert size.labels.tolist() == [1, 0, 2]
     assert size.recall.tolist()[::2] == [0, 0.5]
@@ -154,7 +150,7 @@ def test_the_worst_bins_are_described_once_per_field():
     boxes += [(1 + k, 2, (200, 60, 40, 40)) for k in range(30)]
     found = [(*box, 0.9) for box in boxes[:3] + boxes[30:57]]
     coco = dataset(boxes, images=30)
-    figures, _ = judged(coco, results(found))
+    figures, _ = binned(coco, results(found))
     told = worst(figures)
     assert len(told) == 2
     assert any(line.startswith("class tank: 3 of 30 found, recall 0.10 (0.03 to 0.2") for line in told)
@@ -168,6 +164,6 @@ def test_images_of_one_position_widen_the_interval_of_a_bin():
     for shots in (1, 4):
         for k, image in enumerate(coco["images"]):
             image |= {"scenery": "hills", "position": k // shots}
-        figures, _ = judged(coco, results([(*box, 0.9) for box in boxes[:20]]))
+        figures, _ = binned(coco, results([(*box, 0.9) for box in boxes[:20]]))
         widths.append(float(np.ptp(figures[0].recall_interval[:, 0])))
     assert widths[1] > 1.7 * widths[0]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hulldown.tests.detections import dataset, loaded, random_case, results
+from hulldown.tests.detections import dataset, judged, loaded, random_case, results, total
 from hulldown.tests.test_matching import official as official_matching
 from hulldown.training.evaluation.average_precision import IOUS, RECALLS, resampled_averages, weighted_averages
 from hulldown.training.evaluation.average_precision import average_precision as official
@@ -20,18 +20,6 @@ from hulldown.training.evaluation.metrics import confusion, curves, figures, out
 from hulldown.training.evaluation.tide import CAUSES, errors, mean_ap
 
 
-def judged(coco, found, *, threshold=0.5, iou=0.5):
-    labels, predictions = loaded(coco, found)
-    pairs = overlapping(labels, predictions)
-    matching = match(labels, predictions, pairs, iou=iou)
-    return labels, predictions, pairs, matching, outcomes(labels, predictions, matching, threshold)
-
-
-def total(labels, predictions, matching, seen):
-    zeros = np.zeros(len(predictions.label), dtype=int), np.zeros(len(labels.label), dtype=int)
-    return sums_by(labels, predictions, matching, seen, of_detection=zeros[0], of_label=zeros[1], groups=1)[0]
-
-
 @pytest.mark.parametrize(
     ("counts", "expected"), [((688, 49, 391), (93.4, 63.8, 75.8)), ((521, 15, 558), (97.2, 48.3, 64.5))]
 )
@@ -42,8 +30,8 @@ def test_the_counts_of_the_papers_figure_9_give_its_percentages(counts, expected
     found = [(image, label, box, 0.9) for image, label, box in boxes[:tp]]
     found += [(1 + k % 40, 1, (20 * (k // 40), 100, 10, 10), 0.6) for k in range(fp)]
     found += [(1, 1, (300, 300, 10, 10), 0.49)]
-    labels, predictions, _, matching, seen = judged(dataset(boxes, images=40), results(found))
-    sums = total(labels, predictions, matching, seen)
+    _, predictions, _, matching, seen = judged(dataset(boxes, images=40), results(found))
+    sums = total(predictions, matching, seen)
     assert sums[:3].tolist() == [tp, fp, fn]
     assert tuple(round(100 * float(figures(sums)[key]), 1) for key in ("precision", "recall", "f1")) == expected
 
@@ -55,7 +43,7 @@ def test_counts_above_a_threshold_equal_pycocotools(seed, threshold):
     above = predictions.take(predictions.score >= threshold)
     matches, ignored, used = official_matching(labels, above)[0.5]
     found_labels = {g for d, g in matches.items() if d not in ignored}
-    sums = total(labels, predictions, matching, seen)
+    sums = total(predictions, matching, seen)
     assert sums[0] == len(found_labels)
     assert sums[1] == len(used - ignored - set(matches))
     assert sums[2] == (~labels.crowd).sum() - len(found_labels)
@@ -70,8 +58,8 @@ def test_means_are_over_matches_and_over_counted_labels():
         (1, 1, (200, 0, 9, 9), 0.7),
         (1, 2, (0, 0, 9, 9), 0.1),
     ]
-    labels, predictions, _, matching, seen = judged(dataset(boxes), results(found))
-    figure = figures(total(labels, predictions, matching, seen))
+    _, predictions, _, matching, seen = judged(dataset(boxes), results(found))
+    figure = figures(total(predictions, matching, seen))
     assert figure["mean_iou"] == pytest.approx(0.9)
     assert figure["mean_confidence"] == pytest.approx(0.8)
     assert figure["mean_confidence_tp"] == pytest.approx(0.85)
@@ -93,7 +81,7 @@ def test_curves_go_through_the_operating_points():
     assert (np.diff(curve.threshold) < 0).all()
     for k in range(len(curve.threshold)):
         seen = outcomes(labels, predictions, matching, float(curve.threshold[k]))
-        figure = figures(total(labels, predictions, matching, seen))
+        figure = figures(total(predictions, matching, seen))
         assert [curve.precision[k], curve.recall[k], curve.f1[k]] == [
             figure[key] for key in ("precision", "recall", "f1")
         ]
@@ -172,20 +160,16 @@ def test_recalls_rounded_across_an_edge_count_as_by_division(labels):
     assert found[0, 0] == pytest.approx(np.append(highest, 0.0)[at].mean(), abs=1e-14)
 
 
-def test_a_perfect_detector_has_ap_1_with_annotation_0():
-    boxes = [(1, 1, (0, 0, 50, 50)), (2, 2, (0, 0, 50, 50))]
-    labels, predictions = loaded(dataset(boxes, images=2, first_id=0), results([(*box, 0.9) for box in boxes]))
-    found = official(labels, predictions).summary
-    assert [found[key] for key in ("ap", "ap50", "ap75", "ar_100")] == pytest.approx([1, 1, 1, 1], abs=1e-12)
-    assert np.isnan(found["ap_large"])
-
-
 def test_ap_is_0_without_detections_and_undefined_without_labels():
     found = official(*loaded(dataset([(1, 1, (0, 0, 9, 9))]), []))
     assert found.summary["ap"] == 0
     assert found.ap50[0] == 0
     assert np.isnan(found.ap50[1])
     assert np.isnan(official(*loaded(dataset([]), results([(1, 1, (0, 0, 9, 9), 0.5)]))).summary["ap"])
+
+
+def errors_of(boxes, found):
+    return errors(*judged(dataset(boxes), results(found))[:4])
 
 
 # A label of class 1 at x = 0, and the kind of each detection.
@@ -202,8 +186,7 @@ TIDE = {
 
 @pytest.mark.parametrize("cause", TIDE)
 def test_one_error_of_each_kind_has_its_name(cause):
-    labels, predictions, pairs, matching, _ = judged(dataset([(1, 1, BOX)]), results(TIDE[cause]))
-    found = errors(labels, predictions, pairs, matching)
+    found = errors_of([(1, 1, BOX)], TIDE[cause])
     assert [CAUSES[c] for c in found.cause if c >= 0] == [cause] * (cause != "missed")
     assert found.missed.tolist() == [cause in ("both", "background", "missed")]
     # Without the only missed label, nothing is left to find.
@@ -215,8 +198,7 @@ def test_the_cost_of_an_error_is_the_gain_of_fixing_it():
     """Two labels of one class: a false positive before the first match; the second label is confused and missed."""
     boxes = [(1, 1, BOX), (1, 1, (200, 0, 100, 100))]
     found = [(1, 1, (500, 0, 100, 100), 0.9), (1, 1, BOX, 0.8), (1, 2, (200, 0, 100, 100), 0.7)]
-    labels, predictions, pairs, matching, _ = judged(dataset(boxes), results(found))
-    lost = errors(labels, predictions, pairs, matching).loss
+    lost = errors_of(boxes, found).loss
     half = 51 / 101  # of the 101 recalls, those up to 0.5
     assert lost["background"] == pytest.approx(half - 0.5 * half)
     assert lost["class"] == pytest.approx(2 / 3 - 0.5 * half)
@@ -225,23 +207,20 @@ def test_the_cost_of_an_error_is_the_gain_of_fixing_it():
 
 def test_of_two_errors_for_one_label_fixing_keeps_the_more_confident():
     found = [(1, 1, (60, 0, 100, 100), 0.9), (1, 1, (0, 60, 100, 100), 0.8)]
-    labels, predictions, pairs, matching, _ = judged(dataset([(1, 1, BOX)]), results(found))
-    assert errors(labels, predictions, pairs, matching).loss["localization"] == pytest.approx(1.0)
+    assert errors_of([(1, 1, BOX)], found).loss["localization"] == pytest.approx(1.0)
 
 
 def test_fixing_removes_a_misplaced_duplicate_of_a_found_label():
     boxes = [(1, 1, BOX), (1, 1, (400, 0, 100, 100))]
     found = [(1, 1, (60, 0, 100, 100), 0.9), (1, 1, BOX, 0.8)]
-    labels, predictions, pairs, matching, _ = judged(dataset(boxes), results(found))
     half = 51 / 101
-    assert errors(labels, predictions, pairs, matching).loss["localization"] == pytest.approx(half - 0.5 * half)
+    assert errors_of(boxes, found).loss["localization"] == pytest.approx(half - 0.5 * half)
 
 
 def test_a_duplicate_that_also_touches_another_label_is_a_duplicate():
     boxes = [(1, 1, BOX), (1, 1, (60, 0, 100, 100))]
     found = [(1, 1, BOX, 0.9), (1, 1, (10, 0, 100, 100), 0.8)]
-    labels, predictions, pairs, matching, _ = judged(dataset(boxes), results(found))
-    assert [CAUSES[c] for c in errors(labels, predictions, pairs, matching).cause if c >= 0] == ["duplicate"]
+    assert [CAUSES[c] for c in errors_of(boxes, found).cause if c >= 0] == ["duplicate"]
 
 
 def counted(found):
@@ -351,7 +330,7 @@ def test_each_resample_chooses_its_own_threshold(seed):
         for threshold in np.unique(predictions.score):
             seen = outcomes(labels, predictions, matching, threshold)
             each = sums_by(
-                labels, predictions, matching, seen, of_detection=predictions.image, of_label=labels.image, groups=12
+                predictions, matching, seen, of_detection=predictions.image, of_label=labels.image, groups=12
             )
             best = max(best, float(np.nan_to_num(figures(weight @ each)["f1"])))
         got = figures(chosen[k].sum(axis=0))["f1"]

@@ -154,7 +154,7 @@ def figures_of(
         bins = ((of_detection, predictions.image), (field.of_label, labels.image))
         cells = [np.where(of >= 0, position[image] * n + of, -1) for of, image in bins]
         return sums_by(
-            labels, predictions, matching, seen, of_detection=cells[0], of_label=cells[1], groups=positions * n
+            predictions, matching, seen, of_detection=cells[0], of_label=cells[1], groups=positions * n
         ).reshape(positions, n, len(SUMS))
 
     by_label = sums(np.append(field.of_label, -1)[matching.box])  # a match is in its label's bin

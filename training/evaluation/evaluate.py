@@ -93,7 +93,7 @@ class Evaluation:
         """`metrics.SUMS` of each class in each position."""
         labels, found = self.labels, self.predictions
         return sums_by(
-            labels, found, self.matching, self.seen,
+            found, self.matching, self.seen,
             of_detection=self._position[found.image] * self._classes + found.label,
             of_label=self._position[labels.image] * self._classes + labels.label,
             groups=self.positions * self._classes,

@@ -43,8 +43,8 @@ class Overlaps:
     box: Int[np.ndarray, " p"]
     iou: Float[np.ndarray, " p"]
 
-    def where(self, keep: Bool[np.ndarray, " p"]) -> Overlaps:
-        """Select pairs."""
+    def where(self, keep: Bool[np.ndarray, " p"] | Int[np.ndarray, " k"]) -> Overlaps:
+        """Select pairs by a mask or by indices."""
         return Overlaps(self.detection[keep], self.box[keep], self.iou[keep])
 
 
@@ -202,8 +202,7 @@ def greedy(
         rows = rows[np.concatenate([[True], detection[1:] != detection[:-1]])] if len(rows) else rows
         taken[pairs.box[rows]] = ~crowd[pairs.box[rows]]
         chosen.append(rows)
-    rows = np.sort(np.concatenate(chosen))
-    return Overlaps(pairs.detection[rows], pairs.box[rows], pairs.iou[rows])
+    return pairs.where(np.sort(np.concatenate(chosen)))
 
 
 def _leading(predictions: Predictions) -> Bool[np.ndarray, " d"]:

@@ -57,7 +57,6 @@ def outcomes(labels: Labels, predictions: Predictions, matching: Matching, thres
 
 
 def sums_by(
-    labels: Labels,
     predictions: Predictions,
     matching: Matching,
     seen: Outcomes,
