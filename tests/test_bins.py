@@ -4,24 +4,25 @@ import math
 
 import numpy as np
 import pytest
+from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from hulldown.annotate.known import seen_from
 from hulldown.tests.detections import dataset, judged, loaded, random_case, results
-from hulldown.training.evaluation.bins import fields, figures_of, worst
+from hulldown.training.evaluation.bins import fields, figures_of, measured_contrast, worst
+from hulldown.training.evaluation.labels import labels_of
+from hulldown.training.evaluation.predictions import predictions_of
 
 
-def turned(yaw_deg, at=(0.0, 0.0, 0.0)):
-    c, s = math.cos(math.radians(yaw_deg)), math.sin(math.radians(yaw_deg))
-    return [[c, -s, 0, at[0]], [s, c, 0, at[1]], [0, 0, 1, at[2]], [0, 0, 0, 1]]
-
-
-def tilted(degrees):
-    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    return [[c, 0, s, 0], [0, 1, 0, 0], [-s, 0, c, 0], [0, 0, 0, 1]]
+def posed(axis, degrees, at=(0.0, 0.0, 0.0)):
+    """A pose turned about an axis."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = Rotation.from_euler(axis, degrees, degrees=True).as_matrix(), at
+    return pose.tolist()
 
 
 def camera_at(*place):
-    return [[1, 0, 0, place[0]], [0, 1, 0, place[1]], [0, 0, 1, place[2]], [0, 0, 0, 1]]
+    return posed("z", 0.0, place)
 
 
 def of(image, annotation):
@@ -46,15 +47,15 @@ def of(image, annotation):
     ],
 )
 def test_the_visible_side_turns_with_the_vehicle(yaw, camera, side):
-    pose = {"world_from_vehicle": turned(yaw)}
+    pose = {"world_from_vehicle": posed("z", yaw)}
     assert of({"world_from_camera": camera_at(*camera)}, pose)["azimuth_seen"] == side
 
 
 def test_distance_and_elevation_are_those_of_the_camera_from_the_target():
-    found = of({"world_from_camera": camera_at(103, 200, 31)}, {"world_from_vehicle": turned(30, (100, 196, 19))})
+    found = of({"world_from_camera": camera_at(103, 200, 31)}, {"world_from_vehicle": posed("z", 30, (100, 196, 19))})
     assert found["distance"] == "under 25 m"  # 13 m
     assert found["elevation"] == "45° and more"
-    vehicle, camera = np.array([turned(30, (100, 196, 19))]), np.array([camera_at(103, 200, 31)], dtype=float)
+    vehicle, camera = np.array([posed("z", 30, (100, 196, 19))]), np.array([camera_at(103, 200, 31)], dtype=float)
     distance, elevation, azimuth = seen_from(vehicle, camera)
     assert distance[0] == pytest.approx(13)
     assert elevation[0] == pytest.approx(math.degrees(math.asin(12 / 13)))
@@ -63,12 +64,12 @@ def test_distance_and_elevation_are_those_of_the_camera_from_the_target():
 
 @pytest.mark.parametrize(("degrees", "name"), [(0, "under 5°"), (12, "10 to 15°"), (26, "25° and more")])
 def test_slope_is_the_tilt_of_the_pose(degrees, name):
-    assert of({}, {"world_from_vehicle": tilted(degrees)})["slope"] == name
+    assert of({}, {"world_from_vehicle": posed("y", degrees)})["slope"] == name
 
 
 def test_stored_values_override_derived_ones():
     image = {"world_from_camera": camera_at(13, 0, 0)}
-    stored = {"world_from_vehicle": turned(0), "distance": 300.0, "slope_deg": 12.0, "contrast": 0.15}
+    stored = {"world_from_vehicle": posed("z", 0), "distance": 300.0, "slope_deg": 12.0, "contrast": 0.15}
     found = of(image, stored)
     assert (found["distance"], found["slope"], found["contrast"]) == ("200 to 400 m", "10 to 15°", "0.1 to 0.2")
 
@@ -95,7 +96,7 @@ def test_photographs_have_size_and_class_only():
 def test_other_formats_of_poses_are_left_out():
     boxes = [
         (1, 1, (0, 0, 9, 9), {"world_from_vehicle": pose})
-        for pose in (turned(0), [1, 2, 3], "here", None, [["a"] * 4] * 4)
+        for pose in (posed("z", 0), [1, 2, 3], "here", None, [["a"] * 4] * 4)
     ]
     coco = dataset(boxes)
     coco["images"][0]["world_from_camera"] = camera_at(60, 0, 0)
@@ -167,3 +168,39 @@ def test_images_of_one_position_widen_the_interval_of_a_bin():
         figures, _ = binned(coco, results([(*box, 0.9) for box in boxes[:20]]))
         widths.append(float(np.ptp(figures[0].recall_interval[:, 0])))
     assert widths[1] > 1.7 * widths[0]
+
+
+def rectangle(x, y, w, h):
+    return {"segmentation": [[x, y, x + w, y, x + w, y + h, x, y + h]]}
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """Gray 100 with a target of 151 and one of 74; a label without a mask; a missing second picture."""
+    boxes = [(100, 100, 60, 40), (300, 200, 60, 40)]
+    records = [(1, 1, box, rectangle(*box)) for box in boxes] + [
+        (1, 1, (0, 0, 9, 9)),
+        (2, 1, boxes[0], rectangle(*boxes[0])),
+    ]
+    pixels = np.full((480, 640, 3), 100, dtype=np.uint8)
+    for (x, y, w, h), level in zip(boxes, (151, 74), strict=True):
+        pixels[y : y + h, x : x + w] = level
+    (tmp_path / "images").mkdir()
+    Image.fromarray(pixels).save(tmp_path / "images" / "1.png")
+    return labels_of(dataset(records, images=2), path=tmp_path, folder=tmp_path)
+
+
+def test_contrast_is_the_difference_from_the_surroundings_of_a_target(scene):
+    assert measured_contrast(scene) == pytest.approx([51 / 255, 26 / 255, np.nan, np.nan], abs=0.005, nan_ok=True)
+
+
+def test_a_stored_contrast_overrides_the_measured_one(scene):
+    scene.annotations[0]["contrast"] = 0.9
+    predictions = predictions_of([], scene, path=scene.path, name="none")
+    contrast = next(field for field in fields(scene, predictions) if field.name == "contrast")
+    assert [contrast.bins[k] if k >= 0 else None for k in contrast.of_label] == [
+        "0.4 and more",
+        "0.1 to 0.2",
+        None,
+        None,
+    ]

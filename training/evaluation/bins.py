@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import compress
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from hulldown.annotate.known import SCALES, SIDES, SIZE, bins_of, name_of, numbers_of, sides_of, weather_of
+from hulldown.annotate.masks import decode
+from hulldown.dataset.picture_files import read_pixels
+from hulldown.dataset.verification.look import appearance
+from hulldown.geometry.errors import DatasetError
 from hulldown.training.evaluation.bootstrap import ratio_error, share_interval
-from hulldown.training.evaluation.contrast import measured_contrast
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.matching import Matching
 from hulldown.training.evaluation.metrics import SUMS, Outcomes, ratio, sums_by
@@ -21,6 +26,7 @@ from hulldown.training.evaluation.predictions import Predictions
 MOST_NAMES = 30  # most frequent names with their own bin; the others share one
 MOST_WORST = 3  # sentences about bins
 ENOUGH = 10  # least labels of a bin among the worst
+READERS = 4  # threads; decoding releases the interpreter lock
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -73,6 +79,37 @@ def fields(labels: Labels, predictions: Predictions) -> list[BinnedField]:
         names = [values[i] for i in labels.image.tolist()]
         found.append(_named(key, title, names, [values[i] for i in predictions.image.tolist()]))
     return [_without_empty(field) for field in found if (np.where(labels.crowd, -1, field.of_label) >= 0).any()]
+
+
+@lru_cache(maxsize=2)  # the detectors of a study are evaluated on the same pictures, one after the other
+def measured_contrast(labels: Labels) -> Float[np.ndarray, " g"]:
+    """Return the contrast of each target, (g,), 1 for black on white; see `dataset.verification.look`.
+
+    It's nan if a label has no mask, or its picture can't be read.
+    """
+    found = np.full(len(labels.label), np.nan)
+    masked = np.array([bool(record.get("segmentation")) for record in labels.annotations], dtype=bool) & ~labels.crowd
+    boxes: dict[int, list[int]] = {}
+    for k in np.flatnonzero(masked).tolist():
+        boxes.setdefault(int(labels.image[k]), []).append(k)
+    with ThreadPoolExecutor(READERS) as pool:
+        for rows, contrasts in zip(
+            boxes.values(), pool.map(lambda one: _of_image(labels, *one), boxes.items()), strict=True
+        ):
+            found[rows] = contrasts
+    return found
+
+
+def _of_image(labels: Labels, image: int, boxes: list[int]) -> list[float]:
+    record = labels.images[image]
+    size = (record["width"], record["height"])
+    try:
+        picture = read_pixels(labels.folder / record["file_name"], size)
+        masks = np.stack([decode(labels.annotations[k]["segmentation"], *size) for k in boxes])
+    except (DatasetError, ValueError):  # evaluating doesn't need the picture
+        return [np.nan] * len(boxes)
+    looks = [appearance(picture, mask, np.delete(masks, row, axis=0).any(axis=0)) for row, mask in enumerate(masks)]
+    return [np.nan if look is None else look.contrast / 255.0 for look in looks]
 
 
 def _side_length(boxes: Labels | Predictions) -> Float[np.ndarray, " n"]:
