@@ -22,7 +22,7 @@ from hulldown.geometry.terminal import progress_bars, watched
 from hulldown.geometry.terminal import say as show_line
 from hulldown.training.augment import changed_table
 from hulldown.training.data import Batches, DrawnExamples
-from hulldown.training.detectors.callbacks import log
+from hulldown.training.detectors.callbacks import log, logger_of
 from hulldown.training.detectors.detector import RUN_NAME, chosen_device
 from hulldown.training.detectors.small import fit_small, load_small, small_size
 from hulldown.training.draws import Draws, draws_text, make_draws, read_draws, source_shares
@@ -30,7 +30,6 @@ from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.labels import Labels, read_labels
 from hulldown.training.extra import quiet
 from hulldown.training.fitting import Fitted, Training
-from hulldown.training.loggers import logger_of
 from hulldown.training.predict import validation_figures
 from hulldown.training.run_folder import RunFolder, content_of, extension, opened
 from hulldown.training.settings import Settings, load_settings

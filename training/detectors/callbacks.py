@@ -1,7 +1,8 @@
-"""Lightning callbacks of a run: seeds, averaged weights, figures, checkpoints."""
+"""Lightning callbacks of a run: seeds, averaged weights, figures, checkpoints; and its loggers."""
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -10,9 +11,10 @@ from typing import Any, cast
 import numpy as np
 import pytorch_lightning as pl
 import torch
+from pytorch_lightning import loggers as pl_loggers
 from pytorch_lightning.callbacks import WeightAveraging
-from pytorch_lightning.loggers import Logger
 
+from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.files import replacing
 
 AVERAGE_DECAY = 0.998
@@ -56,7 +58,44 @@ def _averaged(average: torch.Tensor, weights: torch.Tensor, steps: int | torch.T
     return decay * average + (1.0 - decay) * weights
 
 
-def log(loggers: Sequence[Logger], figures: Mapping[str, float], step: int) -> None:
+def logger_of(kind: str, folder: Path) -> pl_loggers.Logger:
+    """Return a logger of a run, which continues its log after a stop.
+
+    Parameters
+    ----------
+    kind
+        ``"tensorboard"``, ``"csv"``: files in the run's folder; ``"wandb"``, ``"mlflow"``: by their own environment
+        variables, with the folder's name.
+    folder
+        The run's.
+
+    Raises
+    ------
+    HulldownError
+        If the package isn't installed.
+    """
+    key = hashlib.sha256(str(folder.resolve()).encode()).hexdigest()[:16]
+    made: dict[str, tuple[type[pl_loggers.Logger], dict[str, Any]]] = {
+        "tensorboard": (
+            pl_loggers.TensorBoardLogger,
+            {"save_dir": folder, "name": "tensorboard", "version": ""},
+        ),
+        "csv": (pl_loggers.CSVLogger, {"save_dir": folder, "name": "csv"}),
+        "wandb": (
+            pl_loggers.WandbLogger,
+            {"save_dir": folder, "project": "hulldown", "name": folder.name, "id": key},
+        ),
+        "mlflow": (pl_loggers.MLFlowLogger, {"save_dir": str(folder / "mlflow"), "run_name": folder.name}),
+    }
+    make, options = made[kind]
+    try:
+        return make(**options)
+    except ModuleNotFoundError as error:
+        package = error.name or kind
+        raise HulldownError(f"logger = {kind!r}: {package} isn't installed", remedy=f"pip install {kind}") from None
+
+
+def log(loggers: Sequence[pl_loggers.Logger], figures: Mapping[str, float], step: int) -> None:
     """Pass the figures of a step to Lightning's loggers."""
     for logger in loggers:
         logger.log_metrics(dict(figures), step)
