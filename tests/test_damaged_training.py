@@ -1,6 +1,5 @@
 """Damaged or foreign files of the user in a training: a one-line error, and nothing half-written."""
 
-import copy
 import os
 import resource
 import signal
@@ -9,13 +8,11 @@ import pytest
 import torch
 
 from hulldown.cli import main
-from hulldown.geometry.errors import ConfigError, DatasetError, HulldownError
-from hulldown.tests.editing import edit
+from hulldown.geometry.errors import ConfigError, HulldownError
+from hulldown.tests.networks import small_weights
 from hulldown.tests.test_train import in_child, nano, small, train_and_die
 from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.data import DrawnExamples
-from hulldown.training.detectors.center_points import CenterNetwork
-from hulldown.training.detectors.small import save_small
 from hulldown.training.draws import make_draws
 from hulldown.training.predict import load_detector
 from hulldown.training.sources import follow_masks, read_sources
@@ -27,24 +24,20 @@ def pictures(tmp_path_factory):
     return make_dataset(tmp_path_factory.mktemp("pictures") / "set", 8)
 
 
-def small_weights(path):
-    torch.save(save_small(CenterNetwork(2), ("square", "disc"), (64, 32)), path)
-    return path
+SHAPES = {"class_embed.bias": torch.zeros(3), "class_embed.weight": torch.zeros(3, 7)}
 
 
-def test_weights_of_the_other_model_are_refused_before_the_folder_is_made(pictures, tmp_path):
-    settings = nano(weights=str(small_weights(tmp_path / "small.pt")))
-    with pytest.raises(HulldownError, match=r"small\.pt: has no weights of RF-DETR"):
-        train({"demo": pictures}, tmp_path / "run", settings=settings, device="cpu")
-    assert not (tmp_path / "run").exists()
-
-
-def test_weights_of_wrong_shapes_are_refused_before_the_folder_is_made(pictures, tmp_path):
-    state = {"class_embed.bias": torch.zeros(3), "class_embed.weight": torch.zeros(3, 7)}
-    torch.save({"model": state, "args": {"class_names": ["a", "b"]}}, tmp_path / "shapes.pth")
-    settings = nano(weights=str(tmp_path / "shapes.pth"))
-    with pytest.raises(HulldownError, match=r"shapes\.pth: does not fit nano"):
-        train({"demo": pictures}, tmp_path / "run", settings=settings, device="cpu")
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (small_weights(), r"start\.pt: has no weights of RF-DETR"),
+        ({"model": SHAPES, "args": {"class_names": ["a", "b"]}}, r"start\.pt: does not fit nano"),
+    ],
+)
+def test_unusable_weights_are_refused_before_the_folder_is_made(pictures, tmp_path, content, words):
+    torch.save(content, tmp_path / "start.pt")
+    with pytest.raises(HulldownError, match=words):
+        train({"demo": pictures}, tmp_path / "run", settings=nano(weights=str(tmp_path / "start.pt")), device="cpu")
     assert not (tmp_path / "run").exists()
 
 
@@ -57,30 +50,23 @@ def stopped(pictures, tmp_path_factory):
     return run
 
 
-def truncated(path):
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-
-
-def empty(path):
-    path.write_bytes(b"")
-
-
-def of_weights(path):
-    torch.save({"model": {}}, path)
-
-
 def of_another_network(path):
     held = torch.load(path, weights_only=True)
-    changed = copy.copy(held)
-    changed["state_dict"] = {key: value.reshape(-1)[:0] for key, value in held["state_dict"].items()}
-    torch.save(changed, path)
+    state = {key: value.reshape(-1)[:0] for key, value in held["state_dict"].items()}
+    torch.save(held | {"state_dict": state}, path)
 
 
-def of_another_trainer(path):
-    torch.save(torch.load(path, weights_only=True) | {"callbacks": {}}, path)
-
-
-@pytest.mark.parametrize("spoil", [truncated, empty, of_weights, of_another_network, of_another_trainer])
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda path: path.write_bytes(path.read_bytes()[: path.stat().st_size // 2]),
+        lambda path: path.write_bytes(b""),
+        lambda path: torch.save({"model": {}}, path),
+        of_another_network,
+        lambda path: torch.save(torch.load(path, weights_only=True) | {"callbacks": {}}, path),
+    ],
+    ids=["truncated", "empty", "of weights", "of another network", "of another trainer"],
+)
 def test_an_invalid_checkpoint_of_a_run_is_a_one_line_error(pictures, stopped, tmp_path, spoil):
     path = stopped / "checkpoint.ckpt"
     sound = path.read_bytes()
@@ -93,11 +79,9 @@ def test_an_invalid_checkpoint_of_a_run_is_a_one_line_error(pictures, stopped, t
 
 
 def test_small_weights_of_wrong_shapes_are_a_one_line_error(tmp_path):
-    (tmp_path / "run.json").write_text('{"model": "small", "status": "finished"}')
-    saved = save_small(CenterNetwork(3), ("square", "disc"), (64, 32))
-    torch.save(saved, tmp_path / "weights.pt")
+    torch.save(small_weights() | {"classes": ["square", "disc", "ring"]}, tmp_path / "weights.pt")
     with pytest.raises(HulldownError, match=r"weights\.pt: does not fit the small model"):
-        load_detector(tmp_path, "cpu")
+        load_detector(tmp_path / "weights.pt", "cpu")
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 no archive", os.urandom(300)])
@@ -105,14 +89,6 @@ def test_bytes_that_are_not_a_checkpoint_are_a_one_line_error(tmp_path, content)
     (tmp_path / "weights.pth").write_bytes(content)
     with pytest.raises(HulldownError, match=r"weights\.pth: is .* not the weights of a detector"):
         load_detector(tmp_path / "weights.pth", "cpu")
-
-
-def test_a_polygon_of_three_numbers_is_named_before_training(tmp_path):
-    dataset = make_dataset(tmp_path / "set", 4)
-    edit(dataset, lambda coco: coco["annotations"][1].update(segmentation=[[1, 2, 3]]))
-    with pytest.raises(DatasetError, match=r"0001\.png: annotation 2: segmentation: expected polygons"):
-        train({"demo": dataset}, tmp_path / "run", settings=small(), device="cpu")
-    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize("workers", [0, 1])

@@ -1,7 +1,6 @@
 """`hulldown predict` with the small network on random weights."""
 
 import json
-import shutil
 
 import cv2
 import numpy as np
@@ -13,8 +12,7 @@ from hulldown.cli import main
 from hulldown.geometry.errors import DatasetError, HulldownError
 from hulldown.tests.detections import dataset
 from hulldown.tests.editing import edit
-from hulldown.training.detectors.center_points import CenterNetwork
-from hulldown.training.detectors.small import save_small, small_size
+from hulldown.tests.networks import small_weights
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.evaluation.predictions import read_predictions
 from hulldown.training.pictures import find_pictures
@@ -26,11 +24,7 @@ def run(tmp_path_factory):
     """A finished run whose untrained network finds something almost everywhere."""
     folder = tmp_path_factory.mktemp("run")
     torch.manual_seed(0)
-    size = small_size(64)
-    network = CenterNetwork(2)
-    with torch.no_grad():  # an untrained network has low scores
-        network.heat.bias.fill_(1.0)
-    torch.save(save_small(network, ("truck", "tank"), size), folder / "weights.pt")
+    torch.save(small_weights(), folder / "weights.pt")
     (folder / "run.json").write_text(json.dumps({"model": "small", "status": "finished"}))
     return folder
 
@@ -108,13 +102,10 @@ def test_train_predict_and_evaluate_work_in_sequence(run, data, tmp_path, capsys
     assert (tmp_path / "report" / "report.html").exists()
 
 
-def test_weights_of_an_earlier_small_model_are_a_one_line_error(run, data, tmp_path):
-    earlier = tmp_path / "earlier"
-    shutil.copytree(run, earlier)
-    saved = torch.load(run / "weights.pt", weights_only=True)
-    torch.save(saved | {"hulldown": "small", "model": {}}, earlier / "weights.pt")
+def test_weights_of_an_earlier_small_model_are_a_one_line_error(data, tmp_path):
+    torch.save(small_weights() | {"hulldown": "small", "model": {}}, tmp_path / "weights.pt")
     with pytest.raises(HulldownError, match=r"weights\.pt: has no small model of this version .* train again"):
-        predict(earlier, data, tmp_path / "found.json")
+        predict(tmp_path / "weights.pt", data, tmp_path / "found.json")
 
 
 def test_a_folder_without_a_run_is_a_one_line_error(data, tmp_path, capsys):

@@ -63,11 +63,6 @@ def test_results_that_do_not_fit_this_dataset_are_refused(folder, found, words):
         read(folder, found)
 
 
-def test_a_missing_file_is_refused(folder):
-    with pytest.raises(DatasetError, match=r"none\.json: cannot be read"):
-        read_predictions(folder / "none.json", read_labels(folder))
-
-
 def test_predicted_images_are_listed_beside_the_results(folder):
     (folder / "found.json.info.json").write_text(json.dumps({"images": [1]}))
     with pytest.raises(DatasetError, match=r"found\.json\.info\.json: image 2 of"):
