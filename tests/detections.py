@@ -14,7 +14,7 @@ from hulldown.training.evaluation.predictions import Predictions, predictions_of
 HERE = Path("dataset")
 
 
-def dataset(boxes, *, images=1, classes=("tank", "truck"), first_id=1):
+def dataset(boxes, *, images=1, classes=("tank", "truck")):
     """A COCO dictionary: `boxes` are (image, class, xywh) or also have a dictionary of more fields; numbered from 1."""
     return {
         "images": [
@@ -24,7 +24,7 @@ def dataset(boxes, *, images=1, classes=("tank", "truck"), first_id=1):
         "annotations": [
             {"id": k, "image_id": image, "category_id": label, "bbox": [float(n) for n in box], "iscrowd": 0}
             | dict(*more)
-            for k, (image, label, box, *more) in enumerate(boxes, start=first_id)
+            for k, (image, label, box, *more) in enumerate(boxes, start=1)
         ],
     }
 

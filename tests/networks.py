@@ -19,8 +19,13 @@ def small_weights():
     return save_small(network, CLASSES, SIZE)
 
 
+def nano_module(settings, classes, folder):
+    with quiet():
+        configs = detr.detr_configs(settings, classes, 1, weights=None, device=torch.device("cpu"), folder=folder)
+        return detr.RFDETRModelModule(*configs)
+
+
 def nano_weights(folder):
     settings = load_settings(None, {"model": "nano", "resolution": 64, "weights": "none", "queries": 20, "groups": 1})
-    with quiet():
-        configs = detr.detr_configs(settings, CLASSES, 1, weights=None, device=torch.device("cpu"), folder=folder)
-        return detr.save_detr(module := detr.RFDETRModelModule(*configs), CLASSES, module.model)
+    module = nano_module(settings, CLASSES, folder)
+    return detr.save_detr(module, CLASSES, module.model)

@@ -116,12 +116,6 @@ def test_hard_cases_are_matched_like_pycocotools(case):
     assert_official(dataset(boxes), results(found))
 
 
-def test_annotation_0_is_matched_like_any_other():
-    boxes, found = [(1, 1, (0, 0, 9, 9)), (1, 1, (20, 0, 9, 9))], [(1, 1, (0, 0, 9, 9), 0.9)]
-    labels, predictions = loaded(dataset(boxes, first_id=0), results(found))
-    assert match(labels, predictions, overlapping(labels, predictions)).detection.tolist() == [0, -1]
-
-
 def test_pairs_do_not_depend_on_the_block_size(monkeypatch):
     labels, predictions = loaded(*random_case(3))
     whole = overlapping(labels, predictions)

@@ -56,6 +56,18 @@ def here(study, name, options, progress, stop):
     run_one(study, name, options, progress)
 
 
+def pretend(study, out, name, found=None):
+    """Write the files of a finished run with detections in test and validation pictures, without training."""
+    run = study.manifest.run(name)
+    folder = out / "runs" / run.folder
+    folder.mkdir(parents=True)
+    (folder / "weights.pt").write_bytes(b"")
+    run_json = {"model": "small", "status": "finished", "figures": {"seconds": 1.0}}
+    (folder / "run.json").write_text(json.dumps(run_json))
+    for which, records in (found or {"test": []}).items():
+        predictions_path(out, study.manifest, run, which).write_text(json.dumps(records))
+
+
 def study_in_child(study, out, *, kill_at=None):
     """Run a study on one thread in a separate process, which kills itself at (run's name, what, done)."""
 
@@ -192,7 +204,7 @@ def test_a_failed_run_is_set_aside_and_the_others_continue(pictures, tmp_path):
 
     def launch(out, name, options, progress, stop):
         ran.append(name)
-        return "no room" if name == "mixed-100-seed0" and len(ran) < 5 else _pretend(out, name)
+        return "no room" if name == "mixed-100-seed0" and len(ran) < 5 else pretend(study, out, name)
 
     done = run_study(study, tmp_path / "out", options=RunOptions("cpu", 0), launch=launch)
     assert done.failed == read_failures(tmp_path / "out") == {"mixed-100-seed0": "no room"}
@@ -203,24 +215,13 @@ def test_a_failed_run_is_set_aside_and_the_others_continue(pictures, tmp_path):
     assert read_failures(tmp_path / "out") == {}
 
 
-def _pretend(out, name):
-    """Write the files of a finished run, for tests without training."""
-    manifest = read_manifest(out)
-    run = manifest.run(name)
-    folder = out / "runs" / run.folder
-    folder.mkdir(parents=True)
-    (folder / "weights.pt").write_bytes(b"")
-    (folder / "run.json").write_text(json.dumps({"model": "small", "status": "finished", "figures": {}}))
-    predictions_path(out, manifest, run, "test").write_text("[]")
-
-
 def test_two_slots_run_two_runs_at_once_and_a_bug_stops_both(pictures, tmp_path, monkeypatch):
     monkeypatch.setattr("hulldown.training.study.runs.gpu_places", lambda options: [options, options])
     study, both = settled(pictures, tmp_path, fractions=[1.0]), threading.Barrier(2, timeout=60)
 
     def launch(out, name, options, progress, stop):
         both.wait()  # each waits for the other, so they would never end in sequence
-        return _pretend(out, name)
+        return pretend(study, out, name)
 
     assert len(run_study(study, tmp_path / "two", options=RunOptions("cpu", 0), launch=launch).finished) == 2
 
@@ -277,16 +278,12 @@ def test_a_run_in_a_separate_process_fails_with_its_reason_and_ends_with_its_stu
         ({"train": SMALL | {"seed": 3}}, r"train\.seed: the study sets this; set seeds above \[train\]"),
         ({"train": SMALL | {"bugdet": 3}}, r"unknown key train\.bugdet; did you mean train\.budget"),
         ({"train": SMALL | {"model": "tiny"}}, r"train\.model = 'tiny': expected 'small'"),
+        ({"valid": "v", "threshold": 0.4}, "threshold: with valid it is chosen there; leave one of the two out"),
     ],
 )
 def test_the_error_of_a_mistake_in_a_config_names_file_and_key(pictures, tmp_path, keys, words):
     with pytest.raises(HulldownError, match=words):
         load_study(written(pictures, tmp_path / "s.toml", **keys))
-
-
-def test_a_threshold_and_validation_photographs_exclude_each_other(pictures, tmp_path):
-    with pytest.raises(HulldownError, match="threshold: with valid it is chosen there; leave one of the two out"):
-        load_study(written(pictures, tmp_path / "s.toml", valid=str(pictures / "valid"), threshold=0.4))
 
 
 def test_a_source_without_a_class_is_refused_before_training(pictures, tmp_path):

@@ -10,7 +10,7 @@ from selenium.webdriver.common.by import By
 from hulldown.cli import main
 from hulldown.dataset.reports.charts import svg
 from hulldown.geometry.errors import HulldownError
-from hulldown.tests.test_study import settled
+from hulldown.tests.test_study import pretend, settled
 from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.study.charts import beside, over_photographs, png
@@ -18,7 +18,7 @@ from hulldown.training.study.manifest import write_manifest
 from hulldown.training.study.page import PAPER, PAPER_FIGURES, markdown, sections
 from hulldown.training.study.report import compared_runs, write_report
 from hulldown.training.study.results import Difference, needed
-from hulldown.training.study.runs import JUDGED, predictions_path
+from hulldown.training.study.runs import JUDGED
 
 ARMS = ("real", "mixed", "synthetic")
 # Share of a hundred labels that the detectors of these tests find.
@@ -42,23 +42,16 @@ def looked(labels, share, *, seed):
     return found + alarms
 
 
-def finished_study(pictures, folder, out, *, skill=SKILL, **keys):
-    """A study's folder as `run` leaves it, with detectors that need no training."""
-    study = settled(pictures, folder, **({"arms": ARMS, "fractions": [1.0, 0.5, 0.25]} | keys))
+def finished_study(pictures, folder, *, skill=SKILL, **keys):
+    """Return a study's folder as `run` leaves it, with detectors that need no training."""
+    study, out = settled(pictures, folder, **({"arms": ARMS, "fractions": [1.0, 0.5, 0.25]} | keys)), folder / "out"
     write_manifest(study, out)
     judged = {which: read_labels(one.folder) for which, one in study.manifest.datasets.items() if which in JUDGED}
     for run in study.manifest.runs:
-        path = out / "runs" / run.folder
-        path.mkdir(parents=True)
-        (path / "weights.pt").write_bytes(b"")
-        (path / "run.json").write_text(
-            json.dumps({"model": "small", "status": "finished", "figures": {"seconds": 1.0}})
-        )
         share = skill[run.arm, run.fraction] + 2 * run.seed
-        for which, labels in judged.items():
-            found = looked(labels, share, seed=run.seed)
-            predictions_path(out, study.manifest, run, which).write_text(json.dumps(found))
-    return study
+        found = {which: looked(labels, share, seed=run.seed) for which, labels in judged.items()}
+        pretend(study, out, run.name, found)
+    return out
 
 
 @pytest.fixture(scope="module")
@@ -71,9 +64,8 @@ def pictures(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def study(pictures, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("study")
-    finished_study(pictures, folder, folder / "out", seeds=[0, 1])
-    return folder / "out", write_report(folder / "out")
+    out = finished_study(pictures, tmp_path_factory.mktemp("study"), seeds=[0, 1])
+    return out, write_report(out)
 
 
 def test_figures_equal_those_of_the_detections(study):
@@ -116,15 +108,13 @@ def test_worth_is_read_from_the_real_curve(study):
 def test_without_a_shown_gain_of_photographs_there_is_no_worth(pictures, tmp_path, real, mixed):
     skill = {(arm, share): {"real": real, "mixed": mixed}[arm] for arm in ("real", "mixed") for share in (1.0, 0.25)}
     keys = {"seeds": [0], "arms": ["real", "mixed"], "fractions": [1.0, 0.25]}
-    finished_study(pictures, tmp_path, tmp_path / "out", skill=skill, **keys)
-    assert compared_runs(tmp_path / "out")["worth"] == []
+    assert compared_runs(finished_study(pictures, tmp_path, skill=skill, **keys))["worth"] == []
 
 
 def test_results_beyond_all_photographs_are_worth_an_open_number(pictures, tmp_path):
     skill = SKILL | {("real", 1.0): 55, ("mixed", 1.0): 98}
     keys = {"seeds": [0], "arms": ["real", "mixed"], "fractions": [1.0, 0.25]}
-    finished_study(pictures, tmp_path, tmp_path / "out", skill=skill, **keys)
-    found = compared_runs(tmp_path / "out")["worth"]
+    found = compared_runs(finished_study(pictures, tmp_path, skill=skill, **keys))["worth"]
     (open_above,) = [one for one in found if (one["name"], one["measure"]) == ("mixed at 100 %", "recall")]
     assert open_above["photographs"] is None
     assert "no upper bound" in open_above["words"]
@@ -143,8 +133,8 @@ def test_the_same_study_gives_the_same_report(pictures, tmp_path, capsys):
     for name in ("once", "again"):
         (tmp_path / name).mkdir()
         keys = {"seeds": [0, 1], "arms": ["real", "mixed"], "fractions": [1.0]}
-        finished_study(pictures, tmp_path / name, tmp_path / name / "out", **keys)
-        assert main(["study", "report", str(tmp_path / name / "out"), "--json"]) == 0
+        out = finished_study(pictures, tmp_path / name, **keys)
+        assert main(["study", "report", str(out), "--json"]) == 0
         reports.append(json.loads(capsys.readouterr().out) | {"times": {}})
     assert reports[0] == reports[1]
     for name in ("over_photographs.svg", "real_100.png", "report.md"):
@@ -169,15 +159,14 @@ def test_an_unfinished_study_lists_what_is_missing(pictures, study, tmp_path):
 
 
 def test_one_seed_says_nothing_about_other_trainings(pictures, tmp_path):
-    finished_study(pictures, tmp_path, tmp_path / "out", seeds=[0], arms=["real"], fractions=[1.0])
-    assert "one seed" in compared_runs(tmp_path / "out")["sureness"]
+    out = finished_study(pictures, tmp_path, seeds=[0], arms=["real"], fractions=[1.0])
+    assert "one seed" in compared_runs(out)["sureness"]
 
 
 def test_validation_photographs_choose_each_threshold(pictures, tmp_path):
     make_dataset(tmp_path / "valid", 8, seed=7)
     keys = {"seeds": [0], "arms": ["real"], "fractions": [1.0, 0.5]}
-    finished_study(pictures, tmp_path, tmp_path / "out", valid=str(tmp_path / "valid"), **keys)
-    report = compared_runs(tmp_path / "out")
+    report = compared_runs(finished_study(pictures, tmp_path, valid=str(tmp_path / "valid"), **keys))
     assert report["study"]["threshold"] == "validation"
     # False positives have a score of 0.55 and true detections more, so the best threshold excludes the former.
     assert all(run["threshold"] > 0.55 and run["fp"] == 0 for run in report["runs"])

@@ -10,9 +10,11 @@ import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from hulldown.geometry.errors import HulldownError
+from hulldown.tests.networks import nano_module
 from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.detectors.small import starting_network
 from hulldown.training.evaluation.labels import read_labels
+from hulldown.training.fitting import seed_weights
 from hulldown.training.predict import load_detector, validation_figures
 from hulldown.training.settings import load_settings
 from hulldown.training.train import train
@@ -171,25 +173,11 @@ def test_a_frozen_encoder_does_not_change(pictures, tmp_path):
         run = tmp_path / freeze
         train({"demo": pictures}, run, settings=nano(budget=4, freeze=freeze), workers=0, device="cpu")
         start[freeze] = {key: value for key, value in weights(run)["model"].items() if ".encoder." in key}
-    torch.manual_seed(0)
-    fresh = fresh_nano()
+    seed_weights(nano())
+    fresh = nano_module(nano(), ("square", "disc"), tmp_path).model.state_dict()
     moved = {name: sum(not torch.equal(state[key], fresh[key]) for key in state) for name, state in start.items()}
     assert len(start["encoder"]) > 50
     assert moved["encoder"] == 0
     assert moved["none"] > 50
     with pytest.raises(HulldownError, match="small has no encoder"):
         train({"demo": pictures}, tmp_path / "small", settings=small(freeze="encoder"), workers=0)
-
-
-def fresh_nano():
-    """The initial weights of such a run."""
-    from hulldown.training.detectors import detr
-    from hulldown.training.extra import quiet
-    from hulldown.training.fitting import seed_weights
-
-    settings = nano(budget=4)
-    cpu = torch.device("cpu")
-    with quiet():
-        seed_weights(settings)
-        configs = detr.detr_configs(settings, ("square", "disc"), 2, weights=None, device=cpu, folder=Path())
-        return detr.RFDETRModelModule(*configs).model.state_dict()
