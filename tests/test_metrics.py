@@ -188,7 +188,6 @@ TIDE = {
 def test_one_error_of_each_kind_has_its_name(cause):
     found = errors_of([(1, 1, BOX)], TIDE[cause])
     assert [CAUSES[c] for c in found.cause if c >= 0] == [cause] * (cause != "missed")
-    assert found.missed.tolist() == [cause in ("both", "background", "missed")]
     # Without the only missed label, nothing is left to find.
     repair = {"class": "class", "localization": "localization", "both": "missed", "missed": "missed"}.get(cause)
     assert found.loss == pytest.approx({name: float(name == repair) for name in CAUSES})

@@ -78,24 +78,12 @@ def _dry_run(arguments: argparse.Namespace, settled: Any, options: Any) -> int:
     if arguments.json:
         print_json({"runs": rows, "seconds_per_step": seconds, "hours": left})
         return DONE
-    table = Table(
-        Column("run", no_wrap=True),
-        "photographs",
-        "synthetic",
-        "draws",
-        "per photograph",
-        "per synthetic image",
-        "state",
-    )
+    headings = ("photographs", "synthetic", "draws", "per photograph", "per synthetic image", "state")
+    table = Table(Column("run", no_wrap=True), *headings)
     for row in rows:
-        per_image = (row["draws_per_photograph"], row["draws_per_synthetic_image"])
-        cells = (
-            row["photographs"],
-            row["synthetic_images"],
-            row["draws"],
-            *(f"{n:.1f}" if n else "–" for n in per_image),
-        )
-        table.add_row(row["name"], *map(str, cells), row["state"])
+        counts = (str(row[key]) for key in ("photographs", "synthetic_images", "draws"))
+        per_image = (row[key] for key in ("draws_per_photograph", "draws_per_synthetic_image"))
+        table.add_row(row["name"], *counts, *(f"{n:.1f}" if n else "–" for n in per_image), row["state"])
     STDOUT.print(table)
     say(f"about {duration(3600 * left)} of training left, at {seconds:.2g} seconds a step; nothing was written")
     return DONE

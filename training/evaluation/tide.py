@@ -32,15 +32,12 @@ class Errors:
         (d,) index into `CAUSES` of each detection; -1 if it's true or ignored.
     meant
         (d,) the label meant by a detection of the wrong class or place; -1 if none.
-    missed
-        (g,) labels without any detection.
     loss
         For each of `CAUSES` the AP50 that fixing it alone would gain; nan without labels.
     """
 
     cause: Int[np.ndarray, " d"]
     meant: Int[np.ndarray, " d"]
-    missed: Bool[np.ndarray, " g"]
     loss: dict[str, float]
 
 
@@ -60,9 +57,7 @@ def errors(labels: Labels, predictions: Predictions, pairs: Overlaps, matching: 
     free = (matching.detection < 0) & ~labels.crowd
     named = np.zeros(len(labels.label), dtype=bool)
     named[meant[meant >= 0]] = True
-    missed = free & ~named
-    loss = _losses(labels, predictions, matching, cause, meant, missed)
-    return Errors(cause, meant, missed, loss)
+    return Errors(cause, meant, _losses(labels, predictions, matching, cause, meant, free & ~named))
 
 
 def _causes(

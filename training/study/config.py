@@ -102,9 +102,8 @@ def load_study(path: Path | str) -> StudyConfig:
             validated(Settings, {**data.get("train", {}), **arm.train}, path)
     if study.valid is not None and "threshold" in data:
         raise ConfigError("threshold: with valid it is chosen there", path=path, remedy="leave one of the two out")
-    folders = {key: path.parent / getattr(study, key) for key in ("real", "synthetic", "test")}
-    if study.valid is not None:
-        folders["valid"] = path.parent / study.valid
+    datasets = ("real", "synthetic", "test", *(["valid"] if study.valid else []))
+    folders = {key: path.parent / getattr(study, key) for key in datasets}
     for key, folder in folders.items():
         if not folder.is_dir():
             raise ConfigError(f"{key} = {str(getattr(study, key))!r}: no such folder", path=path)

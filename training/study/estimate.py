@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hulldown.training.data import Batches
-from hulldown.training.detectors.detector import RUN_NAME
+from hulldown.training.detectors.detector import RUN_NAME, read_run
 from hulldown.training.study.manifest import RUNS_NAME, Manifest
 from hulldown.training.study.runs import RunOptions, is_finished
 
@@ -43,9 +42,9 @@ def seconds_per_step(
     """Seconds per step: of finished runs, else of three steps that are run as a test."""
     found = []
     for run in manifest.runs:
-        path = study / RUNS_NAME / run.folder / RUN_NAME
-        if path.exists():
-            figures = json.loads(path.read_text(encoding="utf-8")).get("figures", {})
+        folder = study / RUNS_NAME / run.folder
+        if (folder / RUN_NAME).exists():
+            figures = read_run(folder).get("figures", {})
             found += [figures["seconds_per_step"]] if "seconds_per_step" in figures else []
     if found:
         return float(np.median(found))
@@ -55,9 +54,9 @@ def seconds_per_step(
     settings = manifest.runs[0].settings
     tried = settings.model_copy(update={"budget": TRIED_STEPS * settings.effective_batch, "weights": "none"})
     source = manifest.runs[0].sources[0]
-    with TemporaryDirectory() as folder:
+    with TemporaryDirectory() as place:
         tried_run = train(
-            {source: manifest.datasets[source].folder}, Path(folder) / "run", settings=tried, device=options.device,
+            {source: manifest.datasets[source].folder}, Path(place) / "run", settings=tried, device=options.device,
             workers=options.workers,
         )  # fmt: skip
     return float(tried_run["figures"]["seconds_per_step"])

@@ -14,7 +14,7 @@ from hulldown.dataset.reports.charts import svg
 from hulldown.dataset.reports.page import page
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.files import replace_file
-from hulldown.training.detectors.detector import RUN_NAME
+from hulldown.training.detectors.detector import read_run
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold
 from hulldown.training.evaluation.labels import Labels, read_labels
 from hulldown.training.evaluation.predictions import read_predictions
@@ -215,8 +215,7 @@ def _run_record(one: Judged) -> dict[str, Any]:
 
 def _time(study: Path, run: PlannedRun) -> float | None:
     """Seconds of a run's training; after a kill, of its last process."""
-    found = json.loads((study / RUNS_NAME / run.folder / RUN_NAME).read_text(encoding="utf-8"))
-    seconds = found.get("figures", {}).get("seconds")
+    seconds = read_run(study / RUNS_NAME / run.folder).get("figures", {}).get("seconds")
     return None if seconds is None else round(float(seconds), 1)
 
 
