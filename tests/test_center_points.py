@@ -16,7 +16,6 @@ from hulldown.training.detectors.center_points import (
     peaks,
     truth_of,
 )
-from hulldown.training.settings import load_settings
 from hulldown.training.train import train
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -114,14 +113,7 @@ def test_it_can_memorize_a_few_pictures(tmp_path):
     pictures = make_dataset(tmp_path / "set", 8)
     still = {name: {"probability": 0.0} for name in TABLE}
     keys = {"model": "small", "resolution": 96, "budget": 480, "batch": 8, "augmentation": still}
-    run = train(
-        {"demo": pictures},
-        tmp_path / "run",
-        settings=load_settings(None, keys),
-        valid=pictures,
-        workers=0,
-        device="cpu",
-    )
+    run = train({"demo": pictures}, tmp_path / "run", settings=keys, valid=pictures, workers=0, device="cpu")
     assert run["figures"]["valid"]["ap50"] == pytest.approx(1.0)
     losses = np.loadtxt(tmp_path / "run" / "metrics.csv", delimiter=",", skiprows=1)[:, 1]
     assert losses[-5:].mean() < losses[:5].mean() / 5

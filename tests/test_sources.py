@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[1]
 def train_with(data, out, changes):
     from hulldown.training.train import train
 
-    return train(data, out, settings=load_settings(None, changes), device="cpu")
+    return train(data, out, settings=changes, device="cpu")
 
 
 def sha256(sources):
