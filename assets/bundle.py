@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from hulldown.assets.scenery import Scenery
-from hulldown.assets.textures import ARRAYS, packed, parted, unpacked
 from hulldown.assets.vehicle import VehicleShape
+from hulldown.geometry.alpha import AlphaMap, Cutouts, Extension
 from hulldown.geometry.errors import AssetError
 from hulldown.geometry.files import open_regular, replacing
 from hulldown.geometry.meshes import Mesh
@@ -78,6 +78,12 @@ def _values(data: Mapping[str, np.ndarray], kind: type) -> dict[str, Any]:
     return plain | {name: tuple(text) if isinstance(text, list) else text for name, text in texts.items()}
 
 
+# Cut-outs of meshes, each texture and each array of texels once.
+ARRAYS = (
+    *("cut_faces", "cut_uv", "cut_maps", "cut_counts"),
+    *("map_texels", "map_extension", "map_smooth", "map_curve"),
+)
+OWN = "map_array_{}"  # the texels or the curve of maps
 # Rows of all meshes follow one another; the counts are rows per mesh.
 _MESHES = ("mesh_names", "vertex_counts", "face_counts", "extreme_counts", "vertices", "faces", "extreme")
 
@@ -135,3 +141,53 @@ def _load(path: Path, kind: str, names: Iterable[str]) -> dict[str, np.ndarray]:
         raise AssetError("does not exist", path=path) from None
     except _DAMAGE as error:
         raise AssetError(f"cannot be read as a bundle ({error})", path=path, remedy=REMEDY) from error
+
+
+def packed(cutouts: Sequence[Cutouts | None]) -> dict[str, np.ndarray]:
+    """Arrays by the names in `ARRAYS`, and all texels and curves of maps."""
+    there = [cut for cut in cutouts if cut is not None]
+    maps = list({id(alpha): alpha for cut in there for alpha in cut.maps}.values())
+    number = {id(alpha): i for i, alpha in enumerate(maps)}
+    used = [np.array([number[id(alpha)] for alpha in cut.maps])[cut.face_map] for cut in there]
+    own = {id(array): array for alpha in maps for array in (alpha.texels, alpha.curve) if array is not None}
+    place = {key: i for i, key in enumerate(own)}
+    values = (
+        np.concatenate([np.empty(0, np.int64), *(cut.face for cut in there)]),
+        np.concatenate([np.empty((0, 3, 2), np.float32), *(cut.uv for cut in there)]),
+        np.concatenate([np.empty(0, np.int64), *used]),
+        np.array([-1 if cut is None else len(cut.face) for cut in cutouts], np.int64),
+        np.array([place[id(alpha.texels)] for alpha in maps], np.int64),
+        np.array([alpha.extension for alpha in maps], np.int64),
+        np.array([alpha.smooth for alpha in maps], bool),
+        np.array([place.get(id(alpha.curve), -1) for alpha in maps], np.int64),
+    )
+    arrays = {OWN.format(i): array for i, array in enumerate(own.values())}
+    return {**dict(zip(ARRAYS, values, strict=True)), **arrays}
+
+
+def unpacked(data: Mapping[str, np.ndarray]) -> list[Cutouts | None]:
+    """The cut-outs that `packed` received, one entry per mesh.
+
+    Raises
+    ------
+    KeyError, ValueError
+        If the arrays don't fit together.
+    """
+    columns = (data[name].tolist() for name in ("map_texels", "map_extension", "map_smooth", "map_curve"))
+    maps = tuple(
+        AlphaMap(data[OWN.format(texels)], Extension(extension), smooth, data.get(OWN.format(curve)))
+        for texels, extension, smooth, curve in zip(*columns, strict=True)
+    )
+    counts = data["cut_counts"].clip(0)
+    cuts = (parted(data[name], counts) for name in ("cut_faces", "cut_uv", "cut_maps"))
+    cutouts: list[Cutouts | None] = []
+    for given, face, uv, face_map in zip(data["cut_counts"], *cuts, strict=True):
+        used, face_map = np.unique(face_map, return_inverse=True)
+        kept = tuple(maps[i] for i in used)
+        cutouts.append(None if given < 0 else Cutouts(face, uv, face_map.reshape(-1), kept))
+    return cutouts
+
+
+def parted(flat: np.ndarray, counts: np.ndarray) -> list[np.ndarray]:
+    """An array's rows as consecutive arrays of `counts` rows each."""
+    return np.split(flat, np.cumsum(counts)[:-1]) if len(counts) else []

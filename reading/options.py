@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hulldown.assets.textures import TEXTURE_SIZE
+TEXTURE_SIZE = 1024  # texels of the longer side, by default
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hulldown.assets.textures import packed, unpacked
+from hulldown.assets.bundle import packed, unpacked
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import World
 from hulldown.geometry.alpha import GRADES, AlphaMap, Cut, Cutouts, Extension, fewer_texels

@@ -10,10 +10,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from hulldown.assets.textures import TEXTURE_SIZE
 from hulldown.geometry.arrays import are_numbers
 from hulldown.planning.appearance.paint import Paint
 from hulldown.planning.config.section import AtLeastZero, Pair, Patterns, Section, is_absent, ranged
+from hulldown.reading.options import TEXTURE_SIZE
 
 CACHE_NAME = ".hulldown-cache"
 

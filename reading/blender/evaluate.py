@@ -13,7 +13,6 @@ import bpy
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hulldown.assets.textures import TEXTURE_SIZE
 from hulldown.geometry.errors import AssetError
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply
@@ -26,10 +25,10 @@ from hulldown.reading.blender.surfaces.cutouts import CutoutReader
 from hulldown.reading.blender.surfaces.shaders import is_clear, is_displaced, is_volume
 from hulldown.reading.blender.tidy import Keeper
 from hulldown.reading.evaluated import Evaluated, Left
+from hulldown.reading.options import TEXTURE_SIZE
 from hulldown.reading.roles import Link, Piece
-from hulldown.reading.scenery.scenery_roles import VOLUME
+from hulldown.reading.scenery.scenery_roles import VOLUME, is_water_name
 from hulldown.reading.scenery.shape import level_share
-from hulldown.reading.scenery.wet_faces import wet_slots
 
 SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 HIDDEN = "hidden from render"
@@ -150,7 +149,8 @@ class _Reader:
                 return
             self._doubt(drawn)
             self.clear[len(self.result.meshes)] = _is_clear(drawn)
-            if drawn.type == "MESH" and (slots := wet_slots(materials)):
+            slots = [slot for slot, name in enumerate(materials) if is_water_name(name)]
+            if drawn.type == "MESH" and slots:
                 wet = _wearing(drawn.data, slots, len(materials))
                 if wet.any() and not wet.all():
                     self.result.wet[len(self.result.meshes)] = wet
