@@ -20,7 +20,7 @@ from hulldown.reading.options import Options
 from hulldown.reading.report import PartRow
 from hulldown.reading.roles import Link, Piece, PieceRole, is_wanted, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import removed_names, unmatched
-from hulldown.reading.scenery.wet_faces import is_partly_water, part_of
+from hulldown.reading.scenery.shape import is_wide_and_level, level_share
 from hulldown.reading.vehicle.keypoints import known_points, marked_points
 from hulldown.reading.vehicle.nose import forward_said
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART
@@ -30,6 +30,7 @@ from hulldown.reading.vehicle.stance import Upright, heading, vehicle_from_uprig
 from hulldown.reading.vehicle.strays import find_strays
 
 KILOMETER = 1000.0
+NARROWEST = 1.0  # meters, of water that is part of the ground's mesh, as for water objects
 NAMES = (
     "write an object's whole name, with * a part of it; mesh:, collection: or material: before the name of one of those"
 )
@@ -192,19 +193,19 @@ def build_scenery(
     shift[:3, 3] = -origin
     scenery_from_file = shift @ meters
     open_ = ground if options.water is None else []
-    wet = dict.fromkeys(i for i in open_ if is_partly_water(pieces[i], drawn, meters))
+    wet = dict.fromkeys(i for i in open_ if _is_partly_water(pieces[i], drawn, meters))
     merged = None
     if ground:
         placed = []
         for i in ground:
-            mesh = part_of(pieces[i].mesh, drawn, wet=False) if i in wet else meshes[pieces[i].mesh]
+            mesh = _part_of(pieces[i].mesh, drawn, wet=False) if i in wet else meshes[pieces[i].mesh]
             placed.append(_compact(mesh, apply(scenery_from_file @ pieces[i].pose, mesh.vertices), pieces[i].name))
         merged, _ = merge(placed, name=f"ground of {name}")
     instances = [*obstacles, *wet]
     shapes = [(pieces[i].mesh, False) for i in obstacles] + [(pieces[i].mesh, True) for i in wet]
     unique = sorted(set(shapes))
     position = {shape: at for at, shape in enumerate(unique)}
-    shown = [part_of(number, drawn, wet=True) if part else meshes[number] for number, part in unique]
+    shown = [_part_of(number, drawn, wet=True) if part else meshes[number] for number, part in unique]
     scenery = Scenery(
         name=name,
         origin=origin,
@@ -220,6 +221,32 @@ def build_scenery(
         scenery_from_file=scenery_from_file,
     )
     return scenery, tuple(pieces[i].name for i in wet)
+
+
+def _is_partly_water(piece: Piece, drawn: Evaluated, meters: Float[np.ndarray, "4 4"]) -> bool:
+    """Whether faces with a material named like water are water: together wide and mostly level.
+
+    Parameters
+    ----------
+    piece
+        Ground.
+    drawn
+        Everything that the file draws.
+    meters
+        (4, 4) affine, the file's scale and up axis.
+    """
+    if piece.mesh not in drawn.wet:
+        return False
+    part, meters_from_mesh = _part_of(piece.mesh, drawn, wet=True), meters @ piece.pose
+    seen = apply(meters_from_mesh, part.vertices)
+    bounds = np.stack([seen.min(axis=0), seen.max(axis=0)])
+    level, _ = level_share(part, meters_from_mesh)
+    return is_wide_and_level(replace(piece, bounds=bounds, level=level), least=NARROWEST)
+
+
+def _part_of(number: int, drawn: Evaluated, *, wet: bool) -> Mesh:
+    """The faces of a mesh with a material named like water, or the others."""
+    return drawn.meshes[number].of_faces(np.flatnonzero(drawn.wet[number] == wet))
 
 
 def _there(wanted: str, pieces: Sequence[Piece]) -> str:

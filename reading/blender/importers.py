@@ -10,16 +10,19 @@ import bpy
 
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.blender.duplicates import Duplicate, take_duplicates
-from hulldown.reading.blender.mtl import clear_false_glass
 from hulldown.reading.blender.opening import open_blend
+from hulldown.reading.blender.surfaces.shaders import surface_shaders
 from hulldown.reading.blender.surfaces.textures import find_moved
 from hulldown.reading.blender.terrain import open_terrain
 from hulldown.reading.confinement.blocks import refuse_special_files
+from hulldown.reading.confinement.references import directives, material_libraries
 from hulldown.reading.options import Options
 from hulldown.reading.scenery.geotiff import Elevations
 from hulldown.reading.wording import quoted
 
 NODES_ONLY = (2, 80)  # materials are nodes only since then
+GLASS = (4, 6, 7, 9)  # illumination models with transparency or refraction
+WEIGHT = "Transmission Weight"
 AGAIN = "open it in Blender and save it again"
 
 
@@ -86,13 +89,47 @@ def open_file(path: Path, kind: str, options: Options) -> Opened:
         else:
             # As it is in the file: then `up` in the config means the file's axis, and y is what OBJ files have.
             bpy.ops.wm.obj_import(filepath=str(path), forward_axis="Y", up_axis="Z")
-            clear_false_glass(path)
+            _clear_false_glass(path)
     except RuntimeError as error:
         raise AssetError(f"Blender cannot import it ({_one_line(error)})", remedy="export it again") from None
     if not bpy.context.scene.objects:
         raise AssetError("Blender finds nothing in it to import", remedy="export it again")
     doubts = tuple(find_moved(path))
     return Opened(1.0, "y" if kind == "obj" else "z", kind.upper().replace("GLTF", "glTF"), doubts)
+
+
+def _clear_false_glass(path: Path) -> None:
+    """Make materials opaque that the .mtl files of an imported OBJ file don't describe as glass.
+
+    The importer takes ``Tf`` as the share of light that passes. Exporters such as that of 3ds Max write ``Tf 1 1 1``
+    for opaque materials, where it has no meaning: only the illumination models in `GLASS` transmit light.
+
+    References
+    ----------
+    Alias|Wavefront, MTL material format, in File Formats, version 4.2, 1995, section 5 (``illum``).
+    """
+    found = [(m.name, shader) for m in bpy.data.materials for shader, _ in surface_shaders(m)]
+    clear = [(name, shader.inputs[WEIGHT]) for name, shader in found if shader.type == "BSDF_PRINCIPLED"]
+    clear = [(name, weight) for name, weight in clear if weight.default_value > 0.0]
+    if not clear:
+        return
+    models = {name: model for library in material_libraries(path) for name, model in _illumination(library).items()}
+    for name, weight in clear:
+        if models.get(name, GLASS[0]) not in GLASS:
+            weight.default_value = 0.0
+
+
+def _illumination(library: Path) -> dict[str, int]:
+    """Illumination model of each material of an .mtl file; 2, an opaque one, by default."""
+    models: dict[str, int] = {}
+    name = ""
+    for key, value in directives(library, b"newmtl", b"illum"):
+        if key == "newmtl":
+            name = value
+            models[name] = 2
+        elif name and value.isdigit():
+            models[name] = int(value)
+    return models
 
 
 def _open_blend(path: Path) -> Opened:
