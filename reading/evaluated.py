@@ -9,16 +9,8 @@ import numpy as np
 from jaxtyping import Bool
 
 from hulldown.geometry.meshes import Mesh
+from hulldown.reading.report import ObjectRow
 from hulldown.reading.roles import Link, Piece
-
-
-@dataclass(frozen=True, slots=True)
-class Left:
-    """An object of the file without a piece, and the reason."""
-
-    name: str
-    kind: str
-    why: str
 
 
 @dataclass(eq=False, slots=True)
@@ -36,7 +28,7 @@ class Evaluated:
     markers
         Chains of all empties.
     left
-        Objects without a piece, and how often they're drawn.
+        Rows of objects without a piece, and how often they're drawn.
     doubts
         Sentences about things that are rendered differently than read.
     dressed
@@ -47,6 +39,6 @@ class Evaluated:
     wet: dict[int, Bool[np.ndarray, " f"]] = field(default_factory=dict)
     pieces: list[Piece] = field(default_factory=list)
     markers: list[tuple[Link, ...]] = field(default_factory=list)
-    left: Counter[Left] = field(default_factory=Counter)
+    left: Counter[ObjectRow] = field(default_factory=Counter)
     doubts: list[str] = field(default_factory=list)
     dressed: bool = False

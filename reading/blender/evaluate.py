@@ -24,8 +24,9 @@ from hulldown.reading.blender.strands import curves_mesh, strand_curves, strand_
 from hulldown.reading.blender.surfaces.cutouts import CutoutReader
 from hulldown.reading.blender.surfaces.shaders import is_clear, is_displaced, is_volume
 from hulldown.reading.blender.tidy import Keeper
-from hulldown.reading.evaluated import Evaluated, Left
+from hulldown.reading.evaluated import Evaluated
 from hulldown.reading.options import TEXTURE_SIZE
+from hulldown.reading.report import ObjectRow
 from hulldown.reading.roles import Link, Piece
 from hulldown.reading.scenery.scenery_roles import VOLUME, is_water_name
 from hulldown.reading.scenery.shape import level_share
@@ -131,7 +132,7 @@ class _Reader:
         if instance.object.name == OUR_CAMERA:
             return
         for name in (instance.object.name, *(duplicate.name for duplicate in self._duplicates(instance))):
-            self.result.left[Left(name, instance.object.type, why)] += 1
+            self.result.left[ObjectRow(name, instance.object.type, "dropped", why)] += 1
 
     def _duplicates(self, instance: Any) -> Sequence[Duplicate]:
         return () if instance.is_instance else self.duplicates.get(instance.object.original.name_full, ())
@@ -374,7 +375,7 @@ def _list_hidden(scene: Any, result: Evaluated, duplicates: Mapping[str, Sequenc
     for obj in scene.objects:
         if obj.name not in drawn and obj.type in DRAWN:
             for name in (obj.name, *(duplicate.name for duplicate in duplicates.get(obj.name_full, ()))):
-                result.left[Left(name, obj.type, _why_hidden(obj, off))] += 1
+                result.left[ObjectRow(name, obj.type, "dropped", _why_hidden(obj, off))] += 1
 
 
 def _switched_off(layer: Any, already: bool) -> Iterator[tuple[str, bool]]:

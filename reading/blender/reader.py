@@ -190,7 +190,7 @@ def _rows(drawn: Evaluated, uses: Sequence[str], roles: Sequence[PieceRole]) -> 
         )
         for (name, use, reason), pieces in groups.items()
     ]
-    rows += [ObjectRow(left.name, left.kind, "dropped", left.why, count) for left, count in drawn.left.items()]
+    rows += [replace(left, count=count) for left, count in drawn.left.items()]
     return gathered(rows)
 
 
