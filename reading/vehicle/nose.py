@@ -128,10 +128,10 @@ def forward_said(angle: float) -> str:
     return f"{np.degrees(np.arctan2(np.sin(angle), np.cos(angle))):.1f}"
 
 
-def snapped(angle: float) -> float:
+def snapped(angle: float, within: float = SNAP) -> float:
     """Snap an angle to a close multiple of a right angle."""
     quarter = np.round(angle / (np.pi / 2)) * (np.pi / 2)
-    return float(quarter) if abs(angle - quarter) < SNAP else angle
+    return float(quarter) if abs(angle - quarter) < within else angle
 
 
 def _line(solids: Solids, wheels: Wheels | None, gun: Sequence[bool]) -> tuple[float, str]:

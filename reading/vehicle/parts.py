@@ -11,6 +11,7 @@ from jaxtyping import Float
 from hulldown.geometry.transforms import apply
 from hulldown.reading.options import DEFAULTS, Options
 from hulldown.reading.roles import Link, Piece
+from hulldown.reading.vehicle.nose import snapped
 from hulldown.reading.vehicle.part_names import GUN_PART, HULL, TURRET_PART, Key, Namer, key_of
 from hulldown.reading.vehicle.part_shapes import by_shape, riding, screened, unnamed
 from hulldown.reading.vehicle.pivots import (
@@ -247,9 +248,6 @@ def _raising_axis(own: Float[np.ndarray, "n 3"], pivot: Float[np.ndarray, "3"]) 
     out = own[:, :2] - pivot[:2]
     reach = np.linalg.norm(out, axis=1)
     tip = out[reach >= 0.95 * reach.max()].mean(axis=0)
-    angle = np.arctan2(tip[1], tip[0])
-    quarter = np.round(angle / (np.pi / 2)) * (np.pi / 2)
-    if abs(angle - quarter) < STRAIGHT:
-        angle = quarter
+    angle = snapped(float(np.arctan2(tip[1], tip[0])), STRAIGHT)
     # Rounded, so that an axis of the vehicle comes out as exactly that.
     return np.round([np.sin(angle), -np.cos(angle), 0.0], 15) + 0.0

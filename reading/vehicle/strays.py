@@ -65,14 +65,15 @@ def find_strays(
     bounds = np.array([[p.min(axis=0), p.max(axis=0)] for p in points])
     height = float(bounds[:, 1, 2].max() - bounds[:, 0, 2].min())
     loose = [i for i in range(len(pieces)) if i not in wheeled]
+    beside = loose if len(pieces) > 1 else []  # compared with the rest
     hidden = [i for i, p in enumerate(pieces) if p.hidden]
     low = [] if wheels is None else [i for i, b in enumerate(bounds) if b[0, 2] < wheels.level - BELOW * height]
     # If much is below the wheels, they aren't on the ground: tracks are around them, or skirts.
     low = low if len(low) <= max(2, len(pieces) // 10) else []
     regular = [i for i in loose if _is_regular(pieces[i], points[i])]
-    apart = [i for i in loose if _is_apart(i, bounds)]
-    sheets = [i for i in loose if _is_sheet_beyond(i, bounds)]
-    beyond = [i for i in loose if i in sheets or _is_bulk(i, bounds)]
+    apart = [i for i in beside if not _near(i, bounds, APART)]
+    sheets = [i for i in beside if _is_sheet_beyond(i, bounds)]
+    beyond = [i for i in beside if i in sheets or _is_bulk(i, bounds)]
     signs = {
         "hidden from the viewport, but rendered": hidden,
         "reaching below the wheels": low,
@@ -126,7 +127,7 @@ def _is_regular(piece: Piece, points: Float[np.ndarray, "v 3"]) -> bool:
 def _is_sheet_beyond(i: int, bounds: np.ndarray) -> bool:
     """Whether it's a sheet without thickness that reaches beyond the rest."""
     size = bounds[i, 1] - bounds[i, 0]
-    if len(bounds) < 2 or size.min() > FLAT * size.max():
+    if size.min() > FLAT * size.max():
         return False
     low, high = _rest(i, bounds)
     return bool(np.maximum(low - bounds[i, 0], bounds[i, 1] - high).max() > OUT * (high - low).max())
@@ -134,8 +135,6 @@ def _is_sheet_beyond(i: int, bounds: np.ndarray) -> bool:
 
 def _is_bulk(i: int, bounds: np.ndarray) -> bool:
     """Whether it's larger than the rest in two directions."""
-    if len(bounds) < 2:
-        return False
     low, high = _rest(i, bounds)
     return int((bounds[i, 1] - bounds[i, 0] > 1.3 * (high - low)).sum()) >= 2
 
@@ -189,10 +188,3 @@ def _near(i: int, bounds: np.ndarray, share: float) -> bool:
     slack = share * float((high - low).max())
     near = (bounds[:, 0] < bounds[i, 1] + slack) & (bounds[:, 1] > bounds[i, 0] - slack)
     return bool(near.all(axis=1).sum() > 1)
-
-
-def _is_apart(i: int, bounds: np.ndarray) -> bool:
-    """Whether its box is clear of the boxes of all others."""
-    if len(bounds) < 2:
-        return False
-    return not _near(i, bounds, APART)
