@@ -52,17 +52,13 @@ def vehicle_doubts(
             'set up = "y" if it lies on its side'
         )
     dropped = [row for row in rows if row.use == "dropped" and row.triangles and "config" not in row.why]
-    kept = sum(row.triangles * row.count for row in rows if row.use != "dropped")
-    if sum(row.triangles * row.count for row in dropped) > kept:
+    kept = [row for row in rows if row.use != "dropped"]
+    if sum(row.triangles * row.count for row in dropped) > sum(row.triangles * row.count for row in kept):
         those = quoted([row.name for row in dropped])
         doubts.append(f"more triangles are dropped than kept; name the vehicle's objects in `keep`: {those}")
     asked = [row for row in rows if row.use == "dropped" and "config" in row.why]
-    volumes = {
-        use: max((math.prod(row.size) for row in some), default=0.0)
-        for use, some in (("dropped", asked), ("kept", [row for row in rows if row.use != "dropped"]))
-    }
-    if volumes["dropped"] > volumes["kept"]:
-        most = max(asked, key=lambda row: math.prod(row.size))
+    most = max(asked, key=_volume, default=None)
+    if most and _volume(most) > max(map(_volume, kept), default=0.0):
         doubts.append(f"the config drops {most.name!r}, the largest piece; take it out of drop if it's the hull")
     clear = [row for row in materials if row.left_alone == CLEAR]
     if sum(row.share for row in clear) > 0.5:
@@ -75,6 +71,10 @@ def vehicle_doubts(
             "materials in Blender, or set paint"
         )
     return (*doubts, *_missing(missing))
+
+
+def _volume(row: ObjectRow) -> float:
+    return math.prod(row.size)
 
 
 def is_pale(materials: Sequence[MaterialRow]) -> bool:
