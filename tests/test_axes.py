@@ -1,7 +1,6 @@
 """Up and forward axes, parts, and pivots of vehicles made of plain arrays, in any frame."""
 
 import json
-from collections import Counter
 
 import numpy as np
 import pytest
@@ -9,7 +8,7 @@ import trimesh
 
 from hulldown.geometry.errors import AssetError
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.transforms import apply, rotation_z
+from hulldown.geometry.transforms import apply, rigid, rotation_z
 from hulldown.reading.build import BuiltVehicle, build_vehicle
 from hulldown.reading.evaluated import Evaluated
 from hulldown.reading.options import Options
@@ -46,39 +45,28 @@ TRUCK = {k: TANK[k] for k in TANK if k[0] == "W"} | {"Hull": TANK["Hull"], "Cab"
 CAR = {k: mesh for k, mesh in TRUCK.items() if k[:2] not in ("W1", "W2")}
 
 
-def drawn(parts: dict[str, Mesh], pose: np.ndarray | None = None, **hidden: bool) -> Evaluated:
-    """The parts of a file, with all origins at zero."""
-    pose = np.eye(4) if pose is None else pose
-    result = Evaluated(left=Counter())
-    for i, (name, mesh) in enumerate(parts.items()):
-        placed = Mesh(apply(pose, mesh.vertices), mesh.faces, name)
-        result.meshes.append(placed)
-        link = Link(name, (), "MESH", np.eye(4))
-        result.pieces.append(
-            Piece(name, (link,), i, np.eye(4), placed.bounds, len(mesh.faces), hidden=hidden.get(name, False))
-        )
-    return result
-
-
 def read(
-    parts: dict[str, Mesh], pose: np.ndarray | None = None, *, stated: str = "z", **options: object
+    parts: dict[str, Mesh],
+    pose: np.ndarray | None = None,
+    *,
+    stated: str = "z",
+    hidden: tuple[str, ...] = (),
+    **options: object,
 ) -> BuiltVehicle:
-    found = drawn(parts, pose)
-    for i, piece in enumerate(found.pieces):  # bounds in the file's frame
-        points = apply(meters_from_file(1.0, stated), found.meshes[i].vertices)
-        found.pieces[i] = Piece(
-            piece.data, piece.chain, i, piece.pose, np.stack([points.min(axis=0), points.max(axis=0)]), piece.faces
-        )
-    given = Options(**options)
-    return build_vehicle(
-        "v", found.meshes, stand_upright(found, unit=1.0, stated_up=stated, up=given.up), found.markers, options=given
-    )
+    """The vehicle of a file with these parts, with all origins at zero."""
+    found, given = Evaluated(), Options(**options)
+    for i, (name, mesh) in enumerate(parts.items()):
+        placed = mesh.at(apply(np.eye(4) if pose is None else pose, mesh.vertices))
+        found.meshes.append(placed)
+        bounds = placed.at(apply(meters_from_file(1.0, stated), placed.vertices)).bounds
+        link = Link(name, (), "MESH", np.eye(4))
+        found.pieces.append(Piece(name, (link,), i, np.eye(4), bounds, len(mesh.faces), hidden=name in hidden))
+    upright = stand_upright(found, unit=1.0, stated_up=stated, up=given.up)
+    return build_vehicle("v", found.meshes, upright, found.markers, options=given)
 
 
-def turned(rotation: np.ndarray) -> np.ndarray:
-    pose = np.eye(4)
-    pose[:3, :3] = rotation[:3, :3]
-    return pose
+def turned(yaw_deg: float) -> np.ndarray:
+    return rigid(rotation_z(np.radians(yaw_deg)), np.zeros(3))
 
 
 @pytest.mark.parametrize("axis", UPS)
@@ -96,7 +84,7 @@ def test_wheels_show_the_up_axis_and_overruling_the_file_is_a_doubt(parts: dict,
 
 @pytest.mark.parametrize("yaw", [0.0, 33.0, 60.0, -128.0, 180.0])
 def test_a_diagonal_vehicle_is_straightened(yaw: float) -> None:
-    built = read(TANK, turned(rotation_z(np.radians(yaw))))
+    built = read(TANK, turned(yaw))
     assert np.allclose(built.shape.size_xyz, read(TANK).shape.size_xyz, atol=1e-6)
     assert not any("forward" in d for d in built.doubts)
 
@@ -104,7 +92,7 @@ def test_a_diagonal_vehicle_is_straightened(yaw: float) -> None:
 @pytest.mark.parametrize("parts", [TANK, TRUCK])
 def test_the_nose_is_at_the_gun_or_cab_and_unknown_on_a_bare_box_on_wheels(parts: dict) -> None:
     for yaw in (0.0, 180.0):
-        built = read(parts, turned(rotation_z(np.radians(yaw))))
+        built = read(parts, turned(yaw))
         assert np.allclose(built.shape.vehicle_from_file[:2, 0], [np.cos(np.radians(yaw)), 0], atol=1e-9)
     bare = read({k: m for k, m in TRUCK.items() if k != "Cab"}).doubts
     assert any('set forward = "-x" if it faces backwards' in d for d in bare)
@@ -142,7 +130,7 @@ def test_origins_at_zero_are_not_pivots_but_the_turret_ring_is() -> None:
 
 
 def test_pivots_in_the_config_are_used() -> None:
-    pose = turned(rotation_z(np.radians(90.0)))
+    pose = turned(90.0)
     built = read(TANK, pose, turret_pivot=(0.0, 0.3, 1.5), gun_pivot="Hull")
     assert np.allclose(
         apply(np.linalg.inv(built.shape.vehicle_from_file), built.shape.part_pivot[1:]), [[0, 0.3, 1.5], [0, 0, 0]]
@@ -193,9 +181,8 @@ def test_objects_on_a_turret_without_children_turn_with_it() -> None:
 def test_pieces_that_may_not_belong_are_doubted_with_a_drop_pattern(
     name: str, mesh: Mesh, hidden: bool, what: str
 ) -> None:
-    found = drawn(TANK | {name: mesh}, **{name: hidden})
-    upright = stand_upright(found, unit=1.0, stated_up="z", up=None)
-    (doubt,) = [d for d in build_vehicle("v", found.meshes, upright, (), options=Options()).doubts if "drop" in d]
+    built = read(TANK | {name: mesh}, hidden=(name,) * hidden)
+    (doubt,) = [d for d in built.doubts if "drop" in d]
     assert doubt.startswith(f"{name!r}: ")
     assert what in doubt
     assert f"set drop = {json.dumps([name])} if" in doubt
@@ -225,16 +212,14 @@ STUDIO = Mesh(
 def test_pieces_with_two_signs_of_not_belonging_are_left_out(
     name: str, mesh: Mesh, hidden: bool, reasons: tuple, yaw: float
 ) -> None:
-    found = drawn(TANK | {name: mesh}, turned(rotation_z(np.radians(yaw))), **{name: hidden})
-    upright = stand_upright(found, unit=1.0, stated_up="z", up=None)
-    built = build_vehicle("v", found.meshes, upright, (), options=Options())
+    parts, pose, unseen = TANK | {name: mesh}, turned(yaw), (name,) * hidden
+    built = read(parts, pose, hidden=unseen)
     assert [r.use for r in built.roles] == ["vehicle"] * len(TANK) + ["dropped"]
     assert np.allclose(built.shape.size_xyz, read(TANK).shape.size_xyz, atol=1e-6)
     keeps = [d for d in built.doubts if d.startswith(f"{name!r}: ")]
     assert len(keeps) == len(reasons)
     assert all(what in keeps[0] and f'set keep = ["{name}"]' in keeps[0] for what in reasons)
-    kept = build_vehicle("v", found.meshes, upright, (), options=Options(keep=(name,)))
-    assert all(r.use == "vehicle" for r in kept.roles)
+    assert all(r.use == "vehicle" for r in read(parts, pose, hidden=unseen, keep=(name,)).roles)
 
 
 def test_a_wide_hull_under_a_turret_is_not_a_backdrop() -> None:
@@ -253,7 +238,7 @@ def test_launch_tubes_point_ahead_and_turn_at_the_top_of_their_plates() -> None:
     plates = {f"Turret_Plate_{s}": box((1.0, 0.1, 0.8), (-1.0, 0.9 * s, 2.0)) for s in (-1, 1)}
     base = {k: m for k, m in TANK.items() if k != "Gun" and k != "Turret"}
     for yaw in (0.0, 180.0):
-        pose = turned(rotation_z(np.radians(yaw)))
+        pose = turned(yaw)
         built = read(base | plates | raised, pose)
         assert np.allclose(built.shape.vehicle_from_file[:2, 0], [np.cos(np.radians(yaw)), 0], atol=1e-9)
         at = built.shape.part_pivot[built.shape.part_names.index("gun")]
@@ -265,7 +250,7 @@ def test_launch_tubes_point_ahead_and_turn_at_the_top_of_their_plates() -> None:
 def test_a_vehicle_is_read_beside_thousands_of_larger_solids() -> None:
     # Fuzzing found it: all of the vehicle's solids were left out for the trees', and Blender's process ended.
     trees = {f"Tree{k}": box((9, 9, 9), (20 * (k % 70), 20 * (k // 70) + 20, 0)) for k in range(MOST)}
-    built = read(TANK | trees, turned(rotation_z(np.radians(120))), drop=["Tree*"])
+    built = read(TANK | trees, turned(120), drop=["Tree*"])
     assert np.allclose(built.shape.size_xyz, read(TANK).shape.size_xyz, atol=1e-6)
     assert built.shape.part_names == ("hull", "turret", "gun")
 
@@ -275,7 +260,7 @@ def test_mirrors_show_the_nose() -> None:
         f"P{s}": box((0.1, 0.3, 0.3), (1.2, 1.55 * s, 1.9)) for s in (-1, 1)
     }
     for yaw in (0.0, 180.0):
-        built = read(car, turned(rotation_z(np.radians(yaw))))
+        built = read(car, turned(yaw))
         assert np.allclose(built.shape.vehicle_from_file[:2, 0], [np.cos(np.radians(yaw)), 0], atol=1e-9)
         assert any("its nose was found by shape alone" in d for d in built.doubts)
 
