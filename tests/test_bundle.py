@@ -79,23 +79,38 @@ def test_a_scenery_round_trips_bit_for_bit(tmp_path: Path, ground: bool, obstacl
     assert_same(load_scenery(tmp_path / "s.npz"), made)
 
 
-def test_an_interrupted_save_keeps_the_old_bundle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """A vehicle's bundle."""
     save_vehicle(tmp_path / "v.npz", vehicle())
-    before = (tmp_path / "v.npz").read_bytes()
+    return tmp_path / "v.npz"
+
+
+def arrays_in(path: Path) -> dict[str, bytes]:
+    with zipfile.ZipFile(path) as bundle:
+        return {name: bundle.read(name) for name in bundle.namelist()}
+
+
+def zip_into(path: Path, arrays: dict[str, bytes], method: int = zipfile.ZIP_STORED) -> None:
+    with zipfile.ZipFile(path, "w", method) as bundle:
+        for name, data in arrays.items():
+            bundle.writestr(name, data)
+
+
+def test_an_interrupted_save_keeps_the_old_bundle(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = path.read_bytes()
 
     def no_room(*_: object, **__: object) -> None:
         raise OSError("no space left on device")
 
     monkeypatch.setattr(np, "savez", no_room)
     with pytest.raises(OSError, match="no space left"):
-        save_vehicle(tmp_path / "v.npz", replace(vehicle(), name="new"))
-    assert [p.name for p in tmp_path.iterdir()] == ["v.npz"]
-    assert (tmp_path / "v.npz").read_bytes() == before
+        save_vehicle(path, replace(vehicle(), name="new"))
+    assert list(path.parent.iterdir()) == [path]
+    assert path.read_bytes() == before
 
 
-def test_a_file_that_is_not_a_bundle_is_a_one_line_error(tmp_path: Path) -> None:
-    path = tmp_path / "v.npz"
-    save_vehicle(path, vehicle())
+def test_a_file_that_is_not_a_bundle_is_a_one_line_error(path: Path, tmp_path: Path) -> None:
     whole = path.read_bytes()
     np.savez(tmp_path / "other.npz", a=np.zeros(3))
     np.savez(tmp_path / "future.npz", hulldown_bundle=np.int64(99), kind=np.str_("vehicle"))
@@ -121,9 +136,7 @@ def test_a_file_that_is_not_a_bundle_is_a_one_line_error(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(("at", "value"), [(6, 250), (8, 1), (8, 64), (10, 8), (10, 99)])
-def test_a_damaged_directory_is_a_one_line_error(tmp_path: Path, at: int, value: int) -> None:
-    path = tmp_path / "v.npz"
-    save_vehicle(path, vehicle())
+def test_a_damaged_directory_is_a_one_line_error(path: Path, at: int, value: int) -> None:
     content = bytearray(path.read_bytes())
     entry = content.find(b"PK\x01\x02")
     while entry >= 0:
@@ -135,31 +148,18 @@ def test_a_damaged_directory_is_a_one_line_error(tmp_path: Path, at: int, value:
 
 
 @pytest.mark.parametrize("method", [zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA])
-def test_a_bundle_that_decompresses_to_a_multiple_is_refused(tmp_path: Path, method: int) -> None:
+def test_a_bundle_that_decompresses_to_a_multiple_is_refused(path: Path, method: int) -> None:
     """16 MB took 9 GB of memory."""
-    path = tmp_path / "v.npz"
-    save_vehicle(path, vehicle())
-    with zipfile.ZipFile(path) as whole:
-        arrays = {name: whole.read(name) for name in whole.namelist()}
-    with zipfile.ZipFile(path, "w", method) as bomb:
-        for name, data in arrays.items():
-            bomb.writestr(name, data)
+    zip_into(path, arrays_in(path), method)
     with pytest.raises(AssetError, match=r"cannot be read as a bundle .*compressed"):
         load_vehicle(path)
 
 
 @pytest.mark.parametrize("shape", [10**9, 10**14])
-def test_an_array_larger_than_the_file_is_refused(tmp_path: Path, shape: int) -> None:
-    path = tmp_path / "v.npz"
-    save_vehicle(path, vehicle())
-    with zipfile.ZipFile(path) as whole:
-        arrays = {name: whole.read(name) for name in whole.namelist()}
+def test_an_array_larger_than_the_file_is_refused(path: Path, shape: int) -> None:
     header = io.BytesIO()
     np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (shape, 3)})
-    arrays["vertices.npy"] = header.getvalue() + bytes(24)
-    with zipfile.ZipFile(path, "w") as liar:
-        for name, data in arrays.items():
-            liar.writestr(name, data)
+    zip_into(path, arrays_in(path) | {"vertices.npy": header.getvalue() + bytes(24)})
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(AssetError, match="cannot be read as a bundle"):
         load_vehicle(path)
