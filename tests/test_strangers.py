@@ -102,58 +102,8 @@ def curb(half, width):
     return trimesh.Trimesh(vertices, faces, process=False)
 
 
-@pytest.fixture(scope="module")
-def read(tmp_path_factory):
-    """The assets read from each file, by its name."""
-    folder = tmp_path_factory.mktemp("strangers")
-    tree = box([1, 1, 6], [100, 100, 3])
-    files = {
-        "max": write_obj(folder / "max/max.obj", CAR, {"*": "body", "cabin": "window"}, MAX_MATERIAL + GLASS),
-        "clear": write_obj(folder / "clear/clear.obj", CAR, {"*": "window"}, GLASS),
-        "atlas": write_obj(folder / "atlas/atlas.obj", NAMELESS, {"*": "m"}, ATLAS, ON_ATLAS),
-        "dim": write_obj(folder / "dim/dim.obj", NAMELESS, {"*": "m"}, ATLAS, ON_ATLAS),
-        "plain": write_obj(folder / "plain/plain.obj", NAMELESS, {"*": "m"}, "newmtl m\nKd 0.5 0.5 0.5\nillum 2\n"),
-        "white": write_obj(folder / "white/white.obj", NAMELESS, {"*": "m"}, "newmtl m\nKd 0.8 0.8 0.8\nillum 2\n"),
-        "moved": write_obj(folder / "moved/meshes/moved.obj", CAR, {"*": "tire", "hull": "body"}, MOVED),
-        "sheet": write_obj(
-            folder / "sheet/sheet.obj", {"Terrain": hills(), "Grass": box([500, 500, 0], [0, 0, 6])}, {"*": "body"}, ""
-        ),
-        "pit": write_obj(
-            folder / "pit/pit.obj",
-            {"Terrain": hills(), "Terrain_low": box([120, 120, 1], [0, 0, -194]), "tree": tree},
-            {"*": "body"},
-            "",
-        ),
-        "track": write_obj(
-            folder / "track/track.obj", {"Terrain": hills(), "Object_7": curb(200, 0.8)}, {"*": "body"}, ""
-        ),
-        "lawn": write_obj(
-            folder / "lawn/lawn.obj",
-            {"stadium_dirt": curb(35, 4), "stadium_grass": box([82, 82, 0], [0, 0, -0.02])},
-            {"*": "body"},
-            "",
-        ),
-        "upright": write_obj(
-            folder / "upright/upright.obj", {"Terrain": hills().apply_transform(ON_EDGE)}, {"*": "body"}, ""
-        ),
-        "village": write_obj(
-            folder / "village/village.obj",
-            {"Ground": trimesh.util.concatenate([box([60, 60, 0.1], [0, 0, 0]), *HOUSES])},
-            {"*": "body"},
-            "",
-        ),
-    }
-    textures = {"materials/textures/skin.png": 90, "textures/a/tire.png": 20, "meshes/b/tire.png": 30}
-    for name, level in textures.items():
-        (folder / "moved" / name).parent.mkdir(parents=True, exist_ok=True)
-        Image.new("RGB", (4, 4), (level, level, level)).save(folder / "moved" / name)
-    Image.new("RGB", (4, 4)).save(folder / "white/Diffuse.png")
-    atlas = Image.new("RGB", (8, 8), "white")  # with a white border that no face uses
-    atlas.paste((60, 66, 40), (1, 1, 4, 7))
-    atlas.paste((25, 25, 27), (5, 1, 7, 7))
-    atlas.save(folder / "atlas/atlas.png")
-    atlas.paste((64, 64, 66), (1, 1, 4, 7))
-    atlas.save(folder / "dim/atlas.png")
+def shapes():
+    """Vehicles of one material: meshes by name."""
     tube = trimesh.creation.cylinder(0.12, 5.5, sections=12)
 
     def tubes(tilt):
@@ -178,7 +128,7 @@ def read(tmp_path_factory):
     shown |= {"crate": box([1.2, 2, 0.7], [2.2, 2, 0.65]), "mine": box([0.7, 0.4, 0.4], [-1.1, -2, 0.5])}
     shown = {name: part.copy().apply_transform(QUARTER) for name, part in shown.items()}
     shown |= {"Show_Platform": box([11, 11, 0.3], [0, 0, 0.15])}
-    shapes = {
+    return {
         "howitzer": howitzer,
         "shown": shown,
         "raised": {**truck, **dict(tubes(back))},
@@ -187,15 +137,53 @@ def read(tmp_path_factory):
         "pivots": {**tank, **pivots, **aboard},
         "rims": {**four, **rims},
     }
-    files |= {
-        name: write_obj(folder / name / f"{name}.obj", parts, {"*": "body"}, "") for name, parts in shapes.items()
+
+
+@pytest.fixture(scope="module")
+def read(tmp_path_factory):
+    """The assets read from each file, by its name."""
+    folder = tmp_path_factory.mktemp("strangers")
+    tree = box([1, 1, 6], [100, 100, 3])
+    upright, village = hills().apply_transform(ON_EDGE), [box([60, 60, 0.1], [0, 0, 0]), *HOUSES]
+    sceneries = {
+        "sheet": {"Terrain": hills(), "Grass": box([500, 500, 0], [0, 0, 6])},
+        "pit": {"Terrain": hills(), "Terrain_low": box([120, 120, 1], [0, 0, -194]), "tree": tree},
+        "track": {"Terrain": hills(), "Object_7": curb(200, 0.8)},
+        "lawn": {"stadium_dirt": curb(35, 4), "stadium_grass": box([82, 82, 0], [0, 0, -0.02])},
+        "upright": {"Terrain": upright},
+        "village": {"Ground": trimesh.util.concatenate(village)},
     }
+    # Meshes by name, then arguments of `write_obj`.
+    made = {
+        "max": (CAR, {"*": "body", "cabin": "window"}, MAX_MATERIAL + GLASS),
+        "clear": (CAR, {"*": "window"}, GLASS),
+        "atlas": (NAMELESS, {"*": "m"}, ATLAS, ON_ATLAS),
+        "dim": (NAMELESS, {"*": "m"}, ATLAS, ON_ATLAS),
+        "plain": (NAMELESS, {"*": "m"}, "newmtl m\nKd 0.5 0.5 0.5\nillum 2\n"),
+        "white": (NAMELESS, {"*": "m"}, "newmtl m\nKd 0.8 0.8 0.8\nillum 2\n"),
+        "moved": (CAR, {"*": "tire", "hull": "body"}, MOVED),
+        **{name: (parts, {"*": "body"}, "") for name, parts in (sceneries | shapes()).items()},
+    }
+    files = {
+        name: write_obj(folder / name / ("meshes" * (name == "moved")) / f"{name}.obj", *how)
+        for name, how in made.items()
+    }
+    textures = {"materials/textures/skin.png": 90, "textures/a/tire.png": 20, "meshes/b/tire.png": 30}
+    for name, level in textures.items():
+        (folder / "moved" / name).parent.mkdir(parents=True, exist_ok=True)
+        Image.new("RGB", (4, 4), (level, level, level)).save(folder / "moved" / name)
+    Image.new("RGB", (4, 4)).save(folder / "white/Diffuse.png")
+    atlas = Image.new("RGB", (8, 8), "white")  # with a white border that no face uses
+    atlas.paste((60, 66, 40), (1, 1, 4, 7))
+    atlas.paste((25, 25, 27), (5, 1, 7, 7))
+    atlas.save(folder / "atlas/atlas.png")
+    atlas.paste((64, 64, 66), (1, 1, 4, 7))
+    atlas.save(folder / "dim/atlas.png")
     jobs = []
     for name, path in files.items():
         out = folder / "out" / name
         out.mkdir(parents=True)
-        kind = "scenery" if name in ("sheet", "pit", "track", "lawn", "upright", "village") else "vehicle"
-        jobs.append(job_for(path, out, kind=kind))
+        jobs.append(job_for(path, out, kind="scenery" if name in sceneries else "vehicle"))
     ask_reader(jobs)
     return {name: exported_by(job) for name, job in zip(files, jobs, strict=True)}
 
