@@ -14,7 +14,7 @@ import secrets
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -78,7 +78,7 @@ def cached(
     entry = cache / entry_name(EXPORTER, FORMAT, kind, asdict(options), digest)
     make_cache(cache)
     # Two plans must not export the same file at once.
-    with locked(entry):
+    with _locked(entry):
         exported = _entry(entry, path)
         if exported is None:
             if progress:
@@ -129,9 +129,8 @@ def make_cache(cache: Path) -> None:
         raise AssetError(f"cannot be created ({error})", path=cache) from None
 
 
-@contextmanager
-def locked(entry: Path) -> Iterator[None]:
-    """Hold the lock of an entry.
+def _locked(entry: Path) -> AbstractContextManager[object]:
+    """The lock of an entry, held to the end of a block.
 
     Raises
     ------
@@ -140,13 +139,9 @@ def locked(entry: Path) -> Iterator[None]:
     """
     lock = FileLock(f"{entry}.lock")
     try:
-        lock.acquire()
+        return lock.acquire()
     except OSError as error:
         raise AssetError(f"cannot be opened ({error.strerror})", path=lock.lock_file, remedy="delete it") from None
-    try:
-        yield
-    finally:
-        lock.release()
 
 
 @contextmanager
