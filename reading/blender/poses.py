@@ -66,7 +66,7 @@ class Poses:
         links: list[Link] = []
         current, moved = evaluated, np.eye(4) if delta is None else delta
         while current is not None:
-            links.append(self._link(current, moved))
+            links.append(Link(current.name, self._collections_of(current), current.type, moved @ self.pose(current)))
             parent = current.parent
             if parent is not None and current.parent_type == "BONE" and parent.pose:
                 bone = parent.pose.bones.get(current.parent_bone)
@@ -77,10 +77,7 @@ class Poses:
             current = parent
         return tuple(links)
 
-    def _link(self, evaluated: Any, moved: Float[np.ndarray, "4 4"]) -> Link:
-        return Link(evaluated.name, self.collections(evaluated), evaluated.type, moved @ self.pose(evaluated))
-
-    def collections(self, evaluated: Any) -> tuple[str, ...]:
+    def _collections_of(self, evaluated: Any) -> tuple[str, ...]:
         """Names of the collections an object is in, nearest first, then those around them."""
         original = evaluated.original
         key = _key(original)
