@@ -154,7 +154,7 @@ def reader():
 def test_every_blend_is_read_or_refused_in_one_line(reader, case):
     folder = Path(reader.folder.name)
     options = replace(Options(texture_size=16), **case["options"])
-    job = Job(str(folder / "a.blend"), str(folder), "blend", case["kind"], "a", options)
+    job = Job(str(folder / "a.blend"), str(folder), "blend", case["kind"], options)
     message = {"make": case["make"], "damage": case["damage"], "job": asdict(job)}
     answer = reader.ask(message)
     if {"ended", "unmade"} & answer.keys() and not case["damaged"]:

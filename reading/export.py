@@ -37,7 +37,7 @@ class Job:
         Exists; everything is written into it: bundle and tidy twin of an asset, the map of an HDRI, the answer.
     format
         "blend", "gltf", "fbx", "obj", "geotiff", or "hdri".
-    kind, name, options
+    kind, options
         Of an asset; as of `export`.
     """
 
@@ -45,7 +45,6 @@ class Job:
     folder: str
     format: str
     kind: str | None = None
-    name: str = ""
     options: Options = field(default_factory=Options)
 
     def file(self, name: str) -> Path:
@@ -80,7 +79,6 @@ def export(
     folder: Path | str,
     *,
     kind: str | None = None,
-    name: str = "",
     options: Options = DEFAULTS,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Exported:
@@ -94,8 +92,6 @@ def export(
         Exists; files of an earlier export in it are overwritten.
     kind
         "vehicle", "scenery", or None to judge by the contents.
-    name
-        Its name; the file's name without suffix if empty.
     options
         How to read it.
     limits
@@ -106,12 +102,12 @@ def export(
     AssetError
         If the file can't be read, or contains another kind of asset.
     """
-    job = job_for(Path(path), Path(folder), kind=kind, name=name, options=options)
+    job = job_for(Path(path), Path(folder), kind=kind, options=options)
     ask_reader([job], limits=limits)
     return exported_by(job)
 
 
-def job_for(path: Path, folder: Path, *, kind: str | None, name: str = "", options: Options = DEFAULTS) -> Job:
+def job_for(path: Path, folder: Path, *, kind: str | None, options: Options = DEFAULTS) -> Job:
     """The reader's job; arguments as of `export`.
 
     Raises
@@ -123,7 +119,7 @@ def job_for(path: Path, folder: Path, *, kind: str | None, name: str = "", optio
     refuse_odd_references(path, kind_of_file)
     if kind_of_file == "geotiff":
         kind = kind or "scenery"
-    return Job(str(path), str(folder.resolve()), kind_of_file, kind, name or path.stem, options)
+    return Job(str(path), str(folder.resolve()), kind_of_file, kind, options)
 
 
 def exported_by(job: Job) -> Exported:

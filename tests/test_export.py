@@ -94,10 +94,10 @@ def _sorted(points: np.ndarray) -> np.ndarray:
 
 
 def test_an_export_in_a_separate_process(messy: Messy, tmp_path: Path) -> None:
-    exported = export(messy.folder / "clutter.blend", tmp_path, name="leopard")
+    exported = export(messy.folder / "clutter.blend", tmp_path)
     assert exported.report.kind == "vehicle", "the kind is detected"
     shape = load_vehicle(exported.bundle)
-    assert shape.name == "leopard"
+    assert shape.name == "clutter"
     assert np.array_equal(shape.mesh.vertices, messy.vehicle("clutter").mesh.vertices)
     assert np.allclose(apply(np.linalg.inv(shape.vehicle_from_file), [[0.0, 0.0, 0.0]])[0, 2], 0.5)
     assert np.array_equal(shape.underside, underside(shape.mesh).heights), "stored for planning"

@@ -94,7 +94,7 @@ def read(job: Job) -> dict[str, Any]:
 def _write_vehicle(job: Job, keeper: Keeper, drawn: Evaluated, upright: Upright, *, unit: float) -> FileReport:
     """Write bundle and tidy twin of a vehicle."""
     drawn.pieces = upright.pieces
-    vehicle = build_vehicle(job.name, drawn.meshes, upright, drawn.markers, options=job.options)
+    vehicle = build_vehicle(Path(job.path).stem, drawn.meshes, upright, drawn.markers, options=job.options)
     shape = vehicle.shape
     save_vehicle(job.file("bundle.npz"), shape)
     materials, unpainted = material_rows(keeper.meshes, drawn.pieces, vehicle.piece_part)
@@ -129,7 +129,9 @@ def _write_vehicle(job: Job, keeper: Keeper, drawn: Evaluated, upright: Upright,
 def _write_scenery(job: Job, keeper: Keeper, drawn: Evaluated, *, unit: float, up: str, crs: str) -> FileReport:
     """Write bundle and tidy twin of a scenery."""
     roles = scenery_roles(drawn.pieces, job.options)
-    scenery, wet = build_scenery(job.name, drawn, roles, meters=meters_from_file(unit, up), options=job.options)
+    scenery, wet = build_scenery(
+        Path(job.path).stem, drawn, roles, meters=meters_from_file(unit, up), options=job.options
+    )
     uses = [role.use for role in roles]
     save_scenery(job.file("bundle.npz"), replace(scenery, crs=crs))
     write_scenery(job.file("tidy.blend"), keeper, drawn.pieces, uses, scenery.scenery_from_file)
