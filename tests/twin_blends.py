@@ -15,6 +15,7 @@ import bpy
 from hulldown.reading.blender import duplicates, reader
 from hulldown.reading.blender.opening import open_blend
 from hulldown.reading.export import job_for
+from hulldown.tests.messy_parts import collection
 
 CUBE = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
 QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
@@ -31,18 +32,6 @@ def add(name, data, collection=None):
     made = bpy.data.objects.new(name, data)
     made.location = DRAW.uniform(-80, 80), DRAW.uniform(-80, 80), DRAW.uniform(-1, 1)
     (collection or bpy.context.scene.collection).objects.link(made)
-    return made
-
-
-def collection(name, around=None):
-    made = bpy.data.collections.new(name)
-    (around or bpy.context.scene.collection).children.link(made)
-    return made
-
-
-def material(name):
-    made = bpy.data.materials.new(name)
-    made.use_nodes = True
     return made
 
 
@@ -100,8 +89,8 @@ def make():
     ground = add("ground", mesh("ground", edge, [[0, 1, 2, 3]]))
     ground.location = 0, 0, 0
     stone, empty = mesh("stone"), mesh("empty", [(0, 0, 0)], [])
-    stone.materials.append(material("gray"))
-    red = material("red")
+    stone.materials.append(bpy.data.materials.new("gray"))
+    red = bpy.data.materials.new("red")
 
     def pose(obj, number):
         obj.rotation_mode = ("XYZ", "ZXY", "QUATERNION", "AXIS_ANGLE")[number % 4]
