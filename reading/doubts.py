@@ -122,10 +122,10 @@ def scenery_doubts(
             "vehicles are placed on their roofs; make them objects of their own in Blender"
         )
     solid = [piece for piece, role in used if role.use == "obstacle" and not piece.hair]
-    for i, above in canopies(range(len(solid)), solid, [p.bounds for p, role in used if role.use == "ground"]):
-        name = as_key([solid[i].name])
+    for sheet, above in canopies(solid, [piece.bounds for piece in grounds]):
+        name = as_key([sheet.name])
         doubts.append(
-            f"{solid[i].name!r} is a level sheet {above:.1f} m above the ground, and nothing is placed under it; if "
+            f"{sheet.name!r} is a level sheet {above:.1f} m above the ground, and nothing is placed under it; if "
             f"it's ground, set ground = {name}, if it's water, set water = {name}, else drop = {name}"
         )
     if around := enclosing([piece for piece, role in used if role.use in ("obstacle", "ground")]):

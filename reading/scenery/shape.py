@@ -44,7 +44,7 @@ def level_share(mesh: Mesh, meters_from_mesh: Float[np.ndarray, "4 4"]) -> tuple
 
 
 def is_wide_and_level(piece: Piece, *, least: float) -> bool:
-    """Whether a piece is at least `width` meters wide, no higher than wide, and mostly level."""
+    """Whether a piece is at least `least` meters wide, no higher than wide, and mostly level."""
     length, width, height = piece.size
     return bool(min(length, width) >= least and height <= max(length, width) and piece.level >= LEVEL)
 
@@ -107,12 +107,8 @@ def sheets_between(
     if not ground:
         return []
     lowest, highest = min(b[0, 2] for b in ground), max(b[1, 2] for b in ground)
-    found = []
-    for i in among:
-        height = pieces[i].bounds[:, 2].mean()
-        if _is_sheet(pieces[i], least) and lowest + DROWNED < height < highest:
-            found.append(i)
-    return found
+    low = lowest + DROWNED
+    return [i for i in among if _is_sheet(pieces[i], least) and low < pieces[i].bounds[:, 2].mean() < highest]
 
 
 def _is_sheet(piece: Piece, least: float) -> bool:
@@ -130,28 +126,20 @@ def sunken(among: Sequence[int], pieces: Sequence[Piece]) -> list[tuple[int, flo
     if not among:
         return []
     main = pieces[max(among, key=lambda i: pieces[i].area)].bounds
-    found = []
-    for i in among:
-        below = float(main[0, 2] - pieces[i].bounds[1, 2])
-        if below > FAR_BELOW and _overlap(pieces[i].bounds, main) > 0.9 * pieces[i].area:
-            found.append((i, below))
-    return found
+    within = [i for i in among if _overlap(pieces[i].bounds, main) > 0.9 * pieces[i].area]
+    below = [(i, float(main[0, 2] - pieces[i].bounds[1, 2])) for i in within]
+    return [(i, depth) for i, depth in below if depth > FAR_BELOW]
 
 
-def canopies(
-    among: Sequence[int], pieces: Sequence[Piece], ground: Sequence[Float[np.ndarray, "2 3"]]
-) -> list[tuple[int, float]]:
+def canopies(pieces: Sequence[Piece], ground: Sequence[Float[np.ndarray, "2 3"]]) -> list[tuple[Piece, float]]:
     """Find flat sheets that hide the sky from much of the ground, and how many meters above its middle they are."""
     if not ground:
         return []
     whole = np.stack([np.min([b[0] for b in ground], axis=0), np.max([b[1] for b in ground], axis=0)])
-    found = []
-    for i in among:
-        above = float(pieces[i].bounds[:, 2].mean() - whole[:, 2].mean())
-        covered = _overlap(pieces[i].bounds, whole)
-        if _is_sheet(pieces[i], SHEET) and above > 0.0 and covered > COVERED * _overlap(whole, whole):
-            found.append((i, above))
-    return found
+    least = COVERED * _overlap(whole, whole)
+    wide = [piece for piece in pieces if _is_sheet(piece, SHEET) and _overlap(piece.bounds, whole) > least]
+    heights = [(piece, float(piece.bounds[:, 2].mean() - whole[:, 2].mean())) for piece in wide]
+    return [(piece, above) for piece, above in heights if above > 0.0]
 
 
 def lawns(among: Sequence[int], pieces: Sequence[Piece], ground: Sequence[Float[np.ndarray, "2 3"]]) -> list[int]:
@@ -163,12 +151,9 @@ def lawns(among: Sequence[int], pieces: Sequence[Piece], ground: Sequence[Float[
         return []
     whole = np.array([piece.bounds for piece in pieces])
     extent = np.ptp(np.stack([whole[:, 0].min(axis=0), whole[:, 1].max(axis=0)]), axis=0)
-    found = []
-    for i in among:
-        level = lowest - DROWNED <= pieces[i].bounds[0, 2] and pieces[i].bounds[1, 2] <= highest + DROWNED
-        if level and _is_sheet(pieces[i], SHEET) and pieces[i].area > COVERED * extent[0] * extent[1]:
-            found.append(i)
-    return found
+    wide = [i for i in among if _is_sheet(pieces[i], SHEET) and pieces[i].area > COVERED * extent[0] * extent[1]]
+    heights = {i: pieces[i].bounds[:, 2] for i in wide}
+    return [i for i, (low, high) in heights.items() if lowest - DROWNED <= low and high <= highest + DROWNED]
 
 
 def enclosing(pieces: Sequence[Piece]) -> Piece | None:
