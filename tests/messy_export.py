@@ -44,12 +44,6 @@ class Messy:
         exported = self.exported[name]
         return (load_vehicle if exported.report.kind == "vehicle" else load_scenery)(exported.bundle)
 
-    def vehicle(self, name: str) -> VehicleShape:
-        return load_vehicle(self.exported[name].bundle)
-
-    def scenery(self, name: str) -> Scenery:
-        return load_scenery(self.exported[name].bundle)
-
     def cameras(self, name: str) -> list[np.ndarray]:
         return [np.array(c) for c in self.cases[name]["cameras"]]
 

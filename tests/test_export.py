@@ -38,7 +38,7 @@ def test_the_tidy_twin_renders_like_the_exported_geometry(messy: Messy, name: st
 )
 def test_hair_covers_as_much_as_in_cycles(messy: Messy, name: str, strands: set[str]) -> None:
     """Strands are a few pixels wide: edges of their prisms are off by a fifth of a radius, but not the covered area."""
-    asset = messy.scenery(name)
+    asset = messy.asset(name)
     assert asset.instance_gives_way.all()
     assert set(asset.instance_names) == strands
     assert asset.ground_names == ("Terrain",)
@@ -50,7 +50,7 @@ def test_hair_covers_as_much_as_in_cycles(messy: Messy, name: str, strands: set[
 
 
 def test_planned_angles_turn_parts_as_blender_does(messy: Messy) -> None:
-    shape = messy.vehicle("keyframes")
+    shape = messy.asset("keyframes")
     turned = {"turret": math.radians(70), "gun": math.radians(12)}
     at_rest = []
     for camera, shown in zip(messy.cameras("keyframes"), messy.shown("keyframes_turned"), strict=True):
@@ -62,7 +62,7 @@ def test_planned_angles_turn_parts_as_blender_does(messy: Messy) -> None:
 
 @pytest.mark.parametrize("name", ["keyframes", "linked", "centimeters", "y_up", "faces_minus_y", "glb", "fbx"])
 def test_parts_pivots_and_axes_survive_parents_units_and_formats(messy: Messy, name: str) -> None:
-    shape = messy.vehicle(name)
+    shape = messy.asset(name)
     report = messy.exported[name].report
     assert shape.part_names == ("hull", "turret", "gun")
     assert shape.part_parent.tolist() == [-1, 0, 1]
@@ -81,7 +81,7 @@ def test_parts_pivots_and_axes_survive_parents_units_and_formats(messy: Messy, n
 
 @pytest.mark.parametrize("name", ["centimeters", "y_up", "faces_minus_y", "glb", "fbx", "obj"])
 def test_units_and_axes_give_the_same_vehicle(messy: Messy, name: str) -> None:
-    shape, plain = messy.vehicle(name), messy.vehicle("library_vehicle")
+    shape, plain = messy.asset(name), messy.asset("library_vehicle")
     assert np.allclose(shape.size_xyz, plain.size_xyz, atol=2e-5)
     assert np.allclose(shape.mesh.bounds, plain.mesh.bounds, atol=2e-5)
     assert np.allclose(
@@ -98,7 +98,7 @@ def test_an_export_in_a_separate_process(messy: Messy, tmp_path: Path) -> None:
     assert exported.report.kind == "vehicle", "the kind is detected"
     shape = load_vehicle(exported.bundle)
     assert shape.name == "clutter"
-    assert np.array_equal(shape.mesh.vertices, messy.vehicle("clutter").mesh.vertices)
+    assert np.array_equal(shape.mesh.vertices, messy.asset("clutter").mesh.vertices)
     assert np.allclose(apply(np.linalg.inv(shape.vehicle_from_file), [[0.0, 0.0, 0.0]])[0, 2], 0.5)
     assert np.array_equal(shape.underside, underside(shape.mesh).heights), "stored for planning"
     with pytest.raises(AssetError, match=r"turret = 'Turm' matches nothing"):

@@ -35,11 +35,11 @@ def test_dropped_objects_have_a_reason(messy: Messy) -> None:
 
 
 def test_loose_vertices_are_ignored(messy: Messy) -> None:
-    assert messy.vehicle("surfaces").mesh.vertices[:, 2].max() < 4
+    assert messy.asset("surfaces").mesh.vertices[:, 2].max() < 4
 
 
 def test_origins_at_zero_are_not_used_as_pivots(messy: Messy) -> None:
-    shape = messy.vehicle("no_origins")
+    shape = messy.asset("no_origins")
     reports = messy.exported["no_origins"].report
     inside = shape.mesh.vertices[shape.vertex_part == 1]
     assert ((shape.part_pivot[1] >= inside.min(axis=0)) & (shape.part_pivot[1] <= inside.max(axis=0))).all()
@@ -55,7 +55,7 @@ def test_a_turret_can_be_a_collection_or_a_bone(messy: Messy) -> None:
 
 
 def test_scenery_ground_and_obstacles(messy: Messy) -> None:
-    scenery = messy.scenery("scattered")
+    scenery = messy.asset("scattered")
     assert sorted(scenery.ground_names) == ["Cube.001", "Ground_cubes", "Ground_spread"]
     names = list(scenery.instance_names)
     assert (names.count("Oak"), names.count("Pebble"), names.count("Ground_cubes")) == (12 + 3, 9 + 3, 4)
@@ -70,14 +70,14 @@ def test_scenery_ground_and_obstacles(messy: Messy) -> None:
 
 
 def test_ground_with_a_meaningless_name_is_found_and_reported(messy: Messy) -> None:
-    assert len(messy.scenery("unnamed").ground_names) == 1
+    assert len(messy.asset("unnamed").ground_names) == 1
     doubts = messy.exported["unnamed"].report.doubts
     assert [d for d in doubts if d.startswith("taken as ground: ") and ", by shape" in d]
     assert not [d for d in doubts if d.startswith("NO GROUND")]
 
 
 def test_map_coordinates_in_the_object_keep_its_children_exact(messy: Messy) -> None:
-    scenery = messy.scenery("map_in_object")
+    scenery = messy.asset("map_in_object")
     assert scenery.origin.tolist() == [500_000.0, 5_400_000.0, 0.0]
     assert scenery.ground is not None
     assert np.allclose(scenery.ground.bounds[:, :2], [[-32, -32], [32, 32]], atol=1e-5)
@@ -90,7 +90,7 @@ def test_map_coordinates_in_the_object_keep_its_children_exact(messy: Messy) -> 
 
 
 def test_map_coordinates_in_the_mesh_equal_those_of_the_file(messy: Messy) -> None:
-    scenery = messy.scenery("map_in_mesh")
+    scenery = messy.asset("map_in_mesh")
     assert scenery.origin.tolist() == [500_000.0, 5_400_000.0, 0.0]
     assert scenery.ground is not None
     held = np.unique(np.float32(np.linspace(-32, 32, 5) + 5_400_000.0).astype(float) - 5_400_000.0)
@@ -101,4 +101,4 @@ def test_geometry_by_nodes_belongs_to_the_part_that_carries_it(messy: Messy) -> 
     uses = messy.uses("nodes")
     assert uses["Knob"] == {"hull"}
     assert uses["Turret"] == {"turret"}
-    assert messy.vehicle("nodes").mesh.bounds[1, 0] > 3.1
+    assert messy.asset("nodes").mesh.bounds[1, 0] > 3.1
