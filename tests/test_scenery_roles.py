@@ -21,6 +21,10 @@ def uses(*pieces: Piece, **options: object) -> list[str]:
     return [role.use for role in scenery_roles(pieces, Options(**options))]
 
 
+def doubts_about(*pieces: Piece, size: tuple = (200.0, 200.0, 30.0)) -> tuple[str, ...]:
+    return scenery_doubts(size, pieces, scenery_roles(pieces, Options()), (), unit=1.0, options=Options())
+
+
 def lake(name: str, *, size: tuple = (60, 40, 0), level: float = 1.0, **more: object) -> Piece:
     return piece(name, size=size, level=level, **more)
 
@@ -83,9 +87,8 @@ def test_the_key_water_replaces_detection() -> None:
 
 def test_a_flat_sheet_among_hills_is_water_by_shape_and_reported() -> None:
     terrain, sheet = piece("Terrain", size=(200, 200, 30), level=0.9), lake("Object_7", at=(0, 0, -5))
-    roles = scenery_roles([terrain, sheet], Options())
-    assert [role.use for role in roles] == ["ground", "water"]
-    (doubt,) = scenery_doubts((200.0, 200.0, 30.0), [terrain, sheet], roles, (), unit=1.0, options=Options())
+    assert uses(terrain, sheet) == ["ground", "water"]
+    (doubt,) = doubts_about(terrain, sheet)
     assert doubt == "taken as water: 'Object_7', by shape; if it isn't, set water = []"
     for other in (
         lake("Object_7", at=(0, 0, 16)),
@@ -100,10 +103,8 @@ def test_a_flat_sheet_among_hills_is_water_by_shape_and_reported() -> None:
 def test_ground_with_a_water_material_and_a_small_unnamed_sheet_are_doubts() -> None:
     terrain = piece("Terrain", size=(200, 200, 30), level=0.9, materials=("Grass", "Lake water"))
     puddle = lake("Plane.003", size=(8, 6, 0), at=(0, 0, -5))
-    pieces = [terrain, puddle]
-    roles = scenery_roles(pieces, Options())
-    assert [role.use for role in roles] == ["ground", "obstacle"]
-    doubts = scenery_doubts((200.0, 200.0, 30.0), pieces, roles, (), unit=1.0, options=Options())
+    assert uses(terrain, puddle) == ["ground", "obstacle"]
+    doubts = doubts_about(terrain, puddle)
     assert any("'Terrain' is ground and wears 'Lake water'" in doubt for doubt in doubts)
     assert any("perhaps water: 'Plane.003'" in doubt for doubt in doubts)
 
@@ -178,15 +179,9 @@ def test_geometry_by_nodes_is_not_ground_by_its_carriers_name() -> None:
 
 def test_the_proposed_pattern_works_and_matches_nothing_else() -> None:
     slope = piece("Plane.003", size=(200, 200, 90), level=0.4)
-    pieces = [
-        slope,
-        piece("Plane.004", size=(9, 9, 9)),
-        piece("Crate", data="Plane.003", size=(2, 2, 2), at=(0, 0, 50)),
-    ]
-    options = Options()
-    first, second = scenery_doubts(
-        (5.0, 5.0, 1.0), pieces, scenery_roles(pieces, options), (), unit=1.0, options=options
-    )
+    crate = piece("Crate", data="Plane.003", size=(2, 2, 2), at=(0, 0, 50))
+    pieces = [slope, piece("Plane.004", size=(9, 9, 9)), crate]
+    first, second = doubts_about(*pieces, size=(5.0, 5.0, 1.0))
     assert first.startswith("NO GROUND")
     assert second.startswith("the scenery is 5 m across; set scale")
     assert "if it is 'Plane.003', give this scenery ground = [\"Plane.003\"]" in first
@@ -196,7 +191,7 @@ def test_the_proposed_pattern_works_and_matches_nothing_else() -> None:
 def test_a_dome_around_everything_is_a_doubt_with_a_drop_pattern() -> None:
     dome = piece("Sphere", size=(900, 900, 900), level=0.13)
     pieces = [dome, HILLS, *HOUSES]
-    doubts = scenery_doubts((9e2, 9e2, 9e2), pieces, scenery_roles(pieces, Options()), (), unit=1.0, options=Options())
+    doubts = doubts_about(*pieces, size=(9e2, 9e2, 9e2))
     assert any("'Sphere' is around everything else" in d and 'drop = ["Sphere"]' in d for d in doubts)
     assert uses(*pieces, drop=("Sphere",))[0] == "removed"
 
