@@ -7,6 +7,7 @@ import pytest
 import rasterio
 from pyproj import Transformer
 from rasterio.transform import Affine, from_origin
+from rasterio.vrt import WarpedVRT
 
 from hulldown.assets.bundle import load_scenery
 from hulldown.geometry.errors import AssetError, ConfigError
@@ -111,8 +112,6 @@ def test_turned_and_flipped_rasters(tmp_path, transform, upright):
 
 
 def test_geographic_and_stretched_grids_are_projected_to_utm(tmp_path):
-    import pyproj
-
     for crs, transform in (
         ("EPSG:4326", from_origin(8.2, 48.9, 1e-4, 1e-4)),
         ("EPSG:3857", from_origin(912_000.0, 6_250_000.0, 10.0, 10.0)),
@@ -124,7 +123,7 @@ def test_geographic_and_stretched_grids_are_projected_to_utm(tmp_path):
         read = elevations(path)
         assert read.crs.startswith(("EPSG:326", "EPSG:327"))
         points = read.vertices + read.anchor
-        wanted = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform(
+        wanted = Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform(
             *(np.array(side) for side in rasterio.transform.xy(transform, [0, 39], [0, 49]))
         )
         found = longitude_latitude(read.crs, points[[0, -1], :2]).T
@@ -194,12 +193,10 @@ def test_orthophotos_cover_the_terrain_in_any_map_projection(tmp_path):
     assert np.array_equal(seen[:, :90, :3], np.moveaxis(picture[:, 20:60, 10:], 0, -1))
     assert (seen[:, :90, 3] == 255).all()
     assert not seen[:, 90:, 3].any()
-    with rasterio.open(tmp_path / "ortho.tif") as raster:
-        from rasterio.vrt import WarpedVRT
-
-        with WarpedVRT(raster, crs="EPSG:3857", resampling=rasterio.enums.Resampling.cubic) as warped:
-            colors = warped.read()[:3]
-            write(tmp_path / "warped.tif", colors, crs="EPSG:3857", transform=warped.transform, photometric="rgb")
+    cubic = {"crs": "EPSG:3857", "resampling": rasterio.enums.Resampling.cubic}
+    with rasterio.open(tmp_path / "ortho.tif") as raster, WarpedVRT(raster, **cubic) as warped:
+        colors = warped.read()[:3]
+        write(tmp_path / "warped.tif", colors, crs="EPSG:3857", transform=warped.transform, photometric="rgb")
     again = read_orthophoto(tmp_path / "warped.tif", crs=UTM, low=low, high=low + np.array([60, 20]))
     there = np.moveaxis(picture[:, 40:60, 10:70], 0, -1).astype(float)
     shown = again[np.linspace(0, len(again) - 1, 20).astype(int)][:, np.linspace(0, again.shape[1] - 1, 60).astype(int)]
