@@ -133,9 +133,9 @@ class Lens:
         rows: list[list[AxisWeights]] = []
         columns: list[list[AxisWeights]] = []
         if sensor.blur_px or sensor.aberration_px:
-            kernel = Kernel.of(sensor.blur_px)
-            rows = [_blocks(height, axis[1], scale, kernel) for scale in scales]
-            columns = [_blocks(width, axis[0], scale, kernel) for scale in scales]
+            spread = _point_spread(sensor.blur_px)
+            rows = [_blocks(height, axis[1], scale, spread) for scale in scales]
+            columns = [_blocks(width, axis[0], scale, spread) for scale in scales]
         x, y = (
             (np.arange(n) + 0.5 - middle).astype(np.float32) for n, middle in zip((width, height), axis, strict=True)
         )
@@ -167,40 +167,28 @@ class AxisWeights:
     weights: np.ndarray
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Kernel:
-    """A Gaussian point spread function, band-limited to pixels; without blur it interpolates.
+def _point_spread(sigma: float) -> np.ndarray:
+    """A Gaussian of a standard deviation in pixels, band-limited to pixels: weights at each 1/`_STEPS` pixel from 0 on.
 
-    A narrow Gaussian, simply sampled, would blur too little.
+    A narrow Gaussian, simply sampled, would blur too little. Without blur it interpolates.
     """
-
-    reach: int
-    table: np.ndarray
-
-    @classmethod
-    def of(cls, sigma: float) -> Kernel:
-        """The kernel of a standard deviation in pixels."""
-        flat = 3.0 * sigma
-        reach = math.ceil(flat + _TAPER)
-        x = np.arange(reach * _STEPS + 1) / _STEPS
-        frequency = (np.arange(_FREQUENCIES) + 0.5) / (2.0 * _FREQUENCIES)
-        table = np.cos(2.0 * np.pi * np.outer(x, frequency)) @ np.exp(-2.0 * (np.pi * sigma * frequency) ** 2)
-        taper = np.cos(np.pi / 2.0 * np.clip((x - flat) / _TAPER, 0.0, 1.0)) ** 2
-        return cls(reach, table * taper / _FREQUENCIES)
-
-    def __call__(self, x: np.ndarray) -> np.ndarray:
-        """Weights at distances in pixels."""
-        return np.interp(np.abs(x), np.arange(len(self.table)) / _STEPS, self.table)
+    flat = 3.0 * sigma
+    x = np.arange(math.ceil(flat + _TAPER) * _STEPS + 1) / _STEPS
+    frequency = (np.arange(_FREQUENCIES) + 0.5) / (2.0 * _FREQUENCIES)
+    table = np.cos(2.0 * np.pi * np.outer(x, frequency)) @ np.exp(-2.0 * (np.pi * sigma * frequency) ** 2)
+    taper = np.cos(np.pi / 2.0 * np.clip((x - flat) / _TAPER, 0.0, 1.0)) ** 2
+    return table * taper / _FREQUENCIES
 
 
-def _blocks(n: int, middle: float, scale: float, kernel: Kernel) -> list[AxisWeights]:
+def _blocks(n: int, middle: float, scale: float, spread: np.ndarray) -> list[AxisWeights]:
     """Weights that magnify n pixels about a point; the end pixels are repeated beyond the ends."""
     blocks = []
+    reach, x = len(spread) // _STEPS, np.arange(len(spread)) / _STEPS
     for start in range(0, n, BAND):
         outputs = np.arange(start, min(start + BAND, n))
         place = (outputs + 0.5 - middle) / scale + middle - 0.5
-        taps = np.floor(place).astype(np.int64)[:, None] + np.arange(1 - kernel.reach, kernel.reach + 1)
-        weights = kernel(place[:, None] - taps)
+        taps = np.floor(place).astype(np.int64)[:, None] + np.arange(1 - reach, reach + 1)
+        weights = np.interp(np.abs(place[:, None] - taps), x, spread)
         taps = np.clip(taps, 0, n - 1)
         low, high = int(taps.min()), int(taps.max()) + 1
         dense = np.zeros((len(outputs), high - low))
