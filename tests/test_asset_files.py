@@ -8,7 +8,7 @@ import pytest
 
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.cache import sha256
-from hulldown.render.cluster.asset_files import AssetCache, AssetNote, ClientFiles, FileNote, references
+from hulldown.render.cluster.asset_files import AssetCache, ClientFiles, FileNote, references
 from hulldown.render.jobs import RenderAssets
 from hulldown.tests.render_plans import ASSETS
 
@@ -24,14 +24,13 @@ def textured(tmp_path):
     for path, content in ((blend, b"grass"), (texture, b"brown")):
         path.parent.mkdir()
         path.write_bytes(content)
-    asset = AssetNote(note(blend), (note(texture),))
-    return asset, AssetCache(tmp_path / "sent", "plan")
+    return (note(blend), note(texture)), AssetCache(tmp_path / "sent", "plan")
 
 
 def send(cache, asset):
     """Overwrite the client's files, and send the worker what it lacks."""
-    contents = {file.sha256: Path(file.path).read_bytes() for file in asset.files}
-    for file in asset.files:
+    contents = {file.sha256: Path(file.path).read_bytes() for file in asset}
+    for file in asset:
         Path(file.path).write_bytes(b"another")
     for digest in cache.lacking(asset):
         assert cache.keep(contents[digest]) == digest
@@ -41,7 +40,7 @@ def send(cache, asset):
 def test_files_at_the_clients_paths_are_used(textured):
     asset, cache = textured
     assert cache.lacking(asset) == []
-    assert str(cache.place(asset)) == asset.file.path
+    assert str(cache.place(asset)) == asset[0].path
     assert list(cache.tree.iterdir()) == []
 
 
@@ -75,7 +74,7 @@ def test_a_path_with_detours_is_refused(textured):
     asset, cache = textured
     send(cache, asset)
     with pytest.raises(ValueError, match="without detours"):
-        cache.place(replace(asset, file=replace(asset.file, path="/client/../../field.blend")))
+        cache.place((replace(asset[0], path="/client/../../field.blend"), asset[1]))
 
 
 def test_tiles_and_detours_of_references_are_found(tmp_path):
@@ -112,15 +111,15 @@ def curious(tmp_path):
 def test_a_blend_cannot_choose_the_files_to_send(curious):
     """It could name a password file, which was sent to the workers."""
     assets, folder, _ = curious
-    asset = ClientFiles(assets).asset(str(folder / "void.blend"))
-    assert [file.path for file in asset.references] == [str(folder / "bark.png")]
+    asset = ClientFiles(assets).assets[str(folder / "void.blend")]
+    assert [file.path for file in asset[1:]] == [str(folder / "bark.png")]
 
 
 def test_a_blend_cannot_choose_what_its_blender_may_read(curious):
     """Blender could read the folders of all files that it named, and their parents."""
     assets, folder, secret = curious
     readable = ClientFiles(assets).readable
-    assert str(folder) in readable
+    assert folder in readable
     assert not any(secret.is_relative_to(path) for path in readable)
 
 
@@ -128,8 +127,8 @@ def test_folders_added_by_the_user_are_sent_from(curious, monkeypatch):
     assets, folder, secret = curious
     monkeypatch.setenv("HULLDOWN_READ", str(secret.parent))
     files = ClientFiles(assets)
-    assert str(secret) in {file.path for file in files.asset(str(folder / "void.blend")).references}
-    assert str(secret) in files.readable
+    assert str(secret) in {file.path for file in files.assets[str(folder / "void.blend")]}
+    assert secret in files.readable
 
 
 @pytest.mark.parametrize("change", [lambda sky: sky.write_bytes(b"other light"), lambda sky: sky.unlink()])

@@ -39,17 +39,7 @@ class FileNote:
     size: int
 
 
-@dataclass(frozen=True, slots=True)
-class AssetNote:
-    """A file named in jobs, and the files that it refers to."""
-
-    file: FileNote
-    references: tuple[FileNote, ...] = ()
-
-    @property
-    def files(self) -> tuple[FileNote, ...]:
-        """The file and its references."""
-        return (self.file, *self.references)
+AssetNote = tuple[FileNote, ...]  # a file named in jobs, then the files that it refers to
 
 
 class ClientFiles:
@@ -62,6 +52,8 @@ class ClientFiles:
 
     Attributes
     ----------
+    assets
+        The files of each asset, by the path in a job.
     key
         A hash of contents and paths.
     readable
@@ -70,7 +62,7 @@ class ClientFiles:
 
     def __init__(self, assets: RenderAssets) -> None:
         self._notes: dict[Path, FileNote] = {}
-        self._assets: dict[str, AssetNote] = {}
+        self.assets: dict[str, AssetNote] = {}
         named: list[tuple[Path, Sequence[str]]] = []
         named += [(file.tidy, file.files) for file in assets.vehicles.values()]
         named += [(file.path, file.files) for file in assets.sceneries.values()]
@@ -78,17 +70,12 @@ class ClientFiles:
         readable = assets.readable
         for path, files in named:
             path = path.resolve()
-            referred = references(files, path, readable)
-            self._assets[str(path)] = AssetNote(self._note(path), tuple(map(self._note, referred)))
+            self.assets[str(path)] = tuple(map(self._note, (path, *references(files, path, readable))))
         added = [path for path in self._notes if not any(map(path.is_relative_to, readable))]
-        self.readable = tuple(map(str, (*readable, *added)))
+        self.readable = (*readable, *added)
         self._by_hash = {note.sha256: note for note in self._notes.values()}
         listed = sorted(f"{note.sha256} {note.path}" for note in self._notes.values())
         self.key = hashlib.sha256("\0".join(listed).encode("utf-8", "surrogateescape")).hexdigest()
-
-    def asset(self, path: str) -> AssetNote:
-        """The asset of a file named in a job."""
-        return self._assets[path]
 
     def content(self, digest: str) -> bytes:
         """The bytes of a noted file.
@@ -170,13 +157,13 @@ class AssetCache:
 
     def is_in_place(self, asset: AssetNote) -> bool:
         """Whether this machine has all of an asset's files at the client's paths."""
-        return all(self._is(Path(file.path), file) for file in asset.files)
+        return all(self._is(Path(file.path), file) for file in asset)
 
     def lacking(self, asset: AssetNote) -> list[str]:
         """SHA-256 of the contents that this machine lacks for an asset."""
         if self.is_in_place(asset):
             return []
-        return [file.sha256 for file in asset.files if self._source(file) is None]
+        return [file.sha256 for file in asset if self._source(file) is None]
 
     def place(self, asset: AssetNote) -> Path:
         """The path of a complete asset on this machine.
@@ -187,10 +174,10 @@ class AssetCache:
             If a path in a .blend becomes too long when it's made relative.
         """
         if self.is_in_place(asset):
-            return Path(asset.file.path)
-        for file in asset.files:
+            return Path(asset[0].path)
+        for file in asset:
             self._lay_out(file)
-        return self._place(asset.file)
+        return self._place(asset[0])
 
     def _place(self, file: FileNote) -> Path:
         place = self.tree / file.path.lstrip("/")

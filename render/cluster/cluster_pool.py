@@ -64,7 +64,7 @@ class ClusterPool(Cluster):
         def order(job: int) -> RenderOrder:
             own = message(job)
             named = {own["scenery"]["path"], own["light"]["hdri"], *(vehicle["tidy"] for vehicle in own["vehicles"])}
-            return RenderOrder(own, tuple(self._files.asset(path) for path in sorted(named)), self._setting)
+            return RenderOrder(own, tuple(self._files.assets[path] for path in sorted(named)), self._setting)
 
         for job, outcomes in self.run(
             jobs, render_row, order,

@@ -62,7 +62,7 @@ class Setting:
     """
 
     key: str
-    readable: tuple[str, ...]
+    readable: tuple[Path, ...]
     device: str
     limits: Limits
 
@@ -147,12 +147,11 @@ class OpenBlender:
             self._blender.close()
         self._setting = None  # should any of this fail
         self._cache = AssetCache(cache_folder(), setting.key)
-        read = (self._cache.tree, *map(Path, setting.readable))
         self._blender = Blender(
             self._scratch / "logs" / "blender.log",
             device=setting.device,
             allowance=Allowance(setting.limits, max(1, int(os.environ.get(SHARE_VARIABLE, "1")))),
-            confinement=Confinement(self._pictures, read),
+            confinement=Confinement(self._pictures, (self._cache.tree, *setting.readable)),
             say=self._lines.append,
         )
         if why := landlock.unconfined():
@@ -166,7 +165,7 @@ class OpenBlender:
             raise HulldownError(f"{cache_folder()} does not keep {min(lost)[:12]}")
         if lacking:
             return Answer(lacking=lacking)
-        here = {asset.file.path: str(self._cache.place(asset).resolve()) for asset in order.assets}
+        here = {asset[0].path: str(self._cache.place(asset).resolve()) for asset in order.assets}
         output = (self._pictures / "picture").with_suffix(Path(order.message["output"]).suffix)
         outcome = self._blender.do(_moved(order.message, here, output), stopping=stopping)
         output.unlink(missing_ok=True)
