@@ -69,6 +69,8 @@ class Session:
         Blenders, devices, and systems that rendered, and their confinements.
     restarts
         How often Blender had to be started again.
+    unfinished
+        Folder for unfinished pictures during `render`.
     """
 
     def __init__(
@@ -90,7 +92,7 @@ class Session:
         self._progress = progress
         self._pool: Pool | ClusterPool | None = None
         self._folder = dataset.folder
-        self._unfinished = confined(self._folder, UNFINISHED_NAME).absolute()
+        self.unfinished = confined(self._folder, UNFINISHED_NAME).absolute()
         # Failures of other plans, and of images outside this run. Damage is found before Blender starts.
         self._failures = [line for line in read_failures(self._folder) if line["file_name"] not in remaining.names]
         read_provenance(self._folder)
@@ -106,11 +108,6 @@ class Session:
             keypoints=next((category.get("keypoints", ()) for category in categories_of(plan, shapes)), ()),
         )
 
-    @property
-    def unfinished(self) -> Path:
-        """Folder for unfinished pictures during `render`."""
-        return self._unfinished
-
     def say(self, line: str) -> None:
         """Report progress to the caller."""
         finished = self._remaining.already + self.rendered
@@ -119,10 +116,10 @@ class Session:
 
     def render(self, pool: Pool | ClusterPool) -> None:
         """Render the remaining rows; errors as of `render.pool.Pool.results`."""
-        if self._unfinished.is_symlink() or self._unfinished.is_file():
-            self._unfinished.unlink()  # not a link's target
-        shutil.rmtree(self._unfinished, ignore_errors=True)
-        self._unfinished.mkdir()
+        if self.unfinished.is_symlink() or self.unfinished.is_file():
+            self.unfinished.unlink()  # not a link's target
+        shutil.rmtree(self.unfinished, ignore_errors=True)
+        self.unfinished.mkdir()
         self._pool = pool
         self.say("")
         try:
@@ -131,7 +128,7 @@ class Session:
             if self.failed:
                 self._begin()
         finally:
-            shutil.rmtree(self._unfinished, ignore_errors=True)
+            shutil.rmtree(self.unfinished, ignore_errors=True)
 
     def _take_in(self, index: int, outcome: Outcome) -> None:
         self.restarts += outcome.restarts
@@ -180,7 +177,7 @@ class Session:
         self._recorded = self.made_by
 
     def _output(self, row: Row) -> Path:
-        return self._unfinished / f"{row.index}{Path(row.file_name).suffix}"
+        return self.unfinished / f"{row.index}{Path(row.file_name).suffix}"
 
     def _row(self, index: int) -> Row:
         """A row of the plan, read when needed; refused if the plan's file was replaced meanwhile."""

@@ -72,7 +72,10 @@ def run_here(order: TrainingOrder, wanted: Callable[[], bool]) -> str | None:
     """
     study = Path(order.study)
     environment = {key: value for key, value in os.environ.items() if not (key in NANNYS and value == "1")}
-    _wait_for(study / RUNS_NAME / read_manifest(study).run(order.name).folder)
+    lock = study / RUNS_NAME / read_manifest(study).run(order.name).folder / LOCK_NAME
+    if lock.exists():  # a lost worker's process may still run
+        with contextlib.suppress(Timeout), FileLock(lock, timeout=LEFT_S):
+            pass
     return in_a_process(
         study, order.name, order.options, lambda what, done, total: None, lambda: not wanted(), environment
     )
@@ -88,14 +91,6 @@ def unseen(order: TrainingOrder) -> str:
     except OSError:
         lost = [order.study]
     return f"does not see {lost[0]}, which all machines must share" if lost else ""
-
-
-def _wait_for(run: Path) -> None:
-    """Wait for a lost worker's process in a run's folder to end."""
-    lock = run / LOCK_NAME
-    if lock.exists():
-        with contextlib.suppress(Timeout), FileLock(lock, timeout=LEFT_S):
-            pass
 
 
 def _sha256(path: Path) -> str:
