@@ -55,15 +55,16 @@ def make_plan(folder, text):
     return write_plan(config, load_library(config).assets, folder / "plan.jsonl")
 
 
-def job(row, assets, settings, output):
+def job(row, assets, output, samples=4):
     """The message to a worker that renders a row."""
-    return to_json(render_job(row, assets, CyclesSettings(**settings), output))
+    settings = CyclesSettings(samples, denoise=False, adaptive_threshold=0.0, bounces=2)
+    return to_json(render_job(row, assets, settings, output))
 
 
-def draw(folder, messages):
-    """Pictures by a new Blender, in the order of the messages; each gets one attempt."""
+def draw(folder, turns, samples=4):
+    """Pictures by a new Blender of rows, each with its assets, in this order; each gets one attempt."""
     with Blender(folder / "logs" / "log", allowance=Allowance(Limits(attempts=1))) as blender:
-        return [drawn(blender, message) for message in messages]
+        return [drawn(blender, job(row, assets, folder / f"{n}.png", samples)) for n, (row, assets) in enumerate(turns)]
 
 
 def drawn(blender, message):

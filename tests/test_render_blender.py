@@ -12,6 +12,7 @@ from io import BytesIO
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 from msgspec.structs import replace as altered
 
@@ -25,12 +26,11 @@ from hulldown.planning.row import Source
 from hulldown.render.jobs import SceneryFile, mask_job, render_assets
 from hulldown.render.masks import cycles_masks, verify_masks
 from hulldown.render.messages import to_json
-from hulldown.render.process import WORKER, Blender, worker_command
+from hulldown.render.process import DEFAULT_LIMITS, WORKER, Allowance, Blender, worker_command
 from hulldown.render.supervisor import render_plan
 from hulldown.tests.blender_plans import copied, draw, drawn, job, make_plan, pixels
 
 pytestmark = pytest.mark.blender
-SETTINGS = {"samples": 4, "denoise": False, "adaptive_threshold": 0.0, "bounces": 2}
 CONFIG = """
 seed = 5
 [assets]
@@ -125,8 +125,7 @@ def test_pictures_show_the_planned_vehicles(dataset, plan, assets):
 
 def test_a_row_gives_the_same_picture_in_any_order_and_process(dataset, plan, assets, tmp_path):
     order = [3, 0, 3]
-    messages = [job(plan[i], assets, SETTINGS, tmp_path / f"{n}.png") for n, i in enumerate(order)]
-    pictures = draw(tmp_path, messages)
+    pictures = draw(tmp_path, [(plan[i], assets) for i in order])
     assert np.array_equal(pictures[0], pictures[2])
     for picture, i in zip(pictures, order, strict=True):
         assert np.array_equal(picture, pixels(dataset / plan[i].file_name))
@@ -154,13 +153,13 @@ TURNED = np.array([[0, 0.01, 0, 3.0], [-0.01, 0, 0, 4.0], [0, 0, 0.01, -5.0], [0
 def test_the_sky_turns_counter_clockwise_with_yaw(plan, assets, folder, tmp_path):
     """A bright patch at azimuth 0 appears at azimuth yaw, for any up axis and unit of the scenery's file."""
     cases = [(0.0, np.eye(4)), (75.0, np.eye(4)), (-120.0, np.eye(4)), (75.0, Z_FROM_Y_UP), (75.0, TURNED)]
-    messages = []
-    for i, (yaw_deg, scenery_from_file) in enumerate(cases):
+    turns = []
+    for yaw_deg, scenery_from_file in cases:
         walls = SceneryFile(folder / "walls.blend", scenery_from_file, assets.sceneries["field"].scenery)
         camera = looking(yaw_deg, 20.0, at=(0.0, 0.0, 4000.0))
         row = altered(plan[0], **camera, scenery="walls", hdri="sky", hdri_yaw_deg=yaw_deg, companions=[])
-        messages.append(job(row, replace(assets, sceneries={"walls": walls}), SETTINGS, tmp_path / f"{i}.png"))
-    for picture in draw(tmp_path, messages):
+        turns.append((row, replace(assets, sceneries={"walls": walls})))
+    for picture in draw(tmp_path, turns):
         bright = np.argwhere(picture.min(axis=2) > 230)
         assert len(bright) > 4
         assert np.abs(bright.mean(axis=0) + 0.5 - [36.0, 64.0]).max() < 1.5
@@ -172,19 +171,14 @@ def test_render_settings_of_a_file_do_not_leak(plan, assets, folder, tmp_path):
     leaking = replace(field, path=folder / "leaking.blend")
     other = replace(assets, sceneries={"field": leaking})
     row = altered(next(row for row in plan if row.scenery != "map"), scenery="field")
-    messages = [job(row, a, SETTINGS, tmp_path / f"{n}.png") for n, a in enumerate((assets, other))]
-    clean, leaked = draw(tmp_path, messages)
+    clean, leaked = draw(tmp_path, [(row, assets), (row, other)])
     assert np.array_equal(clean, leaked)
 
 
 def test_scripts_and_drivers_of_a_file_do_not_run(plan, assets, folder, worlds, tmp_path):
     evil = replace(assets.sceneries["field"], path=folder / "evil.blend")
     row = altered(plan[0], scenery="field")
-    messages = [
-        job(altered(row, sample_seed=n), replace(assets, sceneries={"field": evil}), SETTINGS, tmp_path / f"{n}.png")
-        for n in (1, 2)
-    ]
-    draw(tmp_path, messages)
+    draw(tmp_path, [(altered(row, sample_seed=n), replace(assets, sceneries={"field": evil})) for n in (1, 2)])
     assert not (worlds / "registered").exists()
     assert not (worlds / "driven").exists()
 
@@ -200,22 +194,11 @@ def in_place_of_blender(folder, code):
 
 def test_a_worker_needs_only_numpy_and_bpy(plan, assets, tmp_path):
     """An installed Blender has no other packages, so they are hidden from the worker."""
-    hidden = [
-        "jaxtyping",
-        "msgspec",
-        "scipy",
-        "orjson",
-        "pydantic",
-        "psutil",
-        "PIL",
-        "filelock",
-        "rich",
-        "trimesh",
-        "embreex",
-    ]
+    hidden = ["jaxtyping", "msgspec", "scipy", "orjson", "pydantic", "psutil", "PIL", "filelock", "rich"]
+    hidden += ["trimesh", "embreex"]
     program = in_place_of_blender(tmp_path, f"sys.modules.update(dict.fromkeys({hidden!r}))")
     with Blender(tmp_path / "log", program=program) as blender:
-        drawn(blender, job(plan[0], assets, SETTINGS, tmp_path / "0.png"))
+        drawn(blender, job(plan[0], assets, tmp_path / "0.png"))
         assert blender.do(to_json(mask_job(plan[0], assets, tmp_path / "0.npy"))).content
 
 
@@ -227,7 +210,7 @@ def test_a_blender_without_numpy_is_reported(tmp_path):
 
 
 def test_a_failed_job_has_a_reason_and_the_next_one_is_done(plan, assets, tmp_path):
-    good = job(plan[0], assets, SETTINGS, tmp_path / "0.png")
+    good = job(plan[0], assets, tmp_path / "0.png")
     bad, cut = ({**good, "light": {**good["light"], "hdri": str(tmp_path / f"{name}.exr")}} for name in ("gone", "cut"))
     (tmp_path / "cut.exr").write_bytes(Path(good["light"]["hdri"]).read_bytes()[:40])
     with Blender(tmp_path / "log") as blender:
@@ -246,7 +229,7 @@ def test_the_sky_changes_in_a_scenery_that_packs_its_pictures(plan, assets, fold
         with Blender(tmp_path / "log") as blender:
             for hdri in ("sky", "gray", "sky"):
                 row = altered(plan[0], **looking(0.0, 20.0), scenery="field", hdri=hdri, hdri_yaw_deg=0.0)
-                pictures.append(drawn(blender, job(row, a, SETTINGS, tmp_path / f"{len(pictures)}.png")))
+                pictures.append(drawn(blender, job(row, a, tmp_path / f"{len(pictures)}.png")))
     sky, gray, again, *packed = pictures
     assert not np.array_equal(sky, gray)
     for picture, expected in zip(packed, (sky, gray, again), strict=True):
@@ -257,11 +240,21 @@ def test_a_worker_ends_when_its_supervisor_dies(plan, assets, tmp_path):
     heard = queue.SimpleQueue()
     with Child(worker_command(None), env=os.environ, hear=heard.put, log=tmp_path / "log") as worker:
         assert b"ready" in heard.get(timeout=120)
-        message = job(plan[0], assets, {**SETTINGS, "samples": 1_000_000}, tmp_path / "0.png")
+        message = job(plan[0], assets, tmp_path / "0.png", samples=1_000_000)
         worker.write(json.dumps(message).encode() + b"\n")
         time.sleep(1.0)
         worker.close_stdin()
         assert heard.get(timeout=30) == b""
+
+
+def test_an_idle_worker_with_one_core_sleeps(plan, assets, tmp_path):
+    """A Blender limited to one thread kept a core busy while idle."""
+    with Blender(tmp_path / "log", allowance=Allowance(DEFAULT_LIMITS, blenders=psutil.cpu_count())) as blender:
+        drawn(blender, job(plan[0], assets, tmp_path / "0.png"))
+        process = psutil.Process(blender.pid)
+        before = sum(process.cpu_times()[:2])
+        time.sleep(2.0)
+        assert sum(process.cpu_times()[:2]) - before < 0.5
 
 
 def test_annotations_of_a_dataset_equal_masks_by_cycles(dataset, plan, assets):

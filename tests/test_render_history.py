@@ -9,10 +9,9 @@ from msgspec.structs import replace as altered
 
 from hulldown.camera.weather.kinds import Weather
 from hulldown.render.jobs import VehicleFile, render_assets
-from hulldown.tests.blender_plans import copied, draw, job, make_plan, make_worlds
+from hulldown.tests.blender_plans import copied, draw, make_plan, make_worlds
 
 pytestmark = pytest.mark.blender
-SETTINGS = {"samples": 4, "denoise": False, "adaptive_threshold": 0.0, "bounces": 2}
 CONFIG = """
 seed = 5
 [assets]
@@ -66,28 +65,25 @@ def test_a_vehicle_looks_the_same_after_many_others(plan, assets, tmp_path, comp
     """There are more vehicles than Blender keeps in memory."""
     row = next(row for row in plan if row.companions)
     row = altered(row, companions=[altered(row.companions[0], vehicle="other")] if company else [])
-    messages = [
-        job(row, with_copies(assets, tmp_path, tank=str(i), other=str((i + 1) % 6)), SETTINGS, tmp_path / f"{n}.png")
-        for n, i in enumerate([0, 1, 2, 3, 4, 5, 0])
-    ]
-    first, *others = draw(tmp_path, messages)
+    order = [0, 1, 2, 3, 4, 5, 0]
+    turns = [(row, with_copies(assets, tmp_path, tank=str(i), other=str((i + 1) % 6))) for i in order]
+    first, *others = draw(tmp_path, turns)
     assert all(np.array_equal(first, other) for other in others)
 
 
 def test_a_sky_looks_the_same_after_a_wider_one(plan, assets, tmp_path):
     """Cycles kept the importance map's width of the sky before."""
-    rows = [altered(plan[0], hdri=hdri, strength=1.0) for hdri in ("gray", "sky", "gray")]
-    there = [job(row, assets, SETTINGS, tmp_path / f"{n}.png") for n, row in enumerate(rows)]
-    gray, sky, gray_again = draw(tmp_path, there)
-    (sky_first,) = draw(tmp_path, [job(rows[1], assets, SETTINGS, tmp_path / "first.png")])
+    turns = [(altered(plan[0], hdri=hdri, strength=1.0), assets) for hdri in ("gray", "sky", "gray")]
+    gray, sky, gray_again = draw(tmp_path, turns)
+    (sky_first,) = draw(tmp_path, turns[1:2])
     assert np.array_equal(sky, sky_first)
     assert np.array_equal(gray, gray_again)
 
 
 def test_a_sky_is_read_in_the_color_space_of_its_file(plan, assets, tmp_path):
     """Two files with the same light in different color spaces give the same picture, in any order."""
-    rows = [altered(plan[0], hdri=hdri, strength=1.0) for hdri in ("gray", "acescg", "rec709", "acescg")]
-    gray, *tinted = draw(tmp_path, [job(row, assets, SETTINGS, tmp_path / f"{n}.png") for n, row in enumerate(rows)])
+    hdris = ("gray", "acescg", "rec709", "acescg")
+    gray, *tinted = draw(tmp_path, [(altered(plan[0], hdri=hdri, strength=1.0), assets) for hdri in hdris])
     for picture in tinted:
         assert np.abs(picture - tinted[0]).max() <= 1.0
         assert np.abs(picture - gray).mean() > 10.0
@@ -98,7 +94,5 @@ def test_weather_looks_the_same_after_other_weather_and_vehicles(plan, assets, t
     row = altered(plan[0], companions=[])
     files = [with_copies(assets, tmp_path, tank=str(i)) for i in range(2)]
     turns = [(altered(row, weather=weather), of) for weather in WEATHER for of in files]
-    there = [job(*turn, SETTINGS, tmp_path / f"{n}.png") for n, turn in enumerate(turns)]
-    back = [job(*turn, SETTINGS, tmp_path / f"{n} again.png") for n, turn in reversed([*enumerate(turns)])]
-    pictures = draw(tmp_path, there + back)
+    pictures = draw(tmp_path, turns + turns[::-1])
     assert all(np.array_equal(*pair) for pair in zip(pictures, reversed(pictures), strict=True))

@@ -12,15 +12,11 @@ from hulldown.camera.weather.kinds import Weather
 from hulldown.camera.world import World
 from hulldown.planning.appearance.paint import Coat
 from hulldown.planning.check import check_plan
-from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_library
-from hulldown.planning.write import write_plan
-from hulldown.render.jobs import render_assets, render_job
-from hulldown.render.messages import CyclesSettings, to_json
-from hulldown.tests.blender_plans import copied, draw, make_worlds
+from hulldown.render.jobs import render_assets
+from hulldown.tests.blender_plans import copied, draw, make_plan, make_worlds
 
 pytestmark = pytest.mark.blender
-SETTINGS = CyclesSettings(samples=8, denoise=False, adaptive_threshold=0.0, bounces=2)
 RAIN = Weather(2000.0, "rain", 15.0, ground_cover=1.0, vehicle_cover=1.0)
 SNOW = Weather(500.0, "snow", ground_cover=0.8, vehicle_cover=0.8)
 CONFIG = """
@@ -51,16 +47,13 @@ height = 81
 def folder(worlds, tmp_path_factory):
     made = copied(worlds, tmp_path_factory.mktemp("painted"))
     make_worlds(made, "painted_blends.py")
-    (made / "hulldown.toml").write_text(CONFIG)
     return made
 
 
 @pytest.fixture(scope="module")
 def plan(folder):
-    config = Config.read(folder / "hulldown.toml")
-    assets = load_library(config).assets
-    made = write_plan(config, assets, folder / "plan.jsonl")
-    assert check_plan(made, assets) == []
+    made = make_plan(folder, CONFIG)
+    assert check_plan(made, load_library(made.config).assets) == []
     return made
 
 
@@ -96,8 +89,7 @@ def pictures(row, assets, folder):
 
 def rendered(rows, assets, folder):
     """Pictures of rows, rendered by one worker."""
-    messages = [to_json(render_job(row, assets, SETTINGS, folder / f"{number}.png")) for number, row in enumerate(rows)]
-    return draw(folder, messages)
+    return draw(folder, [(row, assets) for row in rows], samples=8)
 
 
 @pytest.fixture(scope="module")
@@ -197,8 +189,8 @@ def test_rain_and_paint_do_not_affect_later_pictures(row, assets, folder):
     assert not np.array_equal(alone[1], alone[2])
 
 
-def test_inspect_lists_the_materials_that_can_be_painted(folder, plan):
-    report = load_library(Config.read(folder / "hulldown.toml")).models["odd"].report
+def test_inspect_lists_the_materials_that_can_be_painted(plan):
+    report = load_library(plan.config).models["odd"].report
     rows = {row.name: row for row in report.materials}
     assert set(rows) == {"Skin", "soil", "Gun", "Slot", "Slot.001", "stone", "Tire"}
     assert [row.name for row in report.materials if row.left_alone] == ["Tire"]

@@ -12,10 +12,9 @@ from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_library
 from hulldown.render.jobs import render_assets
 from hulldown.render.supervisor import render_plan
-from hulldown.tests.blender_plans import CONFIG, copied, draw, job, make_plan
+from hulldown.tests.blender_plans import CONFIG, copied, draw, make_plan
 
 pytestmark = pytest.mark.blender
-SETTINGS = {"samples": 2, "denoise": False, "adaptive_threshold": 0.0, "bounces": 2}
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +32,7 @@ def test_a_sensor_without_effects_gives_blenders_own_picture(plan, folder):
     assets, row = render_assets(plan), plan[0]
     turned = altered(row, exposure_ev=row.exposure_ev + 1.0, white_balance_k=1500.0)
     rows = [altered(each, sensor=sensor) for each in (row, turned) for sensor in (None, Sensor())]
-    pictures = draw(folder, [job(each, assets, SETTINGS, folder / f"{i}.png") for i, each in enumerate(rows)])
+    pictures = draw(folder, [(each, assets) for each in rows], samples=2)
     for own, developed in zip(pictures[::2], pictures[1::2], strict=True):
         apart = np.abs(own - developed)
         assert np.ptp(own) > 100.0
