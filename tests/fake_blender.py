@@ -41,8 +41,6 @@ def touched(size):
 def misbehave(how):
     if how == "hold":
         held.append(touched(105 << 20))
-    if how == "unusable":
-        return {"unusable": "no denoiser, as asked", "remedy": "use another"}
     if how == "fail":
         return {"failed": "ValueError: as asked"}
     if how == "crash":
@@ -60,9 +58,6 @@ def misbehave(how):
 
 def main():
     print("Blender 5.0.1 (a fake)")
-    if os.environ.get("FAKE_BLENDER") == "will not start":
-        print("no such library, as asked", file=sys.stderr, flush=True)
-        sys.exit(1)
     answer({"ready": "fake"})
     for line in sys.stdin:
         job = json.loads(line)
