@@ -7,6 +7,9 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from hulldown.reading.blender.add_nodes import add_node
+from hulldown.tests.node_trees import material_of, principled, shader_of
+
 EVIL = """
 import pathlib
 pathlib.Path({path!r}).write_text("a script of the file has run")
@@ -32,20 +35,7 @@ def diffuse(name, color):
 
 
 def _of_one_shader(name, kind, color):
-    material = bpy.data.materials.new(name)
-    nodes, links = material.node_tree.nodes, material.node_tree.links
-    nodes.clear()
-    shader, output = nodes.new(f"ShaderNode{kind}"), nodes.new("ShaderNodeOutputMaterial")
-    shader.inputs["Color"].default_value = (*color, 1.0)
-    links.new(shader.outputs[0], output.inputs["Surface"])
-    return material
-
-
-def matt(name, color):
-    material = bpy.data.materials.new(name)
-    material.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (*color, 1.0)
-    material.node_tree.nodes["Principled BSDF"].inputs["Roughness"].default_value = 1.0
-    return material
+    return material_of(name, lambda tree: add_node(tree, kind, {"Color": (*color, 1.0)}).outputs[0])
 
 
 def box(name, size, location, material, parent=None):
@@ -79,10 +69,10 @@ def field(path, *, unit=1.0, center=(0.0, 0.0, 0.0), drape=None):
     ground.name = "ground"
     for vertex in ground.data.vertices:
         vertex.co.z = 1.2 * math.sin(vertex.co.x / 9.0) * math.cos(vertex.co.y / 7.0)
-    ground.data.materials.append(matt("soil", (0.3, 0.25, 0.15)))
+    ground.data.materials.append(principled("soil", (0.3, 0.25, 0.15), 1.0))
     rng = np.random.default_rng(0)
     for x, y in rng.uniform(-35.0, 35.0, (12, 2)):
-        box("boulder", (3.0, 2.0, 2.5), (x, y, 1.0), matt("stone", (0.4, 0.4, 0.4)))
+        box("boulder", (3.0, 2.0, 2.5), (x, y, 1.0), principled("stone", (0.4, 0.4, 0.4), 1.0))
     root = bpy.data.objects.new("all", None)
     bpy.context.scene.collection.objects.link(root)
     for obj in list(bpy.context.scene.objects):
@@ -109,11 +99,10 @@ def trees(folder):
         leaves.filepath_raw, leaves.file_format = str(folder / "leaves.png"), "PNG"
         leaves.save()
         leaves.filepath = "//leaves.png"
-        material = matt("leaves", (0.1, 0.3, 0.05))
+        material = principled("leaves", (0.1, 0.3, 0.05), 1.0)
         texture = material.node_tree.nodes.new("ShaderNodeTexImage")
         texture.image, texture.interpolation = leaves, "Closest"
-        principled = material.node_tree.nodes["Principled BSDF"]
-        material.node_tree.links.new(texture.outputs["Alpha"], principled.inputs["Alpha"])
+        material.node_tree.links.new(texture.outputs["Alpha"], shader_of(material).inputs["Alpha"])
         card = bpy.data.meshes.new("tree")
         corners = [(-2, 0, 0), (2, 0, 0), (2, 0, 5), (-2, 0, 5), (0, -2, 0), (0, 2, 0), (0, 2, 5), (0, -2, 5)]
         card.from_pydata(corners, [], [(0, 1, 2, 3), (4, 5, 6, 7)])
@@ -144,7 +133,7 @@ def leaking():
     scene.view_settings.exposure, scene.view_settings.gamma, scene.view_settings.view_transform = 3.0, 2.0, "Raw"
     scene.view_settings.use_curve_mapping = True
     layer = scene.view_layers[0]
-    layer.material_override, layer.samples = matt("override", (1.0, 0.0, 0.0)), 1
+    layer.material_override, layer.samples = principled("override", (1.0, 0.0, 0.0), 1.0), 1
     scene.view_layers.new("second")
     marker = scene.timeline_markers.new("cut", frame=1)
     marker.camera = next(o for o in scene.objects if o.type == "CAMERA")

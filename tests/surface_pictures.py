@@ -13,6 +13,7 @@ import numpy as np
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.weather.kinds import Weather
 from hulldown.reading.blender.add_nodes import add_node, maths
+from hulldown.reading.blender.arrays import pixels
 from hulldown.reading.blender.tidy_properties import PART, REST
 from hulldown.render.blender import cycles
 from hulldown.render.blender.renderer import Renderer
@@ -159,8 +160,7 @@ class Studio:
         file = np.eye(4) if scenery_from_file is None else np.asarray(scenery_from_file)
         self.stage = Stage(str(folder / f"{name}.blend"), file)
         cycles.configure(self.stage.scene, SETTINGS, device="CPU")
-        settings = self.stage.scene.render.image_settings
-        settings.file_format, settings.color_mode, settings.color_depth = "OPEN_EXR", "RGB", "32"
+        cycles.store_light(self.stage.scene)
 
     def picture(self, name, camera, covered, vehicles=()):
         stage, path = self.stage, self.folder / "picture.exr"
@@ -173,10 +173,8 @@ class Studio:
         bpy.ops.render.render(write_still=True, scene=stage.scene.name)
         image = bpy.data.images.load(str(path))
         image.colorspace_settings.name = "Non-Color"
-        pixels = np.empty(64 * 64 * image.channels, dtype=np.float32)
-        image.pixels.foreach_get(pixels)
+        np.save(self.folder / f"{name}.npy", pixels(image)[::-1, :, :3])
         bpy.data.images.remove(image)
-        np.save(self.folder / f"{name}.npy", pixels.reshape(64, 64, -1)[::-1, :, :3])
 
 
 def albedos(folder):

@@ -50,8 +50,7 @@ class IndexPictures:
             scene.cycles.pixel_filter_type = "BOX"
             scene.cycles.filter_width = PIXEL_CENTER
             scene.world = dark
-            settings = scene.render.image_settings
-            settings.file_format, settings.color_mode, settings.color_depth = "OPEN_EXR", "RGB", "32"
+            cycles.store_light(scene)
         for obj in stage.scene.objects:
             if _is_only_volume(obj):
                 obj.hide_render = True
