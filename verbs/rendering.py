@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.terminal import progress_bar, say, warn
@@ -32,11 +31,16 @@ def _render(arguments: argparse.Namespace) -> int:
     from hulldown.render.process import DEFAULT_LIMITS
     from hulldown.render.supervisor import Part, render_bar, render_plan
 
+    alone = next((name for name in ("workers", "blender") if getattr(arguments, name) is not None), None)
+    if alone and arguments.scheduler is not None:
+        raise HulldownError(
+            f"--{alone} is for this machine; with --scheduler, the cluster's workers say that themselves"
+        )
     engine = Engine(
         workers=arguments.workers,
         device=arguments.device,
         blender=arguments.blender,
-        scheduler=_scheduler(arguments),
+        scheduler=scheduler_of(arguments),
         require_confinement=arguments.require_confinement,
         limits=dataclasses.replace(DEFAULT_LIMITS, job_s=arguments.image_timeout),
     )
@@ -62,17 +66,6 @@ def _render(arguments: argparse.Namespace) -> int:
         say("stopped; the same command goes on from here")
         return STOPPED
     return DONE if report.complete else FOUND
-
-
-def _scheduler(arguments: argparse.Namespace) -> Any:
-    """The scheduler of the cluster to render on; None without one."""
-    if arguments.scheduler is None:
-        return None
-    if alone := next((name for name in ("workers", "blender") if getattr(arguments, name) is not None), None):
-        raise HulldownError(
-            f"--{alone} is for this machine; with --scheduler, the cluster's workers say that themselves"
-        )
-    return scheduler_of(arguments)
 
 
 def _join(arguments: argparse.Namespace) -> int:
