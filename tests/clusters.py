@@ -52,23 +52,19 @@ class Cluster:
         self.scheduler = self._start(
             [sys.executable, "-P", "-m", "distributed.cli.dask_scheduler", *options], environment
         )
-        while not self._address():
+        while not self.address:
             assert self.scheduler.poll() is None, f"see {folder / 'log'}"
             time.sleep(0.05)
 
-    def _address(self) -> str:
+    @property
+    def address(self) -> str:
         try:
             return json.loads(self.file.read_text())["address"]
         except (OSError, ValueError):  # not written yet, or only in part
             return ""
 
-    @property
-    def address(self) -> str:
-        return self._address()
-
     def add(
         self,
-        *more,
         python=(sys.executable, "-P"),
         before=(),
         environment=None,
@@ -80,7 +76,7 @@ class Cluster:
         scratch = self.folder / f"worker-{number}"
         options = ["--nthreads", "1", "--resources", resources, "--memory-limit", "0", "--no-nanny", "--no-dashboard"]
         options += ["--host", "127.0.0.1", "--local-directory", str(scratch), "--name", f"worker-{number}"]
-        command = [*before, *python, "-m", "distributed.cli.dask_worker", self.address, *options, *self._tls, *more]
+        command = [*before, *python, "-m", "distributed.cli.dask_worker", self.address, *options, *self._tls]
 
         def bound():
             resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, largest_file))
@@ -95,14 +91,14 @@ class Cluster:
             client.wait_for_workers(sum(worker.poll() is None for worker in self.workers), timeout=120)
 
     def _start(self, command, environment, before=None):
-        everything = {
-            **os.environ,
-            "PYTHONPATH": PYTHONPATH,
-            "HULLDOWN_CACHE": str(self.folder / "sent"),
-            **environment,
-        }
+        cached = {"PYTHONPATH": PYTHONPATH, "HULLDOWN_CACHE": str(self.folder / "sent")}
         return subprocess.Popen(
-            command, env=everything, stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log, preexec_fn=before
+            command,
+            env={**os.environ, **cached, **environment},
+            stdin=subprocess.DEVNULL,
+            stdout=self.log,
+            stderr=self.log,
+            preexec_fn=before,
         )
 
     def close(self) -> None:

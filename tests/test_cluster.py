@@ -183,11 +183,7 @@ def test_a_run_continues_with_another_scheduler_and_waits_for_workers(folder, tm
         Course(tmp_path / "d", folder / "plan.jsonl", first.address, at=3, act=first.scheduler.kill)
     assert re.search(r"^tcp://.*: the scheduler is out of reach; start one, .* which continues$", str(lost.value))
     with cluster(tmp_path / "second") as second:
-
-        def add():
-            second.add()
-
-        course = Course(tmp_path / "d", folder / "plan.jsonl", second.address, act=add)
+        course = Course(tmp_path / "d", folder / "plan.jsonl", second.address, act=second.add)
     assert course.line("waiting for workers")
     assert 3 <= course.report.already < IMAGES
     assert_same(folder / "whole", tmp_path / "d")

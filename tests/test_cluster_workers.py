@@ -31,8 +31,12 @@ def nodes(tmp_path_factory):
 
 @pytest.fixture
 def workers(nodes):
-    with Cluster(Scheduler(nodes.address), "render", no_refusal, say=lambda line: None) as made:
+    with connected(nodes) as made:
         yield made
+
+
+def connected(nodes, **files):
+    return Cluster(Scheduler(nodes.address, **files), "render", no_refusal, say=lambda line: None)
 
 
 def never():
@@ -104,16 +108,12 @@ def test_a_worker_without_the_clients_code_is_refused_before_it_reads_the_task(n
 
 def test_the_results_of_all_workers_that_fail_are_kept(workers):
     ((_, results),) = workers.run(["it fails"], fails, str, lost=None, stopping=never)
-    assert sorted(results) == [
-        f"it fails on {address}" for address in sorted(workers.client.scheduler_info()["workers"])
-    ]
+    addresses = sorted(workers.client.scheduler_info()["workers"])
+    assert sorted(results) == [f"it fails on {address}" for address in addresses]
 
 
 def test_a_task_whose_workers_are_all_gone_is_done_by_the_next(tmp_path):
-    with (
-        cluster(tmp_path / "nodes", 1) as nodes,
-        Cluster(Scheduler(nodes.address), "render", no_refusal, say=lambda line: None) as workers,
-    ):
+    with cluster(tmp_path / "nodes", 1) as nodes, connected(nodes) as workers:
         killed = []
 
         def kill():
@@ -132,8 +132,8 @@ def test_tls_works_and_requires_a_certificate(tmp_path):
     with cluster(tmp_path / "nodes", 1, tls=options) as nodes:
         assert nodes.address.startswith("tls://")
         with pytest.raises(HulldownError, match="no Dask scheduler answers there"):
-            Cluster(Scheduler(nodes.address), "render", no_refusal, say=lambda line: None)
-        with Cluster(Scheduler(nodes.address, **files), "render", no_refusal, say=lambda line: None) as workers:
+            connected(nodes)
+        with connected(nodes, **files) as workers:
             found = workers.run(["data"], with_contents, str, lost=None, stopping=never, content=str.encode)
             assert [results for _, results in found] == [[b"data"]]
 
@@ -141,7 +141,7 @@ def test_tls_works_and_requires_a_certificate(tmp_path):
 def test_a_lost_scheduler_is_a_one_line_error(tmp_path):
     with (
         cluster(tmp_path / "nodes", 1) as nodes,
-        Cluster(Scheduler(nodes.address), "render", no_refusal, say=lambda line: None) as workers,
+        connected(nodes) as workers,
         pytest.raises(HulldownError, match=r"^tcp://.*: the scheduler is out of reach; start one, .* which continues$"),
     ):
         list(workers.run([""], with_contents, str, lost=None, stopping=nodes.scheduler.kill))

@@ -28,13 +28,8 @@ from hulldown.tests.render_plans import ASSETS, contents, make_row, write_plan
 def test_a_plan_becomes_a_dataset(tmp_path, blender, workers):
     plan = write_plan(tmp_path, [make_row(i) for i in range(7)])
     seen = []
-    report = render_plan(
-        plan,
-        tmp_path / "d",
-        assets=ASSETS,
-        progress=lambda p: seen.append(p),
-        engine=Engine(blender=blender, workers=workers),
-    )
+    engine = Engine(blender=blender, workers=workers)
+    report = render_plan(plan, tmp_path / "d", assets=ASSETS, progress=seen.append, engine=engine)
     assert (report.images, report.already, report.rendered, report.failed) == (7, 0, 7, ())
     assert report.complete
     assert not report.interrupted
