@@ -167,7 +167,7 @@ class Studio:
         cars = [VehicleInput(str(self.folder / "vehicle.blend"), [pose.tolist()]) for pose in vehicles]
         stage.place_vehicles(cars)
         stage.set_camera(camera)
-        stage.set_light(LightInput(str(self.folder / "white.exr"), 0.0, 1.0, None))
+        stage.world.set(LightInput(str(self.folder / "white.exr"), 0.0, 1.0, None), stage.file_from_scenery)
         stage.set_weather(covered, seed=1)
         stage.scene.render.filepath = str(path)
         bpy.ops.render.render(write_still=True, scene=stage.scene.name)

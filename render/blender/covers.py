@@ -115,8 +115,8 @@ def soaking(name: str) -> Any:
     return g.end(Color=_times(g, g.given["Color"], g.maths("MULTIPLY_ADD", g.share, weather.WET_DIFFUSE - 1, 1.0)))
 
 
-def _times(g: Group, color: Any, factor: Any) -> Any:
-    return g.add("VectorMath", {0: color, "Scale": factor}, operation="SCALE").outputs[0]
+def _times(g: Group, vector: Any, factor: Any) -> Any:
+    return g.add("VectorMath", {0: vector, "Scale": factor}, operation="SCALE").outputs[0]
 
 
 def snow(name: str, up: tuple[float, float, float], units_per_meter: float) -> Any:
@@ -148,7 +148,7 @@ def snow(name: str, up: tuple[float, float, float], units_per_meter: float) -> A
     rays = {"Distance": reach, "Normal": between.outputs[0]}
     sky = g.add("AmbientOcclusion", rays, samples=SKY_RAYS).outputs["AO"]
     share = g.maths("MULTIPLY", g.maths("MULTIPLY", lies, g.share), g.ramp(sky, SKY_HIDDEN, SKY_OPEN))
-    patches = g.even_noise(_meters(g, seen["Position"], units_per_meter), PATCHES, PATCH_WEIGHTS)
+    patches = g.even_noise(_times(g, seen["Position"], 1 / units_per_meter), PATCHES, PATCH_WEIGHTS)
     # Edges are narrower for small and large shares, so that the mean cover is the share.
     bare = g.maths("SUBTRACT", 1.0, share)
     edge = g.maths("MULTIPLY_ADD", g.maths("MULTIPLY", share, bare), 4 * PATCH_EDGE, 1e-4)
@@ -172,7 +172,7 @@ def dust(name: str, up: tuple[float, float, float], units_per_meter: float, *, c
     """
     g = _cover(name)
     seen = g.add("NewGeometry").outputs
-    uneven = g.even_noise(_meters(g, seen["Position"], units_per_meter), (DUST_PATCH,))
+    uneven = g.even_noise(_times(g, seen["Position"], 1 / units_per_meter), (DUST_PATCH,))
     lies = g.maths("MULTIPLY", g.ramp(g.dot(seen["Normal"], up), 0.5, 1.0), weather.DUST_ON_TOPS)
     if climbs:
         plane = g.add("Attribute", attribute_type="OBJECT", attribute_name=PLANE).outputs
@@ -186,10 +186,6 @@ def dust(name: str, up: tuple[float, float, float], units_per_meter: float, *, c
 
 def _cover(name: str) -> Group:
     return Group(name, {"Surface": "Shader", "Opacity": "Float"}, {"Surface": "Shader"})
-
-
-def _meters(g: Group, position: Any, units_per_meter: float) -> Any:
-    return g.add("VectorMath", {0: position, "Scale": 1 / units_per_meter}, operation="SCALE").outputs[0]
 
 
 def _covered(g: Group, share: Any, albedo: tuple[float, float, float]) -> Any:

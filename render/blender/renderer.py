@@ -70,7 +70,7 @@ class Renderer:
             self._settings = job.settings
         stage.place_vehicles(job.vehicles)
         stage.set_camera(job.camera)
-        stage.set_light(job.light)
+        stage.world.set(job.light, stage.file_from_scenery)
         cycles.expose(stage.scene, job.settings, job.camera.exposure, job.camera.white_balance)
         stage.set_weather(job.weather, job.seed)
         stage.scene.cycles.seed = job.seed

@@ -29,7 +29,7 @@ from hulldown.render.blender.light import HdriWorld
 from hulldown.render.blender.paint import Paintable
 from hulldown.render.blender.precipitation import Precipitation, falling
 from hulldown.render.blender.surfaces import Surfaces
-from hulldown.render.messages import CameraInput, LightInput, VehicleInput
+from hulldown.render.messages import CameraInput, VehicleInput
 
 MAX_VEHICLES = 4  # vehicle files kept in memory if rows have companions, which recur
 BACKDROP_TYPES = ("MESH", "CURVE", "SURFACE", "FONT", "META", "VOLUME")  # an empty called "sky" may carry anything
@@ -167,10 +167,6 @@ class Stage:
             data.type = "PERSP"
         data.clip_start = camera.near * self.units_per_meter
         data.clip_end = FAR * self.units_per_meter
-
-    def set_light(self, light: LightInput) -> None:
-        """Light by an HDRI."""
-        self.world.set(light, self.file_from_scenery)
 
     def set_weather(self, weather: Weather | None, seed: int) -> None:
         """Fill the air and cover surfaces, after everything else is set, since fog is lit by the sky.

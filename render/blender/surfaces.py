@@ -96,15 +96,15 @@ class Surfaces:
     def _group(self, wearer: str) -> list[Any]:
         key = self._kind, wearer
         if key not in self._groups:
-            self._groups[key] = self._made(f"{OURS} {self._kind} on {wearer}", wearer == VEHICLES)
+            name, vehicles = f"{OURS} {self._kind} on {wearer}", wearer == VEHICLES
+            if self._kind == "rain":
+                groups = [covers.wetting(name, film=vehicles), covers.soaking(f"{name}, matt")]
+            elif self._kind == "snow":
+                groups = [covers.snow(name, self._up, self._units_per_meter)]
+            else:
+                groups = [covers.dust(name, self._up, self._units_per_meter, climbs=vehicles)]
+            self._groups[key] = groups
         return self._groups[key]
-
-    def _made(self, name: str, vehicles: bool) -> list[Any]:
-        if self._kind == "rain":
-            return [covers.wetting(name, film=vehicles), covers.soaking(f"{name}, matt")]
-        if self._kind == "snow":
-            return [covers.snow(name, self._up, self._units_per_meter)]
-        return [covers.dust(name, self._up, self._units_per_meter, climbs=vehicles)]
 
     def _dress(self, material: Any, wearer: str) -> None:
         groups = self._group(wearer)
