@@ -17,10 +17,12 @@ import pytest
 from msgspec.structs import replace as altered
 
 from hulldown.annotate.masks import iou, mask_box, vehicle_mask
+from hulldown.camera.shell import shell_axes
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import World
 from hulldown.geometry.child import Child
 from hulldown.geometry.errors import ConfigError, HulldownError
+from hulldown.geometry.transforms import rigid
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Source
 from hulldown.render.jobs import SceneryFile, mask_job, render_assets
@@ -131,19 +133,10 @@ def test_a_row_gives_the_same_picture_in_any_order_and_process(dataset, plan, as
         assert np.array_equal(picture, pixels(dataset / plan[i].file_name))
 
 
-def looking(azimuth_deg, elevation_deg, *, width=128, height=72, fov_x_deg=60.0, at=(0.0, 0.0, 40.0)):
+def looking(azimuth_deg, elevation_deg, *, fov_x_deg=60.0, at=(0.0, 0.0, 40.0)):
     """Fields of a row whose camera is at `at` and looks in a direction."""
-    z = np.array(
-        [
-            math.cos(math.radians(elevation_deg)) * math.cos(math.radians(azimuth_deg)),
-            math.cos(math.radians(elevation_deg)) * math.sin(math.radians(azimuth_deg)),
-            math.sin(math.radians(elevation_deg)),
-        ]
-    )
-    x = np.cross(z, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(z, [0.0, 0.0, 1.0]))
-    pose = np.eye(4)
-    pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = x, np.cross(z, x), z, at
-    return {"world_from_camera": pose, "width": width, "height": height, "fov_x_deg": fov_x_deg}
+    _, axes = shell_axes(math.radians(azimuth_deg + 180.0), math.radians(-elevation_deg))
+    return {"world_from_camera": rigid(axes, np.array(at)), "width": 128, "height": 72, "fov_x_deg": fov_x_deg}
 
 
 Z_FROM_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
