@@ -43,6 +43,8 @@ TANK = {
 }  # fmt: skip
 TRUCK = {k: TANK[k] for k in TANK if k[0] == "W"} | {"Hull": TANK["Hull"], "Cab": box((1.5, 2, 1.2), (2, 0, 2))}
 CAR = {k: mesh for k, mesh in TRUCK.items() if k[:2] not in ("W1", "W2")}
+MIRRORS = {f"P{s}": box((0.1, 0.3, 0.3), (1.2, 1.55 * s, 1.9)) for s in (-1, 1)}
+MIRRORED = {k: mesh for k, mesh in CAR.items() if k != "Cab"} | MIRRORS
 
 
 def read(
@@ -89,11 +91,13 @@ def test_a_diagonal_vehicle_is_straightened(yaw: float) -> None:
     assert not any("forward" in d for d in built.doubts)
 
 
-@pytest.mark.parametrize("parts", [TANK, TRUCK])
-def test_the_nose_is_at_the_gun_or_cab_and_unknown_on_a_bare_box_on_wheels(parts: dict) -> None:
+@pytest.mark.parametrize("parts", [TANK, TRUCK, MIRRORED])
+def test_the_nose_is_at_the_gun_cab_or_mirrors_and_unknown_on_a_bare_box_on_wheels(parts: dict) -> None:
     for yaw in (0.0, 180.0):
         built = read(parts, turned(yaw))
         assert np.allclose(built.shape.vehicle_from_file[:2, 0], [np.cos(np.radians(yaw)), 0], atol=1e-9)
+        if parts is MIRRORED:
+            assert any("its nose was found by shape alone" in d for d in built.doubts)
     bare = read({k: m for k, m in TRUCK.items() if k != "Cab"}).doubts
     assert any('set forward = "-x" if it faces backwards' in d for d in bare)
 
@@ -253,16 +257,6 @@ def test_a_vehicle_is_read_beside_thousands_of_larger_solids() -> None:
     built = read(TANK | trees, turned(120), drop=["Tree*"])
     assert np.allclose(built.shape.size_xyz, read(TANK).shape.size_xyz, atol=1e-6)
     assert built.shape.part_names == ("hull", "turret", "gun")
-
-
-def test_mirrors_show_the_nose() -> None:
-    car = {k: m for k, m in CAR.items() if k != "Cab"} | {
-        f"P{s}": box((0.1, 0.3, 0.3), (1.2, 1.55 * s, 1.9)) for s in (-1, 1)
-    }
-    for yaw in (0.0, 180.0):
-        built = read(car, turned(yaw))
-        assert np.allclose(built.shape.vehicle_from_file[:2, 0], [np.cos(np.radians(yaw)), 0], atol=1e-9)
-        assert any("its nose was found by shape alone" in d for d in built.doubts)
 
 
 def test_a_sheet_on_its_edge_is_refused_when_read():
