@@ -193,9 +193,20 @@ def test_only_materials_that_an_mtl_names_glass_are_glass(read):
     assert rows == {"body": "", "window": "it is transparent"}
 
 
-def test_a_vehicle_made_of_glass_is_a_doubt(read):
-    assert any("of its surface is transparent" in doubt for doubt in read["clear"].report.doubts)
-    assert not any("of its surface is transparent" in doubt for doubt in read["max"].report.doubts)
+@pytest.mark.parametrize(
+    ("name", "doubt", "sound", "topic"),
+    [
+        pytest.param("clear", "of its surface is transparent", ("max",), "surface is transparent", id="made of glass"),
+        pytest.param("sheet", "'Grass' is a level sheet 6.0 m above", ("pit",), "level sheet", id="a sheet over all"),
+        pytest.param("village", "'Ground' is ground, and 5", ("sheet", "pit"), "roofs", id="ground with houses"),
+        # Robot simulators write .obj files with z up.
+        pytest.param("upright", 'set up = "z"', ("sheet", "pit"), "stands on its edge", id="an upright terrain"),
+    ],
+)
+def test_a_file_that_looks_wrong_has_a_doubt_about_it(read, name, doubt, sound, topic):
+    (found,) = (one for one in read[name].report.doubts if topic in one)
+    assert doubt in found
+    assert not any(topic in one for other in sound for one in read[other].report.doubts)
 
 
 def test_a_white_vehicle_is_a_doubt_about_lost_textures(read):
@@ -214,11 +225,6 @@ def test_an_unambiguous_texture_near_the_file_is_found(read):
     assert [missing.path.endswith("Tire.PNG") for missing in read["moved"].report.missing] == [True]
     (skin,) = (row for row in read["moved"].report.materials if row.name == "body")
     assert skin.color[0] < 0.2
-
-
-def test_a_sheet_over_the_whole_scenery_is_a_doubt_with_any_name(read):
-    assert any("'Grass' is a level sheet 6.0 m above" in doubt for doubt in read["sheet"].report.doubts)
-    assert not any("level sheet" in doubt for doubt in read["pit"].report.doubts)
 
 
 def test_ground_far_below_the_main_ground_is_dropped(read):
@@ -385,19 +391,6 @@ def test_a_lawn_as_wide_as_the_scenery_is_ground(read):
     assert uses == {"stadium_dirt": "ground", "stadium_grass": "ground"}
     assert any("taken as ground: 'stadium_grass'" in doubt for doubt in read["lawn"].report.doubts)
     assert {row.name: row.use for row in read["sheet"].report.rows}["Grass"] == "obstacle"
-
-
-def test_an_upright_terrain_is_a_doubt_with_the_key_to_set(read):
-    """Robot simulators write .obj files with z up."""
-    (doubt,) = (doubt for doubt in read["upright"].report.doubts if "stands on its edge" in doubt)
-    assert 'set up = "z"' in doubt
-
-
-def test_ground_that_includes_houses_is_a_doubt(read):
-    assert any("'Ground' is ground, and 5" in doubt for doubt in read["village"].report.doubts), read[
-        "village"
-    ].report.doubts
-    assert not any("roofs" in doubt for doubt in (*read["sheet"].report.doubts, *read["pit"].report.doubts))
 
 
 @pytest.mark.parametrize(("group", "asked"), [("Grp_Upper", 1), ("Grp_Door_FL", 0), ("Interior", 0)])
