@@ -6,6 +6,7 @@ import json
 import math
 import warnings
 from contextlib import nullcontext
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -171,15 +172,11 @@ def test_rfdetr_reads_yolo(exported, labels, within):
         )
         assert list(data.sv_dataset.classes) == NAMES
         for path, _, detections in (data.sv_dataset[i] for i in range(len(data.sv_dataset))):
-            with open(path, "rb") as file:
-                content = file.read()
+            content, names = Path(path).read_bytes(), [NAMES[k] for k in detections.class_id]
             if within is None:
-                found.append(
-                    (content, [(NAMES[k], xyxy) for k, xyxy in zip(detections.class_id, detections.xyxy, strict=True)])
-                )
+                found.append((content, list(zip(names, detections.xyxy, strict=True))))
             else:
-                wanted = [name for name, _, crowd in labels[content] if not crowd]
-                assert [NAMES[k] for k in detections.class_id] == wanted
+                assert names == [name for name, _, crowd in labels[content] if not crowd]
     if within is None:
         compare(labels, found, crowds=False)
 
@@ -202,8 +199,7 @@ def test_supervision_reads_yolo_with_masks(exported, dataset, layout):
     by_bytes = {(dataset / f"images/a.{i:03d}.png").read_bytes(): i for i in range(30)}
     seen = 0
     for path, _, detections in data:
-        with open(path, "rb") as file:
-            i = by_bytes.get(file.read())
+        i = by_bytes.get(Path(path).read_bytes())
         if i is not None and len(detections):
             shown, true = detections.mask[0], mask_of(i % 3)
             # It rounds corners to whole pixels and fills polygons with their outline, up to a pixel more.
@@ -235,9 +231,8 @@ def test_supervision_reads_voc(exported, labels):
     data = supervision.DetectionDataset.from_pascal_voc(str(out / "JPEGImages"), str(out / "Annotations"))
     found = []
     for path, _, detections in data:
-        with open(path, "rb") as file:
-            names = [data.classes[k] for k in detections.class_id]
-            found.append((file.read(), list(zip(names, detections.xyxy, strict=True))))
+        names = [data.classes[k] for k in detections.class_id]
+        found.append((Path(path).read_bytes(), list(zip(names, detections.xyxy, strict=True))))
     compare(labels, found, atol=1.0)
     for (name, box), (_, true, _) in zip(found[0][1], labels[found[0][0]], strict=True):
         assert name in NAMES
@@ -262,12 +257,9 @@ def test_hugging_face_reads_the_image_folder(exported, labels, tmp_path, monkeyp
     found = []
     for part in loaded.values():
         for row in part.cast_column("image", datasets.Image(decode=False)):
-            with open(row["image"]["path"], "rb") as file:
-                content = file.read()
-            objects = row["objects"]
-            found.append(
-                (content, [(n, corners(b)) for n, b in zip(objects["category"], objects["bbox"], strict=True)])
-            )
+            content, objects = Path(row["image"]["path"]).read_bytes(), row["objects"]
+            boxes = map(corners, objects["bbox"])
+            found.append((content, list(zip(objects["category"], boxes, strict=True))))
             assert objects["iscrowd"] == [crowd for *_, crowd in labels[content]]
     compare(labels, found)
 
