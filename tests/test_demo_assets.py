@@ -100,12 +100,9 @@ def test_building_continues_after_a_crash(tmp_path, monkeypatch):
     (fake / "__main__.py").write_text(
         "import os, pathlib, signal, sys\n"
         "folder, only = pathlib.Path(sys.argv[1]), sys.argv[5:]\n"
+        f"files = { {Path(file).stem: file for file in build.FILES} }\n"
         "for name in only[:9]:\n"
-        "    kind = {'mbt': 'vehicles', 'tru': 'vehicles', 'sam': 'vehicles', 'tem': 'sceneries', 'dry': 'sceneries'}\n"
-        f"    kind |= dict.fromkeys({[name[:3] for name in DISTRACTORS]}, 'distractors')\n"
-        "    place = kind.get(name[:3], 'hdris')\n"
-        "    suffix = '.exr' if place == 'hdris' else '.blend'\n"
-        f"    print('{build.BUILT}' + str(folder / place / (name + suffix)), flush=True)\n"
+        f"    print('{build.BUILT}' + str(folder / files[name]), flush=True)\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
