@@ -12,20 +12,18 @@ from hulldown.geometry.errors import AssetError, HulldownError
 from hulldown.reading.inspect import COLORS, PAGE, Inspected, draw, inspect, write_pictures
 from hulldown.reading.report import FileReport
 from hulldown.tests.shapes import box, scenery_of, vehicle_of
+from hulldown.tests.test_found_assets import CUBES
 
-FILE = """
-import bpy, sys
-bpy.ops.wm.read_factory_settings(use_empty=True)
-bpy.context.scene.unit_settings.scale_length = float(sys.argv[2])
-for name, size, height in (("Hull", 4, 1), ("Turret", 2, 3.5)):
-    bpy.ops.mesh.primitive_cube_add(size=size, location=(0, 0, height + 1))
-    bpy.context.object.name = name
+FILE = f"""{CUBES}
+bpy.context.scene.unit_settings.scale_length = 0.01
+cube("Hull", (4, 4, 4), (0, 0, 2))
+cube("Turret", (2, 2, 2), (0, 0, 4.5))
 material = bpy.data.materials.new("paint")
 image = bpy.data.images.new("gone", 1, 1)
 image.source, image.filepath = "FILE", "//gone.png"
 material.node_tree.nodes.new("ShaderNodeTexImage").image = image
 bpy.data.objects["Hull"].data.materials.append(material)
-bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
+save("tiny.blend")
 """
 
 
@@ -72,7 +70,7 @@ def test_a_scenery_is_drawn(ground: bool) -> None:
 @pytest.mark.blender
 def test_a_file_is_inspected(tmp_path: Path) -> None:
     path = tmp_path / "tiny.blend"
-    subprocess.run([sys.executable, "-c", FILE, str(path), "0.01"], check=True, capture_output=True)
+    subprocess.run([sys.executable, "-c", FILE], cwd=tmp_path, check=True, capture_output=True)
     inspected = inspect(path, pictures=True)
     found = inspected.report
     assert found.kind == "vehicle"
