@@ -12,13 +12,10 @@ from hulldown.reading.options import Options
 from hulldown.reading.roles import Piece
 from hulldown.reading.scenery.scenery_roles import VOLUME, matching, scenery_roles, unmatched
 from hulldown.tests.test_roles import link, piece
+from hulldown.tests.test_roles import scenery_uses as uses
 
 HILLS = piece("Plane.003", size=(200, 200, 12), level=0.98)
 HOUSES = [piece(f"House.{i:03}", size=(9, 9, 6), at=(20 * i - 60, 30, 3), level=0.4) for i in range(7)]
-
-
-def uses(*pieces: Piece, **options: object) -> list[str]:
-    return [role.use for role in scenery_roles(pieces, Options(**options))]
 
 
 def doubts_about(*pieces: Piece, size: tuple = (200.0, 200.0, 30.0)) -> tuple[str, ...]:
