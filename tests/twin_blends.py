@@ -16,13 +16,12 @@ from hulldown.reading.blender import duplicates, reader
 from hulldown.reading.blender.opening import open_blend
 from hulldown.reading.export import job_for
 from hulldown.tests.messy_parts import collection
+from hulldown.tests.shapes import CORNERS, QUADS
 
-CUBE = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
-QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
 DRAW = random.Random(0)
 
 
-def mesh(name, vertices=CUBE, faces=QUADS):
+def mesh(name, vertices=CORNERS, faces=QUADS):
     made = bpy.data.meshes.new(name)
     made.from_pydata(vertices, [], faces)
     return made
