@@ -99,11 +99,6 @@ def test_invalid_segmentations_are_refused(segmentation):
         decode(segmentation, 4, 3)
 
 
-def test_a_run_across_two_columns_extends_over_all_rows():
-    pixels, box = extent({"size": [3, 2], "counts": [2, 2, 2]}, 2, 3)
-    assert (pixels, box.tolist()) == (2, [0.0, 0.0, 2.0, 3.0])
-
-
 def test_a_mask_of_40_000_million_pixels_needs_no_memory():
     n = 200_000
     pixels, box = extent({"size": [n, n], "counts": [5 * n + 7, 3, n * n - 5 * n - 10]}, n, n)
