@@ -94,16 +94,11 @@ def curious(tmp_path):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(path.name)
     (folder / "link.png").symlink_to(secret)
-    files = (
-        str(folder / "bark.png"),
-        str(secret),
-        str(folder / "link.png"),
-        str(folder / ".." / ".." / ".." / "secrets/passwords"),
-    )
+    named = (folder / "bark.png", secret, folder / "link.png", folder / "../../../secrets/passwords")
     return replace(
         ASSETS,
         vehicles={"cube": replace(ASSETS.vehicles["cube"], tidy=folder / "cube.blend")},
-        sceneries={"void": replace(ASSETS.sceneries["void"], path=folder / "void.blend", files=files)},
+        sceneries={"void": replace(ASSETS.sceneries["void"], path=folder / "void.blend", files=tuple(map(str, named)))},
         hdris={"sky": folder / "sky.exr"},
     ), folder, secret  # fmt: skip
 
