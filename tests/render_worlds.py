@@ -153,15 +153,12 @@ def evil(folder):
         text = bpy.data.texts.new("evil.py")
         text.write(EVIL.format(path=str(folder / "registered")))
         text.use_module = True
-        ground = bpy.data.objects["ground"]
-        call = f"__import__('pathlib').Path({str(folder / 'driven')!r}).write_text('x')"
-        for owner, prop in ((ground, "location"), (ground, "rotation_euler")):
-            driver = owner.driver_add(prop, 2).driver
-            driver.type, driver.expression = "SCRIPTED", call
-        world = bpy.data.worlds.new("evil")
+        ground, world = bpy.data.objects["ground"], bpy.data.worlds.new("evil")
         bpy.context.scene.world = world
-        driver = world.driver_add("color", 0).driver
-        driver.type, driver.expression = "SCRIPTED", call
+        call = f"__import__('pathlib').Path({str(folder / 'driven')!r}).write_text('x')"
+        for owner, prop, index in ((ground, "location", 2), (ground, "rotation_euler", 2), (world, "color", 0)):
+            driver = owner.driver_add(prop, index).driver
+            driver.type, driver.expression = "SCRIPTED", call
 
     return drape
 
