@@ -156,19 +156,6 @@ def test_a_folder_in_use_is_not_written_into(dataset, tmp_path):
         export(dataset, out)
 
 
-def test_a_picture_that_is_a_link_is_exported_as_its_target(tmp_path):
-    (tmp_path / "raw").mkdir()
-    (tmp_path / "d").mkdir()
-    Image.new("RGB", (32, 24)).save(tmp_path / "raw" / "x.png")
-    (tmp_path / "d" / "x.png").symlink_to("../raw/x.png")
-    write_dataset(tmp_path / "d", [{"file_name": "x.png"}])
-    options = {"fractions": (1.0, 0.0, 0.0), "allow_links": [tmp_path / "raw"]}
-    export(tmp_path / "d", tmp_path / "far" / "away" / "out", **options)
-    exported = tmp_path / "far" / "away" / "out" / "train" / "x.png"
-    assert exported.is_file()
-    assert not exported.is_symlink()
-
-
 def test_a_folder_without_a_dataset_is_refused(tmp_path):
     with pytest.raises(DatasetError, match=r"no annotations\.json"):
         export(tmp_path, tmp_path / "out")
