@@ -12,7 +12,7 @@ from hulldown.geometry.meshes import Mesh, merge
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.config.schema import Config
 from hulldown.planning.planner import BLOCK, Planner
-from hulldown.tests.shapes import box, scenery_of, vehicle_of
+from hulldown.tests.shapes import box, scenery_of, surface, vehicle_of
 
 CLASSES = {"t72": "tank", "leo": "tank", "ural": "truck"}
 SCALES = {"t72": 1.0, "leo": 1.1, "ural": 0.8}
@@ -41,10 +41,7 @@ def hills(name, *, height=3.0, cells=40, size=240.0, trees=30, seed=0):
     x, y = np.meshgrid(at, at, indexing="ij")
     phase = rng.uniform(0, 6, 4)
     z = height * (np.sin(x / 25 + phase[0]) * np.cos(y / 30 + phase[1]) + 0.4 * np.sin(x / 11 + y / 13 + phase[2]))
-    i = np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
-    a, b, c, d = (part.ravel() for part in (i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]))
-    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
-    ground = Mesh(np.stack([x.ravel(), y.ravel(), z.ravel()], 1), faces, "ground")
+    ground = surface(at, at, z, "ground")
     poses = np.tile(np.eye(4), (trees, 1, 1))
     poses[:, :2, 3] = rng.uniform(-size / 2, size / 2, (trees, 2))
     poses[:, 2, 3] = Terrain(ground).top_hits(poses[:, :2, 3]).z
