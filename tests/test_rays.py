@@ -18,15 +18,6 @@ def test_the_first_face_is_hit_at_a_distance_in_meters_for_directions_of_any_len
     assert hits.hit.tolist() == [True, True, False]
 
 
-def test_occlusion_agrees_with_casting():
-    rng = np.random.default_rng(0)
-    origins, directions = rng.uniform(-1.5, 1.5, (5000, 3)), rng.normal(size=(5000, 3))
-    caster = RayCaster(HOUSE)
-    hits = caster.cast(origins, directions)
-    assert 0.05 < hits.hit.mean() < 0.95
-    assert (caster.occluded(origins, directions) == hits.hit).all()
-
-
 @pytest.mark.parametrize("offset", [[5e5, 5.4e6, 0], [1e7, -1e7, 1e7]])
 def test_map_coordinates_keep_all_digits(offset):
     rng = np.random.default_rng(1)
