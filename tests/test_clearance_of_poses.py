@@ -15,11 +15,6 @@ def pose(x, y, z=0.0, yaw=0.0):
     return rigid(rotation_z(yaw), [x, y, z])
 
 
-def post(height=3.0):
-    """A thin post at the origin."""
-    return InstancedScene([box([-0.1, -0.1, 0], [0.1, 0.1, height])], [0], [np.eye(4)])
-
-
 def clear_of_obstacles(scene, size, poses, clearance=0.0, *, solid=None):
     """Whether boxes at the origins of these poses, grown to the sides and upwards, are clear."""
     half = np.asarray(size) / 2 + clearance * np.array([1.0, 1.0, 0.5])
