@@ -13,7 +13,7 @@ from hulldown.placement.rejection import Rejection
 from hulldown.placement.rules import SettleRules
 from hulldown.placement.settle import settle
 from hulldown.placement.terrain import Terrain
-from hulldown.tests.shapes import surface
+from hulldown.tests.shapes import plane_mesh, surface
 
 SIZE = np.array([7.0, 3.5, 2.5])
 RULES = st.sampled_from(["averaged", "least_squares", "support"])
@@ -33,11 +33,6 @@ def rough_mesh(seed, relief=0.8, half=20.0, cell=1.0):
     grid = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1)
     z = relief * rng.random(grid.shape[:2]) + grid @ rng.uniform(-0.3, 0.3, 2) + rng.uniform(-50, 50)
     return surface(x, x, z, "rough")
-
-
-def plane_mesh(gradient, z, half=30.0):
-    corners = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
-    return Mesh(np.column_stack([corners, z + corners @ gradient]), np.array([[0, 1, 2], [0, 2, 3]]), "plane")
 
 
 PLATE = np.stack([-SIZE[:2], SIZE[:2]]) / 2

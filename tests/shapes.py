@@ -30,6 +30,12 @@ def sheet(low, high, z: float = 0.0) -> Mesh:
     return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), "sheet")
 
 
+def plane_mesh(gradient, z: float, half: float = 30.0) -> Mesh:
+    """A square of two triangles that rise by this gradient along x and y."""
+    corners = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
+    return Mesh(np.column_stack([corners, z + corners @ gradient]), np.array([[0, 1, 2], [0, 2, 3]]), "plane")
+
+
 def surface(x: np.ndarray, y: np.ndarray, z: np.ndarray, name: str = "surface") -> Mesh:
     """Quads between the points of x (n,) and y (m,) at heights z (n, m), each split along its diagonal."""
     i = np.arange(z.size).reshape(z.shape)

@@ -9,7 +9,7 @@ from hulldown.placement.rejection import Rejection
 from hulldown.placement.rules import SettleRules
 from hulldown.placement.settle import settle
 from hulldown.placement.terrain import Terrain
-from hulldown.tests.shapes import box, surface
+from hulldown.tests.shapes import box, plane_mesh, surface
 from hulldown.tests.test_footprint import tank
 
 TANK = np.array([7.0, 3.5, 2.5])
@@ -28,11 +28,7 @@ def wheels(*axles):
     return merge([*on, box((-3.0, -1.3, 0.6), (3.0, 1.3, 1.5))])[0]
 
 
-def slope(angle, half=20.0):
-    """Two triangles that rise along +x."""
-    z = half * math.tan(angle)
-    corners = [[-half, -half, -z], [half, -half, z], [half, half, z], [-half, half, -z]]
-    return Terrain(Mesh(np.array(corners), np.array([[0, 1, 2], [0, 2, 3]]), "slope"))
+SLOPE = Terrain(plane_mesh([math.tan(0.1), 0.0], 0.0))
 
 
 def test_each_rejection_has_its_reason_and_later_fields_are_nan():
@@ -50,7 +46,7 @@ def test_each_rejection_has_its_reason_and_later_fields_are_nan():
 
 @pytest.mark.parametrize("rule", RULES)
 def test_no_candidates_are_legal(rule):
-    settled = settle(slope(0.1), TANK, np.zeros((0, 2)), np.zeros(0), rules=SettleRules(rule=rule))
+    settled = settle(SLOPE, TANK, np.zeros((0, 2)), np.zeros(0), rules=SettleRules(rule=rule))
     assert settled.world_from_vehicle.shape == (0, 4, 4)
     assert settled.ok.shape == (0,)
 
@@ -161,7 +157,7 @@ def test_a_triangular_footprint_rests_in_either_direction(corners, mirror):
         [i, 3 + j, 3 + i] for i, j in ((0, 1), (1, 2), (2, 0))
     ]
     wedge = underside(Mesh(vertices, np.array([[0, 2, 1], [3, 4, 5], *walls]), "wedge"))
-    settled = settle(slope(0.1), [4.0, 3.0, 1.0], [[0.0, 0.0]] * 3, [0.0, 1.0, 2.5], footprint=wedge)
+    settled = settle(SLOPE, [4.0, 3.0, 1.0], [[0.0, 0.0]] * 3, [0.0, 1.0, 2.5], footprint=wedge)
     assert settled.ok.all()
     np.testing.assert_allclose(settled.tilt, 0.1, atol=1e-12)
 
@@ -193,4 +189,4 @@ def test_a_wrong_call_names_the_argument(options, message):
 )
 def test_an_invalid_vehicle_is_refused(size, options, message):
     with pytest.raises(ValueError, match=message):
-        settle(slope(0.1), size, [[0.0, 0.0]], [0.0], **options)
+        settle(SLOPE, size, [[0.0, 0.0]], [0.0], **options)
