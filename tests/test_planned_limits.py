@@ -5,8 +5,10 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from hulldown.annotate.masks import vehicle_mask
+from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.geometry.transforms import apply
-from hulldown.tests.planning_assets import hills, plan, small_assets, small_config, vehicle
+from hulldown.tests.planning_assets import bare, hills, plan, small_assets, small_config, vehicle
 
 TANK = vehicle("t72")
 ROCK = 1  # of the obstacle meshes, lower than the gun
@@ -53,3 +55,16 @@ def test_vehicles_keep_their_clearance_from_obstacles(clearance):
     if not clearance:
         # Tilted boxes may be nearer without overlapping: no point is inside an obstacle.
         assert 0.0 < min(nearest) < 3.0
+
+
+def test_a_target_smaller_than_a_pixel_covers_the_center_of_one():
+    """Its mask would be empty."""
+    rows, rejected = planned(
+        bare("bare"), images=40, render={"width": 64, "height": 48}, placement={"articulate": False},
+        camera={"size_measure": "height", "target_fraction": [0.01, 0.03], "min_box_px": 0.1, "max_tries": 300},
+    )  # fmt: skip
+    assert rejected["hidden"] > 5
+    target = VehicleTarget(TANK)
+    for row in rows:
+        assert row.target.bbox[3] < 2
+        assert vehicle_mask(PosedVehicle(target, row.target.world_from_vehicle[None], {}), row.camera).any()
