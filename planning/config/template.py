@@ -12,6 +12,7 @@ from hulldown.planning.config.schema import PROFILES, Config
 from hulldown.planning.config.sensor_section import PRESETS
 
 _WIDTH = 120
+_LONGEST = 60  # of a line with a comment beside it
 # One of two alternatives must be given, so the first one gets a value.
 _GIVEN = MappingProxyType({"budget.images_per_class": 140})
 
@@ -81,11 +82,14 @@ def _lines(keys: Sequence[Key], section: str, given: dict[str, Any]) -> str:
 
 
 def _aligned(pairs: Sequence[tuple[str, Key]]) -> str:
-    """Align the comments of lines; a long comment continues on the next lines."""
-    column = max((len(text) for text, _ in pairs), default=0)
+    """Align the comments of lines; a long comment continues on the next lines, and a long line has it above."""
+    column = max((len(text) for text, _ in pairs if len(text) <= _LONGEST), default=0)
     lines = []
     for text, key in pairs:
         choices = f" ({key.allowed})" if key.allowed.startswith('"') else ""
+        if len(text) > column:
+            lines += [f"# {line}\n" for line in textwrap.wrap(key.meaning + choices, _WIDTH - 2)] + [f"{text}\n"]
+            continue
         first, *more = textwrap.wrap(key.meaning + choices, _WIDTH - column - 4)
         lines += [f"{text:<{column}}  # {first}\n", *(f"{'':<{column}}  # {line}\n" for line in more)]
     return "".join(lines)
