@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import pytest
 
-from hulldown.geometry.errors import HulldownError
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.tests.clusters import cluster
 from hulldown.tests.test_study import SMALL, tree, written
@@ -71,7 +70,7 @@ def test_a_study_that_loses_a_worker_equals_one_on_this_machine(study, tmp_path,
 
         threading.Thread(target=lose, daemon=True).start()
         with training_workers(Scheduler(nodes.address), say=lines.append) as launch:
-            done = run_study(study, out, options=OPTIONS, launch=launch, at_once=2)
+            done = run_study(study, out, options=OPTIONS, launch=launch)
     assert (len(done.finished), done.failed, len(lost)) == (2, {}, 1)
     assert sum("is gone; others do its tasks" in line for line in lines) == 1
     assert tree(out) == tree(tmp_path / "here")
@@ -111,16 +110,3 @@ def test_a_run_keeps_the_environment_of_its_worker(order, monkeypatch):
     assert os.environ == before
     assert not seen.keys() & set(NANNYS)
     assert seen.keys() | set(NANNYS) == before.keys()
-
-
-def test_a_launch_that_raises_frees_its_slot(pictures, tmp_path):
-    """The third run waited forever for a slot."""
-    many = settled(pictures, fractions=[0.5, 1.0])
-    assert len(many.manifest.runs) > 2
-
-    def launch(*arguments):
-        time.sleep(0.1)
-        raise HulldownError("no scheduler")
-
-    with pytest.raises(HulldownError, match="no scheduler"):
-        run_study(many, tmp_path / "out", options=OPTIONS, launch=launch, at_once=2)

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -51,9 +52,11 @@ def settled(folder, path, **keys):
     return settle(load_study(written(folder, path / "study.toml", **keys)))
 
 
-def here(study, name, options, progress, stop):
-    """A run in this process."""
-    run_one(study, name, options, progress)
+def here(study, names, options, progress):
+    """Runs in this process."""
+    for number, name in enumerate(names, 1):
+        run_one(study, name, options, lambda what, *steps, at=f"{name} ({number})": progress(f"{at}: {what}", *steps))
+        yield name, None
 
 
 def pretend(study, out, name, found=None):
@@ -202,9 +205,10 @@ def test_a_runs_folder_is_named_by_all_its_inputs(pictures, tmp_path):
 def test_a_failed_run_is_set_aside_and_the_others_continue(pictures, tmp_path):
     study, ran = settled(pictures, tmp_path), []
 
-    def launch(out, name, options, progress, stop):
-        ran.append(name)
-        return "no room" if name == "mixed-100-seed0" and len(ran) < 5 else pretend(study, out, name)
+    def launch(out, names, options, progress):
+        for name in names:
+            ran.append(name)
+            yield name, "no room" if name == "mixed-100-seed0" and len(ran) < 5 else pretend(study, out, name)
 
     done = run_study(study, tmp_path / "out", options=RunOptions("cpu", 0), launch=launch)
     assert done.failed == read_failures(tmp_path / "out") == {"mixed-100-seed0": "no room"}
@@ -219,20 +223,23 @@ def test_two_slots_run_two_runs_at_once_and_a_bug_stops_both(pictures, tmp_path,
     monkeypatch.setattr("hulldown.training.study.runs.gpu_places", lambda options: [options, options])
     study, both = settled(pictures, tmp_path, fractions=[1.0]), threading.Barrier(2, timeout=60)
 
-    def launch(out, name, options, progress, stop):
+    def one(out, name, options, progress, stopping):
         both.wait()  # each waits for the other, so they would never end in sequence
         return pretend(study, out, name)
 
-    assert len(run_study(study, tmp_path / "two", options=RunOptions("cpu", 0), launch=launch).finished) == 2
+    monkeypatch.setattr("hulldown.training.study.runs.in_a_process", one)
+    assert len(run_study(study, tmp_path / "two", options=RunOptions("cpu", 0)).finished) == 2
 
-    def broken(out, name, options, progress, stop):
+    def broken(out, name, options, progress, stopping):
         if name.startswith("real"):
             raise ZeroDivisionError
-        assert stop.wait(30)
+        while not stopping():
+            time.sleep(0.01)
         return "stopped"
 
+    monkeypatch.setattr("hulldown.training.study.runs.in_a_process", broken)
     with pytest.raises(ZeroDivisionError):
-        run_study(study, tmp_path / "broken", options=RunOptions("cpu", 0), launch=broken)
+        run_study(study, tmp_path / "broken", options=RunOptions("cpu", 0))
     assert read_failures(tmp_path / "broken") == {}
 
 

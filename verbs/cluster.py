@@ -38,8 +38,8 @@ def scheduler_of(arguments: argparse.Namespace) -> Any:
 
 
 @contextmanager
-def training_workers(scheduler: Any, *, say: Callable[[str], None] = say) -> Iterator[Callable[..., str | None]]:
-    """The training workers of a cluster, for `training.study.runs.run_study`."""
+def training_workers(scheduler: Any, *, say: Callable[[str], None] = say) -> Iterator[Any]:
+    """The training workers of a cluster, as a `training.study.runs.Launch`."""
     from hulldown.geometry.code import difference, versions
 
     with needing_dask():

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import dataclasses
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,6 @@ from hulldown.geometry.terminal import progress_bar, progress_bars, say, warn
 from hulldown.verbs.arguments import Subparsers, add_verb
 from hulldown.verbs.cluster import add_scheduler, scheduler_of, training_workers
 from hulldown.verbs.terminal import DONE, FOUND, STDOUT, print_json
-
-MOST_AT_ONCE = 256  # runs that a cluster is asked for
 
 
 def _init(arguments: argparse.Namespace) -> int:
@@ -46,14 +44,8 @@ def _run(arguments: argparse.Namespace) -> int:
         return _dry_run(arguments, settled, options)
     usable_weights(config.train)
     scheduler = scheduler_of(arguments)
-    with progress_bars() as advance, contextlib.ExitStack() as stack:
-        launch, at_once = None, None
-        if scheduler is not None:
-            launch = stack.enter_context(training_workers(scheduler))
-            at_once = min(len(settled.manifest.runs), MOST_AT_ONCE)
-        done = run_study(
-            settled, arguments.output, options=options, launch=launch, at_once=at_once, progress=advance, say=say
-        )
+    with progress_bars() as advance, training_workers(scheduler) if scheduler else nullcontext() as launch:
+        done = run_study(settled, arguments.output, options=options, launch=launch, progress=advance, say=say)
     if arguments.json:
         print_json(dataclasses.asdict(done))
     for name, reason in done.failed.items():

@@ -9,10 +9,9 @@ from __future__ import annotations
 import contextlib
 import logging
 import pickle
-import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import CancelledError
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -58,16 +57,17 @@ class Answer:
 
 @dataclass(eq=False, slots=True)
 class _Task(Generic[Job]):
-    """An unfinished job, the results of workers that failed at it, the number of lost ones, and data sent for it."""
+    """An unfinished job: its last worker, results of workers that failed, how many were lost, and data sent for it."""
 
     job: Job
+    worker: str = ""
     failed: dict[str, Any] = field(default_factory=dict)
     losses: int = 0
     contents: tuple[Future, ...] = ()  # deleted from the cluster's memory with the last of these
 
 
 class Cluster:
-    """A connection to a cluster's workers, for any thread. Leaving it as a context cancels its tasks.
+    """A connection to a cluster's workers. Leaving it as a context cancels its tasks.
 
     Parameters
     ----------
@@ -101,12 +101,10 @@ class Cluster:
         self._at_once, self._say = at_once, say
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # this module reports problems itself
         self.client = _connect(scheduler)
-        self._lock = threading.Lock()
         self._looked, self._told = 0.0, -1
         self._there: set[str] = set()  # workers with the resource
         self._refused: dict[str, str] = {}
         self._strikes = Counter[str]()
-        self._tasks: dict[Future, str] = {}  # the worker of each
         self._contents: WeakValueDictionary[str, Future] = WeakValueDictionary()
         if "dashboard" in self.client.scheduler_info()["services"]:
             self._say(f"dashboard: {self.client.dashboard_link}")
@@ -127,9 +125,9 @@ class Cluster:
         order: Callable[[Job], Any],
         *,
         lost: Any,
-        stopping: Callable[[], bool],
+        stopping: Callable[[], bool] = lambda: False,
         content: Callable[[str], bytes] = lambda digest: b"",
-    ) -> Iterator[tuple[Job, list[Any]]]:
+    ) -> Generator[tuple[Job, list[Any]]]:
         """Run jobs on the workers; yields each when it ends, with the results of workers that failed, and the last one.
 
         Parameters
@@ -160,28 +158,24 @@ class Cluster:
                 _do, self._refusal, pickle.dumps((function, order(task.job))), *contents,
                 workers=[worker], allow_other_workers=False, resources={self._resource: 1}, pure=False,
             )  # fmt: skip
-            self._tasks[future], running[future], task.contents = worker, task, contents
+            running[future], task.worker, task.contents = task, worker, contents
             ended.add(future)
 
         try:
             while (waiting or running) and not stopping():
-                with self._lock:
-                    is_connected = self._look()
-                    while is_connected and waiting and (worker := self._place(waiting[0])):
-                        submit(waiting.popleft(), worker)
-                gone = [future for future in running if self._tasks[future] not in self._there or future.cancelled()]
+                is_connected = self._look()
+                while is_connected and waiting and (worker := self._place(waiting[0], running.values())):
+                    submit(waiting.popleft(), worker)
+                gone = [each for each, task in running.items() if task.worker not in self._there or each.cancelled()]
                 self._cancel(gone)  # Dask would wait for the lost worker
                 batch = [*ended.next_batch(block=False), *((future, CancelledError()) for future in gone)]
                 for future, result in batch:
                     if future not in running:
                         continue
-                    task, worker = running.pop(future), self._tasks.pop(future)
+                    task = running.pop(future)
                     if isinstance(result, Answer) and result.lacking:
-                        submit(task, worker, *self._sent(result.lacking, content, worker))
-                        continue
-                    with self._lock:
-                        results = self._results(task, worker, result, lost)
-                    if results:
+                        submit(task, task.worker, *self._sent(result.lacking, content, task.worker))
+                    elif results := self._results(task, result, lost):
                         yield task.job, results
                     elif task.failed or task.losses == LOSSES:
                         waiting.append(task)
@@ -190,19 +184,17 @@ class Cluster:
                 if not batch:
                     time.sleep(POLL_S)
         finally:
-            for future in running:
-                del self._tasks[future]
             self._cancel(running)
 
-    def _place(self, task: _Task[Any]) -> str | None:
+    def _place(self, task: _Task[Any], running: Iterable[_Task[Any]]) -> str | None:
         """The least busy worker with room for a task, preferably one that hasn't failed at it; None: not yet."""
-        load = Counter(self._tasks.values())
+        load = Counter(each.worker for each in running)
         if load and task.losses == LOSSES:
             return None  # it may crash workers, so it's tried alone
         workers = sorted(self._fit - task.failed.keys() or self._fit)
         return min((each for each in workers if load[each] < self._at_once), key=load.__getitem__, default=None)
 
-    def _results(self, task: _Task[Any], worker: str, result: Any, lost: Any) -> list[Any]:
+    def _results(self, task: _Task[Any], result: Any, lost: Any) -> list[Any]:
         """All results of a task that has ended; empty if it must be tried again."""
         if isinstance(result, tuple):  # of a failed task: type, error, and traceback
             result = result[1]
@@ -211,13 +203,13 @@ class Cluster:
             return [*task.failed.values(), lost] if task.losses > LOSSES else []
         if not isinstance(result, Answer):
             kind = "" if isinstance(result, HulldownError | OSError) else f"{type(result).__name__}: "
-            self._refuse(worker, result if isinstance(result, str) else f"fails: {kind}{result}")
+            self._refuse(task.worker, result if isinstance(result, str) else f"fails: {kind}{result}")
             return []
         for line in result.lines:
-            self._say(f"{worker}: {line}")
+            self._say(f"{task.worker}: {line}")
         results = [*task.failed.values(), result.value]
         if result.has_failed:
-            task.failed[worker] = result.value
+            task.failed[task.worker] = result.value
             return results if len(task.failed) > 1 or self._fit <= task.failed.keys() else []
         self._strikes.update(task.failed.keys())
         for address in task.failed:

@@ -5,10 +5,10 @@ Each run is a task. After a lost worker, another one continues from the last che
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,7 +38,7 @@ class TrainingOrder:
 
 
 def launch_on(cluster: Any, function: Callable[[TrainingOrder], Any]) -> Launch:
-    """Return a function that runs a run on a worker of a cluster.
+    """Return a function that runs runs on the workers of a cluster.
 
     Parameters
     ----------
@@ -49,13 +49,17 @@ def launch_on(cluster: Any, function: Callable[[TrainingOrder], Any]) -> Launch:
     """
 
     def launch(
-        study: Path, name: str, options: RunOptions, progress: Progress, stopping: Callable[[], bool]
-    ) -> str | None:
+        study: Path, names: Sequence[str], options: RunOptions, progress: Progress
+    ) -> Generator[tuple[str, str | None]]:
         study = study.resolve()
-        order = TrainingOrder(str(study), _sha256(study / MANIFEST_NAME), name, options)
-        for _, reasons in cluster.run([order], function, lambda order: order, lost=LOST, stopping=stopping):
-            return reasons[-1]
-        return "stopped"
+        manifest = _sha256(study / MANIFEST_NAME)
+
+        def order(name: str) -> TrainingOrder:
+            return TrainingOrder(str(study), manifest, name, options)
+
+        with closing(cluster.run(names, function, order, lost=LOST)) as ended:
+            for name, reasons in ended:
+                yield name, reasons[-1]
 
     return launch
 
@@ -74,7 +78,7 @@ def run_here(order: TrainingOrder, wanted: Callable[[], bool]) -> str | None:
     environment = {key: value for key, value in os.environ.items() if not (key in NANNYS and value == "1")}
     lock = study / RUNS_NAME / read_manifest(study).run(order.name).folder / LOCK_NAME
     if lock.exists():  # a lost worker's process may still run
-        with contextlib.suppress(Timeout), FileLock(lock, timeout=LEFT_S):
+        with suppress(Timeout), FileLock(lock, timeout=LEFT_S):
             pass
     return in_a_process(
         study, order.name, order.options, lambda what, done, total: None, lambda: not wanted(), environment

@@ -10,8 +10,9 @@ import os
 import queue
 import sys
 import threading
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Generator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -59,8 +60,8 @@ class RunOptions:
     environment: Mapping[str, str] = field(default_factory=dict)
 
 
-# Runs a run by its name; returns the reason of a failure, or None. It's stopped when the last argument returns true.
-Launch = Callable[[Path, str, RunOptions, Progress, Callable[[], bool]], str | None]
+# Runs runs of a study by their names; yields each when it ends, with the reason of a failure or None.
+Launch = Callable[[Path, Sequence[str], RunOptions, Progress], Generator[tuple[str, str | None]]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +133,6 @@ def run_study(
     *,
     options: RunOptions,
     launch: Launch | None = None,
-    at_once: int | None = None,
     progress: Progress = lambda what, done, total: None,
     say: Callable[[str], None] = lambda line: None,
 ) -> Done:
@@ -147,9 +147,7 @@ def run_study(
     options
         Options of each run.
     launch
-        Function that runs one; None: in a process on this machine.
-    at_once
-        Number of runs at the same time; None: one per GPU of this machine, or one.
+        Function that runs them; None: `in_processes`.
     progress
         Called with (title, steps done, all).
     say
@@ -161,64 +159,55 @@ def run_study(
         If the folder contains something else, or another process runs the study.
     """
     out, manifest = Path(out), settled.manifest
+    finished: list[str] = []
+    failed: dict[str, str] = {}
     with alone_in(out, marker=MANIFEST_NAME, what="study"):
         write_manifest(settled, out)
-        places = gpu_places(options) if at_once is None else [options] * at_once
-        return _run_all(manifest, out, places, launch or in_a_process, progress, say)
+        _write_failures(out, failed)
+        already = [run.name for run in manifest.runs if is_finished(out, manifest, run)]
+        if already:
+            say(f"{len(already)} of {len(manifest.runs)} runs are finished already")
+        left = [run.name for run in manifest.runs if run.name not in already]
+        with closing((launch or in_processes)(out, left, options, progress)) as ended:
+            for name, reason in ended:
+                if reason is None:
+                    finished.append(name)
+                    say(f"{name}: finished ({len(already) + len(finished)} of {len(manifest.runs)} are)")
+                else:
+                    failed[name] = reason
+                    say(f"{name}: set aside: {reason}")
+                _write_failures(out, failed)
+    return Done(tuple(finished), tuple(already), failed)
 
 
-def _run_all(
-    manifest: Manifest,
-    out: Path,
-    places: Sequence[RunOptions],
-    launch: Launch,
-    progress: Progress,
-    say: Callable[[str], None],
-) -> Done:
-    already = [run.name for run in manifest.runs if is_finished(out, manifest, run)]
-    left = [run.name for run in manifest.runs if run.name not in already]
-    if already:
-        say(f"{len(already)} of {len(manifest.runs)} runs are finished already")
+def in_processes(
+    study: Path, names: Sequence[str], options: RunOptions, progress: Progress
+) -> Generator[tuple[str, str | None]]:
+    """Run runs in processes on this machine, one per GPU at a time, or one; a `Launch`."""
+    places, stop = gpu_places(options), threading.Event()
     slots: queue.SimpleQueue[RunOptions] = queue.SimpleQueue()
     for place in places:
         slots.put(place)
-    finished: list[str] = []
-    failed: dict[str, str] = {}
-    one_tells, stop = threading.Lock(), threading.Event()
 
-    def run(name: str) -> None:
-        title = f"{name} ({len(already) + len(finished) + len(failed) + 1} of {len(manifest.runs)})"
-
+    def run(number: int, name: str) -> str | None:
         def show(what: str, done: int, total: int) -> None:
-            progress(f"{title}: {what}", done, total)
+            if len(places) == 1:  # bars of several simultaneous runs would alternate
+                progress(f"{name} ({number} of {len(names)}): {what}", done, total)
 
         place = slots.get()
         try:
-            # Bars of several simultaneous runs would alternate.
-            reason = launch(out, name, place, show if len(places) == 1 else lambda what, done, total: None, stop.is_set)
+            return in_a_process(study, name, place, show, stop.is_set)
         finally:
             slots.put(place)
-        if stop.is_set():
-            return
-        with one_tells:
-            if reason is None:
-                finished.append(name)
-                say(f"{name}: finished ({len(already) + len(finished)} of {len(manifest.runs)} are)")
-            else:
-                failed[name] = reason
-                say(f"{name}: set aside: {reason}")
-            _write_failures(out, failed)
 
-    _write_failures(out, failed)
     with ThreadPoolExecutor(len(places)) as pool:
+        futures = {pool.submit(run, number, name): name for number, name in enumerate(names, 1)}
         try:
-            for future in [pool.submit(run, name) for name in left]:
-                future.result()
-        except BaseException:  # mainly Ctrl-C
+            for future in as_completed(futures):
+                yield futures[future], future.result()
+        finally:  # mainly after Ctrl-C
             stop.set()
             pool.shutdown(wait=False, cancel_futures=True)
-            raise
-    return Done(tuple(finished), tuple(already), failed)
 
 
 def gpu_places(options: RunOptions) -> list[RunOptions]:
