@@ -9,18 +9,8 @@ from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    ProgressColumn,
-    Task,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.segment import Segment
-from rich.text import Text
 
 SPEED_S = 300.0  # the period over which a bar's speed is measured
 
@@ -90,17 +80,19 @@ def titled_bar(*, unit: str = "") -> Iterator[Callable[[str, int, int], None]]:
     unit
         Name of a step, to show the speed; empty: no speed.
     """
-    speed = [Speed(unit)] if unit else []
+    measured = [TextColumn("{task.fields[speed]}", style="progress.data.speed")] if unit else []
     columns = (
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *speed, TimeElapsedColumn(),
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *measured, TimeElapsedColumn(),
         TimeRemainingColumn(),
     )  # fmt: skip
     bar = Progress(*columns, console=STDERR, speed_estimate_period=SPEED_S)
-    task = bar.add_task("", total=None)
+    task = bar.add_task("", total=None, speed="")
 
     def advance(title: str, done: int, total: int) -> None:
         bar.start()
         bar.update(task, description=title, completed=done, total=total)
+        if unit and (speed := bar.tasks[task].speed):
+            bar.update(task, speed=f"{speed:.3g} {unit}/s")
 
     try:
         yield advance
@@ -108,24 +100,6 @@ def titled_bar(*, unit: str = "") -> Iterator[Callable[[str, int, int], None]]:
         # A bar that never started has nothing to say: a mistake stays one line.
         if bar.live.is_started:
             bar.stop()
-
-
-class Speed(ProgressColumn):
-    """A bar's column with recent steps per second.
-
-    Parameters
-    ----------
-    unit
-        Name of a step.
-    """
-
-    def __init__(self, unit: str) -> None:
-        super().__init__()
-        self._unit = unit
-
-    def render(self, task: Task) -> Text:
-        """As Rich asks for it."""
-        return Text(f"{task.speed:.3g} {self._unit}/s" if task.speed else "", style="progress.data.speed")
 
 
 @contextmanager
