@@ -1,16 +1,19 @@
-"""Atomic writes, safe opens, and paths that stay inside their folder."""
+"""Atomic writes of files and folders, safe opens, and paths that stay inside their folder."""
 
 from __future__ import annotations
 
 import errno
 import os
+import shutil
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import BinaryIO, TypeGuard, cast
 
-from hulldown.geometry.errors import HulldownError
+from hulldown.geometry.errors import DatasetError, HulldownError
+
+UNFINISHED_NAME = ".unfinished"  # of a folder in a dataset or an export, so that renaming its content never copies
 
 
 @contextmanager
@@ -59,6 +62,40 @@ def replace_file(path: Path, content: bytes | memoryview) -> None:
     """Write a whole file as `replacing` does."""
     with replacing(path) as file:
         file.write(content)
+
+
+@contextmanager
+def all_or_nothing(out: Path) -> Iterator[Path]:
+    """Yield a temporary folder whose content moves to `out` at the end of the block.
+
+    It's inside `out`, so that moving is renaming. Training tools don't see the remains of a killed run, and the
+    next run replaces them.
+
+    Raises
+    ------
+    DatasetError
+        If `out` is a file, isn't empty, or cannot be written.
+    """
+    if out.exists() and (not out.is_dir() or any(path.name != UNFINISHED_NAME for path in out.iterdir())):
+        raise DatasetError("isn't empty", path=out, remedy="name an empty or a new folder")
+    unfinished = out / UNFINISHED_NAME
+    made = not out.exists()
+    try:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        unfinished.mkdir(parents=True)
+        yield unfinished
+        for path in sorted(unfinished.iterdir()):
+            path.rename(out / path.name)
+        unfinished.rmdir()
+    except BaseException as error:
+        shutil.rmtree(out if made else unfinished, ignore_errors=True)
+        if isinstance(error, OSError):
+            full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+            remedy = (
+                "free some space and run the same command again" if full else "choose a folder that you may write to"
+            )
+            raise DatasetError(f"cannot be written ({error.strerror})", path=out, remedy=remedy) from error
+        raise
 
 
 def open_regular(path: Path) -> BinaryIO:

@@ -21,6 +21,7 @@ from hulldown.dataset.store.pictures import confined, publish, unwritten
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.dataset.verification.planned import image_record
 from hulldown.geometry.errors import ConfigError, HulldownError
+from hulldown.geometry.files import UNFINISHED_NAME
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row
 from hulldown.render.annotations import Segmenter, annotation_records, categories_of
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from hulldown.render.cluster.cluster_pool import ClusterPool
 
 LOGS_NAME = "logs"
-UNFINISHED_NAME = ".unfinished"  # pictures being written; in the dataset, so that renaming never copies
 
 
 @dataclass(frozen=True, slots=True)

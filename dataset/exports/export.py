@@ -17,8 +17,8 @@ from hulldown.dataset.exports.split import SPLITS, share_out
 from hulldown.dataset.oriented import ground_corners, visible_corners
 from hulldown.dataset.records import by_image, read_usable
 from hulldown.dataset.store.seals import changed
-from hulldown.dataset.store.unfinished import all_or_nothing
 from hulldown.geometry.errors import DatasetError
+from hulldown.geometry.files import all_or_nothing
 from hulldown.geometry.terminal import shown
 
 # The function that writes each layout into an existing folder; docs/exports.md lists their readers.

@@ -10,12 +10,12 @@ from typing import Any, TypeGuard
 import numpy as np
 
 from hulldown.geometry.arrays import are_numbers
-from hulldown.geometry.files import stays_inside
+from hulldown.geometry.files import UNFINISHED_NAME, stays_inside
 
 # The dataset's own files: pictures with these names would be removed or overwritten.
 RESERVED = (
     *("annotations.json", "journal.jsonl", "failures.jsonl", "provenance.json", "logs"),
-    *(".unfinished", ".hulldown.lock"),
+    *(UNFINISHED_NAME, ".hulldown.lock"),
 )
 
 
