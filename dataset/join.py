@@ -9,7 +9,7 @@ from __future__ import annotations
 import filecmp
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -49,13 +49,14 @@ class Joined:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Part:
-    """A dataset to be joined, with its annotations' indices by image id, and its plans by key."""
+    """A dataset to be joined, with its annotations' indices by image id, and each plan's run in it and the target."""
 
     folder: Path
     document: Document
     boxes: dict[int, list[int]]
     provenance: dict[str, dict[str, Any]]
     failures: list[dict[str, Any]]
+    runs: list[tuple[Run, Run]] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +119,10 @@ def join(
     try:
         for part in read:
             target.add_categories(part.document.categories)
-        moves = list(_moves(read, target))
+        for part in read:
+            for run in part.document.runs.values():
+                part.runs.append((run, target.run(run.key, images=run.images, annotations=run.annotations)))
+        moves = [move for part in read for move in _moves(part)]
         # If two parts have an image, the first part's is used.
         new = {move.name: move for move in reversed(moves) if not target.finished(move.name)}
         left = [move for move in moves if new.get(move.name) is move]
@@ -137,7 +141,8 @@ def join(
             target.append(*_records(move))
             advance(done, len(left))
         for part in read:
-            add_provenance(folder, _provenance(part, target))
+            first = {now.key: now.image_offset + 1 for _, now in part.runs if now.key in part.provenance}
+            add_provenance(folder, {key: {**part.provenance[key], "first_image_id": first[key]} for key in first})
         unmade = [line for name, line in sorted(failures.items()) if not target.finished(name)]
         write_failures(folder, unmade)
         return Joined(len(left), len(moves) - len(left), len(unmade), target.missing())
@@ -184,34 +189,25 @@ def _failures(parts: Sequence[_Part], target: CocoDataset) -> dict[str, dict[str
     latest = {line["file_name"]: line for line in read_failures(target.folder)}
     for part in parts:
         for line in part.failures:
-            name = _new_name(part, target, line["file_name"])
+            name = line["file_name"]  # failed images have no id
+            runs = [(was, now) for was, now in part.runs if PurePosixPath(name).name.startswith(was.prefix)]
+            if runs:
+                was, now = max(runs, key=lambda pair: len(pair[0].prefix))
+                name = now.file_name(was.planned(name))
             latest[name] = {**line, "file_name": name}
     return latest
 
 
-def _provenance(part: _Part, target: CocoDataset) -> dict[str, dict[str, Any]]:
-    """A part's provenance, for the dataset's."""
-    runs = {key: _in(target, run) for key, run in part.document.runs.items() if key in part.provenance}
-    return {key: {**part.provenance[key], "first_image_id": run.image_offset + 1} for key, run in runs.items()}
-
-
-def _in(target: CocoDataset, run: Run) -> Run:
-    """The dataset's reservation for a part's plan."""
-    return target.run(run.key, images=run.images, annotations=run.annotations)
-
-
-def _moves(parts: Sequence[_Part], target: CocoDataset) -> Iterator[_Move]:
-    for part in parts:
-        runs = [(run, _in(target, run)) for run in part.document.runs.values()]
-        for index, record in enumerate(part.document.images):
-            image_id, old = record["id"], record["file_name"]
-            own_runs = next((pair for pair in runs if pair[0].owns(image_id, old)), None)
-            if own_runs is None:
-                yield _Move(part, index, old, old)
-            else:
-                was, now = own_runs
-                new_id = image_id - was.image_offset + now.image_offset
-                yield _Move(part, index, old, now.file_name(was.planned(old)), new_id, own_runs)
+def _moves(part: _Part) -> Iterator[_Move]:
+    for index, record in enumerate(part.document.images):
+        image_id, old = record["id"], record["file_name"]
+        own_runs = next((pair for pair in part.runs if pair[0].owns(image_id, old)), None)
+        if own_runs is None:
+            yield _Move(part, index, old, old)
+        else:
+            was, now = own_runs
+            new_id = image_id - was.image_offset + now.image_offset
+            yield _Move(part, index, old, now.file_name(was.planned(old)), new_id, own_runs)
 
 
 def _refuse_other_images(moves: Sequence[_Move], target: CocoDataset) -> None:
@@ -284,10 +280,3 @@ def _records(move: _Move) -> tuple[dict[str, Any], list[dict[str, Any]]]:
         else:
             box["id"] += move.runs[1].annotation_offset - move.runs[0].annotation_offset
     return {**image, "file_name": move.name}, boxes
-
-
-def _new_name(part: _Part, target: CocoDataset, name: str) -> str:
-    """The dataset's name for a part's failed image, which has no id."""
-    runs = sorted(part.document.runs.values(), key=lambda run: -len(run.prefix))
-    run = next((run for run in runs if PurePosixPath(name).name.startswith(run.prefix)), None)
-    return name if run is None else _in(target, run).file_name(run.planned(name))
