@@ -10,11 +10,11 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import msgspec
 from filelock import FileLock, Timeout
 
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document
@@ -185,7 +185,7 @@ class CocoDataset:
             images=images,
             annotations=annotations,
         )
-        self._write({"run": asdict(run)})
+        self._write({"run": msgspec.structs.asdict(run)})
         return run
 
     def append(self, image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]]) -> int:

@@ -169,7 +169,7 @@ def edited(key, **fields):
             lambda folder: edit(folder, lambda coco: coco.update(licenses=[{"id": 1}])),
             "has 'licenses', which joining would lose; join the other parts into this one",
         ),
-        (run_without_a_key, "expected key and prefix to be parts of names, got ''"),
+        (run_without_a_key, r"'hulldown_runs' that are not as they were written .*\[0\]\.key"),
         (edited("images", id=2), "image ids aren't unique"),
         (edited("images", file_name="images/00000002.png"), "file names aren't unique"),
         (edited("images", file_name="../x.png"), "no path inside the dataset"),

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -116,7 +116,7 @@ class Document:
         try:
             for run in runs_of(head):
                 self._add_run(run)
-        except (KeyError, TypeError, AttributeError, ValueError) as error:
+        except ValueError as error:
             raise _unusable(path, f"'info' has 'hulldown_runs' that are not as they were written ({error})") from None
         self.head = head
 
@@ -131,7 +131,7 @@ class Document:
         for category in line.get("categories", ()):
             self._add_category(category)
         if "run" in line:
-            self._add_run(Run(**line["run"]))
+            self._add_run(msgspec.convert(line["run"], Run))
         image = line.get("image")
         if image is None or (place := place_of(image["file_name"])) in self.file_names:
             return
@@ -164,7 +164,7 @@ class Document:
         """All but the records, images, and annotations, in the order they're written."""
         head, runs = self.head, self.runs.values()
         if runs and isinstance(info := head.get("info", {}), dict):
-            head = {**head, "info": {**rendered_info(), **info, "hulldown_runs": [asdict(run) for run in runs]}}
+            head = {**head, "info": {**rendered_info(), **info, "hulldown_runs": msgspec.to_builtins(list(runs))}}
         return (
             {**head, "categories": self.categories},
             self.images.ordered(run.image_offset for run in runs),

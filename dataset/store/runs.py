@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Annotated, Any, TypeAlias
+
+import msgspec
+
+Count: TypeAlias = Annotated[int, msgspec.Meta(ge=0)]
 
 
-@dataclass(frozen=True, slots=True)
-class Run:
+class Run(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Ids and file names reserved for a plan's images, the same whenever the plan is resumed.
 
     Parameters
@@ -23,27 +25,14 @@ class Run:
         Prefix of the plan's file names; empty in a dataset that was empty before.
     images, annotations
         Number of reserved ids.
-
-    Raises
-    ------
-    ValueError
-        If a name or count is invalid, as in an edited file.
     """
 
-    key: str
-    image_offset: int
-    annotation_offset: int
-    prefix: str
-    images: int
-    annotations: int
-
-    def __post_init__(self) -> None:
-        counts = (self.image_offset, self.annotation_offset, self.images, self.annotations)
-        if not all(isinstance(n, int) and n >= 0 for n in counts):
-            raise ValueError(f"expected offsets and counts of at least 0, got {counts}")
-        names = (self.key, self.prefix)
-        if not self.key or not all(isinstance(name, str) and "/" not in name for name in names):
-            raise ValueError(f"expected key and prefix to be parts of names, got {self.key!r} and {self.prefix!r}")
+    key: Annotated[str, msgspec.Meta(pattern=r"^[^/]+\Z")]
+    image_offset: Count
+    annotation_offset: Count
+    prefix: Annotated[str, msgspec.Meta(pattern=r"^[^/]*\Z")]
+    images: Count
+    annotations: Count
 
     def file_name(self, planned: str) -> str:
         """The name in the dataset of an image with the name `planned` in the plan."""
@@ -75,9 +64,9 @@ def plan_key(plan: Path) -> str:
 
 
 def runs_of(coco: Mapping[str, Any]) -> list[Run]:
-    """The reservations for plans in a COCO dictionary by `dataset.store.document`."""
+    """The reservations for plans in a COCO dictionary by `dataset.store.document`; ValueError if they were damaged."""
     info = coco.get("info")
-    return [Run(**record) for record in (info.get("hulldown_runs", []) if isinstance(info, dict) else [])]
+    return msgspec.convert(info.get("hulldown_runs", []) if isinstance(info, dict) else [], list[Run])
 
 
 def find_run(coco: Mapping[str, Any], key: str) -> Run | None:
