@@ -14,8 +14,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.failures import read_failures, write_failures
-from hulldown.dataset.provenance import add_provenance, read_provenance
+from hulldown.dataset.provenance import add_provenance, read_failures, read_provenance, write_failures
 from hulldown.dataset.records import check_usable
 from hulldown.dataset.store.document import Document, check_is_dataset, read_document
 from hulldown.dataset.store.pictures import confined, own_picture, place

@@ -1,17 +1,18 @@
-"""provenance.json: sources and software of each plan's images in a dataset."""
+"""A dataset's files about runs: sources and software of each plan's images, and its failed images with reasons."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import orjson
 
-from hulldown.dataset.store.journal import replaced
+from hulldown.dataset.store.journal import read_journal, replaced
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.files import open_regular
 
+FAILURES_NAME = "failures.jsonl"
 PROVENANCE_NAME = "provenance.json"
 GROWING = ("blender", "devices", "systems", "confinement")  # lists that several runs and machines add to
 
@@ -63,3 +64,18 @@ def add_provenance(folder: Path, entries: Mapping[str, Mapping[str, Any]]) -> No
         known[key] = {**entry, **{name: sorted({*before.get(name, []), *entry[name]}) for name in GROWING}}
     with replaced(folder / PROVENANCE_NAME) as file:
         file.write(orjson.dumps({"plans": known}, option=orjson.OPT_INDENT_2))
+
+
+def read_failures(folder: Path) -> list[dict[str, Any]]:
+    """One record per image, with its `file_name`; empty without a file."""
+    return [line for line in read_journal(folder / FAILURES_NAME) if isinstance(line.get("file_name"), str)]
+
+
+def write_failures(folder: Path, failures: Sequence[Mapping[str, Any]]) -> None:
+    """Replace the file in one step; without failures there is no file."""
+    path = folder / FAILURES_NAME
+    if not failures:
+        path.unlink(missing_ok=True)
+        return
+    with replaced(path) as file:
+        file.writelines(orjson.dumps(line, option=orjson.OPT_APPEND_NEWLINE) for line in failures)

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.failures import read_failures, write_failures
-from hulldown.dataset.provenance import add_provenance, read_provenance
+from hulldown.dataset.provenance import add_provenance, read_failures, read_provenance, write_failures
 from hulldown.dataset.store.pictures import confined, publish, unwritten
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.dataset.verification.planned import image_record

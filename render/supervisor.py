@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.failures import FAILURES_NAME
+from hulldown.dataset.provenance import FAILURES_NAME
 from hulldown.dataset.store.pictures import confined
 from hulldown.dataset.table import Dataset
 from hulldown.geometry.errors import HulldownError

@@ -18,7 +18,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from hulldown.dataset.failures import read_failures
+from hulldown.dataset.provenance import read_failures
 from hulldown.geometry.errors import HulldownError
 from hulldown.reading.cache import sha256
 from hulldown.reading.confinement.landlock import abi

@@ -8,8 +8,7 @@ import pytest
 
 import hulldown.dataset.store.document as documents
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.failures import write_failures
-from hulldown.dataset.provenance import GROWING, add_provenance
+from hulldown.dataset.provenance import GROWING, add_provenance, write_failures
 from hulldown.dataset.store.document import read_coco
 from hulldown.geometry.errors import DatasetError
 from hulldown.tests.editing import edit

@@ -13,8 +13,8 @@ from PIL import Image
 from pycocotools.coco import COCO
 
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.failures import read_failures
 from hulldown.dataset.join import join
+from hulldown.dataset.provenance import read_failures
 from hulldown.dataset.store.document import read_coco
 from hulldown.geometry.errors import DatasetError
 from hulldown.reading.confinement.landlock import confinement
