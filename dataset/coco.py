@@ -78,19 +78,14 @@ class CocoDataset:
         # Inner folders first, the order in which `abandon` removes them.
         files = (folder / JOURNAL_NAME, folder / LOCK_NAME, folder, *folder.parents)
         made = [path for path in files if not path.exists()]
-        try:
+        remedy = "choose a folder that you may write to"
+        with DatasetError.explaining("cannot be written to", path=folder, remedy=remedy):
             folder.mkdir(parents=True, exist_ok=True)
-            lock.acquire(timeout=0)
-        except Timeout:
-            raise DatasetError(
-                "another process is writing to this dataset",
-                path=folder,
-                remedy="wait until it has ended, or write to another folder",
-            ) from None
-        except OSError as error:
-            raise DatasetError(
-                f"cannot be written to ({error.strerror})", path=folder, remedy="choose a folder that you may write to"
-            ) from error
+            try:
+                lock.acquire(timeout=0)
+            except Timeout:
+                remedy = "wait until it has ended, or write to another folder"
+                raise DatasetError("another process is writing to this dataset", path=folder, remedy=remedy) from None
         try:
             document = read_document(folder)
             dataset = cls(folder, lock, Journal(folder / JOURNAL_NAME), document, made)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 LONGEST = 1000  # characters of a problem or a path in a message
@@ -31,6 +33,15 @@ class HulldownError(Exception):
         where = f"{shortened(str(path))}: " if path is not None else ""
         cure = f"; {remedy}" if remedy else ""
         super().__init__(f"{where}{problem}{cure}")
+
+    @classmethod
+    @contextmanager
+    def explaining(cls, problem: str, *, path: Path | str, remedy: str | None = None) -> Iterator[None]:
+        """Raise this error, with the system's reason, in place of an OSError."""
+        try:
+            yield
+        except OSError as error:
+            raise cls(f"{problem} ({error.strerror})", path=path, remedy=remedy) from error
 
 
 def shortened(text: str, longest: int = LONGEST) -> str:

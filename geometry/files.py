@@ -173,9 +173,5 @@ def make_room(path: Path) -> None:
     """
     if path.is_dir():
         raise HulldownError("is a folder", path=path, remedy="name a file in it")
-    try:
+    with HulldownError.explaining("cannot be written", path=path, remedy="choose a folder that you may write to"):
         path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise HulldownError(
-            f"cannot be written ({error.strerror})", path=path, remedy="choose a folder that you may write to"
-        ) from None

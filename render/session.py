@@ -16,7 +16,7 @@ import msgspec
 
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.provenance import add_provenance, read_failures, read_provenance, write_failures
-from hulldown.dataset.store.pictures import confined, publish, unwritten
+from hulldown.dataset.store.pictures import confined, publish, writing
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.dataset.verification.planned import image_record
 from hulldown.geometry.errors import ConfigError, HulldownError
@@ -208,10 +208,8 @@ class Session:
         self._begin()
         self._record()
         content = without_notes(outcome.content)
-        try:
+        with writing(self._folder, name):
             picture.write_bytes(content)
-        except OSError as error:
-            raise unwritten(self._folder, name, error) from error
         publish(picture, self._folder, name)
         about = {"id": run.image_offset + index + 1, "file_name": name, "device": outcome.device}
         self._dataset.append(

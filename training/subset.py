@@ -129,11 +129,8 @@ def write_subsets(
             for image in images:
                 source, target = dataset / image["file_name"], unfinished / name / image["file_name"]
                 target.parent.mkdir(parents=True, exist_ok=True)
-                try:
+                with DatasetError.explaining("cannot be linked", path=source, remedy="check it with `hulldown verify`"):
                     link_or_copy(source, target)
-                except OSError as error:
-                    problem = f"cannot be linked ({error.strerror})"
-                    raise DatasetError(problem, path=source, remedy="check it with `hulldown verify`") from error
                 done += 1
                 if progress is not None:
                     progress(done, total)

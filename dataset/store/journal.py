@@ -43,12 +43,8 @@ class Journal:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        try:
+        with DatasetError.explaining("cannot be written to", path=path, remedy="put the file itself there, writable"):
             self._file = open_in_place(path)
-        except OSError as error:
-            raise DatasetError(
-                f"cannot be written to ({error.strerror})", path=path, remedy="put the file itself there, writable"
-            ) from error
         self.length = _whole_lines(path)
         if self.length < path.stat().st_size:
             warnings.warn(
@@ -72,18 +68,16 @@ class Journal:
         """
         if self._file.closed:
             raise ValueError(f"{self.path}: expected an open journal, got a closed one")
-        try:
-            written = 0
-            while written < len(line):
-                written += os.write(self._file.fileno(), line[written:])
-            os.fsync(self._file.fileno())
-        except OSError as error:
-            self._file.truncate(self.length)
-            raise DatasetError(
-                f"the finished image could not be recorded ({error.strerror})",
-                path=self.path,
-                remedy="free some space and run the same command again",
-            ) from error
+        problem, remedy = "the finished image could not be recorded", "free some space and run the same command again"
+        with DatasetError.explaining(problem, path=self.path, remedy=remedy):
+            try:
+                written = 0
+                while written < len(line):
+                    written += os.write(self._file.fileno(), line[written:])
+                os.fsync(self._file.fileno())
+            except OSError:
+                self._file.truncate(self.length)
+                raise
         self.length += len(line)
 
     def truncate(self, length: int) -> None:
@@ -143,15 +137,9 @@ def replaced(path: Path) -> Iterator[BinaryIO]:
     DatasetError
         If it can't be written; the file at `path` is unchanged.
     """
-    try:
-        with replacing(path) as file:
-            yield file
-    except OSError as error:
-        raise DatasetError(
-            f"cannot be written ({error.strerror})",
-            path=path,
-            remedy="free some space and run the same command again, which goes on from here",
-        ) from error
+    remedy = "free some space and run the same command again, which goes on from here"
+    with DatasetError.explaining("cannot be written", path=path, remedy=remedy), replacing(path) as file:
+        yield file
 
 
 def is_cut_off(path: Path) -> bool:
@@ -160,12 +148,8 @@ def is_cut_off(path: Path) -> bool:
 
 
 def _opened(path: Path) -> BinaryIO:
-    try:
+    with DatasetError.explaining("cannot be read", path=path, remedy="put the file itself there"):
         return open_regular(path)
-    except OSError as error:
-        raise DatasetError(
-            f"cannot be read ({error.strerror})", path=path, remedy="put the file itself there"
-        ) from error
 
 
 def _whole_lines(path: Path) -> int:

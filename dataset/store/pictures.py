@@ -6,6 +6,7 @@ import errno
 import os
 import shutil
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 from hulldown.geometry.errors import DatasetError
@@ -54,14 +55,12 @@ def publish(picture: Path, folder: Path, name: str) -> None:
         If the name leads out of the folder, or cannot be given.
     """
     final = confined(folder, name)
-    try:
+    with writing(folder, name):
         final.parent.mkdir(parents=True, exist_ok=True)
         with picture.open("rb") as file:
             os.fsync(file.fileno())
         os.replace(picture, final)
         sync_folder(final.parent)
-    except OSError as error:
-        raise unwritten(folder, name, error) from error
 
 
 def place(picture: Path, folder: Path, name: str) -> None:
@@ -74,7 +73,7 @@ def place(picture: Path, folder: Path, name: str) -> None:
     """
     final = confined(folder, name)
     temporary = final.with_name(f".{final.name}{PLACING_SUFFIX}")
-    try:
+    with writing(folder, name):
         if final.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         if final.exists() and final.samefile(picture):
@@ -82,8 +81,6 @@ def place(picture: Path, folder: Path, name: str) -> None:
         final.parent.mkdir(parents=True, exist_ok=True)
         temporary.unlink(missing_ok=True)
         link_or_copy(picture, temporary)
-    except OSError as error:
-        raise unwritten(folder, name, error) from error
     publish(temporary, folder, name)
 
 
@@ -144,10 +141,7 @@ def link_or_copy(source: Path, target: Path) -> None:
         shutil.copyfile(source, target)
 
 
-def unwritten(folder: Path, name: str, error: OSError) -> DatasetError:
-    """The error for a picture that can't be written."""
-    return DatasetError(
-        f"{name} cannot be written ({error.strerror})",
-        path=folder,
-        remedy="make room and run the same command again, which goes on from here",
-    )
+def writing(folder: Path, name: str) -> AbstractContextManager[None]:
+    """A block that writes a picture: its OSErrors become `DatasetError`."""
+    remedy = "make room and run the same command again, which goes on from here"
+    return DatasetError.explaining(f"{name} cannot be written", path=folder, remedy=remedy)
