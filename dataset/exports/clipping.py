@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from hulldown.annotate.known import number
 from hulldown.dataset.store.seals import changed
 from hulldown.geometry.errors import DatasetError
 
@@ -108,20 +109,16 @@ class LabelFloors:
         """The kept annotations, in order; ignored ones stay ignored, or are dropped with the others."""
         kept: list[Mapping[str, Any]] = []
         for annotation in annotations:
-            if self.enough(annotation) and not (annotation.get("iscrowd") and self.below == "left_out"):
+            below = (
+                min(annotation["bbox"][2:]) < self.min_box_px
+                or number(annotation.get("visible_fraction")) < self.min_visible_fraction  # nan, if it isn't known
+                or number(annotation.get("truncated_fraction")) > self.max_truncated_fraction
+            )
+            if self.below == "ignored":
+                kept.append(changed(annotation, iscrowd=1) if below else annotation)
+            elif not below and not annotation.get("iscrowd"):
                 kept.append(annotation)
-            elif self.below == "ignored":
-                kept.append(changed(annotation, iscrowd=1))
         return kept
-
-    def enough(self, annotation: Mapping[str, Any]) -> bool:
-        """Whether an annotation is within the limits."""
-        visible, truncated = (annotation.get(key) for key in ("visible_fraction", "truncated_fraction"))
-        return (
-            min(annotation["bbox"][2:]) >= self.min_box_px
-            and (not isinstance(visible, int | float) or visible >= self.min_visible_fraction)
-            and (not isinstance(truncated, int | float) or truncated <= self.max_truncated_fraction)
-        )
 
 
 ALL_LABELS = LabelFloors()
