@@ -24,44 +24,10 @@ from hulldown.dataset.exports.shares import VAL_NAMES, Item, Shares, rings_of
 from hulldown.geometry.errors import DatasetError
 
 CornersOf: TypeAlias = Callable[[Mapping[str, Any], Mapping[str, Any]], Float[np.ndarray, "4 2"]]
+Lines: TypeAlias = Callable[[Item, Mapping[int, int]], list[str]]
 
 
-def write(shares: Shares, out: Path, *, corners_of: CornersOf | None = None, split_first: bool = False) -> None:
-    """Write ``images/train``, ``labels/train``, and so on, as Ultralytics reads them.
-
-    Parameters
-    ----------
-    shares, out
-        The dataset, and an empty folder.
-    corners_of
-        The corners of a label's oriented box, which are written; None: boxes or polygons.
-    split_first
-        Write ``train/images``, ``train/labels``, and so on, as RF-DETR and Roboflow read them.
-    """
-    lines = _lines if corners_of is None else partial(_corner_lines, corners_of=corners_of)
-    _write(shares, out, lines, split_first=split_first)
-
-
-def write_pose(shares: Shares, out: Path) -> None:
-    """Write ``images/train`` and so on, with boxes and keypoints: x, y, and COCO's v of each.
-
-    Raises
-    ------
-    DatasetError
-        If the classes don't have the same keypoints, of which YOLO knows one list.
-    """
-    lists = [category.get("keypoints") for category in shares.categories]
-    if not lists or not lists[0] or any(each != lists[0] for each in lists):
-        problem = "its categories have no keypoints" if not any(lists) else "its categories have different keypoints"
-        raise DatasetError(problem, path=shares.folder, remedy="plan with annotate.keypoints, or export as coco")
-    names = [str(name) for name in lists[0]]
-    swapped = [re.sub("left|right", lambda side: {"left": "right", "right": "left"}[side[0]], name) for name in names]
-    mirrored = [names.index(partner) if partner in names else i for i, partner in enumerate(swapped)]
-    more = [f"kpt_shape: [{len(names)}, 3]", f"flip_idx: {mirrored}"]
-    _write(shares, out, partial(_pose_lines, keypoints=len(names)), more=more)
-
-
-def _lines(item: Item, numbers: Mapping[int, int]) -> list[str]:
+def label_lines(item: Item, numbers: Mapping[int, int]) -> list[str]:
     """One line for each label, in shares of the image; crowds are left out, as YOLO has none.
 
     Class, center, and size of its box; or, if any label has polygons, class and corners for all, since readers
@@ -82,7 +48,8 @@ def _lines(item: Item, numbers: Mapping[int, int]) -> list[str]:
     return lines
 
 
-def _corner_lines(item: Item, numbers: Mapping[int, int], *, corners_of: CornersOf) -> list[str]:
+def corner_lines(item: Item, numbers: Mapping[int, int], *, corners_of: CornersOf) -> list[str]:
+    """One line for each label: class and corners of its oriented box; crowds are left out."""
     lines = []
     for label in item.labels:
         if not label.get("iscrowd"):
@@ -93,28 +60,27 @@ def _corner_lines(item: Item, numbers: Mapping[int, int], *, corners_of: Corners
     return lines
 
 
-def _pose_lines(item: Item, numbers: Mapping[int, int], *, keypoints: int) -> list[str]:
-    labels = [{**label, "segmentation": []} for label in item.labels if not label.get("iscrowd")]
-    lines = []
-    for line, label in zip(_lines(replace(item, labels=labels), numbers), labels, strict=True):
-        points = np.reshape(label.get("keypoints") or np.zeros(3 * keypoints), (-1, 3))
-        lines.append(" ".join([line, *(f"{x:.9f} {y:.9f} {v:.0f}" for x, y, v in points / [*item.size, 1])]))
-    return lines
-
-
 def _line(number: int, shares: Float[np.ndarray, " n"]) -> str:
     # Nine digits: a millionth of a pixel of any image.
     return " ".join([str(number), *(f"{n:.9f}" for n in shares)])
 
 
-def _write(
-    shares: Shares,
-    out: Path,
-    lines: Callable[[Item, Mapping[int, int]], list[str]],
-    *,
-    split_first: bool = False,
-    more: Sequence[str] = (),
+def write(
+    shares: Shares, out: Path, *, lines: Lines = label_lines, split_first: bool = False, more: Sequence[str] = ()
 ) -> None:
+    """Write ``images/train``, ``labels/train``, and so on, as Ultralytics reads them.
+
+    Parameters
+    ----------
+    shares, out
+        The dataset, and an empty folder.
+    lines
+        A picture's lines, given the number of each class.
+    split_first
+        Write ``train/images``, ``train/labels``, and so on, as RF-DETR and Roboflow read them.
+    more
+        Further lines of ``data.yaml``.
+    """
     numbers = {category_id: number for number, category_id in enumerate(shares.class_names)}
     folders = {}
     for split, items in shares:
@@ -131,3 +97,31 @@ def _write(
     names = [json.dumps(name) for name in shares.class_names.values()]
     data += [*more, "names:", *(f"  {number}: {name}" for number, name in enumerate(names))]
     (out / "data.yaml").write_text("\n".join(data) + "\n", encoding="utf-8")
+
+
+def write_pose(shares: Shares, out: Path) -> None:
+    """Write ``images/train`` and so on, with boxes and keypoints: x, y, and COCO's v of each.
+
+    Raises
+    ------
+    DatasetError
+        If the classes don't have the same keypoints, of which YOLO knows one list.
+    """
+    lists = [category.get("keypoints") for category in shares.categories]
+    if not lists or not lists[0] or any(each != lists[0] for each in lists):
+        problem = "its categories have no keypoints" if not any(lists) else "its categories have different keypoints"
+        raise DatasetError(problem, path=shares.folder, remedy="plan with annotate.keypoints, or export as coco")
+    names = [str(name) for name in lists[0]]
+    swapped = [re.sub("left|right", lambda side: {"left": "right", "right": "left"}[side[0]], name) for name in names]
+    mirrored = [names.index(partner) if partner in names else i for i, partner in enumerate(swapped)]
+    more = [f"kpt_shape: [{len(names)}, 3]", f"flip_idx: {mirrored}"]
+    write(shares, out, lines=partial(_pose_lines, keypoints=len(names)), more=more)
+
+
+def _pose_lines(item: Item, numbers: Mapping[int, int], *, keypoints: int) -> list[str]:
+    labels = [{**label, "segmentation": []} for label in item.labels if not label.get("iscrowd")]
+    lines = []
+    for line, label in zip(label_lines(replace(item, labels=labels), numbers), labels, strict=True):
+        points = np.reshape(label.get("keypoints") or np.zeros(3 * keypoints), (-1, 3))
+        lines.append(" ".join([line, *(f"{x:.9f} {y:.9f} {v:.0f}" for x, y, v in points / [*item.size, 1])]))
+    return lines
