@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import orjson
@@ -11,7 +10,7 @@ import orjson
 from hulldown.dataset.records import Finding
 from hulldown.dataset.space import space_of
 from hulldown.dataset.store.runs import find_run, plan_key
-from hulldown.planning.plan_file import read_plan
+from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import PlannedVehicle, Row, encode, fields
 
 IMAGE_KEYS = tuple(key for key, field in fields(Row).items() if field.recorded and key not in fields(PlannedVehicle))
@@ -19,7 +18,7 @@ LABEL_KEYS = tuple(key for key, field in fields(PlannedVehicle).items() if field
 LONGEST = 120  # characters of a value in a finding
 
 
-def check_planned(coco: Mapping[str, Any], plan: Path) -> Iterator[Finding]:
+def check_planned(coco: Mapping[str, Any], plan: Plan) -> Iterator[Finding]:
     """Find differences between a plan's rows and their images and labels, and count missing ones.
 
     A difference is an error, since numbers are copied unrounded. A missing image is a warning, since a run may
@@ -30,23 +29,22 @@ def check_planned(coco: Mapping[str, Any], plan: Path) -> Iterator[Finding]:
     coco
         The dataset.
     plan
-        The plan's file, unchanged since rendering.
+        The plan, its file unchanged since rendering.
 
     Raises
     ------
     ConfigError
-        If the file isn't a plan, or a line isn't a row.
+        If a line isn't a row.
     """
-    rows = read_plan(plan)
-    run = find_run(coco, plan_key(plan))
+    run = find_run(coco, plan_key(plan.path))
     if run is None:
-        yield Finding("error", plan.name, "nothing here was rendered from this file, as it is now")
+        yield Finding("error", plan.path.name, "nothing here was rendered from this file, as it is now")
         return
     names = {category["id"]: category.get("name") for category in coco["categories"]}
     images = {image["id"]: image for image in coco["images"] if run.has_image(image["id"])}
     boxes = {box["id"]: box for box in coco["annotations"] if run.has_annotation(box["id"])}
     first, missing, example = run.annotation_offset + 1, 0, ""
-    for i, row in enumerate(rows, start=run.image_offset + 1):
+    for i, row in enumerate(plan, start=run.image_offset + 1):
         image, name, labels = images.get(i), run.file_name(row.file_name), label_records(row)
         if image is None:
             missing, example = missing + 1, example or name
@@ -61,7 +59,8 @@ def check_planned(coco: Mapping[str, Any], plan: Path) -> Iterator[Finding]:
             name = str(images[i].get("file_name"))
             yield Finding("error", name, f"annotation {box['id']} has the id of one that is planned elsewhere")
     if missing:
-        yield Finding("warning", plan.name, f"{missing} of {len(rows)} planned images are not there, such as {example}")
+        problem = f"{missing} of {len(plan)} planned images are not there, such as {example}"
+        yield Finding("warning", plan.path.name, problem)
 
 
 def image_record(row: Row) -> dict[str, Any]:

@@ -68,8 +68,8 @@ def verify(
     folder = Path(dataset)
     coco = read_coco(folder)
     findings, look = [], None
-    if plan is not None and not fast:
-        planned = read_plan(plan)
+    planned = None if plan is None else read_plan(plan)
+    if planned is not None and not fast:
         try:
             with reading_status():
                 look = sky_check(planned, coco, cache=cache)
@@ -79,8 +79,8 @@ def verify(
     findings += check_images(coco["images"])
     findings += check_annotations(coco)
     findings += check_runs(coco)
-    if plan is not None:
-        findings += check_planned(coco, Path(plan))
+    if planned is not None:
+        findings += check_planned(coco, planned)
     findings += _check_loading(folder / ANNOTATIONS_NAME)
     if is_cut_off(folder / JOURNAL_NAME):
         problem = "its last line is cut off: its image is not in the dataset; render again"
