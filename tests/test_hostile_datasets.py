@@ -26,9 +26,10 @@ def folder(tmp_path):
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_broken_pictures_are_all_named_and_not_exported(folder, tmp_path, layout):
     (folder / "1.png").write_bytes((folder / "1.png").read_bytes()[:60])
-    (folder / "2.png").write_text("no picture")
+    (folder / "2.png").unlink()
     edit(folder, lambda coco: coco["images"][2].update(width=33))
-    with pytest.raises(DatasetError, match=r"3 pictures cannot be used: 1\.png .*2\.png .*3\.png is 32 x 24") as error:
+    wanted = r"3 pictures cannot be used: 1\.png cannot be read as a picture .*2\.png is missing, 3\.png is 32 x 24"
+    with pytest.raises(DatasetError, match=wanted) as error:
         export(folder, tmp_path / "out", layout=layout)
     assert error.value.path == folder
     assert not (tmp_path / "out").exists()
@@ -47,7 +48,8 @@ def test_impossible_masks_are_not_exported(folder, tmp_path, mask, options):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_full_disk_is_not_reported_as_a_broken_picture(folder, tmp_path, monkeypatch):
+@pytest.mark.parametrize("exists", [False, True])
+def test_a_full_disk_is_not_reported_as_a_broken_picture_and_nothing_is_left(folder, tmp_path, monkeypatch, exists):
     def full(source, target, **options):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), source, None, target)
 
@@ -56,9 +58,13 @@ def test_a_full_disk_is_not_reported_as_a_broken_picture(folder, tmp_path, monke
 
     monkeypatch.setattr(os, "link", no_links)
     monkeypatch.setattr(shutil, "copyfile", full)
+    out = tmp_path / "out"
+    if exists:
+        out.mkdir()
     with pytest.raises(DatasetError, match=r"out: cannot be written \(No space left") as error:
-        export(folder, tmp_path / "out")
+        export(folder, out)
     assert "free some space" in error.value.remedy
+    assert list(out.iterdir()) == [] if exists else not out.exists()
 
 
 def test_many_equal_annotations_are_one_finding(folder):

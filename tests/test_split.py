@@ -1,11 +1,10 @@
 import json
-import shutil
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from hulldown.dataset.exports.export import LAYOUTS, export
+from hulldown.dataset.exports.export import export
 from hulldown.dataset.exports.split import SPLITS, group_of, share_out
 from hulldown.geometry.errors import DatasetError
 from hulldown.tests.editing import edit, write_dataset
@@ -154,25 +153,6 @@ def test_a_folder_in_use_is_not_written_into(dataset, tmp_path):
     (out / "mine.txt").write_text("")
     with pytest.raises(DatasetError, match="isn't empty; name an empty"):
         export(dataset, out)
-
-
-def test_a_folder_without_a_dataset_is_refused(tmp_path):
-    with pytest.raises(DatasetError, match=r"no annotations\.json"):
-        export(tmp_path, tmp_path / "out")
-
-
-@pytest.mark.parametrize("layout", LAYOUTS)
-@pytest.mark.parametrize("exists", [False, True])
-def test_a_failed_export_leaves_nothing(dataset, tmp_path, layout, exists):
-    broken = tmp_path / "dataset"
-    shutil.copytree(dataset, broken)
-    (broken / "images" / "200.png").unlink()
-    out = tmp_path / "out"
-    if exists:
-        out.mkdir()
-    with pytest.raises(DatasetError, match=r"200.png is missing"):
-        export(broken, out, layout=layout)
-    assert list(out.iterdir()) == [] if exists else not out.exists()
 
 
 def test_the_remains_of_a_killed_export_are_replaced(dataset, tmp_path):
