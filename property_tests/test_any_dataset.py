@@ -19,9 +19,9 @@ from PIL import Image
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.join import join
-from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.dataset.verification.verify import verify
 from hulldown.property_tests.any_values import MANY, containers, refusal, values_of
+from hulldown.tests.editing import append
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")  # damaged datasets may also cause warnings
 KEYS = (
@@ -41,19 +41,12 @@ change = st.tuples(
 def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two rendered images and a photograph, in a dataset that each example copies."""
     folder = tmp_path_factory.mktemp("sound") / "d"
-    (folder / "images").mkdir(parents=True)
     with CocoDataset.open(folder, categories=["tank"]) as dataset:
         dataset.run("f" * 64, images=2, annotations=2)
         for i in (1, 2, 7):
-            path = folder / f"images/{i}.png"
-            Image.new("RGB", (8, 6), (40 * i, 90, 9)).save(path)
-            image = {"id": i, "file_name": f"images/{i}.png", "width": 8, "height": 6}
-            if i < 7:
-                image[PICTURE_KEY] = digest(path.read_bytes())
             mask = {"size": [6, 8], "counts": [7, 4, 37]}
-            dataset.append(
-                image, [{"id": i, "category": "tank", "bbox": [1, 1, 2, 4], "segmentation": mask, "area": 4}]
-            )
+            label = {"id": i, "category": "tank", "bbox": [1, 1, 2, 4], "segmentation": mask, "area": 4}
+            append(dataset, f"images/{i}.png", Image.new("RGB", (8, 6), (40 * i, 90, 9)), [label], seal=i < 7, id=i)
     return folder
 
 

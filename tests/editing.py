@@ -1,4 +1,4 @@
-"""Datasets made elsewhere, and edits by hand as their owner might make them."""
+"""Datasets made here and elsewhere, and edits by hand as their owner might make them."""
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -6,6 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from PIL import Image
+
+from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.store.seals import PICTURE_KEY, digest
 
 
 def write_dataset(
@@ -25,6 +28,17 @@ def write_dataset(
             Image.new("RGB", (image["width"], image["height"]), (image["id"] % 256, 90, 60)).save(path)
     (folder / "annotations.json").write_text(json.dumps(coco))
     return folder
+
+
+def append(
+    dataset: CocoDataset, name: str, picture: Image.Image, labels: Sequence[Mapping], *, seal: bool = False, **more: Any
+) -> None:
+    """Save a picture in an open dataset, and append it with its labels and further fields."""
+    path = dataset.folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    picture.save(path)
+    seals = {PICTURE_KEY: digest(path.read_bytes())} if seal else {}
+    dataset.append({"file_name": name, "width": picture.width, "height": picture.height, **seals, **more}, labels)
 
 
 def edit(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:

@@ -17,6 +17,7 @@ import hulldown as hd
 from hulldown.dataset.coco import CocoDataset
 from hulldown.demo.project import create_project
 from hulldown.planning.write import write_plan
+from hulldown.tests.editing import append
 from hulldown.tests.planning_assets import small_assets, small_config
 from hulldown.training.settings import load_settings
 
@@ -37,9 +38,8 @@ def plan(tmp_path_factory):
 def dataset(tmp_path):
     with CocoDataset.open(tmp_path / "dataset", categories=["tank", "truck"]) as writer:
         for i in range(8):
-            Image.new("RGB", (64, 48), (30 * i, 90, 90)).save(tmp_path / "dataset" / f"{i}.png")
             label = {"category": "tank", "bbox": [8, 8, 40, 30]}
-            writer.append({"file_name": f"{i}.png", "width": 64, "height": 48}, [label])
+            append(writer, f"{i}.png", Image.new("RGB", (64, 48), (30 * i, 90, 90)), [label])
     return hd.Dataset.read(tmp_path / "dataset")
 
 

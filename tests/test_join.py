@@ -12,7 +12,7 @@ from hulldown.dataset.join import join
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.errors import DatasetError
-from hulldown.tests.editing import edit
+from hulldown.tests.editing import append, edit
 
 PLAN = "a" * 64
 
@@ -22,19 +22,12 @@ def render(folder, indices, *, key=PLAN, images=6, categories=("tank", "truck"))
     with CocoDataset.open(folder, categories=categories) as dataset:
         run = dataset.run(key, images=images, annotations=2 * images)
         for i in indices:
-            name = run.file_name(f"images/{i + 1:08d}.png")
-            picture(folder / name, i)
             boxed = [
                 {"id": run.annotation_offset + 2 * i + k, "category": "tank", "bbox": [0, 0, k, 3]} for k in (1, 2)
             ]
-            image = {"id": run.image_offset + i + 1, "file_name": name, "width": 8, "height": 6, "shot": i}
-            dataset.append(image, boxed)
+            name, picture = run.file_name(f"images/{i + 1:08d}.png"), Image.new("RGB", (8, 6), (i, 7, 7))
+            append(dataset, name, picture, boxed, id=run.image_offset + i + 1, shot=i)
     return folder
-
-
-def picture(path, level):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    Image.new("RGB", (8, 6), (level, 7, 7)).save(path)
 
 
 def photos(folder, names, *, level=100):
@@ -43,7 +36,8 @@ def photos(folder, names, *, level=100):
     boxed = [{"id": 0, "image_id": 0, "category_id": 5, "bbox": [1, 1, 2, 2], "score": 0.5}]
     categories = [{"id": 5, "name": "tank", "keypoints": ["nose"]}, {"id": 7, "name": "car", "supercategory": "civil"}]
     for i, name in enumerate(names):
-        picture(folder / name, level + i)
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        Image.new("RGB", (8, 6), (level + i, 7, 7)).save(folder / name)
     coco = {"info": {"year": 2024}, "categories": categories, "images": images, "annotations": boxed}
     (folder / "annotations.json").write_text(json.dumps(coco))
     return folder
@@ -225,7 +219,8 @@ def test_a_picture_whose_plan_was_removed_is_still_recognized(tmp_path):
 
 def with_photograph(folder, image_id):
     """A photograph added by hand, with an id reserved for the plan."""
-    picture(folder / "real/x.png", 200)
+    (folder / "real").mkdir()
+    Image.new("RGB", (8, 6), (200, 7, 7)).save(folder / "real/x.png")
     photograph = {"id": image_id, "file_name": "real/x.png", "width": 8, "height": 6}
     edit(folder, lambda coco: coco["images"].append(photograph))
     return folder

@@ -20,7 +20,7 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.reading.roles import Link
 from hulldown.reading.vehicle.keypoints import marked_points
-from hulldown.tests.editing import edit
+from hulldown.tests.editing import append, edit
 from hulldown.tests.planning_assets import small_assets
 from hulldown.tests.shapes import FACES
 from hulldown.tests.test_masks import CAMERA, CUBE, SHAPE
@@ -97,9 +97,8 @@ def dataset(tmp_path):
     with CocoDataset.open(tmp_path / "d") as dataset:
         dataset.add_categories([{"name": "tank", "keypoints": NAMES, "skeleton": [[1, 2]]}])
         for i in range(4):
-            Image.new("RGB", (64, 48)).save(tmp_path / f"d/{i}.png")
             labels = [record((3 + i, 4, 2), (0, 0, 0), (9, 9.5, 1))] if i else []
-            dataset.append({"file_name": f"{i}.png", "width": 64, "height": 48}, labels)
+            append(dataset, f"{i}.png", Image.new("RGB", (64, 48)), labels)
     return tmp_path / "d"
 
 

@@ -7,9 +7,9 @@ from scipy import ndimage
 
 from hulldown.annotate.masks import area, encode, mask_box
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.dataset.verification.look import appearance
 from hulldown.dataset.verification.verify import verify
+from hulldown.tests.editing import append
 
 SIZE = (180, 320)
 NOBODY = np.zeros(SIZE, dtype=bool)
@@ -27,16 +27,11 @@ def scene(seed):
 
 
 def dataset(folder, pictures, masks, **fields):
-    (folder / "images").mkdir()
     with CocoDataset.open(folder, categories=["tank"]) as target:
         for i, (picture, mask) in enumerate(zip(pictures, masks, strict=True)):
-            path = folder / f"images/{i}.png"
-            Image.fromarray(picture).save(path)
-            image = {"file_name": f"images/{i}.png", "width": SIZE[1], "height": SIZE[0], **fields}
-            if not fields:
-                image[PICTURE_KEY] = digest(path.read_bytes())
             label = {"segmentation": encode(mask), "area": area(mask), "bbox": mask_box(mask).tolist()}
-            target.append(image, [{"category": "tank", **label}])
+            labels = [{"category": "tank", **label}]
+            append(target, f"images/{i}.png", Image.fromarray(picture), labels, seal=not fields, **fields)
     return list(verify(folder))
 
 

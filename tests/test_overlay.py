@@ -7,7 +7,7 @@ from hulldown.annotate.masks import encode
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.table import Dataset
 from hulldown.geometry.errors import DatasetError
-from hulldown.tests.editing import write_dataset
+from hulldown.tests.editing import append, write_dataset
 
 NAMES = {1: "tank", 2: "truck"}
 
@@ -81,14 +81,10 @@ def test_captions_need_room_and_match_the_pictures():
 
 
 def test_sheet_of_a_dataset(tmp_path):
-    (tmp_path / "images").mkdir()
+    label = {"category": "tank", "bbox": [30, 10, 20, 20]}
     with CocoDataset.open(tmp_path) as dataset:
         for i in range(9):
-            Image.new("RGB", (64, 36), (10 * i, 0, 0)).save(tmp_path / f"images/{i}.png")
-            dataset.append(
-                {"file_name": f"images/{i}.png", "width": 64, "height": 36},
-                [{"category": "tank", "bbox": [30, 10, 20, 20]}],
-            )
+            append(dataset, f"images/{i}.png", Image.new("RGB", (64, 36), (10 * i, 0, 0)), [label])
     sheet = np.asarray(Dataset.read(tmp_path).sheet(count=3, columns=3, tile_width=64))
     # First, middle, and last.
     assert [int(sheet[2 + 33, 2 + i * 66 + 5, 0]) for i in range(3)] == [0, 40, 80]

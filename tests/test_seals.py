@@ -15,7 +15,7 @@ from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, digest, seal_of
 from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.errors import DatasetError
-from hulldown.tests.editing import edit
+from hulldown.tests.editing import append, edit
 
 PLAN = "c" * 64
 
@@ -26,15 +26,10 @@ def fill(folder, n=3, *, seals=True, key=PLAN):
         run = dataset.run(key, images=n, annotations=n)
         for i in range(n):
             name = run.file_name(f"images/{i + 1:08d}.png")
-            path = folder / name
-            path.parent.mkdir(exist_ok=True)
             noise = random.Random(f"{key} {i}").randbytes(32 * 24 * 3)
-            Image.frombytes("RGB", (32, 24), noise).save(path)
-            image = {"id": run.image_offset + i + 1, "file_name": name, "width": 32, "height": 24}
-            if seals:
-                image[PICTURE_KEY] = digest(path.read_bytes())
             box = {"id": run.annotation_offset + i + 1, "category": "tank", "bbox": [5.0, 4.0, 10.25, 6.5]}
-            dataset.append(image, [box])
+            picture = Image.frombytes("RGB", (32, 24), noise)
+            append(dataset, name, picture, [box], seal=seals, id=run.image_offset + i + 1)
     return folder
 
 

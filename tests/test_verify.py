@@ -9,7 +9,7 @@ from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.verification import check_pictures
 from hulldown.dataset.verification.verify import Finding, verify
 from hulldown.geometry.errors import ConfigError, DatasetError
-from hulldown.tests.editing import edit
+from hulldown.tests.editing import append, edit
 from hulldown.tests.plan_lines import IMAGE, POSE, VEHICLE, row, write_lines
 
 MASK = np.zeros((24, 32), dtype=bool)
@@ -33,12 +33,9 @@ FOG = {
 
 @pytest.fixture
 def dataset(tmp_path):
-    (tmp_path / "images").mkdir()
     with CocoDataset.open(tmp_path, categories=["tank", "truck"]) as dataset:
         dataset.run("p" * 64, images=3, annotations=3)
         for i in range(3):
-            name = f"images/{i}.png"
-            Image.new("RGB", (32, 24), (i, 0, 0)).save(tmp_path / name)
             annotation = {
                 "id": i + 1,
                 "category": "tank",
@@ -50,7 +47,7 @@ def dataset(tmp_path):
                 "area": 60,
                 "world_from_vehicle": POSE,
             }
-            dataset.append({"id": i + 1, "file_name": name, "width": 32, "height": 24}, [annotation])
+            append(dataset, f"images/{i}.png", Image.new("RGB", (32, 24), (i, 0, 0)), [annotation], id=i + 1)
     return tmp_path
 
 
@@ -146,21 +143,19 @@ def planned(tmp_path):
     rows = [planned_row(i) for i in range(4)]
     plan = write_lines(tmp_path / "plan.jsonl", rows)
     folder = tmp_path / "dataset"
-    (folder / "images").mkdir(parents=True)
     with CocoDataset.open(folder, categories=["truck", "tank"]) as dataset:
-        dataset.append({"file_name": "images/real.png", "width": 32, "height": 24}, [])
-        Image.new("RGB", (32, 24), (9, 0, 0)).save(folder / "images/real.png")
+        append(dataset, "images/real.png", Image.new("RGB", (32, 24), (9, 0, 0)), [])
         dataset.run("p" * 64, images=3, annotations=3)
         run = dataset.run(hashlib.sha256(plan.read_bytes()).hexdigest(), images=4, annotations=5)
         n = run.annotation_offset
         for i, each in enumerate(rows):
             name = run.file_name(each["file_name"])
-            Image.new("RGB", (32, 24), (i, 0, 0)).save(folder / name)
             boxes = []
             for vehicle in (each, *each["companions"][2:]):
                 n += 1
                 boxes.append({"id": n, **recorded(vehicle, VEHICLE), **IN_SPACE, "iscrowd": 0})
-            dataset.append({"id": run.image_offset + i + 1, "file_name": name, **recorded(each, IMAGE)}, boxes)
+            picture, image = Image.new("RGB", (32, 24), (i, 0, 0)), recorded(each, IMAGE) | {"file_name": name}
+            append(dataset, name, picture, boxes, id=run.image_offset + i + 1, **image)
     return folder, plan
 
 
