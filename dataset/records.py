@@ -107,31 +107,27 @@ def check_usable(
     DatasetError
         Naming the first.
     """
-    for where, problem in _hindrances(categories, images, annotations):
+
+    def refuse(where: str, problem: str) -> None:
         raise DatasetError(f"{where}: {problem}", path=folder, remedy="check it with `hulldown verify`")
 
-
-def _hindrances(
-    categories: Sequence[Mapping[str, Any]],
-    images: Iterable[Mapping[str, Any]],
-    annotations: Iterable[Mapping[str, Any]],
-) -> Iterator[tuple[str, str]]:
     for category in categories:
         if not isinstance(category.get("name"), str):
-            yield f"category {category['id']}", f"has no name but {category.get('name')!r}"
+            refuse(f"category {category['id']}", f"has no name but {category.get('name')!r}")
     for image in images:
         if not stays_inside(image.get("file_name")):
-            yield f"image {image['id']}", f"file_name {image.get('file_name')!r} is no path inside the dataset"
-        yield from ((_name(image), problem) for problem in _size_problems(image))
+            refuse(f"image {image['id']}", f"file_name {image.get('file_name')!r} is no path inside the dataset")
+        for problem in _size_problems(image):
+            refuse(_name(image), problem)
     known = {category["id"] for category in categories}
     for annotation in annotations:
         where = f"annotation {annotation['id']}"
         if not isinstance(annotation.get("image_id"), int):
-            yield where, f"image {annotation.get('image_id')!r} does not exist"
+            refuse(where, f"image {annotation.get('image_id')!r} does not exist")
         if not isinstance(annotation.get("category_id"), int) or annotation["category_id"] not in known:
-            yield where, f"category {annotation.get('category_id')!r} does not exist"
+            refuse(where, f"category {annotation.get('category_id')!r} does not exist")
         if not is_box(annotation.get("bbox")):
-            yield where, f"bbox {annotation.get('bbox')!r} is not [x, y, width, height]"
+            refuse(where, f"bbox {annotation.get('bbox')!r} is not [x, y, width, height]")
 
 
 def check_categories(categories: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
