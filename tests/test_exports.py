@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 from pycocotools.coco import COCO
 
-from hulldown.annotate.masks import decode, encode
+from hulldown.annotate.masks import area, decode, encode, mask_box
 from hulldown.annotate.outlines import polygons
 from hulldown.dataset.exports.export import LAYOUTS, WITH_POLYGONS, export
 from hulldown.dataset.exports.layouts import webdataset as shards
@@ -68,20 +68,9 @@ def dataset(tmp_path_factory):
         if i % 10 == 4:
             continue
         mask = mask_of(i % 3)
-        rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
-        box = [columns[0] + 0.25, rows[0] + 0.125, columns[-1] - columns[0] + 0.5, rows[-1] - rows[0] + 0.75]
-        label = {
-            **{
-                "id": len(annotations) + 1,
-                "image_id": i + 1,
-                "category_id": 3 + i // 3 % 2,
-                "iscrowd": int(i in (6, 7)),
-            },
-            **{"bbox": [float(n) for n in box], "area": int(mask.sum()), "segmentation": encode(mask)},
-        }
-        if not render:
-            label["segmentation"] = []
-        annotations.append(label)
+        label = {"bbox": np.add(mask_box(mask), [0.25, 0.125, -0.5, -0.25]).tolist(), "area": area(mask)}
+        label |= {"segmentation": encode(mask) if render else [], "iscrowd": int(i in (6, 7))}
+        annotations.append({"id": len(annotations) + 1, "image_id": i + 1, "category_id": 3 + i // 3 % 2, **label})
     categories = [{"id": 3 + k, "name": name} for k, name in enumerate(NAMES)]
     coco = {"images": images, "annotations": annotations, "categories": categories[::-1]}
     (folder / "annotations.json").write_text(json.dumps(coco))

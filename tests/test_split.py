@@ -6,6 +6,7 @@ from PIL import Image
 
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.exports.split import SPLITS, group_of, share_out
+from hulldown.dataset.records import by_image
 from hulldown.geometry.errors import DatasetError
 from hulldown.tests.editing import edit, write_dataset
 
@@ -33,10 +34,7 @@ def dataset(tmp_path_factory):
 
 def grouped(folder) -> tuple[list[dict], dict[int, list[dict]]]:
     coco = json.loads((folder / "annotations.json").read_text())
-    boxes = {image["id"]: [] for image in coco["images"]}
-    for annotation in coco["annotations"]:
-        boxes[annotation["image_id"]].append(annotation)
-    return coco["images"], boxes
+    return coco["images"], by_image(coco["images"], coco["annotations"])
 
 
 @pytest.mark.parametrize("seed", range(5))
