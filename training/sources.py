@@ -228,7 +228,7 @@ def _checked(folder: Path) -> dict[str, Any]:
                 raise DatasetError(
                     f"{image['file_name']}: {where}: {error}", path=folder, remedy="correct or remove it"
                 ) from None
-    coco["annotations"] = clipped_boxes(coco["annotations"], images, folder=folder, clip=False)
+    coco["annotations"] = clipped_boxes(coco["annotations"], coco["images"], folder=folder, clip=False)
     return coco
 
 

@@ -17,16 +17,16 @@ LISTED = 10  # boxes that an error names
 
 
 def clipped_boxes(
-    annotations: Iterable[Mapping[str, Any]], images: Mapping[int, Mapping[str, Any]], *, folder: Path, clip: bool
+    annotations: Iterable[Mapping[str, Any]], images: Iterable[Mapping[str, Any]], *, folder: Path, clip: bool
 ) -> list[Mapping[str, Any]]:
-    """Return annotations whose boxes lie inside their images.
+    """Return annotations whose boxes lie inside their images; those of other images are left out.
 
     Parameters
     ----------
     annotations
         Usable COCO annotation records, see `dataset.records.check_usable`.
     images
-        COCO image records by id.
+        COCO image records.
     folder
         The dataset, for errors.
     clip
@@ -41,9 +41,11 @@ def clipped_boxes(
     kept: list[Mapping[str, Any]] = []
     wrong: list[str] = []
     further = False
+    known = {image["id"]: image for image in images}
     for annotation in annotations:
+        if (image := known.get(annotation["image_id"])) is None:
+            continue
         x, y, w, h = annotation["bbox"]
-        image = images[annotation["image_id"]]
         where = f"{image['file_name']}: annotation {annotation['id']}"
         by = beyond(annotation["bbox"], image["width"], image["height"])
         if w <= 0 or h <= 0:

@@ -106,9 +106,7 @@ def export(
     folder = Path(dataset)
     document = read_usable(folder)
     images = document["images"]
-    known = {image["id"]: image for image in images}
-    of_images = [label for label in document["annotations"] if label["image_id"] in known]
-    labels = by_image(images, clipped_boxes(of_images, known, folder=folder, clip=clip))
+    labels = by_image(images, clipped_boxes(document["annotations"], images, folder=folder, clip=clip))
     split_of = share_out(images, labels, fractions=fractions, seed=seed)
     allowed = [Path(each) for each in allow_links]
     _check_masks(images, labels, folder)

@@ -316,10 +316,8 @@ def _read_annotations(path: Path) -> Document:
         raise _unusable(path, f"cannot be read ({error.strerror})") from error
     except msgspec.ValidationError as error:
         raise _unusable(path, f"isn't a COCO object ({error})") from error
-    except (msgspec.DecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise _unusable(path, f"is not valid JSON ({error})") from error
-    except orjson.JSONDecodeError as error:
-        raise _unusable(path, f"is not valid JSON ({error.msg})") from error
 
 
 def _records(content: msgspec.Raw, key: str, path: Path) -> Iterator[dict[str, Any]]:
