@@ -11,7 +11,7 @@ from hulldown.camera.response import displayed
 from hulldown.camera.sensor import Sensor
 from hulldown.camera.world import Plane, World
 from hulldown.dataset.store.runs import Run
-from hulldown.dataset.verification.check_skies import SkyCheck, deviation, inner, radiance
+from hulldown.dataset.verification.check_skies import SkyCheck, deviation, radiance
 
 RUN = Run("a" * 64, 0, 0, "", 9, 9)
 POSE = [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 2.0], [0.0, 0.0, 0.0, 1.0]]  # looks along +x
@@ -101,7 +101,7 @@ def test_a_vehicle_in_front_of_the_sky_is_excluded():
 
 
 def test_deviation_is_the_smoothed_difference():
-    where = inner(np.ones((20, 30), bool))
+    where = np.ones((20, 30), bool)
     noise = np.tile([[-9.0, 9.0], [9.0, -9.0]], (10, 15))[..., None]
     assert deviation(np.full((20, 30, 3), 104.0) + noise, np.full((20, 30, 3), 100.0), where) == pytest.approx(
         4, abs=0.5

@@ -77,7 +77,7 @@ class SkyCheck:
             response = white_balance(float(image["white_balance_k"])).T * 2.0 ** float(image["exposure_ev"])
         except (KeyError, TypeError, ValueError):  # a record that was changed, which is found elsewhere
             return
-        sky = inner(sky & ~_labeled(image, labels, sky.shape))
+        sky = ndimage.binary_erosion(sky & ~_labeled(image, labels, sky.shape), iterations=_ERODED, border_value=1)
         if np.count_nonzero(sky) < FEWEST:
             return
         small = np.asarray(Image.fromarray(pixels).resize((WIDTH, height), Image.Resampling.BOX), dtype=np.float64)
@@ -203,11 +203,6 @@ def radiance(
         depth += layer.extinction * sides.min(axis=0)
     clear = np.exp(-depth)[..., None]
     return clear * seen + (1.0 - clear) * airlight(kind, fog.even_sky(sky)) * strength
-
-
-def inner(sky: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
-    """Pixels of sky that aren't next to anything else."""
-    return ndimage.binary_erosion(sky, iterations=_ERODED, border_value=1)
 
 
 def deviation(
