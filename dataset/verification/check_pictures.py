@@ -16,7 +16,7 @@ from hulldown.dataset.picture_files import DECODERS, UPRIGHT, read_picture, size
 from hulldown.dataset.records import Finding, by_image
 from hulldown.dataset.store.entries import place_of
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
-from hulldown.dataset.verification.check_looks import check_looks, is_rendered
+from hulldown.dataset.verification.look import check_looks, is_rendered
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.files import stays_inside

@@ -1,4 +1,4 @@
-"""Measure how pictures look: a target's contrast, and the strength of its outline.
+"""Check that rendered pictures show their labels, by a target's contrast and the strength of its outline.
 
 Thresholds of color were measured on 240 renders of the demo, 320 x 180 pixels at 5 samples, eight skies, fog in a
 seventh of them, those of outlines on 67 in all weathers; docs/dataset.md has the figures.
@@ -6,13 +6,20 @@ seventh of them, those of outlines on 67 in all weathers; docs/dataset.md has th
 
 from __future__ import annotations
 
+import contextlib
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy import ndimage
 
+from hulldown.annotate.masks import decode
+from hulldown.dataset.records import Finding
+from hulldown.dataset.store.seals import PICTURE_KEY
 from hulldown.geometry.color import LUMINANCE
 
 NOTHING = 1.0  # of 255: a target with less contrast, outside and within itself, isn't in the picture
@@ -28,6 +35,57 @@ WIDEST = 640  # largest measured patch in pixels; larger ones are averaged down
 AROUND = 0.25  # width of the surroundings, of a mask's longer side
 _SOFT = 1.0  # pixels by which a mask is blurred for its outline's direction
 _NOISE = 0.05  # of 255: gradients below are noise
+
+
+def is_rendered(image: Mapping[str, Any]) -> bool:
+    """Whether an image record is of a rendered picture: photographs' records lack two keys."""
+    return any(image.get(key) is not None for key in (PICTURE_KEY, "world_from_camera"))
+
+
+def check_looks(
+    image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]], pixels: UInt8[np.ndarray, "h w 3"]
+) -> Iterator[Finding]:
+    """Find problems with the look of targets in a rendered picture.
+
+    Parameters
+    ----------
+    image
+        Its record, of the picture's size.
+    annotations
+        Its labels; those without a mask, and ignored ones, aren't checked.
+    pixels
+        The picture.
+    """
+    name, height, width = str(image.get("file_name")), *pixels.shape[:2]
+    masked = []
+    for label in annotations:
+        with contextlib.suppress(KeyError, ValueError):  # found elsewhere
+            masked.append((label, decode(label["segmentation"], width, height)))
+    looks: list[Appearance] = []
+    covering = sum((mask for _, mask in masked), np.zeros((height, width), dtype=np.uint16))  # labels of each pixel
+    for label, mask in masked:
+        if not label.get("iscrowd") and (look := appearance(pixels, mask, covering > mask)) is not None:
+            looks.append(look)
+            yield from _label_problems(f"{name}: annotation {label['id']}", look)
+    outlines = [look.outline for look in looks if look.contrast >= FAINT and not math.isnan(look.outline)]
+    if outlines and (best := max(outlines)) < UNLIKE:
+        problem = (
+            f"does not show its labels: nothing changes along their outlines ({best:.2f}, expected {UNLIKE} or more)"
+        )
+        yield Finding("error", name, problem, best)
+
+
+def _label_problems(where: str, look: Appearance) -> Iterator[Finding]:
+    if look.brightest < BLACK:
+        yield Finding("error", where, f"its pixels are black: {look.brightest:.1f} of 255", look.brightest)
+    elif look.darkest > WHITE:
+        yield Finding("error", where, f"its pixels are white: {look.darkest:.1f} of 255", look.darkest)
+    elif look.contrast < NOTHING:
+        problem = f"cannot be seen in its picture: its contrast is {look.contrast:.1f} of 255"
+        yield Finding("error", where, problem, look.contrast)
+    elif look.contrast < FAINT:
+        problem = f"is hard to make out: its contrast is {look.contrast:.1f} of 255"
+        yield Finding("warning", where, problem, look.contrast)
 
 
 @dataclass(frozen=True, slots=True)
