@@ -231,15 +231,12 @@ def _refuse_other_images(moves: Sequence[_Move], target: CocoDataset) -> None:
                 )
         stray = move.image_id is None and there.exists()
         its_id, first_picture = by_name.setdefault(move.name, (move.image_id, there if stray else picture))
-        planned = its_id is not None and its_id == move.image_id
-        if not planned and first_picture.exists() and not _same(first_picture, picture):
+        same = its_id is not None and its_id == move.image_id  # planned
+        same = same or not first_picture.exists() or first_picture.samefile(picture)
+        if not same and not filecmp.cmp(first_picture, picture, shallow=False):
             which = "one of them" if move.image_id is None and its_id not in ids else "the one of no plan"
             remedy = f"give {which} another name"
             raise DatasetError(f"is another picture than {first_picture}", path=picture, remedy=remedy)
-
-
-def _same(first: Path, second: Path) -> bool:
-    return first.samefile(second) or filecmp.cmp(first, second, shallow=False)
 
 
 def _check(moves: Sequence[_Move], target: CocoDataset) -> None:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeAlias
 
 import msgspec
 
-Count: TypeAlias = Annotated[int, msgspec.Meta(ge=0)]
+_Count: TypeAlias = Annotated[int, msgspec.Meta(ge=0)]
 
 
 class Run(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -28,11 +28,11 @@ class Run(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     key: Annotated[str, msgspec.Meta(pattern=r"^[^/]+\Z")]
-    image_offset: Count
-    annotation_offset: Count
+    image_offset: _Count
+    annotation_offset: _Count
     prefix: Annotated[str, msgspec.Meta(pattern=r"^[^/]*\Z")]
-    images: Count
-    annotations: Count
+    images: _Count
+    annotations: _Count
 
     def file_name(self, planned: str) -> str:
         """The name in the dataset of an image with the name `planned` in the plan."""
