@@ -262,8 +262,10 @@ def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("of_image", "of_label", "message"),
     [
-        ({"file_name": "/etc/passwd"}, {}, "file_name: expected a path inside the dataset"),
-        ({"file_name": "../a.png"}, {}, "file_name: expected a path inside the dataset"),
+        *(
+            ({"file_name": name}, {}, "file_name: expected a path inside the dataset that is free")
+            for name in ("/a.png", "../a.png", ".unfinished/1", "annotations.json", "Journal.jsonl", "logs/1", ".")
+        ),
         ({"width": 0}, {}, "width: expected a whole number of pixels"),
         ({"height": 1.5}, {}, "height: expected a whole number of pixels"),
         ({"id": 0}, {}, "id: expected a whole number above 0"),

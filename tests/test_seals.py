@@ -171,12 +171,3 @@ def test_two_spellings_of_one_path_are_one_name(tmp_path, name):
         target.append({"file_name": name, "width": 32, "height": 24}, [])
     edit(tmp_path, lambda c: c["images"].append({**c["images"][0], "id": 9, "file_name": name}))
     assert "error: images/00000001.png: belongs to 2 image records" in errors(tmp_path)
-
-
-@pytest.mark.parametrize("name", [".unfinished/1.png", "annotations.json", "Journal.jsonl", "logs/1.png", "."])
-def test_names_of_the_datasets_own_files_are_refused_for_pictures(tmp_path, name):
-    with (
-        CocoDataset.open(tmp_path) as target,
-        pytest.raises(ValueError, match="a path inside the dataset that is free"),
-    ):
-        target.append({"file_name": name, "width": 32, "height": 24}, [])
