@@ -20,7 +20,7 @@ from hulldown.geometry.transforms import apply
 from hulldown.render.annotations import Segmenter, annotation_records
 from hulldown.tests.detections import dataset as dataset_of
 from hulldown.tests.detections import loaded
-from hulldown.tests.editing import append, edit, write_dataset
+from hulldown.tests.editing import edit, write_dataset
 from hulldown.tests.planning_assets import plan, small_assets, small_config
 from hulldown.tests.test_exports import package
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold
@@ -81,9 +81,10 @@ def dataset(planned, tmp_path_factory):
     segmenter = Segmenter(assets.vehicles, assets.sceneries)
     with CocoDataset.open(folder, categories=["main battle tank", "truck"]) as dataset:
         for row in rows:
-            labels = annotation_records(row, segmenter.segmentations(row))
-            picture = Image.new("RGB", (row.width, row.height), "gray")
-            append(dataset, row.file_name, picture, labels, **image_record(row))
+            image = {"file_name": row.file_name, **image_record(row)}
+            (folder / row.file_name).parent.mkdir(exist_ok=True)
+            Image.new("RGB", (row.width, row.height), "gray").save(folder / row.file_name)
+            dataset.append(image, annotation_records(row, segmenter.segmentations(row)))
     return folder
 
 
