@@ -31,8 +31,8 @@ def save_sheet(sheet: Image.Image, path: Path) -> None:
         sheet.save(file, format="PNG", pnginfo=notes)
 
 
-def refuse_foreign(path: Path) -> None:
-    """Refuse to replace a file that isn't our picture; also called before the work.
+def refuse_foreign(path: Path, mark: bytes = _MARK) -> None:
+    """Refuse to replace a file without our mark, by default a picture's; also called before the work.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def refuse_foreign(path: Path) -> None:
     """
     try:
         with open_regular(path) as file:
-            ours = _MARK in file.read(_START)
+            ours = mark in file.read(_START)
     except FileNotFoundError:
         return
     except OSError:

@@ -80,7 +80,7 @@ def test_few_photographs_and_photographs_without_files(tmp_path):
     assert one.sentences == []
     assert any("four photographs" in note for note in one.notes)
     json.dumps(one.to_json(), allow_nan=False)
-    assert one.section().blocks
+    write_report(Dataset.read(own), tmp_path / "page.html", comparison=one)
     boxes = compared(own, coco(tmp_path / "b", 6, seed=2, pictures=False))
     assert "brightness" not in {each.feature.name for each in boxes.features}
     assert any("pictures" in note for note in boxes.notes)

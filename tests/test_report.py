@@ -4,15 +4,17 @@ import re
 
 import numpy as np
 import pytest
+from PIL import Image
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select
 from selenium.webdriver.support.wait import WebDriverWait
 
 from hulldown.annotate.masks import encode
+from hulldown.dataset.reports.page import Tile, choices
 from hulldown.dataset.reports.report import write_report
 from hulldown.dataset.table import Dataset
-from hulldown.geometry.errors import DatasetError
+from hulldown.geometry.errors import DatasetError, HulldownError
 from hulldown.tests.editing import write_dataset
 
 WIDTH, HEIGHT = 96, 54
@@ -45,7 +47,7 @@ def folder(tmp_path_factory):
                 label |= {"vehicle": f"v{k}", "world_from_vehicle": pose(0.0, float(i), 0.0).tolist()}
                 label |= {"visible_fraction": 0.5 + i / 24, "truncated_fraction": 0.0}
             labels.append(label)
-    return write_dataset(tmp_path_factory.mktemp("dataset"), images, labels, names=("tank", "truck & <trailer>"))
+    return write_dataset(tmp_path_factory.mktemp("A & <B>"), images, labels, names=("tank", "truck & <trailer>"))
 
 
 @pytest.fixture(scope="module")
@@ -72,9 +74,20 @@ def choose(browser, facet, value):
     Select(browser.find_element(By.CSS_SELECTOR, f"select[data-facet={facet}]")).select_by_visible_text(value)
 
 
-def test_all_images_are_shown_and_counted(shown):
+def test_all_images_are_shown_and_counted(shown, folder):
+    assert shown.title == shown.find_element(By.TAG_NAME, "h1").text == f"Dataset {folder}"
     assert tiles(shown) == list(range(14))
     assert "14 images, 14 labels of 2 classes, 1 image without labels, 12 positions." in shown.page_source
+    widths = shown.execute_script("return [...document.querySelectorAll('.tile img')].map((i) => i.naturalWidth)")
+    assert widths == [WIDTH] * 14
+
+
+def test_the_page_cannot_fetch_anything(shown, report):
+    Image.new("RGB", (4, 3)).save(report.with_name("spy.png"))
+    asked = """const done = arguments[0], image = new Image();
+        image.onload = () => done("loaded"); image.onerror = () => done("refused"); image.src = "spy.png";"""
+    assert shown.execute_async_script(asked) == "refused"
+    assert "Content Security Policy" in str(shown.get_log("browser"))
 
 
 def test_an_image_is_found_by_each_of_its_classes(shown):
@@ -85,8 +98,19 @@ def test_an_image_is_found_by_each_of_its_classes(shown):
     choose(shown, "class", "all")
     choose(shown, "weather", "fog, under 500 m (1)")
     assert tiles(shown) == [5]
+    assert shown.find_element(By.CSS_SELECTOR, ".shown").text == "1 of 14 shown"
+    choose(shown, "scenery", "hills (6)")
+    assert tiles(shown) == []
+    choose(shown, "weather", "all")
+    choose(shown, "scenery", "<steppe> (6)")
+    assert tiles(shown) == [1, 3, 5, 7, 9, 11]
     shown.find_element(By.CSS_SELECTOR, ".clear").click()
     assert len(tiles(shown)) == 14
+
+
+def test_a_facet_with_one_value_is_left_out():
+    same = [Tile(b"", ["a"], {"outcome": ["missed"]})] * 2
+    assert list(choices(same, [("outcome", "outcome", ("missed", "found"))])) == []
 
 
 def test_a_row_of_the_table_filters_by_its_class(shown):
@@ -116,7 +140,7 @@ def test_arrows_move_through_visible_pictures_and_the_focus_returns(shown):
     assert dialog.find_element(By.TAG_NAME, "p").text.startswith("images/3.png")
     keys.send_keys(Keys.ARROW_LEFT, Keys.ARROW_LEFT, Keys.ARROW_LEFT)
     assert dialog.find_element(By.TAG_NAME, "p").text.startswith("images/0.png")
-    assert len(dialog.find_elements(By.CSS_SELECTOR, "svg rect")) == 1
+    assert len(dialog.find_elements(By.CSS_SELECTOR, "svg .box")) == 1
     keys.send_keys(Keys.ESCAPE)
     assert not dialog.is_displayed()
     # Browsers report a closed dialog later.
@@ -125,7 +149,7 @@ def test_arrows_move_through_visible_pictures_and_the_focus_returns(shown):
 
 def test_boxes_and_masks_are_in_place_and_can_be_hidden(shown):
     overlay = "document.querySelectorAll('.tile')[3].querySelector('svg')"
-    box = shown.execute_script(f"return {overlay}.querySelector('rect').getBoundingClientRect()")
+    box = shown.execute_script(f"return {overlay}.querySelector('.box').getBoundingClientRect()")
     frame = shown.execute_script(f"return {overlay}.parentElement.querySelector('img').getBoundingClientRect()")
     scale = frame["width"] / WIDTH
     for side, wanted in (("x", 20.0 * scale), ("y", 10.0 * scale)):
@@ -144,9 +168,9 @@ def test_only_a_report_is_overwritten(folder, report, tmp_path):
     assert report.read_text().count("<button class=tile") == 2
     write_report(Dataset.read(folder), report)
     (tmp_path / "mine.html").write_text("<p>mine</p>")
-    with pytest.raises(DatasetError, match=r"mine\.html: exists and isn't a hulldown report; choose another name"):
+    with pytest.raises(HulldownError, match=r"mine\.html: exists and wasn't drawn by hulldown"):
         write_report(Dataset.read(folder), tmp_path / "mine.html")
-    with pytest.raises(DatasetError, match="cannot be written"):
+    with pytest.raises(HulldownError, match="cannot be written"):
         write_report(Dataset.read(folder), tmp_path / "mine.html" / "report.html")
 
 

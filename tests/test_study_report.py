@@ -15,7 +15,7 @@ from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.study.charts import beside, over_photographs, png
 from hulldown.training.study.manifest import write_manifest
-from hulldown.training.study.page import PAPER, PAPER_FIGURES, markdown, sections
+from hulldown.training.study.page import PAPER, PAPER_FIGURES, page
 from hulldown.training.study.report import compared_runs, write_report
 from hulldown.training.study.results import Difference, needed
 from hulldown.training.study.runs import JUDGED
@@ -153,7 +153,7 @@ def test_an_unfinished_study_lists_what_is_missing(pictures, study, tmp_path):
     assert report["missing"] == {
         "mixed-25-seed1": "ended by signal 9", "synthetic-seed0": "not run yet", "synthetic-seed1": "not run yet",
     }  # fmt: skip
-    assert "mixed-25-seed1: ended by signal 9" in markdown(sections(report, {}))
+    assert "mixed-25-seed1: ended by signal 9" in page(report, {}, layout="page.md")
     with pytest.raises(HulldownError, match=r"no study\.json here; name a folder of `hulldown study run`"):
         compared_runs(tmp_path)
 
@@ -170,7 +170,7 @@ def test_validation_photographs_choose_each_threshold(pictures, tmp_path):
     assert report["study"]["threshold"] == "validation"
     # False positives have a score of 0.55 and true detections more, so the best threshold excludes the former.
     assert all(run["threshold"] > 0.55 and run["fp"] == 0 for run in report["runs"])
-    assert "best F1 on the validation photographs" in markdown(sections(report, {}))
+    assert "best F1 on the validation photographs" in page(report, {}, layout="page.md")
 
 
 def test_the_page_has_every_chart_and_fetches_nothing(study, browser):

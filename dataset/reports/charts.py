@@ -1,10 +1,10 @@
-"""Charts as SVG: colors and axes that all charts share, and the charts of a dataset."""
+"""Colors and axes that all charts share, and the charts of a dataset."""
 
 from __future__ import annotations
 
 import io
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float, Shaped
@@ -12,8 +12,6 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarFormatter
-
-from hulldown.dataset.reports.page import Chart
 
 INK, SOFT, BLUE, RED, GREEN = "#1d2126", "#9aa3ab", "#0072b2", "#d55e00", "#009e73"
 COLORS = (BLUE, RED, GREEN, "#cc79a7", "#e69f00", "#56b4e9")
@@ -60,7 +58,7 @@ def svg(figure: Figure) -> bytes:
     return file.getvalue()
 
 
-def histogram(title: str, values: Float[np.ndarray, " n"], *, log: bool = False) -> Chart:
+def histogram(title: str, values: Float[np.ndarray, " n"], *, log: bool = False) -> Figure:
     """Histogram of the known numbers."""
     figure, axes = axes_of(3.6, 2.2)
     known = values[np.isfinite(values) & ((values > 0) | (not log))]
@@ -72,7 +70,7 @@ def histogram(title: str, values: Float[np.ndarray, " n"], *, log: bool = False)
         edges = np.linspace(low, high if high > low else low + 1.0, BINS + 1)
     axes.hist(np.clip(known, edges[0], edges[-1]), bins=edges.tolist(), color=BLUE)
     axes.set(title=title)
-    return Chart(svg(figure), title)
+    return figure
 
 
 def _log_scale(axes: Axes) -> None:
@@ -88,7 +86,7 @@ def two_histograms(
     shares: tuple[Float[np.ndarray, " b"], Float[np.ndarray, " b"]],
     *,
     log: bool = False,
-) -> Chart:
+) -> Figure:
     """Histograms of a dataset (filled) and of photographs (a line) in the same bins."""
     figure, axes = axes_of(3.6, 2.2)
     axes.stairs(100 * shares[0], edges, fill=True, color=BLUE, alpha=0.55, label="this dataset")
@@ -99,37 +97,44 @@ def two_histograms(
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(title=title, ylabel="%")
     axes.legend(fontsize=7, frameon=False)
-    return Chart(svg(figure), f"{title}: this dataset and the photographs")
+    return figure
 
 
-def azimuths(values: Float[np.ndarray, " n"]) -> Chart:
+def azimuths(values: Float[np.ndarray, " n"]) -> Figure:
     """Histogram of the side that targets are seen from, in degrees counterclockwise from straight ahead."""
     figure, axes = axes_of(3.6, 2.2)
     axes.hist(values[np.isfinite(values)], bins=np.linspace(-180.0, 180.0, BINS + 1).tolist(), color=BLUE)
     axes.set_xticks([-180, -90, 0, 90, 180], ["rear", "right", "front", "left", "rear"])
     axes.set(title="side seen")
-    return Chart(svg(figure), "side seen")
+    return figure
 
 
-def places_in_pictures(centers: Float[np.ndarray, "n 2"]) -> Chart:
+def places_in_pictures(centers: Float[np.ndarray, "n 2"]) -> Figure:
     """Positions of labels' centers, in shares of width and height."""
     figure, axes = axes_of(3.6, 2.2)
     counts, _, _ = np.histogram2d(centers[:, 1], centers[:, 0], bins=(14, 24), range=((0, 1), (0, 1)))
     axes.imshow(counts, extent=(0, 1, 1, 0), aspect="auto", cmap="Blues", interpolation="nearest")
     axes.set(title="label positions", xticks=[], yticks=[])
-    return Chart(svg(figure), "label positions")
+    return figure
 
 
-def shares(title: str, names: Shaped[np.ndarray, " n"]) -> Chart:
+def shares(title: str, names: Shaped[np.ndarray, " n"]) -> Figure:
     """Frequency of each name, most frequent first."""
     counts = Counter(name for name in names.tolist() if name).most_common()
     shown = counts[:MOST_NAMES]
     if rest := counts[MOST_NAMES:]:
         shown.append((f"{len(rest)} others", sum(n for _, n in rest)))
-    figure, axes = axes_of(3.6, 0.7 + 0.24 * max(len(shown), 3))
-    axes.barh([short(name) for name, _ in shown][::-1], [n for _, n in shown][::-1], color=BLUE, height=0.62)
+    return bars(title, dict(shown))
+
+
+def bars(title: str, values: Mapping[str, float], *, width: float = 3.6, color: str = BLUE) -> Figure:
+    """A bar for each name, from top to bottom."""
+    figure, axes = axes_of(width, 0.7 + 0.24 * max(len(values), 3))
+    axes.barh(range(len(values)), list(values.values()), color=color, height=0.62)
+    axes.set_yticks(range(len(values)), [short(name) for name in values])
+    axes.invert_yaxis()
     axes.set(title=title)
-    return Chart(svg(figure), title)
+    return figure
 
 
 def differences(title: str, rows: Sequence[tuple[str, float, float, float]], *, xlabel: str = "") -> Figure:
@@ -146,7 +151,7 @@ def differences(title: str, rows: Sequence[tuple[str, float, float, float]], *, 
     return figure
 
 
-def place_map(name: str, cameras: Float[np.ndarray, "n 2"], vehicles: Float[np.ndarray, "n 2"]) -> Chart:
+def place_map(name: str, cameras: Float[np.ndarray, "n 2"], vehicles: Float[np.ndarray, "n 2"]) -> Figure:
     """Map of a scenery: each camera with a line to its target, in meters."""
     figure, axes = axes_of(4.6, 4.2)
     some = np.unique(np.linspace(0, len(cameras) - 1, min(MOST_PLACES, len(cameras))).astype(int))
@@ -157,4 +162,4 @@ def place_map(name: str, cameras: Float[np.ndarray, "n 2"], vehicles: Float[np.n
     axes.plot(vehicles[seen, 0], vehicles[seen, 1], "o", color=RED, markersize=2.5)
     axes.plot(cameras[~seen, 0], cameras[~seen, 1], "x", color=INK, markersize=3)
     axes.set(title=f"{short(name)} ({len(cameras):,} images)", aspect="equal")
-    return Chart(svg(figure), f"map of {name}")
+    return figure

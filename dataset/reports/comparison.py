@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
+from matplotlib.figure import Figure
 from PIL import Image as Pictures
 from scipy.stats import ks_2samp
 
@@ -16,7 +17,6 @@ from hulldown.assets.photographs import Photographs
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.reports.charts import BINS, two_histograms
 from hulldown.dataset.reports.coverage import FEWEST, Coverage, coverage_of
-from hulldown.dataset.reports.page import Block, Charts, Items, PageSection, Table, Words
 from hulldown.dataset.table import Dataset
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.color import LUMINANCE
@@ -195,30 +195,14 @@ class Comparison:
             "notes": list(self.notes),
         }
 
-    def section(self) -> PageSection:
-        """The comparison as a section of a page."""
-        rows = [
-            [
-                compared.feature.title,
-                f"{compared.distance:.2f}",
-                "–" if np.isnan(compared.floor) else f"{compared.floor:.2f}",
-                "yes" if compared.differs else "no",
-            ]
-            for compared in self.features
-        ]
-        charts = [
-            two_histograms(compared.feature.title, compared.edges, compared.shares, log=compared.feature.log)
-            for compared in self.features
-        ]
-        summary = (
-            "Distance is Kolmogorov-Smirnov's, 0 to 1. The floor is what 95 % of random splits of the photographs into "
-            "halves keep to."
-        )
-        header = ["feature", "distance", "floor", "differs"]
-        sentences = self.sentences or ["No feature differs by more than chance among the photographs."]
-        notes = [Words(note, warning=True) for note in self.notes]
-        blocks: list[Block] = [Items(sentences), *notes, Words(summary), Table(header, rows), Charts(charts)]
-        return PageSection("Next to the photographs", blocks)
+    def charts(self) -> dict[str, Figure]:
+        """Histograms of dataset and photographs for each feature, by description."""
+        return {
+            f"{one.feature.title}: this dataset and the photographs": two_histograms(
+                one.feature.title, one.edges, one.shares, log=one.feature.log
+            )
+            for one in self.features
+        }
 
 
 def compare(
@@ -227,7 +211,6 @@ def compare(
     *,
     pixels: bool,
     encode: Encoder | None = None,
-    progress: Callable[[int, int], None] | None = None,
 ) -> Comparison:
     """Compare a dataset or a plan with photographs, feature by feature.
 
@@ -241,8 +224,6 @@ def compare(
         Whether to compare pictures; not for a plan, which has only previews.
     encode
         Features (n, d) of RGB pictures for `coverage`, such as `training.features.load_encoder` returns.
-    progress
-        Called with (pictures measured, all); None: a bar in a terminal or notebook.
 
     Raises
     ------
@@ -259,7 +240,7 @@ def compare(
     if pixels and files:
         dataset_rows, photograph_rows = spread(len(dataset.images), MOST_PICTURES), spread(len(files), MOST_PICTURES)
         own_pictures, pictures = [], []
-        with shown("comparing", progress) as advance:
+        with shown("comparing", None) as advance:
             for done, i in enumerate([*dataset_rows.tolist(), *photograph_rows.tolist()], start=1):
                 if done <= len(dataset_rows):
                     own_pictures.append(_small(np.asarray(dataset.picture(i, labels=False).convert("RGB"))))

@@ -1,111 +1,35 @@
-"""Self-contained HTML pages from blocks, with embedded pictures and thumbnails that filter.
+"""Self-contained pages from templates, with embedded charts and thumbnails that filter.
 
-The HTML is in ``templates/``; Jinja escapes every text that it shows.
+A page's template extends ``page.html`` and imports its parts from there; Jinja escapes every text that it shows.
+``page.md`` has the same parts in Markdown.
 """
 
 from __future__ import annotations
 
 import base64
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.resources import files
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
+from matplotlib.figure import Figure
 
-GENERATOR = "hulldown"
+from hulldown.dataset.reports.charts import svg
 
-
-@dataclass(frozen=True, slots=True)
-class Words:
-    """A paragraph."""
-
-    text: str
-    warning: bool = False
+FOLDER = "dataset/reports"
+Facet: TypeAlias = tuple[str, str, Sequence[str]]  # a key of `Tile.values`, its title, and its choices in order
 
 
-@dataclass(frozen=True, slots=True)
-class Items:
-    """A list of sentences."""
+class Shape(NamedTuple):
+    """A line over a picture: its class in ``page.css``, its color, its points in pixels, and a label's name."""
 
-    texts: Sequence[str]
-
-
-@dataclass(frozen=True, slots=True)
-class Table:
-    """A table whose first column names the rows.
-
-    Parameters
-    ----------
-    header, rows
-        The cells.
-    title
-        Title to click for the table; empty: the table is always shown.
-    shades
-        Darkness from 0 to 1 of each cell but the first of its row.
-    choose
-        Values of each row by which a click on its name filters the thumbnails.
-    """
-
-    header: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    title: str = ""
-    shades: Sequence[Sequence[float]] | None = None
-    choose: Sequence[Mapping[str, str]] | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Chart:
-    """A chart with a description; `name` is its file's, if it has one next to the page."""
-
-    svg: bytes
-    words: str
+    kind: str
+    color: str
+    points: Sequence[Sequence[float]]
     name: str = ""
-
-    @property
-    def uri(self) -> Markup:
-        """The picture as a data URI."""
-        return data_uri(self.svg, "image/svg+xml")
-
-
-@dataclass(frozen=True, slots=True)
-class Charts:
-    """Charts side by side, as far as there is room."""
-
-    charts: Sequence[Chart]
-
-
-@dataclass(frozen=True, slots=True)
-class PageLink:
-    """A paragraph with a link to a file next to the page."""
-
-    text: str
-    to: str
-
-
-@dataclass(frozen=True, slots=True)
-class Overlay:
-    """Labels drawn over a picture.
-
-    Parameters
-    ----------
-    size
-        Width and height of the picture in pixels, the unit of the drawing.
-    boxes
-        xywh, color, class, and whether it's to be ignored, of each label.
-    masks
-        Corners and color of each polygon.
-    lines
-        Points and color of each thin line.
-    """
-
-    size: tuple[int, int]
-    boxes: Sequence[tuple[tuple[float, float, float, float], str, str, bool]]
-    masks: Sequence[tuple[Sequence[tuple[float, float]], str]]
-    lines: Sequence[tuple[Sequence[tuple[float, float]], str]] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,106 +43,78 @@ class Tile:
     caption
         Lines below it; the first is emphasized.
     values
-        The thumbnail's value, or several, for each facet by key; unknown facets
-        are left out.
+        The thumbnail's values for each facet by key; unknown facets are left out.
     numbers
         Sort values by key; unknown ones come last.
-    overlay
-        Boxes and masks over the picture, which can be hidden.
+    size, shapes
+        Width and height of the picture in pixels, and the labels drawn over it, which can be hidden.
     """
 
     picture: bytes
     caption: Sequence[str]
-    values: Mapping[str, str | Sequence[str]]
+    values: Mapping[str, list[str]]
     numbers: Mapping[str, float] = field(default_factory=dict)
-    overlay: Overlay | None = None
+    size: tuple[int, int] = (1, 1)
+    shapes: Sequence[Shape] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Facet:
-    """A property by which thumbnails are filtered.
-
-    Parameters
-    ----------
-    key, title
-        Its key in `Tile.values`, and its title for readers.
-    values
-        Its choices, in order.
-    """
-
-    key: str
-    title: str
-    values: Sequence[str]
-
-
-@dataclass(frozen=True, slots=True)
-class Gallery:
-    """Thumbnails that filter by facets; a click on one shows it large.
+def render(template: str, data: Mapping[str, object], *, layout: str = "page.html") -> str:
+    """Return a page.
 
     Parameters
     ----------
-    tiles
-        Thumbnails in their initial order.
-    facets
-        Facets of the filter; those with the same value in all tiles are left out.
-    orders
-        Other orders: keys of `Tile.numbers`, with titles.
+    template
+        Its file, relative to the package.
+    data
+        The template's variables.
+    layout
+        ``page.html`` or ``page.md``.
     """
-
-    tiles: Sequence[Tile]
-    facets: Sequence[Facet]
-    orders: Mapping[str, str] = field(default_factory=dict)
-
-    def choices(self) -> list[tuple[Facet, list[tuple[str, int]]]]:
-        """Return the facets with several values, and the number of tiles of each value."""
-        facets = []
-        for facet in self.facets:
-            counts = Counter(value for tile in self.tiles for value in several(tile.values.get(facet.key)))
-            known = [(value, counts[value]) for value in facet.values if counts[value]]
-            if len(known) > 1 or (known and sum(n for _, n in known) < len(self.tiles)):
-                facets.append((facet, known))
-        return facets
+    return _environment(layout).get_template(template).render(data, layout=f"{FOLDER}/{layout}")
 
 
-@dataclass(frozen=True, slots=True)
-class PageSection:
-    """Blocks below a heading."""
-
-    heading: str
-    blocks: Sequence[Block]
-
-
-Block: TypeAlias = Words | Items | Table | Chart | Charts | PageLink | Gallery
+def number(value: float | int | None, *, sign: str = "", digits: int = 3) -> str:
+    """Format a count, or a figure with some decimals; `sign` is ``"+"`` for differences."""
+    if value is None or np.isnan(value):
+        return "–"
+    return f"{value:,}" if isinstance(value, int) else f"{value:{sign},.{digits}f}"
 
 
-def page(title: str, sections: Sequence[PageSection], *, above: Sequence[Block] = ()) -> str:
-    """Return a whole page; `above` is shown before the first section."""
-    return _environment().get_template("page.html").render(title=title, above=above, sections=sections)
+def ranged(value: float | int | None, ends: Sequence[float | None] | None, *, sign: str = "") -> str:
+    """Format a figure with its interval, if it has one; `sign` is ``"+"`` for differences."""
+    if ends is None or value is None:
+        return number(value, sign=sign)
+    if None in ends:
+        return f"{number(value, sign=sign)} (too few positions to tell)"
+    return f"{number(value, sign=sign)} ({number(ends[0], sign=sign)} to {number(ends[1], sign=sign)})"
 
 
-def several(values: str | Sequence[str] | None) -> Sequence[str]:
-    """Return a tile's values of a facet, one or several, as a sequence."""
-    return () if values is None else (values,) if isinstance(values, str) else values
+def choices(tiles: Sequence[Tile], facets: Sequence[Facet]) -> Iterator[tuple[str, str, Mapping[str, int]]]:
+    """Yield key, title, and the number of tiles of each value, of the facets in which tiles differ."""
+    for key, title, values in facets:
+        counts = Counter(value for tile in tiles for value in tile.values.get(key, ()))
+        known = {value: counts[value] for value in values if counts[value]}
+        if len(known) > 1 or (known and sum(known.values()) < len(tiles)):
+            yield key, title, known
 
 
-def data_uri(content: bytes, kind: str = "") -> Markup:
-    """Return a picture as a data URI; `kind` is its media type, PNG or JPEG if empty."""
-    kind = kind or ("image/png" if content.startswith(b"\x89PNG") else "image/jpeg")
-    return Markup(f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}")
+def data_uri(picture: bytes | Figure) -> str:
+    """Return a JPEG, a PNG, or a chart as a data URI."""
+    if isinstance(picture, Figure):
+        kind, content = "svg+xml", svg(picture)
+    else:
+        kind, content = "png" if picture.startswith(b"\x89PNG") else "jpeg", picture
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
 @cache
-def _environment() -> Environment:
+def _environment(layout: str) -> Environment:
     environment = Environment(
-        loader=PackageLoader(__name__.rpartition(".")[0]),
-        autoescape=True,
+        loader=PackageLoader("hulldown", ""),
+        autoescape=layout.endswith(".html"),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"several": several, "uri": data_uri}
-    folder = files(__name__.rpartition(".")[0])
-    for name in ("page.css", "page.js"):  # ours, so it's safe
-        environment.globals[name.replace(".", "_")] = Markup(folder.joinpath(name).read_text(encoding="utf-8"))
-    environment.globals["generator"] = GENERATOR
+    environment.filters |= {"number": number, "ranged": ranged, "choices": choices, "uri": data_uri}
     return environment

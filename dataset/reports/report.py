@@ -7,38 +7,29 @@ import io
 import math
 import os
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.figure import Figure
 from PIL import Image as Pictures
 
 from hulldown.annotate.drawing import color_of
 from hulldown.annotate.known import SCALES, SIDES, SIZE, bins_of, poses_of
 from hulldown.annotate.oriented import rectangle_corners
 from hulldown.annotate.outlines import polygons
+from hulldown.annotate.sheets import refuse_foreign
 from hulldown.assets.photographs import read_photographs
 from hulldown.dataset.oriented import ground_corners, is_rectangle
 from hulldown.dataset.reports.charts import azimuths, histogram, place_map, places_in_pictures, shares
 from hulldown.dataset.reports.comparison import Comparison, Encoder, compare
-from hulldown.dataset.reports.page import (
-    GENERATOR,
-    Charts,
-    Facet,
-    Gallery,
-    Overlay,
-    PageSection,
-    Table,
-    Tile,
-    Words,
-    page,
-)
+from hulldown.dataset.reports.page import Facet, Shape, Tile, render
 from hulldown.dataset.table import CONDITIONS, Dataset, Image
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import DatasetError
-from hulldown.geometry.files import replace_file
+from hulldown.geometry.files import make_room, replace_file
 from hulldown.geometry.terminal import reading_status, shown
 from hulldown.planning.inputs.loading import load_planned_library
 from hulldown.planning.pictures.preview import Artist
@@ -48,6 +39,7 @@ from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 MOST = 1_000  # thumbnails on a page: some 15 MB
 THUMBNAIL_WIDTH = 320  # pixels of a thumbnail
 QUALITY = 65  # of JPEG
+MARK = b'content="hulldown"'  # of a page by hulldown
 COCO_SIZES = {"small": (0.0, 32.0), "medium": (32.0, 96.0), "large": (96.0, math.inf)}
 ORDERS = (SIZE, *SCALES)
 
@@ -102,7 +94,6 @@ def write_report(
     *,
     most: int = MOST,
     comparison: Comparison | None = None,
-    progress: Callable[[int, int], None] | None = None,
 ) -> None:
     """Write a self-contained page: tables, charts, maps, and thumbnails that filter by every field.
 
@@ -116,44 +107,58 @@ def write_report(
         Most thumbnails; of more images an even selection is shown.
     comparison
         A comparison with photographs, shown first.
-    progress
-        Called with (done, all) after each thumbnail; None: a bar in a terminal or notebook.
 
     Raises
     ------
-    DatasetError
+    HulldownError
         If the dataset has no images, a picture cannot be read, or `path` is somebody else's file.
     """
     path = Path(path)
     if not dataset.images:
         raise DatasetError("has no images yet", path=Path(dataset.name), remedy="render some first")
-    _refuse_foreign(path)
+    make_room(path)
+    refuse_foreign(path, MARK)
     chosen = spread(len(dataset.images), most)
     tiles = []
-    with shown("thumbnails", progress) as advance:
+    with shown("thumbnails", None) as advance:
         for done, i in enumerate(chosen.tolist(), start=1):
             tiles.append(_tile(dataset, i))
             advance(done, len(chosen))
-    first = [comparison.section()] if comparison else []
-    sections = [*first, _looks(dataset, tiles), _counts(dataset), *_charts(dataset), *_maps(dataset)]
-    text = page(f"Dataset {dataset.name}", sections)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(path, text.encode())
-    except OSError as error:
-        remedy = "choose a file that you may write to"
-        raise DatasetError(f"cannot be written ({error.strerror})", path=path, remedy=remedy) from error
+    text = render(
+        "dataset/reports/report.html",
+        {
+            "dataset": dataset,
+            "comparison": comparison,
+            "tiles": tiles,
+            "facets": _facets(dataset),
+            "orders": {scale.name: scale.title for scale in ORDERS},
+            "facts": _facts(dataset),
+            "sizes": COCO_SIZES,
+            "classes": _classes(dataset),
+            "charts": [
+                ("Labels", "", _of_labels(dataset)),
+                ("Sceneries, light, and weather", "", _of_conditions(dataset)),
+                ("Maps", "Dots are vehicles, ends of lines are cameras. Meters.", _maps(dataset)),
+            ],
+        },
+    )
+    replace_file(path, text.encode())
 
 
-def _counts(dataset: Dataset) -> PageSection:
-    labels, images = dataset.labels, dataset.of_images
+def _facts(dataset: Dataset) -> list[str]:
+    """Numbers of images, labels, and positions."""
+    images = dataset.of_images
     empty = int((images["labels"] == 0).sum())
     places = len({(s, p) for s, p in zip(images["scenery"], images["position"], strict=True) if s and p == p})
     classes = _number(len(dataset.categories), "class", "classes")
-    facts = [_number(len(dataset.images), "image"), f"{_number(len(labels['id']), 'label')} of {classes}"]
+    facts = [_number(len(dataset), "image"), f"{_number(len(dataset.labels['id']), 'label')} of {classes}"]
     facts += [f"{_number(empty, 'image')} without labels"] if empty else []
-    facts += [_number(places, "position")] if places else []
-    rows = []
+    return facts + ([_number(places, "position")] if places else [])
+
+
+def _classes(dataset: Dataset) -> list[list[str]]:
+    """The row of each class: its name, images, labels, labels by size, and vehicles."""
+    labels, rows = dataset.labels, []
     for name in dataset.categories.values():
         of_class = labels["category"] == name
         sizes = [
@@ -164,81 +169,76 @@ def _counts(dataset: Dataset) -> PageSection:
         shown = len(np.unique(labels["image"][of_class]))
         models = ", ".join(f"{vehicle} {n:,}" for vehicle, n in sorted(vehicles.items()))
         rows.append([name, f"{shown:,}", f"{of_class.sum():,}", *(f"{n:,}" for n in sizes), models])
-    header = ["class", "images", "labels", *COCO_SIZES, "vehicles"]
-    table = Table(header, rows, choose=[{"class": row[0]} for row in rows])
-    return PageSection("Contents", [Words(", ".join(facts) + "."), table])
+    return rows
 
 
-def _charts(dataset: Dataset) -> list[PageSection]:
-    labels, images = dataset.labels, dataset.of_images
-    charts = []
+def _of_labels(dataset: Dataset) -> dict[str, Figure]:
+    """Charts of the labels by title."""
+    labels, images, charts = dataset.labels, dataset.of_images, {}
     for scale in ORDERS:
-        values = labels[scale.name]
-        if np.isfinite(values).any():
+        if np.isfinite(values := labels[scale.name]).any():
             title = f"{scale.title}, {scale.unit}" if scale.unit else scale.title
-            charts.append(histogram(title, values, log=scale.name in ("box_size", "distance")))
+            charts[title] = histogram(title, values, log=scale.name in ("box_size", "distance"))
     if np.isfinite(labels["azimuth"]).any():
-        charts.append(azimuths(labels["azimuth"]))
+        charts["side seen"] = azimuths(labels["azimuth"])
     sizes = np.stack([images["width"], images["height"]], axis=1)[labels["image"]]
     if len(sizes):
         centers = np.stack([labels["x"] + labels["width"] / 2, labels["y"] + labels["height"] / 2], axis=1)
-        charts.append(places_in_pictures(centers / sizes))
-    light = [shares(title, images[key]) for key, title in CONDITIONS.items() if (images[key] != "").any()]
+        charts["label positions"] = places_in_pictures(centers / sizes)
+    return charts
+
+
+def _of_conditions(dataset: Dataset) -> dict[str, Figure]:
+    """Charts of sceneries, light, and weather by title."""
+    images = dataset.of_images
+    charts = {title: shares(title, images[key]) for key, title in CONDITIONS.items() if (images[key] != "").any()}
     if np.isfinite(images["strength"]).any():
-        light.append(histogram("strength of light", images["strength"]))
-    sections = [PageSection("Labels", [Charts(charts)])] if charts else []
-    return sections + ([PageSection("Sceneries, light, and weather", [Charts(light)])] if light else [])
+        charts["strength of light"] = histogram("strength of light", images["strength"])
+    return charts
 
 
-def _maps(dataset: Dataset) -> list[PageSection]:
+def _maps(dataset: Dataset) -> dict[str, Figure]:
     """A map of vehicles and cameras for each scenery."""
     scenery = dataset.of_images["scenery"]
     cameras = poses_of([image.record for image in dataset.images], "world_from_camera")[:, :2, 3]
     firsts = [image.labels[0].record if image.labels else {} for image in dataset.images]
     vehicles = poses_of(firsts, "world_from_vehicle")[:, :2, 3]
     known = np.isfinite(cameras).all(axis=1)
-    names = [name for name in np.unique(scenery[known]).tolist() if name]
-    if not names:
-        return []
-    charts = [place_map(name, *(side[known & (scenery == name)] for side in (cameras, vehicles))) for name in names]
-    return [PageSection("Maps", [Words("Dots are vehicles, ends of lines are cameras. Meters."), Charts(charts)])]
+    return {
+        f"map of {name}": place_map(name, *(side[known & (scenery == name)] for side in (cameras, vehicles)))
+        for name in np.unique(scenery[known]).tolist()
+        if name
+    }
 
 
-def _looks(dataset: Dataset, tiles: Sequence[Tile]) -> PageSection:
-    shown, every = len(tiles), len(dataset.images)
-    legend = [Words(f"{shown:,} images, an even selection of {every:,}.")] if shown < every else []
-    facets = [
-        Facet("class", "class", [*dataset.categories.values(), "none"]),
-        Facet("vehicle", "vehicle", _names(dataset.labels["vehicle"])),
-        *(Facet(key, title, _names(dataset.of_images[key])) for key, title in CONDITIONS.items()),
-        *(Facet(scale.name, scale.title, scale.bins) for scale in ORDERS),
-        Facet("side", "side seen", SIDES),
+def _facets(dataset: Dataset) -> list[Facet]:
+    return [
+        ("class", "class", [*dataset.categories.values(), "none"]),
+        ("vehicle", "vehicle", _names(dataset.labels["vehicle"])),
+        *((key, title, _names(dataset.of_images[key])) for key, title in CONDITIONS.items()),
+        *((scale.name, scale.title, scale.bins) for scale in ORDERS),
+        ("side", "side seen", SIDES),
     ]
-    orders = {scale.name: scale.title for scale in ORDERS}
-    return PageSection("Images", [*legend, Gallery(tiles, facets, orders)])
 
 
 def _tile(dataset: Dataset, i: int) -> Tile:
     """An image's thumbnail: facets of all its labels, sort values of its first."""
     image, labels, images = dataset.images[i], dataset.labels, dataset.of_images
     rows = np.flatnonzero(labels["image"] == i)
-    values: dict[str, str | Sequence[str]] = {"class": _names(labels["category"][rows]) or "none"}
+    conditions = [str(images[key][i]) for key in CONDITIONS]
+    values = {"class": _names(labels["category"][rows]) or ["none"]}
     values |= {key: _names(labels[key][rows]) for key in ("vehicle", "side")}
-    conditions = {key: str(images[key][i]) for key in CONDITIONS}
+    values |= {key: [value] for key, value in zip(CONDITIONS, conditions, strict=True)}
     for scale in ORDERS:
         bins = bins_of(labels[scale.name][rows], scale)
         values[scale.name] = [scale.bins[b] for b in np.unique(bins[bins >= 0])]
     numbers = {scale.name: float(labels[scale.name][rows[0]]) for scale in ORDERS} if len(rows) else {}
     lines = [image.file_name]
     lines += [", ".join(_about(dataset, row)) for row in rows.tolist()] or ["no labels"]
-    lines.append(", ".join(filter(None, conditions.values())))
-    return Tile(
-        _thumbnail(dataset.picture(i, labels=False)),
-        [each for each in lines if each],
-        values | conditions,
-        numbers,
-        _overlay(image, dataset),
-    )
+    lines.append(", ".join(filter(None, conditions)))
+    picture = _thumbnail(dataset.picture(i, labels=False))
+    caption = [each for each in lines if each]
+    return Tile(picture, caption, values, numbers, (image.width, image.height), _shapes(image, dataset))
 
 
 def _about(dataset: Dataset, row: int) -> list[str]:
@@ -254,10 +254,10 @@ def _about(dataset: Dataset, row: int) -> list[str]:
     return [each for each in caption if each]
 
 
-def _overlay(image: Image, dataset: Dataset) -> Overlay | None:
-    """Return an image's boxes, masks, and oriented boxes; None if it has no label."""
+def _shapes(image: Image, dataset: Dataset) -> list[Shape]:
+    """Return an image's masks, oriented boxes, and boxes."""
     ids = {name: number for number, name in dataset.categories.items()}
-    boxes, masks, lines = [], [], []
+    masks, lines, boxes = [], [], []
     for label in image.labels:
         color = "rgb({},{},{})".format(*color_of(ids[label.category]))
         if label.record.get("segmentation"):
@@ -267,11 +267,12 @@ def _overlay(image: Image, dataset: Dataset) -> Overlay | None:
             except ValueError as error:
                 remedy = "check the dataset with `hulldown verify`"
                 raise DatasetError(f"{image.file_name}: {error}", path=Path(dataset.name), remedy=remedy) from None
-            masks += [(np.reshape(ring, (-1, 2)).tolist(), color) for ring in rings]
-        lines += [(ring.tolist(), color) for ring in _oriented(label.record, image.record)]
+            masks += [Shape("mask", color, np.reshape(ring, (-1, 2)).tolist()) for ring in rings]
+        lines += [Shape("thin", color, ring.tolist()) for ring in _oriented(label.record, image.record)]
         x, y, w, h = label.bbox.tolist()
-        boxes.append(((x, y, w, h), color, label.category, label.crowd))
-    return Overlay((image.width, image.height), boxes, masks, lines) if boxes else None
+        corners = [(x, y), (x + w, y), (x + w, y + h), (x, y + h), (x, y)]
+        boxes.append(Shape("ignored" if label.crowd else "box", color, corners, label.category))
+    return masks + lines + boxes
 
 
 def _oriented(label: Mapping[str, Any], image: Mapping[str, Any]) -> list[Float[np.ndarray, "_ 2"]]:
@@ -298,16 +299,3 @@ def _number(count: int, singular: str, plural: str = "") -> str:
 
 def _names(values: np.ndarray) -> list[str]:
     return sorted({value for value in values.tolist() if value})
-
-
-def _refuse_foreign(path: Path) -> None:
-    """Refuse to replace a file that isn't a page by hulldown."""
-    try:
-        with path.open("rb") as file:
-            ours = f'content="{GENERATOR}"'.encode() in file.read(2000)
-    except FileNotFoundError:
-        return
-    except OSError as error:
-        raise DatasetError(f"cannot be written ({error.strerror})", path=path, remedy="choose another name") from error
-    if not ours:
-        raise DatasetError("exists and isn't a hulldown report", path=path, remedy="choose another name")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -27,33 +27,20 @@ LEAST = 96  # least pixels of a crop, for context
 LABEL_COLOR, FOUND_COLOR = (0, 200, 120), (255, 120, 0)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Case:
-    """A box to show.
-
-    Parameters
-    ----------
-    image
-        Index of its image.
-    xywh
-        The label's box, or the false positive's.
-    caption
-        Lines about it.
-    values
-        Its value in each facet.
-    """
+class Case(NamedTuple):
+    """A label or a false positive to show: its image and box, lines about it, and its value in each facet."""
 
     image: int
     xywh: Float[np.ndarray, "4"]
-    caption: tuple[str, ...]
-    values: dict[str, str]
+    caption: list[str]
+    values: dict[str, list[str]]
 
 
 def facets(one: Evaluation) -> list[Facet]:
     """Facets of cases: outcome, class, cause, and every field of bins."""
-    causes = Facet("cause", "cause", [name for name in CAUSES if name != "missed"])
-    bins = [Facet(found.field.name, found.field.title, found.field.bins) for found in one.bins]
-    return [Facet("outcome", "outcome", OUTCOMES), *bins[:1], causes, *bins[1:]]
+    causes = ("cause", "cause", [name for name in CAUSES if name != "missed"])
+    bins = [(found.field.name, found.field.title, found.field.bins) for found in one.bins]
+    return [("outcome", "outcome", OUTCOMES), *bins[:1], causes, *bins[1:]]
 
 
 def thumbnails(one: Evaluation) -> tuple[list[Tile], str]:
@@ -66,9 +53,9 @@ def thumbnails(one: Evaluation) -> tuple[list[Tile], str]:
     overlap = np.zeros(len(one.labels.label))
     overlap[one.seen.found] = one.matching.iou[one.matching.detection[one.seen.found]]
     cases = [
-        *(_label_case(one, k, "missed") for k in _first(one.seen.missed, -size)),
-        *(_false_alarm(one, k) for k in _first(one.seen.false, -one.predictions.score)),
-        *(_label_case(one, k, "found") for k in _first(one.seen.found, overlap)),
+        *(_case(one, "missed", k) for k in _first(one.seen.missed, -size)),
+        *(_case(one, "false alarm", k) for k in _first(one.seen.false, -one.predictions.score)),
+        *(_case(one, "found", k) for k in _first(one.seen.found, overlap)),
     ]
     crops: list[Image.Image] = [Image.new("RGB", TILE, BACKGROUND)] * len(cases)
     unread = ""
@@ -87,7 +74,7 @@ def thumbnails(one: Evaluation) -> tuple[list[Tile], str]:
 
 def sheet(tiles: Sequence[Tile], outcome: str) -> Image.Image | None:
     """A contact sheet of the first thumbnails of an outcome; None if there are none."""
-    chosen = [tile for tile in tiles if tile.values["outcome"] == outcome][:SHEET]
+    chosen = [tile for tile in tiles if tile.values["outcome"] == [outcome]][:SHEET]
     pictures = [Image.open(io.BytesIO(tile.picture)) for tile in chosen]
     captions = [", ".join(tile.caption[:2]) for tile in chosen]
     return contact_sheet(pictures, columns=6, tile_width=TILE[0], captions=captions) if chosen else None
@@ -98,33 +85,28 @@ def _first(among: np.ndarray, order: np.ndarray) -> list[int]:
     return rows[np.argsort(order[rows], kind="stable")][:MOST].tolist()
 
 
-def _label_case(one: Evaluation, k: int, outcome: str) -> Case:
-    image, xywh = int(one.labels.image[k]), one.labels.xywh[k]
-    name = one.labels.class_names[one.labels.label[k]]
-    lines = [f"{name} {outcome}", f"{xywh[2]:.0f} x {xywh[3]:.0f} px", str(one.labels.images[image]["file_name"])]
-    if outcome == "found":
-        d = int(one.matching.detection[k])
-        lines.insert(1, f"confidence {one.predictions.score[d]:.2f}, IoU {one.matching.iou[d]:.2f}")
-    values = {f.field.name: f.field.bins[f.field.of_label[k]] for f in one.bins if f.field.of_label[k] >= 0}
-    return Case(image, xywh, tuple(lines), {"outcome": outcome, **values})
-
-
-def _false_alarm(one: Evaluation, d: int) -> Case:
-    image, xywh = int(one.predictions.image[d]), one.predictions.xywh[d]
-    cause = CAUSES[one.errors.cause[d]] if one.errors.cause[d] >= 0 else ""
-    name = one.predictions.class_names[one.predictions.label[d]]
-    lines = (
-        f"{name} {one.predictions.score[d]:.2f}, false",
-        *([f"cause: {cause}"] if cause else []),
-        str(one.labels.images[image]["file_name"]),
-    )
-    values = {
-        f.field.name: f.field.bins[f.field.of_detection[d]]
-        for f in one.bins
-        if f.field.of_detection is not None and f.field.of_detection[d] >= 0
-    }
-    outcome = {"outcome": "false alarm"} | ({"cause": cause} if cause else {})
-    return Case(image, xywh, lines, outcome | values)
+def _case(one: Evaluation, outcome: str, k: int) -> Case:
+    """The k-th detection, if it's a false alarm, else the k-th label."""
+    false = outcome == "false alarm"
+    boxes = one.predictions if false else one.labels
+    image, xywh, name = int(boxes.image[k]), boxes.xywh[k], one.predictions.class_names[boxes.label[k]]
+    values = {"outcome": [outcome]}
+    if false:
+        caption = [f"{name} {one.predictions.score[k]:.2f}, false"]
+        if one.errors.cause[k] >= 0:
+            values["cause"] = [CAUSES[one.errors.cause[k]]]
+            caption.append(f"cause: {CAUSES[one.errors.cause[k]]}")
+    else:
+        caption = [f"{name} {outcome}"]
+        if outcome == "found":
+            d = int(one.matching.detection[k])
+            caption.append(f"confidence {one.predictions.score[d]:.2f}, IoU {one.matching.iou[d]:.2f}")
+        caption.append(f"{xywh[2]:.0f} x {xywh[3]:.0f} px")
+    for field in (found.field for found in one.bins):
+        bins = field.of_detection if false else field.of_label
+        if bins is not None and bins[k] >= 0:
+            values[field.name] = [field.bins[bins[k]]]
+    return Case(image, xywh, [*caption, str(one.labels.images[image]["file_name"])], values)
 
 
 def _cut(one: Evaluation, case: Case, whole: Image.Image) -> Image.Image:

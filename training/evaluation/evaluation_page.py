@@ -1,4 +1,4 @@
-"""The HTML page of an evaluation."""
+"""The HTML page of an evaluation, from its template, and its charts."""
 
 from __future__ import annotations
 
@@ -6,27 +6,28 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from hulldown.dataset.reports.charts import LONGEST, differences, svg
-from hulldown.dataset.reports.page import (
-    Block,
-    Chart,
-    Charts,
-    Gallery,
-    Items,
-    PageLink,
-    PageSection,
-    Table,
-    Tile,
-    Words,
-    page,
+from hulldown.dataset.reports.charts import (
+    BLUE,
+    COLORS,
+    GREEN,
+    INK,
+    LONGEST,
+    RED,
+    axes_of,
+    bars,
+    colors,
+    differences,
+    short,
 )
+from hulldown.dataset.reports.page import Tile, render
 from hulldown.training.evaluation.average_precision import AVERAGES
+from hulldown.training.evaluation.bins import BinFigures
 from hulldown.training.evaluation.cases import MOST, facets
 from hulldown.training.evaluation.evaluate import DetectorComparison, Evaluation
-from hulldown.training.evaluation.evaluation_charts import losses, over_thresholds, precision_recall, recall_bins
-from hulldown.training.evaluation.tide import CAUSES
 
+TEMPLATE = "training/evaluation/evaluation_page.html"
 FIGURES = {
     "tp": "true positives (TP)",
     "fp": "false positives (FP)",
@@ -56,203 +57,117 @@ SOURCES = {
     "validation": "best F1 on the validation set",
     "test": "best F1 on this test set itself",
 }
-FLATTERS = (
-    "The threshold was chosen on the test set itself, so precision, recall, and F1 are too good: "
-    "choose it on a validation set."
-)
-CONFUSION = (
-    "Rows are true classes, columns detected ones. The background's row has false positives, its column "
-    "misses. Detections without a match in their class are matched across classes."
-)
+WORDS = {"figures": FIGURES, "averages": AVERAGES, "meanings": MEANINGS, "sources": SOURCES}
 
 
 def evaluation_page(one: Evaluation, report: Mapping[str, Any], tiles: Sequence[Tile], unread: str) -> str:
     """The page about one file of detections, from its evaluation, its `report.report`, and its `cases.thumbnails`."""
-    sections = [
-        PageSection("Examples", _looks(one, tiles, unread)),
-        PageSection("How well", [_figures(report), Words(_sure(one))]),
-        PageSection(
-            "At other thresholds",
-            [
-                Charts(
-                    [
-                        Chart(precision_recall([one]), "precision over recall"),
-                        Chart(over_thresholds(one), "precision, recall, and F1 over the confidence threshold"),
-                    ]
-                )
-            ],
-        ),
-        PageSection("Confusion matrix", [Words(CONFUSION), _confusion(report)]),
-        PageSection("Why", _why(one, report)),
-        PageSection("Where", _where(one, report)),
-    ]
-    return page(f"{one.predictions.name} on {one.labels.path}", sections, above=operating_point(one))
+    loss, counts = one.errors.loss, report["confusion"]["counts"]
+    return render(
+        TEMPLATE,
+        {
+            **WORDS,
+            "reports": {report["predictions"]: report},
+            "columns": {"all classes": report["overall"], **report["per_class"]},
+            "most": MOST,
+            "unread": unread,
+            "tiles": tiles,
+            "facets": facets(one),
+            "curves": {
+                "precision over recall": precision_recall([one]),
+                "precision, recall, and F1 over the confidence threshold": over_thresholds(one),
+            },
+            "shades": [*([n / max(sum(row), 1) for n in row] for row in counts[:-1]), [0.0] * len(counts)],
+            "losses": None if np.isnan(loss["missed"]) else losses(loss),
+            "recalls": {
+                f"recall by {found.field.title}": recall_bins(found, float(report["overall"]["recall"] or 0.0))
+                for found in one.bins
+                if (found.labels > 0).sum() > 1  # a single bin equals the whole
+            },
+            "fields": [found.field for found in one.bins],
+        },
+    )
 
 
 def comparison_page(
-    evaluations: Sequence[Evaluation],
-    reports: Mapping[str, Mapping[str, Any]],
-    compared: Sequence[DetectorComparison],
-    folders: Mapping[str, str],
+    evaluations: Sequence[Evaluation], reports: Mapping[str, Mapping[str, Any]], compared: Sequence[DetectorComparison]
 ) -> str:
-    """The page that compares several files of detections; `folders` have their own pages."""
-    first = evaluations[0]
-    rows = [
-        [_title(key, *reports.values()), *(_with_interval(one["overall"], key) for one in reports.values())]
-        for key in FIGURES
-    ]
+    """The page that compares several files of detections, which have their own pages in folders of their names."""
     changes = [
         (f"{FIGURES[key]}: {one.second[:LONGEST]}", one.difference[key], *one.intervals[key].tolist())
         for one in compared
         for key in COMPARED
     ]
-    cells = [[name, number(value, sign="+"), _ends(low, high)] for name, value, low, high in changes]
-    chart = differences(f"difference to {compared[0].first[:LONGEST]}, with 95 % intervals", changes)
-    sections = [
-        PageSection("At other thresholds", [Chart(precision_recall(evaluations), "precision over recall of each")]),
-        PageSection("How well", [Table(["", *reports], rows), Words(_sure(first))]),
-        PageSection(
-            "Differences",
-            [
-                Words(
-                    "Both have the same resamples of positions, so the difficulty of pictures cancels. An "
-                    "interval that contains 0 shows no difference."
-                ),
-                Chart(svg(chart), "differences with their intervals"),
-                Table([f"minus {compared[0].first}", "difference", "95 % interval"], cells),
-            ],
-        ),
-        PageSection("Single reports", [PageLink(name, f"{folder}/report.html") for name, folder in folders.items()]),
-    ]
-    above = [paragraph for one in evaluations for paragraph in operating_point(one)]
-    return page(f"{len(evaluations)} detectors on {first.labels.path}", sections, above=above)
-
-
-def operating_point(one: Evaluation) -> list[Block]:
-    """A sentence about the operating point."""
-    source = one.threshold.source
-    labels = int((~one.labels.crowd).sum())
-    text = (
-        f"{one.predictions.name}: {len(one.labels.images)} images, {labels} labels. Detections count from a "
-        f"confidence of {one.threshold.value:.4g} ({SOURCES[source]}). They are true at an IoU of at least "
-        f"{one.matching.iou_threshold:g} with a label of their class."
-    )
-    return [Words(text), *([Words(FLATTERS, warning=True)] if source == "test" else [])]
-
-
-def _figures(report: Mapping[str, Any]) -> Table:
-    columns = {"all classes": report["overall"], **report["per_class"]}
-    rows = [[_title(key, report), *(_with_interval(one, key) for one in columns.values())] for key in FIGURES]
-    return Table(["", *columns], rows)
-
-
-def _sure(one: Evaluation) -> str:
-    apart = "one per image" if one.positions == len(one.labels.images) else "shots of one place stay together"
-    return (
-        f"In brackets: 95 % intervals from resampling the {one.positions} positions ({apart}). They cover other "
-        "test sets of this size and kind, not other trainings."
+    title = f"difference to {compared[0].first[:LONGEST]}, with 95 % intervals"
+    return render(
+        TEMPLATE,
+        {
+            **WORDS,
+            "reports": reports,
+            "columns": {name: report["overall"] for name, report in reports.items()},
+            "curves": {"precision over recall of each": precision_recall(evaluations)},
+            "changes": changes,
+            "differences": differences(title, changes),
+        },
     )
 
 
-def _confusion(report: Mapping[str, Any]) -> Table:
-    names, counts = report["confusion"]["classes"], report["confusion"]["counts"]
-    shades = [[n / max(sum(row), 1) for n in row] for row in counts]
-    shades[-1] = [0.0] * len(names)
-    return Table(["", *names], [[name, *map(str, row)] for name, row in zip(names, counts, strict=True)], shades=shades)
+def precision_recall(evaluations: Sequence[Evaluation]) -> Figure:
+    """Precision over recall, with the operating points."""
+    figure, axes = axes_of(5.4, 3.6)
+    for one, color in zip(evaluations, colors(len(evaluations)), strict=True):
+        name = short(one.predictions.name) if len(evaluations) > 1 else "all classes"
+        axes.plot(one.curves.recall, one.curves.precision, marker_of(one.curves.recall), color=color, label=name)
+        if len(evaluations) == 1:
+            for c, (label, curve) in enumerate(zip(one.predictions.class_names, one.class_curves, strict=True)):
+                color_c = COLORS[(c + 1) % len(COLORS)]
+                line = marker_of(curve.recall)
+                axes.plot(curve.recall, curve.precision, line, color=color_c, linewidth=0.9, label=short(label))
+        at = np.searchsorted(-one.curves.threshold, -one.threshold.value, side="right") - 1
+        if at >= 0:
+            axes.plot(one.curves.recall[at], one.curves.precision[at], "o", color=color)
+    axes.set(xlabel="recall", ylabel="precision", xlim=(0, 1.02), ylim=(0, 1.02), title="precision over recall")
+    axes.legend(fontsize=7, loc="lower left")
+    return figure
 
 
-def _why(one: Evaluation, report: Mapping[str, Any]) -> list[Block]:
-    rows = [
-        [f"{name}: {MEANINGS[name]}", str(report["errors"][name]["count"]), _points(report["errors"][name]["ap50"])]
-        for name in CAUSES
-    ]
-    drawn = [Chart(losses(one.errors.loss), "AP50 lost by cause")] if not np.isnan(one.errors.loss["missed"]) else []
-    return [
-        Words(
-            "Causes after TIDE (Bolya et al., ECCV 2020), at an IoU of 0.5. Counts are above the threshold; points of "
-            "AP50 are the gain of fixing that cause alone, over all confidences."
-        ),
-        Table(["cause", "count", "AP50 points"], rows),
-        *drawn,
-    ]
+def marker_of(values: np.ndarray) -> str:
+    """The marker of a curve: a dot if it has one point."""
+    return "-" if len(values) > 1 else "."
 
 
-def _where(one: Evaluation, report: Mapping[str, Any]) -> list[Block]:
-    overall = float(report["overall"]["recall"] or 0.0)
-    told = report["worst_bins"]
-    parts: list[Block] = [
-        Items([f"Worst: {line}." for line in told])
-        if told
-        else Words("No bin with ten or more labels has a recall below the overall one."),
-        Words(
-            "Whiskers are 95 % intervals, for bins with at least five positions. The dashed line is the overall "
-            "recall. Click a bin's name in a table to see its thumbnails."
-        ),
-        Charts(
-            [
-                Chart(recall_bins(found, overall), f"recall by {found.field.title}")
-                for found in one.bins
-                if (found.labels > 0).sum() > 1  # a single bin equals the whole
-            ]
-        ),
-    ]
-    for found in one.bins:
-        rows = [
-            [
-                row["bin"],
-                str(row["labels"]),
-                str(row["found"]),
-                ranged(row["recall"], row["recall_interval"]),
-                ranged(row["precision"], row["precision_interval"]),
-                number(row["mean_iou"]),
-            ]
-            for row in report["bins"][found.field.name]
-        ]
-        choose = [{found.field.name: row[0]} for row in rows]
-        header = [found.field.title, "labels", "found", "recall", "precision", "mean IoU"]
-        parts.append(Table(header, rows, f"by {found.field.title}", choose=choose))
-    return parts
+def over_thresholds(one: Evaluation) -> Figure:
+    """Precision, recall and F1 over the confidence from which detections count."""
+    figure, axes = axes_of(5.4, 3.6)
+    for key, color in (("precision", BLUE), ("recall", GREEN), ("f1", RED)):
+        label, values = "F1" if key == "f1" else key, getattr(one.curves, key)
+        axes.plot(one.curves.threshold, values, marker_of(values), color=color, label=label)
+    axes.axvline(one.threshold.value, color=INK, linewidth=0.8, linestyle=":")
+    axes.set(xlabel="confidence threshold", ylim=(0, 1.02), title="figures over the threshold (dotted: as evaluated)")
+    axes.legend(fontsize=7, loc="lower center")
+    return figure
 
 
-def _looks(one: Evaluation, tiles: Sequence[Tile], unread: str) -> list[Block]:
-    parts: list[Block] = [
-        Words(
-            f"At most {MOST} of each outcome: the largest and most visible misses, the most confident false positives, "
-            "the matches of lowest IoU. Green: labels. Orange: detections above the threshold."
-        )
-    ]
-    if unread:
-        parts.append(Words(f"Some pictures couldn't be read: {unread}", warning=True))
-    return [*parts, Gallery(tiles, facets(one)) if tiles else Words("There are no examples.")]
+def losses(loss: Mapping[str, float]) -> Figure:
+    """AP50 that fixing each cause alone would gain."""
+    points = {name: 100.0 * lost for name, lost in loss.items()}
+    figure = bars("loss of AP50 by cause", points, width=5.4, color=RED)
+    figure.axes[0].set(xlabel="gain of AP50 from fixing it alone, points")
+    return figure
 
 
-def _title(key: str, *reports: Mapping[str, Any]) -> str:
-    """A figure's title, with a warning if the threshold was chosen on the test set itself."""
-    chosen = key not in AVERAGES and any(one["threshold_source"] == "test" for one in reports)
-    return f"{FIGURES[key]}, at a threshold chosen on this set" if chosen else FIGURES[key]
-
-
-def _with_interval(record: Mapping[str, Any], key: str) -> str:
-    return ranged(record[key], record["intervals"].get(key))
-
-
-def ranged(value: float | int | None, ends: Sequence[float | None] | None, *, sign: str = "") -> str:
-    """Format a figure with its interval, if it has one; `sign` is ``"+"`` for differences."""
-    if ends is None or value is None:
-        return number(value, sign=sign)
-    if None in ends:
-        return f"{number(value, sign=sign)} (too few positions to tell)"
-    return f"{number(value, sign=sign)} ({number(ends[0], sign=sign)} to {number(ends[1], sign=sign)})"
-
-
-def number(value: float | int | None, *, sign: str = "") -> str:
-    """Format a count, or a figure with three decimals."""
-    return "–" if value is None or np.isnan(value) else f"{value:,}" if isinstance(value, int) else f"{value:{sign}.3f}"
-
-
-def _points(value: float | None) -> str:
-    return "–" if value is None else f"{100.0 * value:.1f}"
-
-
-def _ends(low: float, high: float) -> str:
-    return "–" if np.isnan(low) else f"{low:+.3f} to {high:+.3f}"
+def recall_bins(found: BinFigures, overall: float) -> Figure:
+    """Recall in the bins of a field, with intervals and numbers of labels."""
+    rows = np.flatnonzero(found.labels > 0)[::-1]
+    figure, axes = axes_of(3.75, 0.7 + 0.24 * len(rows))
+    places = np.arange(len(rows))
+    recall, ends = found.recall[rows], found.recall_interval[:, rows]
+    axes.barh(places, recall, color=BLUE, height=0.62, alpha=0.75)
+    axes.errorbar(
+        recall, places, xerr=np.clip(np.stack([recall - ends[0], ends[1] - recall]), 0, None),
+        fmt="none", ecolor=INK, elinewidth=1, capsize=2,
+    )  # fmt: skip
+    axes.axvline(overall, color=RED, linewidth=0.9, linestyle="--")
+    axes.set_yticks(places, [f"{short(found.field.bins[b])} (n {found.labels[b]})" for b in rows])
+    axes.set(xlim=(0, 1.02), title=f"recall by {found.field.title}")
+    return figure

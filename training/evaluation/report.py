@@ -105,29 +105,27 @@ def evaluate_files(
         )
     with shown("evaluating", progress) as advance:
         labels = read_labels(Path(dataset))
-        found = [read_predictions(path, labels, name=name) for path, name in zip(paths, _names(paths), strict=True)]
+        read = [read_predictions(path, labels, name=name) for path, name in zip(paths, _names(paths), strict=True)]
         valid = read_labels(Path(validation[0])) if validation else None
         evaluations = []
-        for k, detections in enumerate(found):
+        for k, detections in enumerate(read):
             path = Path(validation[k + 1]) if validation else None
             at = _threshold(labels, detections, threshold, iou, valid, path)
             evaluations.append(Evaluation(labels, detections, threshold=at, iou=iou))
             advance(k + 1, 2 * len(paths))
         make_room(output / "report.html")
         reports = {one.predictions.name: report(one) for one in evaluations}
-        folders = {name: name if len(evaluations) > 1 else "" for name in reports}
-        for k, (one, name) in enumerate(zip(evaluations, reports, strict=True)):
+        for k, (one, (name, found)) in enumerate(zip(evaluations, reports.items(), strict=True)):
+            folder = output / name if len(evaluations) > 1 else output
             tiles, unread = thumbnails(one)
-            page = evaluation_page(one, reports[name], tiles, unread)
-            _write(output / folders[name], {name: reports[name]}, reports[name], page)
-            _write_sheets(output / folders[name], tiles)
+            _write(folder, {name: found}, found, evaluation_page(one, found, tiles, unread))
+            _write_sheets(folder, tiles)
             advance(len(paths) + k + 1, 2 * len(paths))
     if len(evaluations) == 1:
         return next(iter(reports.values()))
     compared = [compare(evaluations[0], other) for other in evaluations[1:]]
     written = {"runs": reports, "comparisons": [plain(asdict(one)) for one in compared]}
-    page = comparison_page(evaluations, reports, compared, folders)
-    _write(output, reports, written, page)
+    _write(output, reports, written, comparison_page(evaluations, reports, compared))
     return written
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.dataset.reports.charts import svg
-from hulldown.dataset.reports.page import page
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.files import replace_file
 from hulldown.training.detectors.detector import read_run
@@ -21,7 +20,7 @@ from hulldown.training.evaluation.predictions import read_predictions
 from hulldown.training.evaluation.report import plain
 from hulldown.training.study.charts import png
 from hulldown.training.study.manifest import RUNS_NAME, Manifest, PlannedRun, read_manifest
-from hulldown.training.study.page import TITLE, charts_of, markdown, sections
+from hulldown.training.study.page import charts_of, page
 from hulldown.training.study.results import (
     COMPARED,
     COUNTS,
@@ -52,10 +51,9 @@ def write_report(study: Path | str, *, progress: Callable[[int, int], None] | No
     for name, figure in charts.items():
         replace_file(study / f"{name}.png", png(figure))
         replace_file(study / f"{name}.svg", svg(figure))
-    content = sections(report, charts)
     replace_file(study / "report.json", json.dumps(report, indent=2, ensure_ascii=False).encode() + b"\n")
-    replace_file(study / "report.html", page(TITLE, content).encode())
-    replace_file(study / "report.md", markdown(content).encode())
+    replace_file(study / "report.html", page(report, charts).encode())
+    replace_file(study / "report.md", page(report, charts, layout="page.md").encode())
     return report
 
 
