@@ -13,9 +13,8 @@ from hulldown.geometry.errors import HulldownError
 from hulldown.tests.test_study import pretend, settled
 from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.evaluation.labels import read_labels
-from hulldown.training.study.charts import beside, over_photographs, png
 from hulldown.training.study.manifest import write_manifest
-from hulldown.training.study.page import PAPER, PAPER_FIGURES, page
+from hulldown.training.study.page import PAPER, PAPER_FIGURES, beside, over_photographs, page, png
 from hulldown.training.study.report import compared_runs, write_report
 from hulldown.training.study.results import Difference, needed
 from hulldown.training.study.runs import JUDGED

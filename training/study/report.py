@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from hulldown.dataset.reports.charts import svg
 from hulldown.geometry.errors import HulldownError
@@ -18,14 +18,17 @@ from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_th
 from hulldown.training.evaluation.labels import Labels, read_labels
 from hulldown.training.evaluation.predictions import read_predictions
 from hulldown.training.evaluation.report import plain
-from hulldown.training.study.charts import png
 from hulldown.training.study.manifest import RUNS_NAME, Manifest, PlannedRun, read_manifest
-from hulldown.training.study.page import charts_of, page
+from hulldown.training.study.page import charts_of, page, png
 from hulldown.training.study.results import (
     COMPARED,
     COUNTS,
+    ENOUGH,
     MEASURES,
+    TITLES,
+    BinDifference,
     Cell,
+    Difference,
     Equivalent,
     Judged,
     bin_differences,
@@ -34,13 +37,14 @@ from hulldown.training.study.results import (
     difference,
     equivalent_photographs,
     judged,
+    known_ends,
     mean,
     pairs,
 )
 from hulldown.training.study.runs import is_finished, predictions_path, read_failures
-from hulldown.training.study.words import bin_words, difference_words, summary, sureness, worth_words
 
 WORTH_BY = ("f1", "recall", "ap50")
+MOST_BINS = 3  # reported bins of each sign
 
 
 def write_report(study: Path | str, *, progress: Callable[[int, int], None] | None = None) -> dict[str, Any]:
@@ -120,12 +124,16 @@ def _compared(manifest: Manifest, runs: Sequence[Judged]) -> dict[str, Any]:
     ]
     real = [cell for cell in found if cell.arm == "real"]
     others = [cell for cell in found if cell.arm != "real"]
-    worths = [
-        one
+    worth = [
+        {
+            "arm": cell.arm, "name": cell.name, "fraction": cell.fraction, "measure": measure,
+            "photographs": one.photographs, "interval": one.interval,
+            "words": worth_words(cell.name, measure, one),
+        }
         for cell in others
         for measure in WORTH_BY
         if (one := equivalent_photographs(real, cell, measure)) is not None
-    ]
+    ]  # fmt: skip
     against_real = [(first, second) for first, second in pairs(found) if first.arm == "real" and second.arm == "mixed"]
     bins = {f"{second.name} minus {first.name}": bin_differences(first, second) for first, second in against_real}
     count = sum(len(by_measure) for _, _, by_measure in compared)
@@ -140,7 +148,7 @@ def _compared(manifest: Manifest, runs: Sequence[Judged]) -> dict[str, Any]:
                 "first": first.name, "second": second.name, "fraction": second.fraction,
                 "measures": {
                     key: {
-                        "difference": one.value, "interval": _ends(one.ends),
+                        "difference": one.value, "interval": known_ends(one.ends),
                         "words": difference_words(first, second, key, one),
                     }
                     for key, one in by_measure.items()
@@ -148,17 +156,11 @@ def _compared(manifest: Manifest, runs: Sequence[Judged]) -> dict[str, Any]:
             }
             for first, second, by_measure in compared
         ],
-        "worth": [_worth_record(one) for one in worths],
+        "worth": worth,
         "bins": {
             name: {
                 "words": bin_words(rows),
-                "rows": [
-                    {
-                        "field": row.field, "bin": row.bin, "labels": row.labels, "recall": list(row.recall),
-                        "difference": row.change.value, "interval": _ends(row.change.ends),
-                    }
-                    for row in rows
-                ],
+                "rows": [asdict(row) for row in rows],
             }
             for name, rows in bins.items()
         },
@@ -189,17 +191,9 @@ def _cell_record(cell: Cell) -> dict[str, Any]:
         "photographs": cell.photographs,
         "seeds": sorted(cell.judged),
         **{key: mean(cell, key) for key in (*COUNTS, *MEASURES)},
-        "intervals": {key: _ends(cell_interval(cell, key)) for key in MEASURES},
+        "intervals": {key: known_ends(cell_interval(cell, key)) for key in MEASURES},
         "of_seeds": {key: [cell.judged[seed].values[key] for seed in sorted(cell.judged)] for key in MEASURES},
     }
-
-
-def _worth_record(one: Equivalent) -> dict[str, Any]:
-    return {
-        "arm": one.cell.arm, "name": one.cell.name, "fraction": one.cell.fraction, "measure": one.measure,
-        "photographs": one.images, "interval": one.ends,
-        "words": worth_words(one),
-    }  # fmt: skip
 
 
 def _run_record(one: Judged) -> dict[str, Any]:
@@ -217,5 +211,77 @@ def _time(study: Path, run: PlannedRun) -> float | None:
     return None if seconds is None else round(float(seconds), 1)
 
 
-def _ends(ends: Float[np.ndarray, "2"]) -> list[float] | None:
-    return None if np.isnan(ends).any() else [float(end) for end in ends]
+def difference_words(first: Cell, second: Cell, measure: str, found: Difference) -> str:
+    """A sentence about a pair of arms by one measure; `found` is second minus first."""
+    title = TITLES[measure]
+    if np.isnan(found.value):
+        return f"{second.name} minus {first.name}: {title} is undefined without detections."
+    if np.isnan(found.ends).any():
+        return (
+            f"{second.name} minus {first.name}: {title} {found.value:+.3f}, with too few test positions for an "
+            "interval."
+        )
+    ends = f"{found.value:+.3f} ({found.ends[0]:+.3f} to {found.ends[1]:+.3f})"
+    if found.shown:
+        how = "higher" if found.ends[0] > 0 else "lower"
+        return f"{second.name} has a {how} {title} than {first.name}: {ends}."
+    return (
+        f"Between {second.name} and {first.name} no difference of {title} is shown: {ends}. {second.name} may "
+        f"be {abs(found.ends[0]):.3f} worse or {abs(found.ends[1]):.3f} better."
+    )
+
+
+def worth_words(name: str, measure: str, found: Equivalent) -> str:
+    """A sentence about the worth of a cell's synthetic images in photographs."""
+    title = TITLES[measure]
+    if np.isinf(found.photographs) and found.most <= 0:
+        return f"By {title}, {name} is better than all photographs alone, so its worth has no upper bound."
+    if np.isinf(found.photographs):
+        much = f"more than the {found.most:.0f} further photographs"
+    elif found.photographs < 0:
+        much = f"minus {-found.photographs:.0f} photographs: fewer photographs alone are as good"
+    else:
+        much = f"{found.photographs:.0f} photographs"
+    told = [f"{end:.0f}" if np.isfinite(end) else f"more than {found.most:.0f}" for end in found.interval]
+    ends = " to ".join(dict.fromkeys(told))
+    return f"By {title} the synthetic images of {name} are worth {much} (95 % interval: {ends})."
+
+
+def bin_words(found: Sequence[BinDifference]) -> list[str]:
+    """Sentences about the bins with the largest gains and losses of recall whose interval excludes 0."""
+    known = [(one, one.interval) for one in found if one.interval and one.labels >= ENOUGH]
+    known.sort(key=lambda pair: -pair[0].difference)
+    gained = [(one, ends) for one, ends in known if ends[0] > 0][:MOST_BINS]
+    lost = [(one, ends) for one, ends in reversed(known) if ends[1] < 0][:MOST_BINS]
+    return [
+        f"{one.field} {one.bin}: recall {one.recall[0]:.2f} to {one.recall[1]:.2f}, {one.difference:+.2f} "
+        f"({low:+.2f} to {high:+.2f}), {one.labels} labels"
+        for one, (low, high) in (*gained, *lost)
+    ]
+
+
+def sureness(seeds: int, images: int, compared: int) -> str:
+    """A note on the meaning of the intervals."""
+    trainings = (
+        "With one seed, they don't cover other trainings."
+        if seeds == 1
+        else f"They include the spread of the {seeds} seeds."
+    )
+    told = f"Intervals have 95 % confidence, from resampling the positions in the {images} test pictures. {trainings}"
+    if not compared:
+        return told
+    return (
+        f"{told} Of {compared} differences with such intervals, about {max(1, round(0.05 * compared))} would exclude "
+        "0 by chance alone."
+    )
+
+
+def summary(measured: Sequence[tuple[Cell, Cell, Difference]], real: Cell | None) -> list[str]:
+    """The summary's sentences."""
+    lines = [difference_words(first, second, "f1", found) for first, second, found in measured]
+    if real is not None and mean(real, "ap50") < 0.5:
+        lines.append(
+            f"{real.name} reaches an AP50 of {mean(real, 'ap50'):.2f} only. A study whose best photographs teach so "
+            "little can't show the worth of synthetic images. Use a larger budget, or clearer pictures."
+        )
+    return lines

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -30,7 +30,19 @@ from hulldown.training.evaluation.metrics import SHARES, SUMS, figures, ratio
 from hulldown.training.study.manifest import PlannedRun
 
 COUNTS = ("tp", "fp", "fn")
-MEASURES = ("precision", "recall", "f1", "mean_iou", "mean_confidence", "ap50", "ap")
+TITLES = {
+    "tp": "TP",
+    "fp": "FP",
+    "fn": "FN",
+    "precision": "precision",
+    "recall": "recall",
+    "f1": "F1",
+    "mean_iou": "mean IoU",
+    "mean_confidence": "mean confidence",
+    "ap50": "AP50",
+    "ap": "AP",
+}
+MEASURES = tuple(TITLES)[len(COUNTS) :]
 COMPARED = ("f1", "recall", "precision", "ap50", "ap", "mean_iou", "mean_confidence")
 ENOUGH = 10  # least labels of a reported bin
 
@@ -192,26 +204,14 @@ def pairs(found: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
     return [(first, second) for first, second in wanted if first is not None and set(first.judged) & set(second.judged)]
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Equivalent:
-    """The worth of a cell's synthetic images in photographs, by a measure.
+class Equivalent(NamedTuple):
+    """How many more photographs the real arm needs to be as good as a cell, with its interval; inf: more than `most`.
 
-    Parameters
-    ----------
-    cell, measure
-        The cell, and the measure.
-    images
-        Photographs that the real arm needs to be as good, minus the cell's; inf: more than there are.
-    ends
-        (2,) its interval.
-    most
-        Number of further photographs, the largest value that can be shown.
+    `most` is the number of further photographs, the largest value that can be shown.
     """
 
-    cell: Cell
-    measure: str
-    images: float
-    ends: Float[np.ndarray, "2"]
+    photographs: float
+    interval: list[float]
     most: float
 
 
@@ -240,7 +240,7 @@ def equivalent_photographs(real: Sequence[Cell], cell: Cell, measure: str) -> Eq
     ends = np.quantile(in_resamples, [0.025, 0.975], method="inverted_cdf")
     if ends[0] <= 0.0 <= ends[1]:
         return None
-    return Equivalent(cell, measure, float(at), ends, float(counts[-1] - own))
+    return Equivalent(float(at), ends.tolist(), float(counts[-1] - own))
 
 
 def _with_seeds(cell: Cell, measure: str, seeds: Sequence[int]) -> Float[np.ndarray, " r"]:
@@ -283,7 +283,7 @@ def needed(
     return np.where((rising >= wanted).any(axis=0), found, np.inf)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, slots=True)
 class BinDifference:
     """The difference of recall in a bin, second minus first.
 
@@ -295,15 +295,16 @@ class BinDifference:
         Number of labels.
     recall
         Recall of first and second, means over seeds.
-    change
-        Their difference.
+    difference, interval
+        Their difference; None if there is no interval.
     """
 
     field: str
     bin: str
     labels: int
-    recall: tuple[float, float]
-    change: Difference
+    recall: list[float]
+    difference: float
+    interval: list[float] | None
 
 
 def bin_differences(first: Cell, second: Cell) -> list[BinDifference]:
@@ -331,10 +332,15 @@ def bin_differences(first: Cell, second: Cell) -> list[BinDifference]:
         recalls = ratio(total[:, :2], total[:, 2:])
         found += [
             BinDifference(
-                field.title, name, int(total[b, 2]), (float(recalls[b, 0]), float(recalls[b, 1])),
-                Difference(float(recalls[b, 1] - recalls[b, 0]), change[:, b]),
+                field.title, name, int(total[b, 2]), recalls[b].tolist(), float(recalls[b, 1] - recalls[b, 0]),
+                known_ends(change[:, b]),
             )
             for b, name in enumerate(field.bins)
             if total[b, 2] > 0
         ]  # fmt: skip
     return found
+
+
+def known_ends(ends: Float[np.ndarray, "2"]) -> list[float] | None:
+    """The ends of an interval; None if there is none."""
+    return None if np.isnan(ends).any() else ends.tolist()
