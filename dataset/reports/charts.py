@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarFormatter
 
 INK, SOFT, BLUE, RED, GREEN = "#1d2126", "#9aa3ab", "#0072b2", "#d55e00", "#009e73"
-COLORS = (BLUE, RED, GREEN, "#cc79a7", "#e69f00", "#56b4e9")
+COLORS = (BLUE, RED, GREEN, "#cc79a7", "#e69f00", "#56b4e9")  # color-blind readers can tell them apart
 LONGEST = 24  # characters of a name beside an axis
 BINS = 24
 MOST_NAMES = 12
@@ -34,11 +34,6 @@ def tidy(axes: Axes) -> None:
     axes.tick_params(labelsize=8, colors=INK)
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(SOFT)
-
-
-def colors(count: int) -> list[str]:
-    """Return colors that color-blind readers can tell apart."""
-    return [COLORS[k % len(COLORS)] for k in range(count)]
 
 
 def short(name: str) -> str:

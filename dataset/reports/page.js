@@ -3,33 +3,22 @@ for (const gallery of document.querySelectorAll(".gallery")) {
   const selects = [...gallery.querySelectorAll("select[data-facet]")];
   const tiles = [...gallery.querySelectorAll(".tile")];
   const order = gallery.querySelector(".order");
-  const overlays = gallery.querySelector(".overlays");
-  const filter = () => {
-    let shown = 0;
+  const update = () => {
     for (const tile of tiles) {
       const values = (s) => (tile.getAttribute("data-" + s.dataset.facet) || "").split("\n");
-      const fits = selects.every((s) => !s.value || values(s).includes(s.value));
-      tile.hidden = !fits;
-      shown += fits;
+      tile.hidden = selects.some((s) => s.value && !values(s).includes(s.value));
     }
-    gallery.querySelector(".shown").textContent = shown + " of " + tiles.length + " shown";
+    const shown = tiles.filter((tile) => !tile.hidden);
+    gallery.querySelector(".shown").textContent = shown.length + " of " + tiles.length + " shown";
+    const by = order ? order.value : "", sign = by[0] === "-" ? -1 : 1;
+    const number = (tile) => sign * parseFloat(tile.getAttribute("data-by-" + by.slice(1)));
+    const known = tiles.filter((tile) => !isNaN(number(tile))).sort((a, b) => number(a) - number(b));
+    gallery.querySelector(".tiles").append(...known, ...tiles.filter((tile) => isNaN(number(tile))));
   };
-  const sort = () => {
-    if (!order) return;
-    const sign = order.value[0] === "-" ? -1 : 1;
-    const number = (tile) => sign * parseFloat(tile.getAttribute("data-by-" + order.value.slice(1)));
-    const place = (tile, i) => (!order.value ? i : isNaN(number(tile)) ? Infinity : number(tile));
-    const places = new Map(tiles.map((tile, i) => [tile, place(tile, i)]));
-    const sorted = [...tiles].sort((a, b) => (places.get(a) > places.get(b)) - (places.get(a) < places.get(b)));
-    gallery.querySelector(".tiles").append(...sorted);
-  };
-  const overlay = () => document.body.classList.toggle("bare", !overlays.checked);
-  for (const select of selects) select.addEventListener("change", filter);
-  if (order) order.addEventListener("change", sort);
-  if (overlays) overlays.addEventListener("change", overlay);
+  gallery.addEventListener("change", update);
   gallery.querySelector(".clear").addEventListener("click", () => {
     for (const select of selects) select.value = "";
-    filter();
+    update();
   });
   for (const button of document.querySelectorAll(".choose")) {
     button.addEventListener("click", () => {
@@ -37,13 +26,11 @@ for (const gallery of document.querySelectorAll(".gallery")) {
         const wanted = button.getAttribute("data-set-" + select.dataset.facet) || "";
         select.value = [...select.options].some((option) => option.value === wanted) ? wanted : "";
       }
-      filter();
+      update();
       gallery.scrollIntoView({ behavior: "instant", block: "start" });
     });
   }
-  filter();  // a reloaded page keeps what was chosen
-  sort();
-  if (overlays) overlay();
+  update();  // a reloaded page keeps what was chosen
 }
 const dialog = document.querySelector("dialog");
 let large = null;  // the thumbnail that is shown large

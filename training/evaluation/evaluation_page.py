@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,6 @@ from hulldown.dataset.reports.charts import (
     RED,
     axes_of,
     bars,
-    colors,
     differences,
     short,
 )
@@ -115,14 +115,14 @@ def comparison_page(
 def precision_recall(evaluations: Sequence[Evaluation]) -> Figure:
     """Precision over recall, with the operating points."""
     figure, axes = axes_of(5.4, 3.6)
-    for one, color in zip(evaluations, colors(len(evaluations)), strict=True):
+    colors = cycle(COLORS)
+    for one, color in zip(evaluations, colors, strict=False):
         name = short(one.predictions.name) if len(evaluations) > 1 else "all classes"
         axes.plot(one.curves.recall, one.curves.precision, marker_of(one.curves.recall), color=color, label=name)
         if len(evaluations) == 1:
-            for c, (label, curve) in enumerate(zip(one.predictions.class_names, one.class_curves, strict=True)):
-                color_c = COLORS[(c + 1) % len(COLORS)]
+            for label, curve in zip(one.predictions.class_names, one.class_curves, strict=True):
                 line = marker_of(curve.recall)
-                axes.plot(curve.recall, curve.precision, line, color=color_c, linewidth=0.9, label=short(label))
+                axes.plot(curve.recall, curve.precision, line, color=next(colors), linewidth=0.9, label=short(label))
         at = np.searchsorted(-one.curves.threshold, -one.threshold.value, side="right") - 1
         if at >= 0:
             axes.plot(one.curves.recall[at], one.curves.precision[at], "o", color=color)
