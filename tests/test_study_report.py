@@ -157,18 +157,14 @@ def test_an_unfinished_study_lists_what_is_missing(pictures, study, tmp_path):
         compared_runs(tmp_path)
 
 
-def test_one_seed_says_nothing_about_other_trainings(pictures, tmp_path):
-    out = finished_study(pictures, tmp_path, seeds=[0], arms=["real"], fractions=[1.0])
-    assert "one seed" in compared_runs(out)["sureness"]
-
-
-def test_validation_photographs_choose_each_threshold(pictures, tmp_path):
+def test_validation_photographs_choose_each_threshold_of_a_study_with_one_seed(pictures, tmp_path):
     make_dataset(tmp_path / "valid", 8, seed=7)
     keys = {"seeds": [0], "arms": ["real"], "fractions": [1.0, 0.5]}
     report = compared_runs(finished_study(pictures, tmp_path, valid=str(tmp_path / "valid"), **keys))
     assert report["study"]["threshold"] == "validation"
     # False positives have a score of 0.55 and true detections more, so the best threshold excludes the former.
     assert all(run["threshold"] > 0.55 and run["fp"] == 0 for run in report["runs"])
+    assert "With one seed" in report["sureness"]
     assert "best F1 on the validation photographs" in page(report, {}, layout="page.md")
 
 

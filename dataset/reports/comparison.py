@@ -116,24 +116,20 @@ class Compared:
         """Whether chance among the photographs doesn't explain the distance."""
         return self.distance > self.floor
 
-    def sentences(self) -> list[str]:
-        """Sentences about the largest surplus and lack, with the keys to change; empty if chance explains them."""
-        if not self.differs:
-            return []
-        own, photographs = self.shares
+    @property
+    def sentence(self) -> str:
+        """The largest surplus and lack in words, with the keys to change."""
         if self.feature.name == "cut":
             have, wanted = self.own.mean(), self.photographs.mean()
-            verdict = "too many" if have > wanted else "too few"
-            return [
-                f"Boxes that the frame cuts off: {verdict} ({have:.0%}, photographs {wanted:.0%}). Change "
-                f"{self.feature.keys}."
-            ]
-        verdicts = []
-        for sign, verdict in ((1.0, "too much"), (-1.0, "too little")):
-            low, stop = _largest_run(sign * (own - photographs))
-            have, wanted = own[low:stop].sum(), photographs[low:stop].sum()
-            verdicts.append(f"{verdict} {self._between(low, stop)} ({have:.0%}, photographs {wanted:.0%})")
-        return [f"{self.feature.title.capitalize()}: {', '.join(verdicts)}. Change {self.feature.keys}."]
+            verdicts = [f"{'too many' if have > wanted else 'too few'} ({have:.0%}, photographs {wanted:.0%})"]
+        else:
+            own, photographs = self.shares
+            verdicts = []
+            for sign, verdict in ((1.0, "too much"), (-1.0, "too little")):
+                low, stop = _largest_run(sign * (own - photographs))
+                have, wanted = own[low:stop].sum(), photographs[low:stop].sum()
+                verdicts.append(f"{verdict} {self._between(low, stop)} ({have:.0%}, photographs {wanted:.0%})")
+        return f"{self.feature.title.capitalize()}: {', '.join(verdicts)}. Change {self.feature.keys}."
 
     def _between(self, low: int, stop: int) -> str:
         edges = self.edges
@@ -180,10 +176,10 @@ class Comparison:
 
     @property
     def sentences(self) -> list[str]:
-        """Sentences about surplus and lack in all features, largest distance first."""
+        """Sentences about surplus and lack that chance doesn't explain, largest distance first."""
         apart = sorted(self.features, key=lambda compared: -compared.distance)
         whole = [] if self.coverage is None else [self.coverage.sentence()]
-        return whole + [sentence for compared in apart for sentence in compared.sentences()]
+        return whole + [compared.sentence for compared in apart if compared.differs]
 
     def to_json(self) -> dict[str, Any]:
         """Everything as plain numbers."""

@@ -106,13 +106,18 @@ def evaluate_files(
     with shown("evaluating", progress) as advance:
         labels = read_labels(Path(dataset))
         read = [read_predictions(path, labels, name=name) for path, name in zip(paths, _names(paths), strict=True)]
-        valid = read_labels(Path(validation[0])) if validation else None
+        if validation:
+            valid = read_labels(Path(validation[0]))
+            others = [read_predictions(path, valid, name=os.fspath(path)) for path in validation[1:]]
+            thresholds = [_best_threshold(valid, one, iou, "validation") for one in others]
+        elif isinstance(threshold, str):
+            thresholds = [_best_threshold(labels, one, iou, "test") for one in read]
+        else:
+            thresholds = [Threshold(float(threshold), "given")] * len(read)
         evaluations = []
-        for k, detections in enumerate(read):
-            path = Path(validation[k + 1]) if validation else None
-            at = _threshold(labels, detections, threshold, iou, valid, path)
+        for detections, at in zip(read, thresholds, strict=True):
             evaluations.append(Evaluation(labels, detections, threshold=at, iou=iou))
-            advance(k + 1, 2 * len(paths))
+            advance(len(evaluations), 2 * len(paths))
         make_room(output / "report.html")
         reports = {one.predictions.name: report(one) for one in evaluations}
         for k, (one, (name, found)) in enumerate(zip(evaluations, reports.items(), strict=True)):
@@ -129,18 +134,11 @@ def evaluate_files(
     return written
 
 
-def _threshold(
-    labels: Labels, predictions: Predictions, wanted: float | str, iou: float, valid: Labels | None, path: Path | None
-) -> Threshold:
-    if valid is not None and path is not None:
-        source, best = "validation", best_threshold(valid, read_predictions(path, valid), iou=iou)
-    elif isinstance(wanted, str):
-        source, best = "test", best_threshold(labels, predictions, iou=iou)
-    else:
-        return Threshold(float(wanted), "given")
+def _best_threshold(labels: Labels, predictions: Predictions, iou: float, source: str) -> Threshold:
+    best = best_threshold(labels, predictions, iou=iou)
     if best is None:
-        where = path if path is not None else predictions.name
-        raise DatasetError("has nothing to choose a threshold from", path=where, remedy="give one with --threshold")
+        remedy = "give one with --threshold"
+        raise DatasetError("has nothing to choose a threshold from", path=predictions.name, remedy=remedy)
     return Threshold(best, source)
 
 
