@@ -1,6 +1,7 @@
 """Datasets compared with photographs: distances, what chance explains, and advice."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -18,29 +19,26 @@ from hulldown.dataset.reports.coverage import coverage_of
 from hulldown.dataset.reports.report import write_report
 from hulldown.dataset.table import Dataset
 from hulldown.geometry.errors import DatasetError
+from hulldown.tests.editing import write_dataset
 from hulldown.tests.networks import nano_weights, small_weights
 
 WIDTH, HEIGHT = 64, 48
 
 
-def coco(folder, count, *, seed, height=0.3, x=0.5, bright=90, pictures=True):
+def coco(folder, count, *, seed, height=0.3, x=0.5, bright=90):
     """A dataset of one box a picture, with scattered heights and positions."""
     rng = np.random.default_rng(seed)
     (folder / "images").mkdir(parents=True)
     images, labels = [], []
     for i in range(count):
-        name = f"images/{i}.png"
-        images.append({"id": i + 1, "file_name": name, "width": WIDTH, "height": HEIGHT})
+        images.append({"file_name": f"images/{i}.png", "width": WIDTH, "height": HEIGHT})
         h = HEIGHT * height * np.exp(0.1 * rng.standard_normal())
         left = np.clip(WIDTH * (x + 0.05 * rng.standard_normal()) - h / 2, 1, WIDTH - h - 1)
         box = [float(left), float(rng.uniform(5, HEIGHT - 5 - h)), float(h), float(h)]
-        labels.append({"id": i + 1, "image_id": i + 1, "category_id": 1, "bbox": box})
-        if pictures:
-            noise = rng.normal(bright, 20, (HEIGHT, WIDTH, 3)).clip(0, 255).astype(np.uint8)
-            Image.fromarray(noise).save(folder / name)
-    content = {"images": images, "annotations": labels, "categories": [{"id": 1, "name": "tank"}]}
-    (folder / "annotations.json").write_text(json.dumps(content))
-    return folder
+        labels.append({"image_id": i + 1, "bbox": box})
+        noise = rng.normal(bright, 20, (HEIGHT, WIDTH, 3)).clip(0, 255).astype(np.uint8)
+        Image.fromarray(noise).save(folder / images[i]["file_name"])
+    return write_dataset(folder, images, labels)
 
 
 def compared(folder, photographs):
@@ -81,7 +79,8 @@ def test_few_photographs_and_photographs_without_files(tmp_path):
     assert any("four photographs" in note for note in one.notes)
     json.dumps(one.to_json(), allow_nan=False)
     write_report(Dataset.read(own), tmp_path / "page.html", comparison=one)
-    boxes = compared(own, coco(tmp_path / "b", 6, seed=2, pictures=False))
+    shutil.rmtree(coco(tmp_path / "b", 6, seed=2) / "images")
+    boxes = compared(own, tmp_path / "b")
     assert "brightness" not in {each.feature.name for each in boxes.features}
     assert any("pictures" in note for note in boxes.notes)
 

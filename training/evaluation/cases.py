@@ -11,6 +11,7 @@ from jaxtyping import Float
 from PIL import Image, ImageDraw
 
 from hulldown.annotate.drawing import BACKGROUND, contact_sheet
+from hulldown.annotate.known import number
 from hulldown.dataset.oriented import visible_corners
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.reports.page import Facet, Tile
@@ -48,7 +49,8 @@ def thumbnails(one: Evaluation) -> tuple[list[Tile], str]:
 
     The second value is the error of the first unreadable picture; it's empty if all were read.
     """
-    visible = np.array([_share(box.get("visible_fraction")) for box in one.labels.annotations], dtype=np.float64)
+    visible = np.array([number(box.get("visible_fraction")) for box in one.labels.annotations], dtype=np.float64)
+    visible = np.where((visible >= 0.0) & (visible <= 1.0), visible, 1.0)
     size = one.labels.xywh[:, 2] * one.labels.xywh[:, 3] * visible
     overlap = np.zeros(len(one.labels.label))
     overlap[one.seen.found] = one.matching.iou[one.matching.detection[one.seen.found]]
@@ -140,10 +142,6 @@ def _cut(one: Evaluation, case: Case, whole: Image.Image) -> Image.Image:
     tile = Image.new("RGB", TILE, BACKGROUND)
     tile.paste(cut, ((TILE[0] - cut.width) // 2, (TILE[1] - cut.height) // 2))
     return tile
-
-
-def _share(value: object) -> float:
-    return float(value) if isinstance(value, int | float) and 0.0 <= value <= 1.0 else 1.0
 
 
 def _jpeg(picture: Image.Image) -> bytes:

@@ -44,14 +44,18 @@ PANELS = (("tp", "fp", "fn"), ("precision", "recall", "f1"), ("mean_iou",), ("me
 BARS = 0.8  # share of the width for the bars of one measure
 
 
-def charts_of(report: Record) -> dict[str, Figure]:
-    """The charts of a report by name."""
+def charts_of(report: Record) -> dict[str, tuple[str, Figure]]:
+    """The charts of a report by name, with descriptions."""
     found = {}
-    for fraction, cells in _shares(report).items():
+    of_shares = sorted((cell for cell in report["cells"] if cell["fraction"] is not None), key=itemgetter("fraction"))
+    for fraction, group in groupby(of_shares, itemgetter("fraction")):
+        cells = list(group)
         title = f"{100 * fraction:.10g} % of the photographs ({cells[0]['photographs']:.0f})"
-        found[_share_name(fraction)] = beside(title, cells)
+        words = f"{', '.join(cell['arm'] for cell in cells)} at {100 * fraction:g} % of the photographs"
+        found[f"real_{subset_name(fraction)}"] = words, beside(title, cells)
     if report["cells"]:
-        found["over_photographs"] = over_photographs(report["cells"], OVER)
+        words = "F1, recall, precision and AP50 of each arm over the number of photographs, with bands"
+        found["over_photographs"] = words, over_photographs(report["cells"], OVER)
     for name, one in report["bins"].items():
         rows = [row for row in one["rows"] if row["interval"] is not None and row["labels"] >= ENOUGH][:MOST_BARS]
         if rows:
@@ -60,11 +64,12 @@ def charts_of(report: Record) -> dict[str, Figure]:
                 for row in rows
             ]
             xlabel = "difference of recall (gray: the interval includes 0)"
-            found[_bins_name(name)] = differences(f"recall: {name}", bars, xlabel=xlabel)
+            chart = differences(f"recall: {name}", bars, xlabel=xlabel)
+            found[_bins_name(name)] = f"differences of recall in bins, {name}", chart
     return found
 
 
-def page(report: Record, charts: Mapping[str, Figure], *, layout: str = "page.html") -> str:
+def page(report: Record, charts: Mapping[str, tuple[str, Figure]], *, layout: str = "page.html") -> str:
     """The report as HTML or, with ``page.md``, as Markdown with charts from files next to it.
 
     `charts` are those of `charts_of`.
@@ -73,10 +78,6 @@ def page(report: Record, charts: Mapping[str, Figure], *, layout: str = "page.ht
         "report": report,
         "charts": charts,
         "titles": TITLES,
-        "shares": {
-            _share_name(share): f"{', '.join(cell['arm'] for cell in cells)} at {100 * share:g} % of the photographs"
-            for share, cells in _shares(report).items()
-        },
         "figures": [
             [cell["name"], *(number(cell[key], digits=0) for key in COUNTS),
              *(ranged(cell[key], cell["intervals"][key]) for key in MEASURES)]
@@ -100,16 +101,6 @@ def _paper(report: Record) -> list[list[str]]:
             pairs = [(number(value), number(cell.get(key))) for key, value in zip(PAPER_FIGURES, figures, strict=True)]
             rows.append([f"{arm} at {100 * fraction:g} %", *chain(*pairs)])
     return rows
-
-
-def _shares(report: Record) -> dict[float, list[Record]]:
-    """The cells of each share of the photographs, smallest share first."""
-    cells = sorted((cell for cell in report["cells"] if cell["fraction"] is not None), key=itemgetter("fraction"))
-    return {fraction: list(group) for fraction, group in groupby(cells, itemgetter("fraction"))}
-
-
-def _share_name(fraction: float) -> str:
-    return f"real_{subset_name(fraction)}"
 
 
 def _bins_name(name: str) -> str:

@@ -52,7 +52,7 @@ def write_report(study: Path | str, *, progress: Callable[[int, int], None] | No
     study = Path(study)
     report = compared_runs(study, progress=progress)
     charts = charts_of(report)
-    for name, figure in charts.items():
+    for name, (_, figure) in charts.items():
         replace_file(study / f"{name}.png", png(figure))
         replace_file(study / f"{name}.svg", svg(figure))
     replace_file(study / "report.json", json.dumps(report, indent=2, ensure_ascii=False).encode() + b"\n")
