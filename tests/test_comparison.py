@@ -16,7 +16,7 @@ from hulldown.dataset.reports.comparison import (
     spectral_slope,
 )
 from hulldown.dataset.reports.coverage import coverage_of
-from hulldown.dataset.reports.report import write_report
+from hulldown.dataset.reports.report import report
 from hulldown.dataset.table import Dataset
 from hulldown.geometry.errors import DatasetError
 from hulldown.tests.editing import write_dataset
@@ -56,7 +56,7 @@ def test_equal_distributions_are_within_chance(tmp_path):
 def test_differences_are_named_with_their_keys(tmp_path):
     own = coco(tmp_path / "a", 60, seed=1, height=0.6, x=0.5, bright=150)
     photographs = coco(tmp_path / "b", 60, seed=2, height=0.2, x=0.7, bright=90)
-    found = compared(own, photographs)
+    found = report(own, tmp_path / "page.html", photographs=photographs)
     text = "\n".join(found.sentences)
     for key in ("camera.target_fraction", "camera.framing", "light.exposure"):
         assert key in text
@@ -68,17 +68,15 @@ def test_differences_are_named_with_their_keys(tmp_path):
     json.dumps(written, allow_nan=False)
     own_shares = written["features"]["height"]["own"]
     assert sum(own_shares) == pytest.approx(1.0, abs=1e-4)  # each rounded to 1e-6
-    write_report(Dataset.read(own), tmp_path / "page.html", comparison=found)
     assert "Next to the photographs" in (tmp_path / "page.html").read_text()
 
 
 def test_few_photographs_and_photographs_without_files(tmp_path):
     own = coco(tmp_path / "a", 20, seed=1)
-    one = compared(own, coco(tmp_path / "one", 1, seed=2, height=0.1))
+    one = report(own, tmp_path / "page.html", photographs=coco(tmp_path / "one", 1, seed=2, height=0.1))
     assert one.sentences == []
     assert any("four photographs" in note for note in one.notes)
     json.dumps(one.to_json(), allow_nan=False)
-    write_report(Dataset.read(own), tmp_path / "page.html", comparison=one)
     shutil.rmtree(coco(tmp_path / "b", 6, seed=2) / "images")
     boxes = compared(own, tmp_path / "b")
     assert "brightness" not in {each.feature.name for each in boxes.features}
@@ -124,23 +122,23 @@ def test_whole_images_are_compared_by_features_of_an_encoder(tmp_path, capsys):
     weights = tmp_path / "nano.pt"
     torch.save(nano_weights(tmp_path), weights)
 
-    def report(photographs, weights):
+    def run(photographs, weights):
         command = ["report", own, "-o", tmp_path / "page.html", "--beside", photographs, "--features", weights]
         return main([*map(str, command), "--json"]), *capsys.readouterr()
 
-    code, out, _ = report(photographs, weights)
+    code, out, _ = run(photographs, weights)
     found = json.loads(out)
     assert code == 0
     assert 0.3 < found["coverage"]["coverage"] <= 1.0
     assert "Whole images cover" in found["sentences"][0]
     assert "Whole images cover" in (tmp_path / "page.html").read_text()
-    apart = json.loads(report(coco(tmp_path / "bright", 24, seed=2, bright=230), weights)[1])
+    apart = json.loads(run(coco(tmp_path / "bright", 24, seed=2, bright=230), weights)[1])
     assert apart["coverage"]["coverage"] < 0.1
-    code, out, err = report(coco(tmp_path / "few", 6, seed=2), weights)
+    code, out, err = run(coco(tmp_path / "few", 6, seed=2), weights)
     assert json.loads(out)["coverage"] is None
     assert "needs 20 photographs" in err
     torch.save(small_weights(), tmp_path / "small.pt")
-    code, _, err = report(photographs, tmp_path / "small.pt")
+    code, _, err = run(photographs, tmp_path / "small.pt")
     assert code == 2
     assert "no DINOv2 encoder" in err
     assert main(["report", str(own), "-o", str(tmp_path / "page.html"), "--features", str(weights)]) == 2

@@ -12,7 +12,7 @@ from selenium.webdriver.support.wait import WebDriverWait
 
 from hulldown.annotate.masks import encode
 from hulldown.dataset.reports.page import Tile, choices
-from hulldown.dataset.reports.report import write_report
+from hulldown.dataset.reports.report import report
 from hulldown.dataset.table import Dataset
 from hulldown.geometry.errors import DatasetError, HulldownError
 from hulldown.tests.editing import write_dataset
@@ -51,15 +51,15 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def report(folder, tmp_path_factory):
+def page(folder, tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "report.html"
-    write_report(Dataset.read(folder), path)
+    report(folder, path)
     return path
 
 
 @pytest.fixture
-def shown(browser, report):
-    browser.get(report.as_uri())
+def shown(browser, page):
+    browser.get(page.as_uri())
     yield browser
     assert [line for line in browser.get_log("browser") if line["level"] == "SEVERE"] == []
 
@@ -82,8 +82,8 @@ def test_all_images_are_shown_and_counted(shown, folder):
     assert widths == [WIDTH] * 14
 
 
-def test_the_page_cannot_fetch_anything(shown, report):
-    Image.new("RGB", (4, 3)).save(report.with_name("spy.png"))
+def test_the_page_cannot_fetch_anything(shown, page):
+    Image.new("RGB", (4, 3)).save(page.with_name("spy.png"))
     asked = """const done = arguments[0], image = new Image();
         image.onload = () => done("loaded"); image.onerror = () => done("refused"); image.src = "spy.png";"""
     assert shown.execute_async_script(asked) == "refused"
@@ -163,38 +163,36 @@ def test_boxes_and_masks_are_in_place_and_can_be_hidden(shown):
     assert shown.find_element(By.CSS_SELECTOR, ".tile svg").is_displayed()
 
 
-def test_only_a_report_is_overwritten(folder, report, tmp_path):
-    write_report(Dataset.read(folder), report, most=2)
-    assert report.read_text().count("<button class=tile") == 2
-    write_report(Dataset.read(folder), report)
+def test_only_a_report_is_overwritten(folder, page, tmp_path):
+    report(folder, page, most=2)
+    assert page.read_text().count("<button class=tile") == 2
+    report(folder, page)
     (tmp_path / "mine.html").write_text("<p>mine</p>")
     with pytest.raises(HulldownError, match=r"mine\.html: exists and wasn't drawn by hulldown"):
-        write_report(Dataset.read(folder), tmp_path / "mine.html")
+        report(folder, tmp_path / "mine.html")
     with pytest.raises(HulldownError, match="cannot be written"):
-        write_report(Dataset.read(folder), tmp_path / "mine.html" / "report.html")
+        report(folder, tmp_path / "mine.html" / "report.html")
 
 
-def test_the_same_dataset_gives_the_same_page(folder, report, tmp_path):
-    write_report(Dataset.read(folder), tmp_path / "again.html")
-    assert (tmp_path / "again.html").read_bytes() == report.read_bytes()
+def test_the_same_dataset_gives_the_same_page(folder, page, tmp_path):
+    report(folder, tmp_path / "again.html")
+    assert (tmp_path / "again.html").read_bytes() == page.read_bytes()
 
 
 def test_a_picture_that_is_missing_is_named(folder, tmp_path):
     (tmp_path / "annotations.json").write_text((folder / "annotations.json").read_text())
     with pytest.raises(DatasetError, match=r"0\.png: is missing"):
-        write_report(Dataset.read(tmp_path), tmp_path / "report.html")
+        report(tmp_path, tmp_path / "report.html")
     assert not (tmp_path / "report.html").exists()
 
 
 def test_an_empty_dataset_is_reported(tmp_path):
-    write_dataset(tmp_path, [])
     with pytest.raises(DatasetError, match="has no images yet"):
-        write_report(Dataset.read(tmp_path), tmp_path / "report.html")
+        report(write_dataset(tmp_path, []), tmp_path / "report.html")
 
 
 def test_photographs_alone_have_a_report(tmp_path):
-    write_dataset(tmp_path, [{"file_name": "a.jpg"}], names=())
-    write_report(Dataset.read(tmp_path), tmp_path / "report.html")
+    report(write_dataset(tmp_path, [{"file_name": "a.jpg"}], names=()), tmp_path / "report.html")
     assert "1 image, 0 labels of 0 classes" in (tmp_path / "report.html").read_text()
 
 

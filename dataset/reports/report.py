@@ -54,25 +54,31 @@ def report(
     cache: str | os.PathLike[str] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Comparison | None:
-    """Write the page about a dataset's folder or a plan's file; compare it with photographs if given.
+    """Write a self-contained page about a dataset or a plan, and compare it with photographs if given.
+
+    The page has tables, charts, maps, and thumbnails that filter by every field.
 
     Parameters
     ----------
-    source, out
-        The dataset or plan, and the page's file; see `write_report`.
+    source
+        A dataset's folder or a plan's file.
+    out
+        The page's file; a page by hulldown is replaced.
     photographs
-        A COCO folder or file.
-    encode, most
-        See `compare` and `write_report`; pictures of plans are previews, which aren't compared.
+        A COCO folder or file. The comparison is shown first.
+    encode
+        See `compare`; pictures of plans are previews, which aren't compared.
+    most
+        Most thumbnails; of more images an even selection is shown.
     cache, limits
         Of reading a plan's assets; see `planning.inputs.loading.load_planned_library`.
 
     Raises
     ------
     HulldownError
-        If the source, one of its assets, or the photographs are unusable, or the page can't be written.
+        If the source, a picture or asset of it, or the photographs are unusable, or `out` is somebody else's file.
     """
-    source = Path(source)
+    source, out = Path(source), Path(out)
     if source.is_dir():
         dataset = Dataset.read(source)
     else:
@@ -81,50 +87,20 @@ def report(
             assets = load_planned_library(plan, cache=cache, progress=progress, limits=limits).assets
         artist = Artist(plan, assets)
         dataset = Dataset.of_plan(plan, lambda i: artist.picture(plan[i], width=THUMBNAIL_WIDTH, labels=False))
+    if not dataset.images:
+        raise DatasetError("has no images yet", path=source, remedy="render some first")
+    make_room(out)
+    refuse_foreign(out, MARK)
     comparison = None
     if photographs is not None:
         comparison = compare(dataset, read_photographs(Path(photographs)), pixels=source.is_dir(), encode=encode)
-    write_report(dataset, out, most=most, comparison=comparison)
-    return comparison
-
-
-def write_report(
-    dataset: Dataset,
-    path: Path | str,
-    *,
-    most: int = MOST,
-    comparison: Comparison | None = None,
-) -> None:
-    """Write a self-contained page: tables, charts, maps, and thumbnails that filter by every field.
-
-    Parameters
-    ----------
-    dataset
-        The dataset or plan.
-    path
-        The page's file; a page by hulldown is replaced.
-    most
-        Most thumbnails; of more images an even selection is shown.
-    comparison
-        A comparison with photographs, shown first.
-
-    Raises
-    ------
-    HulldownError
-        If the dataset has no images, a picture cannot be read, or `path` is somebody else's file.
-    """
-    path = Path(path)
-    if not dataset.images:
-        raise DatasetError("has no images yet", path=Path(dataset.name), remedy="render some first")
-    make_room(path)
-    refuse_foreign(path, MARK)
-    chosen = spread(len(dataset.images), most)
+    chosen = spread(len(dataset), most)
     tiles = []
     with shown("thumbnails", None) as advance:
-        for done, i in enumerate(chosen.tolist(), start=1):
+        for i in chosen.tolist():
             tiles.append(_tile(dataset, i))
-            advance(done, len(chosen))
-    text = render(
+            advance(len(tiles), len(chosen))
+    page = render(
         "dataset/reports/report.html",
         {
             "dataset": dataset,
@@ -142,7 +118,8 @@ def write_report(
             ],
         },
     )
-    replace_file(path, text.encode())
+    replace_file(out, page.encode())
+    return comparison
 
 
 def _facts(dataset: Dataset) -> list[str]:

@@ -108,7 +108,7 @@ def evaluate_files(
         read = [read_predictions(path, labels, name=name) for path, name in zip(paths, _names(paths), strict=True)]
         if validation:
             valid = read_labels(Path(validation[0]))
-            others = [read_predictions(path, valid, name=os.fspath(path)) for path in validation[1:]]
+            others = [read_predictions(Path(path), valid, name=str(path)) for path in validation[1:]]
             thresholds = [_best_threshold(valid, one, iou, "validation") for one in others]
         elif isinstance(threshold, str):
             thresholds = [_best_threshold(labels, one, iou, "test") for one in read]
