@@ -34,8 +34,9 @@ def sums_of(rng, labels, tp, fp):
     return np.stack([tp, fp, labels - tp, iou, 0.7 * tp, 0.4 * fp], axis=-1).astype(float)
 
 
-def percentile(resampled):
-    return np.nanquantile(resampled, [0.025, 0.975])
+def covers(truth, ends, drawn):
+    """Whether our interval holds the truth, and that of percentiles."""
+    return [low <= truth <= high for low, high in (ends, np.nanquantile(drawn, [0.025, 0.975]))]
 
 
 def of_figures(n, simulations):
@@ -53,8 +54,7 @@ def of_figures(n, simulations):
             for k, key in enumerate(("recall", "precision", "f1", "mean_iou")):
                 if not np.isnan(ends[key]).any():
                     known[k, s] += 1
-                    for way, (low, high) in enumerate((ends[key], percentile(drawn[key]))):
-                        held[way, k, s] += low <= truth[key] <= high
+                    held[:, k, s] += covers(truth[key], ends[key], drawn[key])
     return np.where(known >= simulations / 4, held / np.maximum(known, 1), np.nan)  # with too few intervals
 
 
@@ -72,9 +72,7 @@ def of_differences(n, simulations):
             again = resampled_sums(np.stack([after - before, labels], axis=1).astype(float), times=TIMES)
             drawn = again[:, 0] / again[:, 1]
             value, error = (after - before).sum() / total, standard_error(drawn, n)
-            ends = difference_interval(value, error, freedom=n - 1, labels=total)
-            for way, (low, high) in enumerate((ends, percentile(drawn))):
-                held[way, s] += low <= truth <= high
+            held[:, s] += covers(truth, difference_interval(value, error, freedom=n - 1, labels=total), drawn)
     return held / simulations
 
 
@@ -107,8 +105,7 @@ def of_ap50(n, simulations):
             value, *again = ap50(labels, true, position, np.concatenate([np.ones((1, n)), drawn]))
             error = standard_error(np.array(again), n)
             ends = share_interval(value, error, freedom=n - 1, trials=labels.sum())
-            for way, (low, high) in enumerate((ends, percentile(np.array(again)))):
-                held[way, s] += low <= truth <= high
+            held[:, s] += covers(truth, ends, again)
     return held / simulations
 
 

@@ -13,6 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarFormatter
 
+from hulldown.geometry.arrays import spread
+
 INK, SOFT, BLUE, RED, GREEN = "#1d2126", "#9aa3ab", "#0072b2", "#d55e00", "#009e73"
 COLORS = (BLUE, RED, GREEN, "#cc79a7", "#e69f00", "#56b4e9")  # color-blind readers can tell them apart
 LONGEST = 24  # characters of a name beside an axis
@@ -21,10 +23,11 @@ MOST_NAMES = 12
 MOST_PLACES = 2_000  # dots on a map; more would overlap
 
 
-def axes_of(width: float, height: float) -> tuple[Figure, Axes]:
+def axes_of(title: str, width: float = 3.6, height: float = 2.2) -> tuple[Figure, Axes]:
     """Axes of a chart, sized in inches at 100 pixels each."""
     figure = Figure(figsize=(width, height), layout="constrained")
     axes = figure.subplots()
+    axes.set_title(title)
     tidy(axes)
     return figure, axes
 
@@ -55,7 +58,7 @@ def svg(figure: Figure) -> bytes:
 
 def histogram(title: str, values: Float[np.ndarray, " n"], *, log: bool = False) -> Figure:
     """Histogram of the known numbers."""
-    figure, axes = axes_of(3.6, 2.2)
+    figure, axes = axes_of(title)
     known = values[np.isfinite(values) & ((values > 0) | (not log))]
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
     if log and low < high:
@@ -64,7 +67,6 @@ def histogram(title: str, values: Float[np.ndarray, " n"], *, log: bool = False)
     else:
         edges = np.linspace(low, high if high > low else low + 1.0, BINS + 1)
     axes.hist(np.clip(known, edges[0], edges[-1]), bins=edges.tolist(), color=BLUE)
-    axes.set(title=title)
     return figure
 
 
@@ -83,33 +85,32 @@ def two_histograms(
     log: bool = False,
 ) -> Figure:
     """Histograms of a dataset (filled) and of photographs (a line) in the same bins."""
-    figure, axes = axes_of(3.6, 2.2)
+    figure, axes = axes_of(title)
     axes.stairs(100 * shares[0], edges, fill=True, color=BLUE, alpha=0.55, label="this dataset")
     axes.stairs(100 * shares[1], edges, color=RED, linewidth=1.6, label="photographs")
     if log:
         _log_scale(axes)
     if edges[0] % 1.0 == 0.5:
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set(title=title, ylabel="%")
+    axes.set(ylabel="%")
     axes.legend(fontsize=7, frameon=False)
     return figure
 
 
 def azimuths(values: Float[np.ndarray, " n"]) -> Figure:
     """Histogram of the side that targets are seen from, in degrees counterclockwise from straight ahead."""
-    figure, axes = axes_of(3.6, 2.2)
+    figure, axes = axes_of("side seen")
     axes.hist(values[np.isfinite(values)], bins=np.linspace(-180.0, 180.0, BINS + 1).tolist(), color=BLUE)
     axes.set_xticks([-180, -90, 0, 90, 180], ["rear", "right", "front", "left", "rear"])
-    axes.set(title="side seen")
     return figure
 
 
 def places_in_pictures(centers: Float[np.ndarray, "n 2"]) -> Figure:
     """Positions of labels' centers, in shares of width and height."""
-    figure, axes = axes_of(3.6, 2.2)
+    figure, axes = axes_of("label positions")
     counts, _, _ = np.histogram2d(centers[:, 1], centers[:, 0], bins=(14, 24), range=((0, 1), (0, 1)))
     axes.imshow(counts, extent=(0, 1, 1, 0), aspect="auto", cmap="Blues", interpolation="nearest")
-    axes.set(title="label positions", xticks=[], yticks=[])
+    axes.set(xticks=[], yticks=[])
     return figure
 
 
@@ -124,17 +125,16 @@ def shares(title: str, names: Shaped[np.ndarray, " n"]) -> Figure:
 
 def bars(title: str, values: Mapping[str, float], *, width: float = 3.6, color: str = BLUE) -> Figure:
     """A bar for each name, from top to bottom."""
-    figure, axes = axes_of(width, 0.7 + 0.24 * max(len(values), 3))
+    figure, axes = axes_of(title, width, 0.7 + 0.24 * max(len(values), 3))
     axes.barh(range(len(values)), list(values.values()), color=color, height=0.62)
     axes.set_yticks(range(len(values)), [short(name) for name in values])
     axes.invert_yaxis()
-    axes.set(title=title)
     return figure
 
 
 def differences(title: str, rows: Sequence[tuple[str, float, float, float]], *, xlabel: str = "") -> Figure:
     """Draw named differences with intervals, gray if an interval contains 0 or is unknown."""
-    figure, axes = axes_of(6.4, 0.9 + 0.22 * len(rows))
+    figure, axes = axes_of(title.replace("$", r"\$"), 6.4, 0.9 + 0.22 * len(rows))
     for k, (_, value, low, high) in enumerate(rows):
         color = GREEN if low > 0 else RED if high < 0 else SOFT
         axes.plot([low, high], [k, k], color=color, linewidth=1.2)
@@ -142,19 +142,19 @@ def differences(title: str, rows: Sequence[tuple[str, float, float, float]], *, 
     axes.axvline(0.0, color=INK, linewidth=0.8)
     axes.set_yticks(range(len(rows)), [name.replace("$", r"\$") for name, *_ in rows])
     axes.invert_yaxis()
-    axes.set(title=title.replace("$", r"\$"), xlabel=xlabel)
+    axes.set(xlabel=xlabel)
     return figure
 
 
 def place_map(name: str, cameras: Float[np.ndarray, "n 2"], vehicles: Float[np.ndarray, "n 2"]) -> Figure:
     """Map of a scenery: each camera with a line to its target, in meters."""
-    figure, axes = axes_of(4.6, 4.2)
-    some = np.unique(np.linspace(0, len(cameras) - 1, min(MOST_PLACES, len(cameras))).astype(int))
+    figure, axes = axes_of(f"{short(name)} ({len(cameras):,} images)", 4.6, 4.2)
+    some = spread(len(cameras), MOST_PLACES)
     cameras, vehicles = cameras[some], vehicles[some]
     seen = np.isfinite(vehicles).all(axis=1)
     ends = np.stack([cameras[seen], vehicles[seen], np.full((seen.sum(), 2), np.nan)], axis=1).reshape(-1, 2)
     axes.plot(ends[:, 0], ends[:, 1], color=INK, linewidth=0.5, alpha=0.35)
     axes.plot(vehicles[seen, 0], vehicles[seen, 1], "o", color=RED, markersize=2.5)
     axes.plot(cameras[~seen, 0], cameras[~seen, 1], "x", color=INK, markersize=3)
-    axes.set(title=f"{short(name)} ({len(cameras):,} images)", aspect="equal")
+    axes.set_aspect("equal")
     return figure

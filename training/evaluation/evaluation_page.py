@@ -114,7 +114,7 @@ def comparison_page(
 
 def precision_recall(evaluations: Sequence[Evaluation]) -> Figure:
     """Precision over recall, with the operating points."""
-    figure, axes = axes_of(5.4, 3.6)
+    figure, axes = axes_of("precision over recall", 5.4, 3.6)
     colors = cycle(COLORS)
     for one, color in zip(evaluations, colors, strict=False):
         name = short(one.predictions.name) if len(evaluations) > 1 else "all classes"
@@ -126,7 +126,7 @@ def precision_recall(evaluations: Sequence[Evaluation]) -> Figure:
         at = np.searchsorted(-one.curves.threshold, -one.threshold.value, side="right") - 1
         if at >= 0:
             axes.plot(one.curves.recall[at], one.curves.precision[at], "o", color=color)
-    axes.set(xlabel="recall", ylabel="precision", xlim=(0, 1.02), ylim=(0, 1.02), title="precision over recall")
+    axes.set(xlabel="recall", ylabel="precision", xlim=(0, 1.02), ylim=(0, 1.02))
     axes.legend(fontsize=7, loc="lower left")
     return figure
 
@@ -138,12 +138,12 @@ def marker_of(values: np.ndarray) -> str:
 
 def over_thresholds(one: Evaluation) -> Figure:
     """Precision, recall and F1 over the confidence from which detections count."""
-    figure, axes = axes_of(5.4, 3.6)
+    figure, axes = axes_of("figures over the threshold (dotted: as evaluated)", 5.4, 3.6)
     for key, color in (("precision", BLUE), ("recall", GREEN), ("f1", RED)):
         label, values = "F1" if key == "f1" else key, getattr(one.curves, key)
         axes.plot(one.curves.threshold, values, marker_of(values), color=color, label=label)
     axes.axvline(one.threshold.value, color=INK, linewidth=0.8, linestyle=":")
-    axes.set(xlabel="confidence threshold", ylim=(0, 1.02), title="figures over the threshold (dotted: as evaluated)")
+    axes.set(xlabel="confidence threshold", ylim=(0, 1.02))
     axes.legend(fontsize=7, loc="lower center")
     return figure
 
@@ -159,7 +159,7 @@ def losses(loss: Mapping[str, float]) -> Figure:
 def recall_bins(found: BinFigures, overall: float) -> Figure:
     """Recall in the bins of a field, with intervals and numbers of labels."""
     rows = np.flatnonzero(found.labels > 0)[::-1]
-    figure, axes = axes_of(3.75, 0.7 + 0.24 * len(rows))
+    figure, axes = axes_of(f"recall by {found.field.title}", 3.75, 0.7 + 0.24 * len(rows))
     places = np.arange(len(rows))
     recall, ends = found.recall[rows], found.recall_interval[:, rows]
     axes.barh(places, recall, color=BLUE, height=0.62, alpha=0.75)
@@ -169,5 +169,5 @@ def recall_bins(found: BinFigures, overall: float) -> Figure:
     )  # fmt: skip
     axes.axvline(overall, color=RED, linewidth=0.9, linestyle="--")
     axes.set_yticks(places, [f"{short(found.field.bins[b])} (n {found.labels[b]})" for b in rows])
-    axes.set(xlim=(0, 1.02), title=f"recall by {found.field.title}")
+    axes.set_xlim(0, 1.02)
     return figure

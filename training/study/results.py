@@ -118,13 +118,12 @@ class Difference:
 def judged(run: PlannedRun, evaluation: Evaluation) -> Judged:
     """Evaluate a run."""
     sums = evaluation.sums.sum(axis=0)
-    resampled = dict(figures(evaluation.resampled.sum(axis=1)))
+    values = {**dict(zip(SUMS, sums, strict=True)), **figures(sums), **evaluation.average.summary}
     averages = class_mean(evaluation.averages_resampled)
-    resampled |= {key: averages[:, k] for k, key in enumerate(AVERAGES)}
-    values = {key: float(sums[SUMS.index(key)]) for key in COUNTS}
-    values |= {key: float(value) for key, value in figures(sums).items() if key in MEASURES}
-    values |= {key: float(evaluation.average.summary[key]) for key in ("ap50", "ap")}
-    return Judged(run, evaluation, values, {key: resampled[key] for key in MEASURES})
+    resampled = {**figures(evaluation.resampled.sum(axis=1)), **dict(zip(AVERAGES, averages.T, strict=True))}
+    return Judged(
+        run, evaluation, {key: float(values[key]) for key in TITLES}, {key: resampled[key] for key in MEASURES}
+    )
 
 
 def cells(runs: Sequence[Judged]) -> list[Cell]:
