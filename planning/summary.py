@@ -202,14 +202,12 @@ class Summary:
     def draw(self, path: str | Path) -> None:
         """Write a picture of the histograms and counts."""
         # A local import, since it's slow and worker processes don't need it.
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
         from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
         charts = self._bar_charts()
         lines = -(-(len(charts) + len(self.histograms)) // 3)
         figure = Figure(figsize=(12.0, 3.0 * lines), layout="constrained")
-        FigureCanvasAgg(figure)
         axes = iter(figure.subplots(lines, 3).ravel())
         for title, counts in charts.items():
             axis = next(axes)
@@ -221,7 +219,7 @@ class Summary:
             axis, used = next(axes), histogram.used
             edges = histogram.edges[used.start : used.stop + 1]
             axis.stairs(histogram.counts[used], edges, fill=True, color=_COLOR)
-            if len(histogram.values) and edges[0] > 0 and histogram.edges[0] > 0:
+            if len(histogram.values) and histogram.edges[0] > 0:
                 axis.set_xscale("log")
                 axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
                 axis.xaxis.set_major_formatter(ScalarFormatter())

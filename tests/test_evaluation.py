@@ -141,18 +141,18 @@ def test_the_page_filters_misses_by_outcome_class_and_bin(weak, browser):
 
 
 def test_detectors_are_compared_with_the_first(scene, tmp_path, browser):
-    shutil.copy(scene / "weak.json", tmp_path / "twin.json")
-    found = evaluate_files(scene, [scene / "weak.json", scene / "better.json", tmp_path / "twin.json"], tmp_path)
+    shutil.copy(scene / "weak.json", tmp_path / "twin #2.json")
+    found = evaluate_files(scene, [scene / "weak.json", scene / "better.json", tmp_path / "twin #2.json"], tmp_path)
     better, twin = found["comparisons"]
     assert (better["first"], better["second"]) == ("weak", "better")
     assert better["difference"]["recall"] == pytest.approx(3 / 18, abs=1e-5)
     assert better["intervals"]["recall"] == [None, None]
     assert {value for value in twin["difference"].values() if value is not None} == {0.0}
     with (tmp_path / "metrics.csv").open(newline="") as file:
-        assert [row["predictions"] for row in csv.DictReader(file)] == ["weak"] * 3 + ["better"] * 3 + ["twin"] * 3
+        assert [row["predictions"] for row in csv.DictReader(file)] == ["weak"] * 3 + ["better"] * 3 + ["twin #2"] * 3
     browser.get((tmp_path / "report.html").as_uri())
-    browser.find_element(By.LINK_TEXT, "better").click()
-    assert browser.title.startswith("better on")
+    browser.find_element(By.LINK_TEXT, "twin #2").click()
+    assert browser.title.startswith("twin #2 on")
 
 
 def test_files_with_equal_names_are_named_by_their_folders(scene, tmp_path):
