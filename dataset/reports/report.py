@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import math
 import os
 from collections import Counter
 from collections.abc import Mapping
@@ -34,13 +33,13 @@ from hulldown.geometry.terminal import reading_status, shown
 from hulldown.planning.inputs.loading import load_planned_library
 from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan_file import read_plan
+from hulldown.planning.summary import SIZES
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
 MOST = 1_000  # thumbnails on a page: some 15 MB
 THUMBNAIL_WIDTH = 320  # pixels of a thumbnail
 QUALITY = 65  # of JPEG
 MARK = b'content="hulldown"'  # of a page by hulldown
-COCO_SIZES = {"small": (0.0, 32.0), "medium": (32.0, 96.0), "large": (96.0, math.inf)}
 ORDERS = (SIZE, *SCALES)
 
 
@@ -109,7 +108,7 @@ def report(
             "facets": _facets(dataset),
             "orders": {scale.name: scale.title for scale in ORDERS},
             "facts": _facts(dataset),
-            "sizes": COCO_SIZES,
+            "sizes": SIZES,
             "classes": _classes(dataset),
             "charts": [
                 ("Labels", "", _of_labels(dataset)),
@@ -138,10 +137,7 @@ def _classes(dataset: Dataset) -> list[list[str]]:
     labels, rows = dataset.labels, []
     for name in dataset.categories.values():
         of_class = labels["category"] == name
-        sizes = [
-            int(((labels["box_size"] >= low) & (labels["box_size"] < high) & of_class).sum())
-            for low, high in COCO_SIZES.values()
-        ]
+        sizes = np.histogram(labels["box_size"][of_class], np.sqrt([0.0, *SIZES.values()]))[0].tolist()
         vehicles = Counter(one for one in labels["vehicle"][of_class].tolist() if one)
         shown = len(np.unique(labels["image"][of_class]))
         models = ", ".join(f"{vehicle} {n:,}" for vehicle, n in sorted(vehicles.items()))
