@@ -118,51 +118,38 @@ def _judge(study: Path, manifest: Manifest, run: PlannedRun, labels: Labels, val
 def _compared(manifest: Manifest, runs: Sequence[Judged]) -> dict[str, Any]:
     """The part of the report that is computed from detections and labels alone, so it's reproducible."""
     found = cells(runs)
-    compared = [
-        (first, second, {measure: difference(first, second, measure) for measure in COMPARED})
-        for first, second in pairs(found)
-    ]
-    real = [cell for cell in found if cell.arm == "real"]
-    others = [cell for cell in found if cell.arm != "real"]
-    worth = [
-        {
-            "arm": cell.arm, "name": cell.name, "fraction": cell.fraction, "measure": measure,
-            "photographs": one.photographs, "interval": one.interval,
-            "words": worth_words(cell.name, measure, one),
-        }
-        for cell in others
-        for measure in WORTH_BY
-        if (one := equivalent_photographs(real, cell, measure)) is not None
-    ]  # fmt: skip
-    against_real = [(first, second) for first, second in pairs(found) if first.arm == "real" and second.arm == "mixed"]
-    bins = {f"{second.name} minus {first.name}": bin_differences(first, second) for first, second in against_real}
-    count = sum(len(by_measure) for _, _, by_measure in compared)
+    compared, real = pairs(found), [cell for cell in found if cell.arm == "real"]
+    records = [_pair_record(first, second) for first, second in compared]
+    summary = [record["measures"]["f1"]["words"] for record in records]
     largest = max(real, key=lambda cell: cell.photographs, default=None)
+    if largest is not None and mean(largest, "ap50") < 0.5:
+        summary.append(
+            f"{largest.name} reaches an AP50 of {mean(largest, 'ap50'):.2f} only. A study whose best photographs teach "
+            "so little can't show the worth of synthetic images. Use a larger budget, or clearer pictures."
+        )
+    bins = {
+        f"{second.name} minus {first.name}": bin_differences(first, second)
+        for first, second in compared
+        if first.arm == "real" and second.arm == "mixed"
+    }
     return plain({
         "study": _described(manifest),
-        "summary": summary([(first, second, by_measure["f1"]) for first, second, by_measure in compared], largest),
-        "sureness": sureness(len(manifest.config.seeds), manifest.datasets["test"].images, count),
+        "summary": summary,
+        "sureness": sureness(manifest, len(records) * len(COMPARED)),
         "cells": [_cell_record(cell) for cell in found],
-        "pairs": [
+        "pairs": records,
+        "worth": [
             {
-                "first": first.name, "second": second.name, "fraction": second.fraction,
-                "measures": {
-                    key: {
-                        "difference": one.value, "interval": known_ends(one.ends),
-                        "words": difference_words(first, second, key, one),
-                    }
-                    for key, one in by_measure.items()
-                },
+                "arm": cell.arm, "name": cell.name, "fraction": cell.fraction, "measure": measure,
+                "photographs": one.photographs, "interval": one.interval,
+                "words": worth_words(cell.name, measure, one),
             }
-            for first, second, by_measure in compared
+            for cell in found
+            for measure in WORTH_BY
+            if cell.arm != "real" and (one := equivalent_photographs(real, cell, measure)) is not None
         ],
-        "worth": worth,
         "bins": {
-            name: {
-                "words": bin_words(rows),
-                "rows": [asdict(row) for row in rows],
-            }
-            for name, rows in bins.items()
+            name: {"words": bin_words(rows), "rows": [asdict(row) for row in rows]} for name, rows in bins.items()
         },
         "runs": [_run_record(one) for one in runs],
     })  # fmt: skip
@@ -193,6 +180,23 @@ def _cell_record(cell: Cell) -> dict[str, Any]:
         **{key: mean(cell, key) for key in (*COUNTS, *MEASURES)},
         "intervals": {key: known_ends(cell_interval(cell, key)) for key in MEASURES},
         "of_seeds": {key: [cell.judged[seed].values[key] for seed in sorted(cell.judged)] for key in MEASURES},
+    }
+
+
+def _pair_record(first: Cell, second: Cell) -> dict[str, Any]:
+    differences = {key: difference(first, second, key) for key in COMPARED}
+    return {
+        "first": first.name,
+        "second": second.name,
+        "fraction": second.fraction,
+        "measures": {
+            key: {
+                "difference": one.value,
+                "interval": known_ends(one.ends),
+                "words": difference_words(first, second, key, one),
+            }
+            for key, one in differences.items()
+        },
     }
 
 
@@ -260,8 +264,9 @@ def bin_words(found: Sequence[BinDifference]) -> list[str]:
     ]
 
 
-def sureness(seeds: int, images: int, compared: int) -> str:
-    """A note on the meaning of the intervals."""
+def sureness(manifest: Manifest, compared: int) -> str:
+    """A note on the meaning of the intervals, of which `compared` are of differences."""
+    seeds, images = len(manifest.config.seeds), manifest.datasets["test"].images
     trainings = (
         "With one seed, they don't cover other trainings."
         if seeds == 1
@@ -274,14 +279,3 @@ def sureness(seeds: int, images: int, compared: int) -> str:
         f"{told} Of {compared} differences with such intervals, about {max(1, round(0.05 * compared))} would exclude "
         "0 by chance alone."
     )
-
-
-def summary(measured: Sequence[tuple[Cell, Cell, Difference]], real: Cell | None) -> list[str]:
-    """The summary's sentences."""
-    lines = [difference_words(first, second, "f1", found) for first, second, found in measured]
-    if real is not None and mean(real, "ap50") < 0.5:
-        lines.append(
-            f"{real.name} reaches an AP50 of {mean(real, 'ap50'):.2f} only. A study whose best photographs teach so "
-            "little can't show the worth of synthetic images. Use a larger budget, or clearer pictures."
-        )
-    return lines
