@@ -322,12 +322,9 @@ def _boxes_of(photographs: Photographs) -> Values:
 
 
 def _looks_of(pictures: Sequence[UInt8[np.ndarray, "h w 3"]]) -> Values:
-    table = np.array([looks(picture) for picture in pictures])
-    features = {}
-    for feature, values in zip(LOOKS, table.T, strict=True):
-        known = np.flatnonzero(np.isfinite(values))
-        features[feature.name] = (values[known], known)
-    return features
+    columns = np.array([looks(picture) for picture in pictures]).T
+    known = [np.flatnonzero(np.isfinite(column)) for column in columns]
+    return {one.name: (column[rows], rows) for one, column, rows in zip(LOOKS, columns, known, strict=True)}
 
 
 def _floor(values: Float[np.ndarray, " n"], image: Int[np.ndarray, " n"]) -> float:
