@@ -99,7 +99,7 @@ class Planner:
 
     def _chosen(self, position: Int[np.ndarray, " n"], more_of: MoreOf) -> list[Row]:
         """Return rows of these positions, most of them sampled from candidates by their weights."""
-        held = self.budget.positions(position)
+        held = take(self.budget.positions, position)
         alone = kept(held.ordinal) | held.background
         planned = [other._rows(position if k == 0 else position[~alone]) for k, other in enumerate(self._candidates)]
         table = np.ones((CANDIDATES, len(position)))
@@ -129,7 +129,7 @@ class Planner:
         return planners
 
     def _rows(self, position: Int[np.ndarray, " n"]) -> list[Row]:
-        held = self.budget.positions(position)
+        held = take(self.budget.positions, position)
         held = replace(held, vehicle=self.budget.turned(held.vehicle, self._turn))
         weights = np.where(held.background[:, None], self.pairs.sites, self.pairs.weights[held.vehicle])
         if self.poses is not None:
@@ -167,7 +167,7 @@ class Planner:
         if hopeless:
             place, path = f"position {hopeless.position}", hopeless.path
             if self.poses is not None:
-                first = int(self.budget.positions([hopeless.position]).first_image[0])
+                first = int(self.budget.positions.first_image[hopeless.position])
                 place, path = f"line {self.poses.lines[first].line}", Path(self.poses.path)
             raise ConfigError(f"{place}: {hopeless.problem}", path=path, remedy=hopeless.remedy)
         rows.sort(key=lambda row: row.index)

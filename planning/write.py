@@ -17,6 +17,8 @@ from importlib.metadata import PackageNotFoundError, version
 from multiprocessing.connection import wait
 from pathlib import Path
 
+import numpy as np
+
 from hulldown.assets.library import AssetFile, Assets
 from hulldown.assets.photographs import read_photographs
 from hulldown.geometry.errors import ConfigError
@@ -252,8 +254,9 @@ def _resume(writer: PlanWriter, planner: Planner) -> int:
     if writer.rows >= budget.n_images:
         writer.keep(budget.n_images)
         return budget.n_positions
-    position = budget.position_of(writer.rows)
-    writer.keep(int(budget.positions([position]).first_image[0]))
+    starts = budget.positions.first_image
+    position = int(np.searchsorted(starts, writer.rows, side="right")) - 1
+    writer.keep(int(starts[position]))
     return position
 
 

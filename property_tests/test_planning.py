@@ -131,7 +131,7 @@ def budget_is_met(rows, budget):
     """Every vehicle has exactly its images, in addition to backgrounds."""
     images = Counter(row.target.vehicle for row in rows if not row.background)
     assert [images[name] for name in budget.vehicles] == budget.images.tolist()
-    assert sum(row.background for row in rows) == budget.backgrounds
+    assert sum(row.background for row in rows) == budget.n_images - budget.images.sum()
 
 
 def labels_follow_from_the_poses(row, again):

@@ -132,7 +132,7 @@ def test_a_small_project_has_twelve_small_images(tmp_path, monkeypatch):
     monkeypatch.setattr(project, "build_demo_assets", lambda folder, **_: None)
     parsed = tomllib.loads(project.create_project(tmp_path, small=True).read_text(encoding="utf-8"))
     budget = make_budget(Config.of(parsed).budget, CATEGORY)
-    assert (budget.n_images, budget.backgrounds) == (12, 2)
+    assert (budget.n_images, budget.images.sum()) == (12, 10)
     assert set(budget.images.tolist()) == {1}  # each vehicle once
     assert parsed["render"]["width"] == 480
 

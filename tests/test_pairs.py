@@ -76,7 +76,7 @@ def test_a_position_without_a_place_moves_to_another_scenery_for_any_worker(tmp_
     in_two = planner.rows(0, 3) + planner.rows(3, len(rows))
     assert encode_rows(in_two) == encode_rows(rows)
     position = np.arange(len(rows))
-    drawn = planner._sites(position, planner.pairs.weights[planner.budget.positions(position).vehicle], 0)
+    drawn = planner._sites(position, planner.pairs.weights[planner.budget.positions.vehicle], 0)
     moved = [row for row, site in zip(rows, drawn.tolist(), strict=True) if row.scenery != ("hills", "bare")[site]]
     assert len(moved) > 1
     assert {row.scenery for row in moved} == {"bare"}

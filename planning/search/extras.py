@@ -132,8 +132,9 @@ def framed_on(
     index = np.array([stage.fleet.index[name] for name in budget.vehicles])
     model, rows = index[held.vehicle], np.flatnonzero(held.background)
     uniform = draws.uniform(Purpose.BACKGROUND, position[rows], 0, count=2)
-    shown = np.minimum((uniform[:, 0] * budget.n_target_positions).astype(np.int64), budget.n_target_positions - 1)
-    model[rows] = index[budget.target_positions(shown).vehicle]
+    planned = budget.positions.vehicle[~budget.positions.background]
+    shown = np.minimum((uniform[:, 0] * len(planned)).astype(np.int64), len(planned) - 1)
+    model[rows] = index[planned[shown]]
     share, ordinal = config.budget.background_distractors, held.ordinal[rows]
     replaced = np.floor((ordinal + 1) * share) > np.floor(ordinal * share)
     for i, u in zip(rows[replaced].tolist(), uniform[replaced, 1].tolist(), strict=True):

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from numpy.typing import ArrayLike
 
 from hulldown.planning.inputs.poses import GivenPoses, refused
 from hulldown.planning.search.budget import Budget, Positions
-from hulldown.planning.search.columns import take
 from hulldown.planning.search.stage import Site
 
 
@@ -86,28 +84,7 @@ def position_starts(poses: GivenPoses) -> Int[np.ndarray, " p"]:
     )
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class PoseBudget(Budget):
-    """The budget of a file of poses, with all positions in `held`."""
-
-    held: Positions = field(kw_only=True)
-
-    @property
-    def n_images(self) -> int:
-        """Images in all."""
-        return int(self.held.shots.sum())
-
-    @property
-    def n_positions(self) -> int:
-        """Positions in all."""
-        return len(self.held.shots)
-
-    def positions(self, index: ArrayLike) -> Positions:
-        """Return the vehicles and images of the positions with these (n,) indices."""
-        return take(self.held, np.asarray(index, dtype=np.int64))
-
-
-def pose_budget(poses: GivenPoses, budget: Budget) -> PoseBudget:
+def pose_budget(poses: GivenPoses, budget: Budget) -> Budget:
     """Return the budget of a file's lines: a position for each sequence and for each other line.
 
     Lines without a vehicle take the vehicles of `budget` in turn. `images` counts images without a given scenery: their
@@ -136,5 +113,4 @@ def pose_budget(poses: GivenPoses, budget: Budget) -> PoseBudget:
         vehicle[k], ordinal[k] = v, before[v]
         before[v] += 1
         images[v] += shots[k] if line.scenery is None else 0
-    held = Positions(vehicle, ordinal, shots, starts)
-    return PoseBudget(budget.vehicles, budget.class_starts, images, budget.shots, held=held)
+    return Budget(budget.vehicles, budget.class_starts, images, Positions(vehicle, ordinal, shots, starts))
