@@ -7,25 +7,24 @@ from __future__ import annotations
 
 import copy
 import hashlib
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
 import msgspec
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from hulldown.assets.library import Assets
 from hulldown.assets.photographs import read_photographs
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.appearance.light import draw_lights, hdri_weights
+from hulldown.planning.appearance.light import hdri_weights
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.more_of import CANDIDATES, kept, position_weights
 from hulldown.planning.inputs.poses import GivenPoses
 from hulldown.planning.row import MoreOf, Row, encode_rows
 from hulldown.planning.rows import rows_of
-from hulldown.planning.search.block import Block, HopelessPosition, before
+from hulldown.planning.search.block import Block
 from hulldown.planning.search.budget import Positions, make_budget
 from hulldown.planning.search.columns import take
 from hulldown.planning.search.draws import Purpose, RandomStreams, choose
@@ -33,7 +32,7 @@ from hulldown.planning.search.extras import extras_at, framed_on
 from hulldown.planning.search.given import given_of, pose_budget
 from hulldown.planning.search.likeness import Likeness
 from hulldown.planning.search.pairs import Pairs, make_pairs
-from hulldown.planning.search.positions import plan_block
+from hulldown.planning.search.positions import HopelessPosition, plan_block
 from hulldown.planning.search.stage import make_stage
 
 BLOCK = 2048  # positions planned together: large batches for each vehicle and scenery
@@ -82,6 +81,11 @@ class Planner:
         self.likeness = None if assets.photographs is None else Likeness(assets.photographs, config)
         self.strict = strict
         self.pairs = pairs or make_pairs(config, self.budget, self.stage, self._draws, strict=strict)
+        vehicles = [self.budget.vehicles.index(name) for name in self.stage.models]
+        present = (self.pairs.weights[vehicles] > 0.0).astype(np.float64)
+        self._extras = [
+            extras_at(site.name, self.stage, config, present[:, s]) for s, site in enumerate(self.stage.sites)
+        ]
         self.more_of, self._turn = more_of, 0
         self.poses = poses
         self.given = None if poses is None else given_of(poses, self.stage.sites)
@@ -140,29 +144,26 @@ class Planner:
         hopeless: HopelessPosition | None = None
         pending, attempt = np.arange(len(position)), 0
         while len(pending):
+            site = self._sites(position[pending], weights[pending], attempt)
+            weights[pending, site] = 0.0
             # A position without a place on its scenery tries the others.
             homeless = [pending[:0]]
-            for block, planned_rows in self._blocks(position, held, weights, pending, attempt):
+            for s in np.unique(site).tolist():
+                here = pending[site == s]
                 if hopeless:
-                    block = before(block, hopeless.position)
-                if not len(block.position):
+                    here = here[position[here] < hopeless.position]
+                if not len(here):
                     continue
-                lights = draw_lights(
-                    self.config.light,
-                    self.config.weather,
-                    self._hdri_weights,
-                    draws=self._draws,
-                    image=block.image,
-                    scene=block.scene,
-                )
+                movable = weights[here].any(axis=1) & (not self.strict)
+                block = self._block(s, position[here], take(held, here), movable)
                 try:
-                    planned = plan_block(block, self.config, self._draws, visibility_m=lights.air.visibility_m)
+                    planned = plan_block(block)
                 except HopelessPosition as error:
                     # Another block may hold an earlier one: the error must not depend on blocks.
                     hopeless = error
                     continue
-                rows += rows_of(block, planned, lights, config=self.config, draws=self._draws, assets=self.assets)
-                homeless.append(planned_rows[: len(block.position)][~planned.found])
+                rows += rows_of(block, planned, self.assets, hdri_weights=self._hdri_weights)
+                homeless.append(here[~planned.found])
             pending, attempt = np.sort(np.concatenate(homeless)), attempt + 1
         if hopeless:
             place, path = f"position {hopeless.position}", hopeless.path
@@ -173,48 +174,28 @@ class Planner:
         rows.sort(key=lambda row: row.index)
         return rows
 
-    def _blocks(
-        self,
-        position: Int[np.ndarray, " n"],
-        held: Positions,
-        weights: Float[np.ndarray, "n s"],
-        pending: Int[np.ndarray, " p"],
-        attempt: int,
-    ) -> Iterator[tuple[Block, Int[np.ndarray, " q"]]]:
-        """Yield the pending positions by scenery, with their indices, and set the weights of these sceneries to 0."""
-        site = self._sites(position[pending], weights[pending], attempt)
-        weights[pending, site] = 0.0
-        movable = weights[pending].any(axis=1) & (not self.strict)
+    def _block(
+        self, site: int, position: Int[np.ndarray, " n"], held: Positions, movable: Bool[np.ndarray, " n"]
+    ) -> Block:
+        """Return positions on a scenery, of which the movable ones have others left."""
         stage = self.stage
-        position, held = position[pending], take(held, pending)
         model = framed_on(self.budget, stage, self.config, self._draws, position=position, held=held, site=site)
-        classed = np.array([entry.category is not None for entry in stage.fleet.models])
-        for s in np.unique(site).tolist():
-            here = np.flatnonzero(site == s)
-            present = {self.budget.vehicles[v] for v in np.flatnonzero(self.pairs.weights[:, s]).tolist()}
-            of_vehicles = np.array([float(name in present) for name in stage.models])
-            yield (
-                Block(
-                    site=stage.sites[s],
-                    fleet=stage.fleet,
-                    extras={
-                        background: extras_at(
-                            stage.sites[s].name, stage, self.config, of_vehicles, background=background
-                        )
-                        for background in (False, True)
-                    },
-                    model=model[here],
-                    background=held.background[here],
-                    empty=held.background[here] & classed[model[here]],
-                    movable=movable[here],
-                    position=position[here],
-                    shots=held.shots[here],
-                    first_image=held.first_image[here],
-                    likeness=self.likeness,
-                    given=self.given,
-                ),
-                pending[here],
-            )
+        return Block(
+            config=self.config,
+            draws=self._draws,
+            site=stage.sites[site],
+            fleet=stage.fleet,
+            extras=self._extras[site],
+            model=model,
+            background=held.background,
+            empty=held.background & stage.fleet.classed[model],
+            movable=movable,
+            position=position,
+            shots=held.shots,
+            first_image=held.first_image,
+            likeness=self.likeness,
+            given=self.given,
+        )
 
     def _sites(
         self, position: Int[np.ndarray, " n"], weights: Float[np.ndarray, "n s"], attempt: int

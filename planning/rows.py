@@ -12,15 +12,16 @@ from jaxtyping import Bool, Float
 from hulldown.assets.library import Assets
 from hulldown.placement.rejection import Rejection
 from hulldown.planning.appearance.exposure import exposures
-from hulldown.planning.appearance.light import Lights
+from hulldown.planning.appearance.light import draw_lights
 from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, Coat, draw_coats
 from hulldown.planning.appearance.sensor import draw_sensors
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import Bounds, Box, Followed, Label, OnMap, PlannedVehicle, Row, picture_name, rounded
-from hulldown.planning.search.block import Block, InstanceTable, Planned
-from hulldown.planning.search.draws import RandomStreams
+from hulldown.planning.search.block import Block, InstanceTable
+from hulldown.planning.search.draws import Purpose
 from hulldown.planning.search.extras import MOST, Role
 from hulldown.planning.search.instances import Instances
+from hulldown.planning.search.positions import Planned
 from hulldown.planning.search.stage import Site
 from hulldown.planning.search.views import Views
 from hulldown.reading.scenery.geotiff import longitude_latitude
@@ -29,18 +30,17 @@ LONGEST_CUT = 0.8  # default share of a labeled box that the frame may cut off, 
 _SEEN = ("visible_fraction", "truncated_fraction", "air_contrast")
 
 
-def rows_of(
-    block: Block, planned: Planned, lights: Lights, *, config: Config, draws: RandomStreams, assets: Assets
-) -> list[Row]:
+def rows_of(block: Block, planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarray, "2 h"]) -> list[Row]:
     """Return a row for each image of the block's positions that have a place, in the block's order."""
-    views, table, image, scene = planned.views, planned.instances, block.image, block.scene
-    vehicles = _vehicles(block, table, config=config, draws=draws, assets=assets)
+    config, draws, image, scene = block.config, block.draws, block.image, block.scene
+    views, table = planned.views, planned.instances
+    vehicles = _vehicles(block, table, assets)
     target = np.flatnonzero(table.role == Role.TARGET)
     begins, length = np.append(target, len(table.row)), np.diff(np.append(target, len(table.row)))
     left_out = (length - np.add.reduceat(table.found, begins[:-1])).tolist() if len(target) else []
     extras = _extras(planned, vehicles, config)
-    strength = rounded("strength", lights.strength)
-    hdris = [assets.hdris[i] for i in lights.hdri.tolist()]
+    hdri, yaw, strength = draw_lights(config.light, planned.air, hdri_weights, draws=draws, image=scene)
+    hdris, strength = [assets.hdris[i] for i in hdri.tolist()], rounded("strength", strength)
     ev, white_balance, horizon = exposures(scene, hdris, strength, light=config.light, assets=assets, draws=draws)
     sensors = draw_sensors(config.sensor, draws=draws, image=scene)
     kinds = [rejection.key for rejection in Rejection]
@@ -55,15 +55,15 @@ def rows_of(
         "world_from_camera": views.world_from_camera,
         "fov_x_deg": rounded("fov_x_deg", views.lens.fov_x_deg).tolist(),
         "hdri": hdris,
-        "hdri_yaw_deg": rounded("hdri_yaw_deg", np.degrees(lights.yaw)).tolist(),
+        "hdri_yaw_deg": rounded("hdri_yaw_deg", np.degrees(yaw)).tolist(),
         "strength": strength.tolist(),
         "horizon_deg": horizon,
         "exposure_ev": ev.tolist(),
         "white_balance_k": white_balance.tolist(),
-        "weather": lights.air.weathers,
+        "weather": planned.air.weathers,
         "like": _followed(block, views),
         "sequence": block.given_of(image).name.tolist(),
-        "sample_seed": lights.sample_seed.tolist(),
+        "sample_seed": (draws.bits(Purpose.SAMPLE_SEED, image, 0, count=1)[:, 0] >> np.uint64(33)).tolist(),
         "sensor": sensors,
         "rejected": [{k: n for k, n in zip(kinds, counts, strict=True) if n} for counts in planned.rejected.tolist()],
     }
@@ -146,12 +146,10 @@ def labels_of(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -> l
     return [("full" if enough else below) if shown else "none" for shown, enough in pairs]
 
 
-def _vehicles(
-    block: Block, table: InstanceTable, *, config: Config, draws: RandomStreams, assets: Assets
-) -> list[dict[str, Any]]:
+def _vehicles(block: Block, table: InstanceTable, assets: Assets) -> list[dict[str, Any]]:
     """Return the fields of each instance that don't depend on the camera."""
     settled, instances = table.settled, table.posed(np.arange(len(table.row)))
-    turned = instances.articulation() if config.placement.articulate else [{}] * len(table.row)
+    turned = instances.articulation() if block.config.placement.articulate else [{}] * len(table.row)
     models = [block.fleet.models[model] for model in table.model.tolist()]
     return records(
         {
@@ -166,7 +164,7 @@ def _vehicles(
             "bounds": bounds_in_rows(instances),
             "geo": geo_in_rows(settled.world_from_vehicle, block.site),
             "track_id": _tracks(block, table),
-            "paint": _coats(block, table, config=config, draws=draws, assets=assets),
+            "paint": _coats(block, table, assets),
         }
     )
 
@@ -178,9 +176,7 @@ def _tracks(block: Block, table: InstanceTable) -> list[int | None]:
     return [track if inside else None for track, inside in zip(number.tolist(), named.tolist(), strict=True)]
 
 
-def _coats(
-    block: Block, table: InstanceTable, *, config: Config, draws: RandomStreams, assets: Assets
-) -> list[list[Coat]]:
+def _coats(block: Block, table: InstanceTable, assets: Assets) -> list[list[Coat]]:
     """Draw the coats of each instance, by its number among the instances of its role with a place."""
     places = np.zeros(len(table.row), dtype=np.int64)
     for role, first in ((Role.COMPANION, COMPANIONS), (Role.DISTRACTOR, DISTRACTORS)):
@@ -191,8 +187,8 @@ def _coats(
     for model in np.unique(table.model).tolist():
         of_model = np.flatnonzero(table.model == model)
         name = block.fleet.models[model].shape.name
-        paint = () if name in assets.without_material else config.paint_of(name)
-        sampled = draw_coats(paint, draws, position=block.position[table.row[of_model]], place=places[of_model])
+        paint = () if name in assets.without_material else block.config.paint_of(name)
+        sampled = draw_coats(paint, block.draws, position=block.position[table.row[of_model]], place=places[of_model])
         for i, coat in zip(of_model.tolist(), sampled, strict=True):
             coats[i] = coat
     return coats

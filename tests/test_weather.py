@@ -63,11 +63,10 @@ def test_rain_and_snow_have_overcast_skies():
     light = small_config(light={"hdris": ["noon"], "overcast": ["gray*"]}).light
     weights = hdri_weights(light, ("noon", "gray_one", "dusk", "gray_two"))
     assert weights.tolist() == [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 1.0]]
-    lights = draw_lights(
-        light, WeatherSection(rain=0.3, snow=0.3, dust=0.2), weights, draws=RandomStreams(5), image=IMAGES, scene=IMAGES
-    )
-    assert set(lights.hdri[lights.air.overcast].tolist()) == {1, 3}
-    assert set(lights.hdri[~lights.air.overcast].tolist()) == {0}
+    air = drawn(rain=0.3, snow=0.3, dust=0.2)
+    hdri, _, _ = draw_lights(light, air, weights, draws=RandomStreams(5), image=IMAGES)
+    assert set(hdri[air.overcast].tolist()) == {1, 3}
+    assert set(hdri[~air.overcast].tolist()) == {0}
 
 
 @pytest.mark.parametrize(

@@ -1,43 +1,16 @@
-"""Light and weather of each image: HDRI, rotation, strength, air, and Cycles' sample seed."""
+"""Light of each image: HDRI, rotation, and strength."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.appearance.air import Air, draw_air
+from hulldown.planning.appearance.air import Air
 from hulldown.planning.config.schema import LightSection
-from hulldown.planning.config.weather_section import WeatherSection
 from hulldown.planning.search.draws import Purpose, RandomStreams, between, choose
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Lights:
-    """Light and weather of n images.
-
-    Parameters
-    ----------
-    hdri
-        (n,) index into the HDRIs' names.
-    yaw
-        (n,) radians about the vertical, counterclockwise from above.
-    strength
-        (n,) factor on the HDRI's brightness.
-    air
-        Weather of the n images.
-    sample_seed
-        (n,) 0 to 2**31 - 1.
-    """
-
-    hdri: Int[np.ndarray, " n"]
-    yaw: Float[np.ndarray, " n"]
-    strength: Float[np.ndarray, " n"]
-    air: Air
-    sample_seed: Int[np.ndarray, " n"]
 
 
 def hdri_weights(light: LightSection, names: tuple[str, ...]) -> Float[np.ndarray, "2 h"]:
@@ -75,24 +48,20 @@ def hdri_weights(light: LightSection, names: tuple[str, ...]) -> Float[np.ndarra
 
 def draw_lights(
     light: LightSection,
-    weather: WeatherSection,
+    air: Air,
     weights: Float[np.ndarray, "2 h"],
     *,
     draws: RandomStreams,
     image: Int[np.ndarray, " n"],
-    scene: Int[np.ndarray, " n"],
-) -> Lights:
-    """Draw light and weather of the images with these indices; see `hdri_weights` for `weights`.
+) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Draw the light of the images with these indices, given their weather; see `hdri_weights` for `weights`.
 
-    `scene` is the index of the image whose light and weather each image shares: its own, or the first of its sequence.
+    Returns
+    -------
+    (n,) index into the HDRIs' names, radians about the vertical, counterclockwise from above, and factor on the HDRI's
+    brightness.
     """
-    u = draws.uniform(Purpose.LIGHT, scene, 0, count=3)
-    air = draw_air(weather, draws=draws, image=scene)
+    u = draws.uniform(Purpose.LIGHT, image, 0, count=3)
     usual, cloudy = (choose(of_sky, u[:, 0]) for of_sky in weights)
-    return Lights(
-        hdri=np.where(air.overcast, cloudy, usual),
-        yaw=np.radians(between(*light.yaw_deg, u[:, 1])),
-        strength=between(*light.strength, u[:, 2]),
-        air=air,
-        sample_seed=(draws.bits(Purpose.SAMPLE_SEED, image, 0, count=1)[:, 0] >> np.uint64(33)).astype(np.int64),
-    )
+    yaw = np.radians(between(*light.yaw_deg, u[:, 1]))
+    return np.where(air.overcast, cloudy, usual), yaw, between(*light.strength, u[:, 2])

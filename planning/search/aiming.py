@@ -16,11 +16,12 @@ from hulldown.camera.shell import draw_azimuth, draw_elevation, shell_axes, shel
 from hulldown.geometry.transforms import rigid
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import rounded
+from hulldown.planning.search.block import Block
 from hulldown.planning.search.columns import take
-from hulldown.planning.search.draws import Purpose, RandomStreams, RowStreams, between
+from hulldown.planning.search.draws import Purpose, RowStreams, between
 from hulldown.planning.search.given import Given
 from hulldown.planning.search.instances import Instances, hull_of
-from hulldown.planning.search.likeness import Likeness, Wishes, directions_of, matching_cameras
+from hulldown.planning.search.likeness import Wishes, directions_of, matching_cameras
 from hulldown.planning.search.sizing import image_size, sized_cameras
 
 NEAREST = 1e-6  # least meters from a target's center to a given camera, which keeps the direction defined
@@ -96,8 +97,9 @@ class Aims:
     framed: Callable[[Float[np.ndarray, "k 4 4"], Int[np.ndarray, " k"]], Float[np.ndarray, "k 4 4"]]
 
 
-def aims_of(tries: Tries, config: Config, *, draws: RandomStreams, likeness: Likeness | None) -> Aims:
+def aims_of(block: Block, tries: Tries) -> Aims:
     """Sample lenses and directions, and solve for distances."""
+    config, draws, likeness = block.config, block.draws, block.likeness
     n, limits, targets, free = len(tries.image), config.camera, tries.targets, tries.free
     rng = RowStreams(draws, Purpose.CAMERA, tries.image, tries.attempt)
     uniform = rng.random((n, 3))
@@ -111,7 +113,7 @@ def aims_of(tries: Tries, config: Config, *, draws: RandomStreams, likeness: Lik
     elevation = draw_elevation(n, elevation_bounds, rng=rng, uniform_in=limits.elevation_sampling)
     roll = np.where(together, of_sequence[:, 1], rng.random((n, 1))[:, 0])
     roll = np.radians(between(*limits.roll_deg, roll))
-    framed = partial(_framed, tries, config, draws, lens=lens, roll=roll)
+    framed = partial(_framed, block, tries, lens=lens, roll=roll)
 
     wishes, alike = None, np.zeros(n, dtype=bool)
     if likeness is not None:
@@ -162,9 +164,8 @@ def aims_of(tries: Tries, config: Config, *, draws: RandomStreams, likeness: Lik
 
 
 def _framed(
+    block: Block,
     tries: Tries,
-    config: Config,
-    draws: RandomStreams,
     poses: Float[np.ndarray, "k 4 4"],
     rows: Int[np.ndarray, " k"],
     *,
@@ -177,9 +178,9 @@ def _framed(
         tries.targets.take(rows).corners(),
         lens.rows(rows),
         roll=roll[rows],
-        rng=RowStreams(draws, Purpose.FRAMING, tries.image[rows], tries.attempt[rows]),
-        spread=config.camera.framing,
-        truncated=config.camera.truncated_fraction,
+        rng=RowStreams(block.draws, Purpose.FRAMING, tries.image[rows], tries.attempt[rows]),
+        spread=block.config.camera.framing,
+        truncated=block.config.camera.truncated_fraction,
     )
     points = tries.given.look_at[rows]
     at = np.flatnonzero(~np.isnan(points[:, 0]))

@@ -1,15 +1,14 @@
-"""A block of positions on one scenery that are planned together, their instances, and the poses found for them."""
+"""A block of positions on one scenery that are planned together, and their instances."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.geometry.arrays import numbered
-from hulldown.geometry.errors import ConfigError
 from hulldown.placement.settle import Settled, unsettled
 from hulldown.planning.config.schema import Config
 from hulldown.planning.search.columns import take
@@ -19,7 +18,6 @@ from hulldown.planning.search.given import Given, nothing_given
 from hulldown.planning.search.instances import Instances, drawn_angles
 from hulldown.planning.search.likeness import Likeness
 from hulldown.planning.search.stage import Fleet, Site
-from hulldown.planning.search.views import Views
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -28,6 +26,8 @@ class Block:
 
     Parameters
     ----------
+    config, draws
+        The plan's config and random numbers.
     site, fleet
         The scenery, and all vehicles and distractors of the plan.
     extras
@@ -46,9 +46,11 @@ class Block:
         The poses that users give of all images of the plan.
     """
 
+    config: Config
+    draws: RandomStreams
     site: Site
     fleet: Fleet
-    extras: dict[bool, tuple[Extras, ...]]
+    extras: Mapping[bool, tuple[Extras, ...]]
     model: Int[np.ndarray, " n"]
     background: Bool[np.ndarray, " n"]
     empty: Bool[np.ndarray, " n"]
@@ -84,13 +86,6 @@ class Block:
     def given_of(self, image: Int[np.ndarray, " k"]) -> Given:
         """Return the given poses of the images with these indices."""
         return nothing_given(len(image)) if self.given is None else take(self.given, image)
-
-
-def before(block: Block, position: int) -> Block:
-    """Return the block without this position and those after it."""
-    n = int(np.searchsorted(block.position, position))
-    columns = ("model", "background", "empty", "movable", "position", "shots", "first_image")
-    return replace(block, **{name: getattr(block, name)[:n] for name in columns})
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -134,9 +129,9 @@ class InstanceTable:
         return Instances(self.fleet, self.row[index], self.model[index], poses[index], self.angles[index])
 
 
-def instances_of(block: Block, config: Config, draws: RandomStreams) -> InstanceTable:
+def instances_of(block: Block) -> InstanceTable:
     """Draw targets, companions, and distractors of a block's positions; none has a place yet."""
-    n, fleet = len(block.position), block.fleet
+    n, fleet, draws = len(block.position), block.fleet, block.draws
     turns = draws.uniform(Purpose.ARTICULATION, block.position, 0, count=fleet.parts)
     zero, photographed, likeness = np.zeros(n, dtype=np.int64), np.full(n, -1), block.likeness
     if likeness is not None:
@@ -155,63 +150,7 @@ def instances_of(block: Block, config: Config, draws: RandomStreams) -> Instance
     row, role, number, model, turns, distance = (np.concatenate(column) for column in zip(*columns, strict=True))
     order = np.lexsort((number, role, row))
     row, role, number, model = row[order], role[order], number[order], model[order]
-    angles = drawn_angles(fleet, model, turns[order]) if config.placement.articulate else np.zeros(turns.shape)
+    angles = drawn_angles(fleet, model, turns[order]) if block.config.placement.articulate else np.zeros(turns.shape)
     k = len(row)
     tries, found = np.zeros(k, dtype=np.int64), np.zeros(k, dtype=bool)
     return InstanceTable(fleet, row, role, number, model, angles, distance[order], unsettled(k), tries, found)
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Seen:
-    """Views of p pairs of an image and an extra in it, ordered by image and then by instance.
-
-    Parameters
-    ----------
-    image, instance
-        (p,) rows of the block's images and of its table.
-    views
-        Views of the p pairs.
-    pixels
-        (p,) whether an extra that has a class covers the center of any pixel.
-    """
-
-    image: Int[np.ndarray, " p"]
-    instance: Int[np.ndarray, " p"]
-    views: Views
-    pixels: Bool[np.ndarray, " p"]
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Planned:
-    """Poses and cameras of a block.
-
-    Parameters
-    ----------
-    found
-        (n,) whether the position has a place; the other fields hold values for these positions only.
-    instances
-        Targets and extras.
-    views
-        Views of the m images' targets.
-    seen
-        Views of extras.
-    rejected
-        (m, kinds) counts of rejections; those of places are with the first image of the position.
-    problems
-        Row of a position without a place -> the error that names its rejections.
-    """
-
-    found: Bool[np.ndarray, " n"]
-    instances: InstanceTable
-    views: Views
-    seen: Seen
-    rejected: Int[np.ndarray, "m kinds"]
-    problems: dict[int, HopelessPosition]
-
-
-class HopelessPosition(ConfigError):
-    """The error of a position, by its number, that has no tries left."""
-
-    def __init__(self, position: int, problem: str, *, path: Path | None, remedy: str) -> None:
-        super().__init__(problem, path=path, remedy=remedy)
-        self.position = position

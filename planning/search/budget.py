@@ -110,8 +110,7 @@ def make_budget(section: BudgetSection, categories: Mapping[str, str]) -> Budget
     for c in classes:
         n = len(members[c])
         if wanted is None:
-            positions = section.positions_per_vehicle or 0
-            images += [positions * section.images_per_position] * n
+            images += [(section.positions_per_vehicle or 0) * section.images_per_position] * n
         else:
             quota = wanted[c] if isinstance(wanted, dict) else wanted
             images += [quota // n + (m < quota % n) for m in range(n)]

@@ -83,19 +83,21 @@ def offsets(
 
 
 def extras_at(
-    site: str, stage: PlanStage, config: Config, of_vehicles: Float[np.ndarray, " v"], *, background: bool
-) -> tuple[Extras, Extras]:
-    """Return the companions, by the weights of vehicles, and distractors of positions on the scenery named `site`.
+    site: str, stage: PlanStage, config: Config, of_vehicles: Float[np.ndarray, " v"]
+) -> dict[bool, tuple[Extras, Extras]]:
+    """Return the companions and distractors of positions on the scenery named `site`, by whether it's of backgrounds.
 
-    Backgrounds have neither companions nor distractors with a class.
+    `of_vehicles` are weights of companions. Backgrounds have neither companions nor distractors with a class.
     """
-    limits = config.placement
-    low, high = (0, 0) if background else (n - 1 for n in limits.vehicles_per_image)
-    vehicles = np.arange(len(stage.models))
-    companions = Extras(Role.COMPANION, vehicles, of_vehicles, (low, high), limits.companion_distance)
-    models, weights = distractors_at(site, stage, config, unlabeled=background)
-    count = limits.distractors_per_image if weights.any() else (0, 0)
-    return companions, Extras(Role.DISTRACTOR, models, weights, count, limits.distractor_distance)
+    limits, extras = config.placement, {}
+    least, most = limits.vehicles_per_image
+    for background, number in ((False, (least - 1, most - 1)), (True, (0, 0))):
+        vehicles = np.arange(len(stage.models))
+        companions = Extras(Role.COMPANION, vehicles, of_vehicles, number, limits.companion_distance)
+        models, weights = distractors_at(site, stage, config, unlabeled=background)
+        count = limits.distractors_per_image if weights.any() else (0, 0)
+        extras[background] = companions, Extras(Role.DISTRACTOR, models, weights, count, limits.distractor_distance)
+    return extras
 
 
 def distractors_at(
@@ -116,7 +118,7 @@ def framed_on(
     *,
     position: Int[np.ndarray, " n"],
     held: Positions,
-    site: Int[np.ndarray, " n"],
+    site: int,
 ) -> Int[np.ndarray, " n"]:
     """Return the vehicle that the cameras of each position are framed on, as an index in the fleet.
 
@@ -127,7 +129,7 @@ def framed_on(
     Parameters
     ----------
     position, held, site
-        (n,) number of each position, what the budget assigns to it, and the index of its scenery.
+        (n,) number of each position, what the budget assigns to it, and the index of their scenery.
     """
     index = np.array([stage.fleet.index[name] for name in budget.vehicles])
     model, rows = index[held.vehicle], np.flatnonzero(held.background)
@@ -137,8 +139,7 @@ def framed_on(
     model[rows] = index[planned[shown]]
     share, ordinal = config.budget.background_distractors, held.ordinal[rows]
     replaced = np.floor((ordinal + 1) * share) > np.floor(ordinal * share)
-    for i, u in zip(rows[replaced].tolist(), uniform[replaced, 1].tolist(), strict=True):
-        models, weights = distractors_at(stage.sites[site[i]].name, stage, config, unlabeled=True)
-        if weights.any():
-            model[i] = models[choose(weights, u)]
+    models, weights = distractors_at(stage.sites[site].name, stage, config, unlabeled=True)
+    if weights.any():
+        model[rows[replaced]] = models[choose(weights, uniform[replaced, 1])]
     return model

@@ -14,13 +14,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.appearance.air import draw_air
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import LeftOut
-from hulldown.planning.search.block import Block, HopelessPosition
+from hulldown.planning.search.block import Block
 from hulldown.planning.search.budget import Budget
 from hulldown.planning.search.draws import RandomStreams
-from hulldown.planning.search.positions import plan_block
+from hulldown.planning.search.positions import HopelessPosition, plan_block
 from hulldown.planning.search.stage import Fleet, Model, PlanStage, Site
 
 # A pair whose first trial fails needs both further trials to succeed: where few positions have a place, each of the
@@ -135,6 +134,8 @@ def _try(
         return {}
     trial = np.full(n, number)
     block = Block(
+        config=config,
+        draws=draws,
         site=site,
         fleet=fleet,
         extras={},
@@ -146,8 +147,7 @@ def _try(
         shots=np.ones(n, dtype=np.int64),
         first_image=trial,
     )
-    air = draw_air(config.weather, draws=draws, image=trial)
-    return plan_block(block, config, draws, visibility_m=air.visibility_m).problems
+    return plan_block(block).problems
 
 
 def _too_large(site: Site, model: Model, config: Config) -> ConfigError | None:

@@ -8,25 +8,27 @@ the first position without tries left. So batches decide when something is tried
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.geometry.arrays import joined, numbered
+from hulldown.geometry.errors import ConfigError
 from hulldown.placement.candidates import candidates
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.settle import Settled, unsettled
-from hulldown.planning.config.schema import Config
+from hulldown.planning.appearance.air import Air, draw_air
 from hulldown.planning.search.aiming import Tries, drawn_lenses
-from hulldown.planning.search.block import Block, HopelessPosition, Planned, Seen, instances_of
+from hulldown.planning.search.block import Block, InstanceTable, instances_of
 from hulldown.planning.search.columns import join, put, take
-from hulldown.planning.search.draws import Purpose, RandomStreams, RowStreams
+from hulldown.planning.search.draws import Purpose, RowStreams
 from hulldown.planning.search.extras import MOST, Role, offsets
 from hulldown.planning.search.likeness import PATIENCE, directions_of
 from hulldown.planning.search.placing import clear_of_vehicles, settle_clear
 from hulldown.planning.search.tally import AIMING, KINDS, PLACING, sentence, tally
-from hulldown.planning.search.views import no_views, try_cameras, views_of_others
+from hulldown.planning.search.views import Seen, Views, no_views, try_cameras, views_of_others
 
 # Candidates settled together, and cameras aimed together: they bound a worker's memory.
 CANDIDATES = 8192
@@ -43,27 +45,65 @@ BEGINNING = 256
 FIRST_LOOK = 2  # tries of an extra in its first batch; each later batch doubles their number
 
 
-def plan_block(block: Block, config: Config, draws: RandomStreams, *, visibility_m: Float[np.ndarray, " m"]) -> Planned:
-    """Return poses and cameras for every position of a block; `visibility_m` is nan for images in clear air.
+class HopelessPosition(ConfigError):
+    """The error of a position, by its number, that has no tries left."""
+
+    def __init__(self, position: int, problem: str, *, path: Path | None, remedy: str) -> None:
+        super().__init__(problem, path=path, remedy=remedy)
+        self.position = position
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Planned:
+    """Poses and cameras of a block.
+
+    Parameters
+    ----------
+    found
+        (n,) whether the position has a place; the other fields hold values for these positions only.
+    instances
+        Targets and extras.
+    views
+        Views of the m images' targets.
+    seen
+        Views of extras.
+    rejected
+        (m, kinds) counts of rejections; those of places are with the first image of the position.
+    air
+        Weather of the images.
+    problems
+        Row of a position without a place -> the error that names its rejections.
+    """
+
+    found: Bool[np.ndarray, " n"]
+    instances: InstanceTable
+    views: Views
+    seen: Seen
+    rejected: Int[np.ndarray, "m kinds"]
+    air: Air
+    problems: dict[int, HopelessPosition]
+
+
+def plan_block(block: Block) -> Planned:
+    """Return poses and cameras for every position of a block.
 
     Raises
     ------
     HopelessPosition
         For the first position that isn't movable and has no place, or no camera, within the config's tries.
     """
-    return _Search(block, config, draws, visibility_m).run()
+    return _Search(block).run()
 
 
 class _Search:
-    def __init__(
-        self, block: Block, config: Config, draws: RandomStreams, visibility_m: Float[np.ndarray, " m"]
-    ) -> None:
-        self.block, self.config, self.draws, self.visibility_m = block, config, draws, visibility_m
+    def __init__(self, block: Block) -> None:
+        self.block, self.config, self.draws = block, block.config, block.draws
+        self.air = draw_air(block.config.weather, draws=block.draws, image=block.scene)
         n = len(block.position)
         self.owner, self.image = block.owner, block.image
         self.problems: dict[int, HopelessPosition] = {}
         self.given_up = np.zeros(n, dtype=bool)
-        self.table = instances_of(block, config, draws)
+        self.table = instances_of(block)
         self.target = np.flatnonzero(self.table.role == Role.TARGET)  # the first instance of each position
         self.end = np.append(self.target[1:], len(self.table.row))
         self.views = no_views(len(self.image))
@@ -90,7 +130,7 @@ class _Search:
             raise min(fixed, key=lambda error: error.position)
         rejected = self.camera_rejections
         rejected[np.cumsum(block.shots) - block.shots] += self.place_rejections
-        return Planned(~self.given_up, self.table, self.views, self._see_extras(), rejected, self.problems)
+        return Planned(~self.given_up, self.table, self.views, self._see_extras(), rejected, self.air, self.problems)
 
     def _settle(self, pending: Int[np.ndarray, " p"]) -> None:
         """Find places, extras, and cameras for these positions."""
@@ -274,10 +314,9 @@ class _Search:
                     # The number counts all places of the position, so that every place has new cameras.
                     attempt=self.tries[owner] * max_tries + attempt[batch],
                     quarter=np.maximum(4 * attempt[batch] // max_tries, blind[owner]),
-                    visibility_m=self.visibility_m[rows],
+                    visibility_m=self.air.visibility_m[rows],
                 )
-                views = try_cameras(self.block.site, tries, self.config, draws=self.draws, likeness=self.block.likeness)
-                put(tried, batch, views)
+                put(tried, batch, try_cameras(self.block, tries))
             rejection = tried.rejection.reshape(-1, ahead)
             good = rejection == Rejection.NONE
             taken, first = good.any(axis=1), good.argmax(axis=1)
@@ -306,7 +345,7 @@ class _Search:
                 replace(self.table.posed(instance[batch]), row=np.arange(len(batch))),
                 replace(others.take(not_itself), row=others.row[not_itself]),
                 cameras=take(self.views, image[batch]),
-                visibility_m=self.visibility_m[image[batch]],
+                visibility_m=self.air.visibility_m[image[batch]],
                 config=self.config,
             )
             put(seen.views, batch, views)

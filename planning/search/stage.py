@@ -92,6 +92,8 @@ class Fleet:
     ----------
     index
         Name -> index in `models`.
+    classed
+        (m,) whether it has a class.
     size, center
         (m, 3) of the bounding boxes at rest.
     parts
@@ -109,6 +111,7 @@ class Fleet:
     def __init__(self, models: Sequence[Model]) -> None:
         self.models = tuple(models)
         self.index = {model.shape.name: i for i, model in enumerate(self.models)}
+        self.classed = np.array([model.category is not None for model in self.models])
         self.size = np.array([model.shape.size_xyz for model in self.models])
         self.center = np.array([model.shape.mesh.bounds.mean(axis=0) for model in self.models])
         self.footings = tuple(model.footing for model in self.models)

@@ -18,9 +18,8 @@ from hulldown.placement.rejection import Rejection
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import rounded
 from hulldown.planning.search.aiming import Aims, Tries, aims_of
-from hulldown.planning.search.draws import RandomStreams
+from hulldown.planning.search.block import Block
 from hulldown.planning.search.instances import Instances
-from hulldown.planning.search.likeness import Likeness
 from hulldown.planning.search.sizing import boxes_of, fraction_of
 from hulldown.planning.search.stage import Site
 
@@ -60,6 +59,26 @@ class Views:
     followed: Int[np.ndarray, " n"]
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Seen:
+    """Views of p pairs of an image and an extra in it, ordered by image and then by instance.
+
+    Parameters
+    ----------
+    image, instance
+        (p,) rows of the block's images and of its table.
+    views
+        Views of the p pairs.
+    pixels
+        (p,) whether an extra that has a class covers the center of any pixel.
+    """
+
+    image: Int[np.ndarray, " p"]
+    instance: Int[np.ndarray, " p"]
+    views: Views
+    pixels: Bool[np.ndarray, " p"]
+
+
 def no_views(n: int) -> Views:
     """Allocate n views: nan, and no rejection."""
     nan = np.nan
@@ -77,18 +96,18 @@ def no_views(n: int) -> Views:
     )
 
 
-def try_cameras(site: Site, tries: Tries, config: Config, *, draws: RandomStreams, likeness: Likeness | None) -> Views:
+def try_cameras(block: Block, tries: Tries) -> Views:
     """Make cameras, and check them against the config's limits.
 
     Checks are in the order of their cost, and each applies to the rows that passed those before. Limits of distance and
     size don't apply to given cameras.
     """
-    limits, aims = config.camera, aims_of(tries, config, draws=draws, likeness=likeness)
+    site, limits, aims = block.site, block.config.camera, aims_of(block, tries)
     views = replace(no_views(len(tries.image)), lens=aims.lens)
     if aims.wishes is not None:
         views.asked[:] = np.where(tries.undirected, aims.wishes.asked, -1)
         views.followed[:] = np.where(aims.alike, aims.wishes.box, -1)
-    views.rejection[:] = _of_distance(tries, aims, config)
+    views.rejection[:] = _of_distance(tries, aims, block.config)
 
     rows = np.flatnonzero(views.rejection == Rejection.NONE)
     targets, lens = tries.targets.take(rows), aims.lens.rows(rows)
@@ -112,7 +131,7 @@ def try_cameras(site: Site, tries: Tries, config: Config, *, draws: RandomStream
     boxes = boxes_of(targets, poses, lens)
     views.bbox[rows], views.bbox_amodal[rows] = boxes.xywh, boxes.amodal
     views.truncated_fraction[rows] = boxes.truncated_fraction
-    views.rejection[rows] = _of_box(boxes, aims, config, rows=rows, free=tries.free[rows])
+    views.rejection[rows] = _of_box(boxes, aims, block.config, rows=rows, free=tries.free[rows])
 
     rows = rows[views.rejection[rows] == Rejection.NONE]
     views.visible_fraction[rows] = visible_shares(
@@ -182,8 +201,7 @@ def views_of_others(
         visible_fraction=visible_shares(site, subjects, others, cameras, every, rays=config.camera.visibility_rays),
         air_contrast=air_contrasts(subjects, cameras.world_from_camera, visibility_m),
     )
-    classed = np.array([model.category is not None for model in subjects.fleet.models])
-    named, pixels = np.flatnonzero(classed[subjects.model]), np.zeros(len(subjects), dtype=bool)
+    named, pixels = np.flatnonzero(subjects.fleet.classed[subjects.model]), np.zeros(len(subjects), dtype=bool)
     pixels[named] = pixels_shown(site, subjects, others, seen, named)
     return seen, pixels
 
