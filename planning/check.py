@@ -17,13 +17,12 @@ from hulldown.assets.library import Assets
 from hulldown.camera.lenses import lenses
 from hulldown.geometry.errors import ConfigError
 from hulldown.placement.contact import gap_and_penetration
-from hulldown.planning.config.schema import Config
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.planner import BLOCK, Planner
 from hulldown.planning.row import Label, PlannedVehicle, Row, encode, fields, rounded
 from hulldown.planning.rows import bounds_in_rows, geo_in_rows, labels_of, records, seen_in_rows
 from hulldown.planning.search.instances import Instances
-from hulldown.planning.search.stage import Fleet, PlanStage, Site
+from hulldown.planning.search.stage import PlanStage, Site
 from hulldown.planning.search.views import no_views, views_of_others
 
 ROUNDING = 1e-6  # tolerance of numbers from other processors: meters, degrees, pixels, shares
@@ -82,7 +81,7 @@ def check_rows(plan: Plan, planner: Planner, *, progress: Callable[[int, int], N
 
 def _findings(row: Row, planned: Row, planner: Planner) -> Iterator[str]:
     """Yield the differences of a row from the planned one."""
-    new = relabeled(row, planner.config, planner.stage)
+    new = relabeled(row, planner.stage)
     inconsistent = dict(_differences(row, new)) if new else {}
     for key, (value, wanted) in inconsistent.items():
         yield f"image {row.index}: {key} is {value}, its poses give {wanted}"
@@ -128,13 +127,13 @@ def _shown(value: Any) -> str:
     return text if len(text) <= LONGEST else text[:LONGEST] + "..."
 
 
-def relabeled(row: Row, config: Config, stage: PlanStage) -> Row | None:
+def relabeled(row: Row, stage: PlanStage) -> Row | None:
     """Return an edited row with new values that follow from its poses: boxes, shares, labels, gaps, and the like.
 
     None is returned for a row with an unknown scenery, vehicle, or part.
     """
     site = next((site for site in stage.sites if site.name == row.scenery), None)
-    models = [stage.everything.get(vehicle.vehicle) for vehicle in row.planned]
+    models = [stage.models.get(vehicle.vehicle) for vehicle in row.planned]
     complete = [
         model is not None and vehicle.articulation.keys() <= set(model.shape.part_names[1:])
         for model, vehicle in zip(models, row.planned, strict=True)
@@ -142,17 +141,16 @@ def relabeled(row: Row, config: Config, stage: PlanStage) -> Row | None:
     if site is None or not all(complete):
         return None
     target, *extras = (
-        replace(vehicle, **labels)
-        for vehicle, labels in zip(row.planned, _labels(row, site, stage.fleet, config), strict=True)
+        replace(vehicle, **labels) for vehicle, labels in zip(row.planned, _labels(row, site, stage), strict=True)
     )
     n = len(row.companions)
     label: Label = "none" if row.background else "full"
     return replace(row, target=replace(target, label=label), companions=extras[:n], distractors=extras[n:])
 
 
-def _labels(row: Row, site: Site, fleet: Fleet, config: Config) -> list[dict[str, object]]:
+def _labels(row: Row, site: Site, stage: PlanStage) -> list[dict[str, object]]:
     """Return the fields of each vehicle that follow from poses."""
-    planned = row.planned
+    planned, config, fleet = row.planned, stage.config, stage.fleet
     k = len(planned)
     vehicles = Instances.of(
         fleet,

@@ -80,12 +80,10 @@ class Planner:
         self.stage = make_stage(config, assets)
         self.likeness = None if assets.photographs is None else Likeness(assets.photographs, config)
         self.strict = strict
-        self.pairs = pairs or make_pairs(config, self.budget, self.stage, self._draws, strict=strict)
-        vehicles = [self.budget.vehicles.index(name) for name in self.stage.models]
+        self.pairs = pairs or make_pairs(self.stage, self.budget, self._draws, strict=strict)
+        vehicles = [self.budget.vehicles.index(name) for name in assets.vehicles]
         present = (self.pairs.weights[vehicles] > 0.0).astype(np.float64)
-        self._extras = [
-            extras_at(site.name, self.stage, config, present[:, s]) for s, site in enumerate(self.stage.sites)
-        ]
+        self._extras = [extras_at(site, self.stage, present[:, s]) for s, site in enumerate(self.stage.sites)]
         self.more_of, self._turn = more_of, 0
         self.poses = poses
         self.given = None if poses is None else given_of(poses, self.stage.sites)
@@ -179,7 +177,7 @@ class Planner:
     ) -> Block:
         """Return positions on a scenery, of which the movable ones have others left."""
         stage = self.stage
-        model = framed_on(self.budget, stage, self.config, self._draws, position=position, held=held, site=site)
+        model = framed_on(self.budget, stage, self._draws, position=position, held=held, site=stage.sites[site])
         return Block(
             config=self.config,
             draws=self._draws,

@@ -123,7 +123,7 @@ def test_every_row_keeps_every_limit(config):
         camera_within_limits(row, config)
         light_within_limits(row, config)
         labels_are_what_is_seen(row, config)
-        labels_follow_from_the_poses(row, relabeled(row, config, planner.stage))
+        labels_follow_from_the_poses(row, relabeled(row, planner.stage))
         guests_keep_their_distance(row, config)
 
 

@@ -117,7 +117,7 @@ def test_a_moved_vehicle_with_matching_labels_differs_only_from_the_plan(made, p
         lines[row.index]["world_from_vehicle"] = pose.tolist()
 
     plan = edited(made, tmp_path / "plan.jsonl", moved)
-    again = json.loads(encode(relabeled(plan[row.index], CONFIG, planner.stage)))
+    again = json.loads(encode(relabeled(plan[row.index], planner.stage)))
     found = check_rows(
         edited(made, tmp_path / "plan.jsonl", lambda _, lines: lines.__setitem__(row.index, again)), planner
     )

@@ -97,7 +97,7 @@ class Artist:
     def __init__(self, plan: Plan, assets: Assets) -> None:
         self._path, self._assets = plan.path, assets
         stage = make_stage(plan.config, assets)
-        self.models, self._distractors = stage.everything, frozenset(stage.distractors)
+        self.models, self._distractors = stage.models, frozenset(list(stage.models)[stage.vehicles :])
         self._worlds = {site.name: site.world for site in stage.sites}
         self.class_ids = {name: i + 1 for i, name in enumerate(plan.header.categories)}
 

@@ -10,10 +10,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hulldown.geometry.portable import sin_cos
-from hulldown.planning.config.schema import Config
 from hulldown.planning.search.budget import Budget, Positions
 from hulldown.planning.search.draws import Purpose, RandomStreams, between, choose
-from hulldown.planning.search.stage import PlanStage
+from hulldown.planning.search.stage import PlanStage, Site
 
 MOST = 64  # extras of one role in an image; streams of random numbers are numbered by it
 _NUMBERS = 1 + MOST  # random numbers of each extra: its model, its articulation
@@ -82,43 +81,40 @@ def offsets(
     return away[:, None] * np.stack(sin_cos(2.0 * math.pi * uniform[:, 1])[::-1], axis=1)
 
 
-def extras_at(
-    site: str, stage: PlanStage, config: Config, of_vehicles: Float[np.ndarray, " v"]
-) -> dict[bool, tuple[Extras, Extras]]:
-    """Return the companions and distractors of positions on the scenery named `site`, by whether it's of backgrounds.
+def extras_at(site: Site, stage: PlanStage, of_vehicles: Float[np.ndarray, " v"]) -> dict[bool, tuple[Extras, Extras]]:
+    """Return the companions and distractors of positions on a scenery, by whether these are backgrounds.
 
     `of_vehicles` are weights of companions. Backgrounds have neither companions nor distractors with a class.
     """
-    limits, extras = config.placement, {}
+    limits, extras = stage.config.placement, {}
     least, most = limits.vehicles_per_image
     for background, number in ((False, (least - 1, most - 1)), (True, (0, 0))):
-        vehicles = np.arange(len(stage.models))
+        vehicles = np.arange(stage.vehicles)
         companions = Extras(Role.COMPANION, vehicles, of_vehicles, number, limits.companion_distance)
-        models, weights = distractors_at(site, stage, config, unlabeled=background)
+        models, weights = distractors_at(site, stage, unlabeled=background)
         count = limits.distractors_per_image if weights.any() else (0, 0)
         extras[background] = companions, Extras(Role.DISTRACTOR, models, weights, count, limits.distractor_distance)
     return extras
 
 
 def distractors_at(
-    site: str, stage: PlanStage, config: Config, *, unlabeled: bool
+    site: Site, stage: PlanStage, *, unlabeled: bool
 ) -> tuple[Int[np.ndarray, " m"], Float[np.ndarray, " m"]]:
     """Return all distractors and their weights on a scenery, 0 for those with a class if `unlabeled`."""
     weights = []
-    for entry in config.assets.distractors:
-        weights.append(entry.weight if entry.is_for(site) and not (unlabeled and entry.category) else 0.0)
-    return len(stage.models) + np.arange(len(weights)), np.array(weights, dtype=np.float64)
+    for entry in stage.config.assets.distractors:
+        weights.append(entry.weight if entry.is_for(site.name) and not (unlabeled and entry.category) else 0.0)
+    return stage.vehicles + np.arange(len(weights)), np.array(weights, dtype=np.float64)
 
 
 def framed_on(
     budget: Budget,
     stage: PlanStage,
-    config: Config,
     draws: RandomStreams,
     *,
     position: Int[np.ndarray, " n"],
     held: Positions,
-    site: int,
+    site: Site,
 ) -> Int[np.ndarray, " n"]:
     """Return the vehicle that the cameras of each position are framed on, as an index in the fleet.
 
@@ -129,7 +125,7 @@ def framed_on(
     Parameters
     ----------
     position, held, site
-        (n,) number of each position, what the budget assigns to it, and the index of their scenery.
+        (n,) number of each position, what the budget assigns to it, and their scenery.
     """
     index = np.array([stage.fleet.index[name] for name in budget.vehicles])
     model, rows = index[held.vehicle], np.flatnonzero(held.background)
@@ -137,9 +133,9 @@ def framed_on(
     planned = budget.positions.vehicle[~budget.positions.background]
     shown = np.minimum((uniform[:, 0] * len(planned)).astype(np.int64), len(planned) - 1)
     model[rows] = index[planned[shown]]
-    share, ordinal = config.budget.background_distractors, held.ordinal[rows]
+    share, ordinal = stage.config.budget.background_distractors, held.ordinal[rows]
     replaced = np.floor((ordinal + 1) * share) > np.floor(ordinal * share)
-    models, weights = distractors_at(stage.sites[site].name, stage, config, unlabeled=True)
+    models, weights = distractors_at(site, stage, unlabeled=True)
     if weights.any():
         model[rows[replaced]] = models[choose(weights, uniform[replaced, 1])]
     return model

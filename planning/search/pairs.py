@@ -20,7 +20,7 @@ from hulldown.planning.search.block import Block
 from hulldown.planning.search.budget import Budget
 from hulldown.planning.search.draws import RandomStreams
 from hulldown.planning.search.positions import HopelessPosition, plan_block
-from hulldown.planning.search.stage import Fleet, Model, PlanStage, Site
+from hulldown.planning.search.stage import Model, PlanStage, Site
 
 # A pair whose first trial fails needs both further trials to succeed: where few positions have a place, each of the
 # others costs all tries. The numbers of trial positions are beyond those of any plan.
@@ -47,7 +47,7 @@ class Pairs:
     left_out: tuple[LeftOut, ...]
 
 
-def make_pairs(config: Config, budget: Budget, stage: PlanStage, draws: RandomStreams, *, strict: bool) -> Pairs:
+def make_pairs(stage: PlanStage, budget: Budget, draws: RandomStreams, *, strict: bool) -> Pairs:
     """Try every pair that the config allows.
 
     Raises
@@ -55,7 +55,7 @@ def make_pairs(config: Config, budget: Budget, stage: PlanStage, draws: RandomSt
     ConfigError
         If a vehicle with images has no scenery left, or, if `strict`, lacks one of its sceneries.
     """
-    weights, left_out = np.zeros((len(budget.vehicles), len(stage.sites))), []
+    config, weights, left_out = stage.config, np.zeros((len(budget.vehicles), len(stage.sites))), []
     wanted = budget.images > 0
     planned = np.flatnonzero(wanted | (config.placement.vehicles_per_image[1] > 1))
     allowed = {v: _allowed_weights(config, budget.vehicles[v], stage.sites) for v in planned.tolist()}
@@ -63,7 +63,7 @@ def make_pairs(config: Config, budget: Budget, stage: PlanStage, draws: RandomSt
     for s, site in enumerate(stage.sites):
         here = [v for v in planned.tolist() if allowed[v][s] > 0.0]
         models = np.array([stage.fleet.index[budget.vehicles[v]] for v in here], dtype=np.int64)
-        for v, problem in zip(here, _problems(site, stage.fleet, models, config, draws), strict=True):
+        for v, problem in zip(here, _problems(site, stage, models, draws), strict=True):
             if problem:
                 problems[v, s] = problem
             else:
@@ -77,7 +77,7 @@ def make_pairs(config: Config, budget: Budget, stage: PlanStage, draws: RandomSt
             raise next(problem for (vehicle, _), problem in sorted(problems.items()) if vehicle == v)
     listed = {entry.name: entry.weight for entry in config.assets.sceneries}
     for site in stage.sites:
-        for model in stage.distractors.values():
+        for model in stage.fleet.models[stage.vehicles :]:
             if problem := _too_large(site, model, config):
                 raise problem
     return Pairs(weights, np.array([listed.get(site.name, 1.0) for site in stage.sites]), tuple(left_out))
@@ -112,21 +112,23 @@ def _allowed_weights(config: Config, vehicle: str, sites: tuple[Site, ...]) -> F
 
 
 def _problems(
-    site: Site, fleet: Fleet, models: Int[np.ndarray, " v"], config: Config, draws: RandomStreams
+    site: Site, stage: PlanStage, models: Int[np.ndarray, " v"], draws: RandomStreams
 ) -> list[ConfigError | None]:
     """Return for each of these vehicles why most of its trial positions fail, or None."""
-    problems: list[ConfigError | None] = [_too_large(site, fleet.models[i], config) for i in models.tolist()]
+    problems: list[ConfigError | None] = [
+        _too_large(site, stage.fleet.models[i], stage.config) for i in models.tolist()
+    ]
     fitting = np.array([i for i, problem in enumerate(problems) if problem is None], dtype=np.int64)
-    failed = fitting[list(_try(site, fleet, models[fitting], config, draws, number=_FIRST_TRIAL))]
+    failed = fitting[list(_try(site, stage, models[fitting], draws, number=_FIRST_TRIAL))]
     for trial in range(1, 1 + MORE_TRIALS):
         tried = np.array([i for i in failed.tolist() if problems[i] is None], dtype=np.int64)
-        for i, problem in _try(site, fleet, models[tried], config, draws, number=_FIRST_TRIAL + trial).items():
+        for i, problem in _try(site, stage, models[tried], draws, number=_FIRST_TRIAL + trial).items():
             problems[tried[i]] = problem
     return problems
 
 
 def _try(
-    site: Site, fleet: Fleet, models: Int[np.ndarray, " n"], config: Config, draws: RandomStreams, *, number: int
+    site: Site, stage: PlanStage, models: Int[np.ndarray, " n"], draws: RandomStreams, *, number: int
 ) -> dict[int, HopelessPosition]:
     """Plan a trial position for each of these vehicles, and return the errors of those without a place."""
     n = len(models)
@@ -134,10 +136,10 @@ def _try(
         return {}
     trial = np.full(n, number)
     block = Block(
-        config=config,
+        config=stage.config,
         draws=draws,
         site=site,
-        fleet=fleet,
+        fleet=stage.fleet,
         extras={},
         model=models,
         background=np.zeros(n, dtype=bool),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -108,8 +107,8 @@ class Fleet:
         (m, b, 3) half sizes and centers, (m, b) parts, and (m, b, 8, 3) corners of the boxes.
     """
 
-    def __init__(self, models: Sequence[Model]) -> None:
-        self.models = tuple(models)
+    def __init__(self, models: tuple[Model, ...]) -> None:
+        self.models = models
         self.index = {model.shape.name: i for i, model in enumerate(self.models)}
         self.classed = np.array([model.category is not None for model in self.models])
         self.size = np.array([model.shape.size_xyz for model in self.models])
@@ -147,32 +146,32 @@ def _reach(shape: VehicleShape) -> float:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PlanStage:
-    """All sites, vehicles, and distractors of a plan, in the order of the config."""
+    """A plan's config, and its sites and models in the order of the config.
 
+    Parameters
+    ----------
+    models
+        Vehicles, then distractors, by name.
+    vehicles
+        Number of vehicles.
+    fleet
+        The models as a table.
+    """
+
+    config: Config
     sites: tuple[Site, ...]
     models: dict[str, Model]
-    distractors: dict[str, Model]
+    vehicles: int
     fleet: Fleet
-
-    @property
-    def everything(self) -> dict[str, Model]:
-        """Vehicles and distractors."""
-        return {**self.models, **self.distractors}
 
 
 def make_stage(config: Config, assets: Assets) -> PlanStage:
     """Build the query objects of all assets."""
     models = {name: _model(shape, assets.categories[name], config) for name, shape in assets.vehicles.items()}
-    distractors = {
-        entry.name: _model(assets.distractors[entry.name], entry.category, config)
-        for entry in config.assets.distractors
-    }
-    return PlanStage(
-        sites=tuple(_site(scenery, config.ground.fallback_z) for scenery in assets.sceneries.values()),
-        models=models,
-        distractors=distractors,
-        fleet=Fleet([*models.values(), *distractors.values()]),
-    )
+    for entry in config.assets.distractors:
+        models[entry.name] = _model(assets.distractors[entry.name], entry.category, config)
+    sites = tuple(_site(scenery, config.ground.fallback_z) for scenery in assets.sceneries.values())
+    return PlanStage(config, sites, models, len(assets.vehicles), Fleet(tuple(models.values())))
 
 
 def _site(scenery: Scenery, fallback_z: float) -> Site:
