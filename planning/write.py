@@ -10,9 +10,10 @@ import sys
 import threading
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import asdict, replace
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from multiprocessing.connection import wait
 from pathlib import Path
@@ -33,14 +34,12 @@ from hulldown.planning.row import (
     DistractorSource,
     HdriSource,
     Header,
-    LeftOut,
     MoreOf,
     ScenerySource,
     Source,
     VehicleSource,
 )
 from hulldown.planning.search.likeness import Likeness
-from hulldown.planning.search.pairs import Pairs
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
 Progress = Callable[[int, int], None]
@@ -169,16 +168,7 @@ def write_plan(
         # Functions that get a section don't know the config's file.
         raise ConfigError(error.problem, path=error.path or config.path, remedy=error.remedy) from None
     budget = planner.budget
-    header = make_header(
-        config,
-        planner.assets,
-        path,
-        images=budget.n_images,
-        left_out=planner.pairs.left_out,
-        more_of=more_of,
-        poses=poses,
-    )
-    with PlanWriter(path, header) as writer:
+    with PlanWriter(path, make_header(planner, path)) as writer:
         start = _resume(writer, planner)
         if progress:
             progress(writer.rows, budget.n_images)
@@ -193,18 +183,9 @@ def write_plan(
     return read_plan(path)
 
 
-def make_header(
-    config: Config,
-    assets: Assets,
-    path: str | Path,
-    *,
-    images: int,
-    left_out: Sequence[LeftOut] = (),
-    more_of: MoreOf | None = None,
-    poses: GivenPoses | None = None,
-) -> Header:
-    """Return the plan's first line."""
-    none = AssetFile("")
+def make_header(planner: Planner, path: str | Path) -> Header:
+    """Return the first line of a planner's plan with this name."""
+    config, assets, none = planner.config, planner.assets, AssetFile("")
 
     def recorded(files: Mapping[str, AssetFile], name: str) -> dict[str, str]:
         file = files.get(name, none)
@@ -213,7 +194,7 @@ def make_header(
     photographs = assets.photographs
     return Header(
         hulldown_plan=FORMAT,
-        images=images,
+        images=planner.budget.n_images,
         seed=config.seed,
         root=os.path.relpath(config.folder, Path(path).parent),
         config=config.model_dump(mode="json"),
@@ -234,10 +215,10 @@ def make_header(
             "python": platform.python_version(),
             **{package: _version(package) for package in ("hulldown", "numpy", "scipy", "embreex")},
         },
-        left_out=list(left_out),
+        left_out=list(planner.pairs.left_out),
         photographs=None if photographs is None else Source(path=str(config.camera.like), sha256=photographs.sha256),
-        more_of=more_of,
-        poses=poses,
+        more_of=planner.more_of,
+        poses=planner.poses,
     )
 
 
@@ -269,8 +250,9 @@ def _planned(planner: Planner, blocks: list[tuple[int, int]], workers: int) -> I
     # Not forked from this process: locks held by its threads, such as Embree's, would stay locked.
     context = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
     context.set_forkserver_preload([__name__])
-    made_from = (planner.config, planner.assets, planner.strict, planner.pairs, planner.more_of, planner.poses)
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=made_from)
+    made_with = {key: getattr(planner, key) for key in ("strict", "pairs", "more_of", "poses")}
+    make = partial(Planner, planner.config, planner.assets, **made_with)
+    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(make,))
     running: deque[Future[tuple[bytes, int]]] = deque()
     try:
         for block in blocks:
@@ -286,14 +268,12 @@ def _planned(planner: Planner, blocks: list[tuple[int, int]], workers: int) -> I
 _planner: Planner | None = None  # of a worker process
 
 
-def _begin(
-    config: Config, assets: Assets, strict: bool, pairs: Pairs, more_of: MoreOf | None, poses: GivenPoses | None
-) -> None:
+def _begin(make: Callable[[], Planner]) -> None:
     global _planner
     # The parent handles Ctrl-C, and the workers end with it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    _planner = Planner(config, assets, strict=strict, pairs=pairs, more_of=more_of, poses=poses)
+    _planner = make()
 
 
 def _end_with_parent() -> None:

@@ -18,6 +18,8 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_library, load_planned_library
 from hulldown.planning.plan_file import Plan
+from hulldown.planning.planner import Planner
+from hulldown.planning.search.pairs import Pairs
 from hulldown.planning.write import make_header
 from hulldown.reading.cache import cached, sha256
 from hulldown.reading.confinement.landlock import abi
@@ -294,7 +296,8 @@ def planned(folder: Path, **assets_section: str) -> Plan:
     config = config_in(folder)
     assets = load_library(config).assets
     path = folder / "plan.jsonl"
-    header = make_header(config, assets, path, images=0)
+    pairs = Pairs(np.ones((len(assets.vehicles), 1)), np.ones(1), ())  # no vehicle needs a place
+    header = make_header(Planner(config, assets, pairs=pairs), path)
     header.config["assets"].update(assets_section)
     return Plan(path, header)
 

@@ -8,6 +8,7 @@ import pytest
 from hulldown.assets.library import AssetFile
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.plan_file import PlanWriter
+from hulldown.planning.planner import Planner
 from hulldown.planning.row import VehicleSource, encode, encode_rows
 from hulldown.planning.write import make_header, write_plan
 from hulldown.tests.planning_assets import bare, hills, plan, small_assets, small_config
@@ -57,7 +58,7 @@ def test_the_bytes_do_not_depend_on_the_number_of_workers(tmp_path, rows, worker
 @pytest.mark.parametrize("kept", [0, 3, 4, 22])
 def test_a_killed_plan_is_continued_with_the_same_bytes(tmp_path, rows, kept):
     config, path = small_config(), tmp_path / "plan.jsonl"
-    header = make_header(config, ASSETS, path, images=22)
+    header = make_header(Planner(config, ASSETS), path)
     writer = PlanWriter(path, header)
     writer.write(encode_rows(rows[:kept]) + b'{"index":', kept)
     writer.__exit__(KeyboardInterrupt, None, None)
