@@ -27,7 +27,6 @@ from hulldown.planning.search.views import Views
 from hulldown.reading.scenery.geotiff import longitude_latitude
 
 LONGEST_CUT = 0.8  # default share of a labeled box that the frame may cut off, unless targets may lose more
-_SEEN = ("visible_fraction", "truncated_fraction", "air_contrast")
 
 
 def rows_of(block: Block, planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarray, "2 h"]) -> list[Row]:
@@ -135,11 +134,11 @@ def labels_of(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -> l
     most_cut = given.max_truncated_fraction
     if most_cut is None:
         most_cut = max(LONGEST_CUT, camera.truncated_fraction[1])
-    full = rounded("bbox", views.bbox)[:, 2:].min(axis=1) >= (camera.min_box_px if least_px is None else least_px)
+    full = rounded("bbox", views.boxes.xywh)[:, 2:].min(axis=1) >= (camera.min_box_px if least_px is None else least_px)
     full &= rounded("visible_fraction", views.visible_fraction) >= (
         camera.visible_fraction[0] if least_visible is None else least_visible
     )
-    full &= rounded("truncated_fraction", views.truncated_fraction) <= most_cut
+    full &= rounded("truncated_fraction", views.boxes.truncated_fraction) <= most_cut
     full &= rounded("air_contrast", views.air_contrast) >= config.weather.min_contrast
     below: Label = "ignored" if given.below == "ignored" else "none"
     pairs = zip(pixels.tolist(), full.tolist(), strict=True)
@@ -196,8 +195,13 @@ def _coats(block: Block, table: InstanceTable, assets: Assets) -> list[list[Coat
 
 def seen_in_rows(views: Views) -> list[dict[str, Any]]:
     """Return the fields of vehicles that follow from their views."""
-    shares = {key: rounded(key, getattr(views, key)).tolist() for key in _SEEN}
-    return records({"bbox": _boxes(views.bbox), "bbox_amodal": _boxes(views.bbox_amodal), **shares})
+    shares = {
+        "visible_fraction": views.visible_fraction,
+        "truncated_fraction": views.boxes.truncated_fraction,
+        "air_contrast": views.air_contrast,
+    }
+    columns = {key: rounded(key, share).tolist() for key, share in shares.items()}
+    return records({"bbox": _boxes(views.boxes.xywh), "bbox_amodal": _boxes(views.boxes.amodal), **columns})
 
 
 def records(columns: Mapping[str, Iterable[Any]]) -> list[dict[str, Any]]:

@@ -38,10 +38,14 @@ def fraction_of(amodal: Float[np.ndarray, "n 4"], measure: Measure, render: Rend
     return (size**2 if measure == "area" else size) / image_size(measure, render)
 
 
+def no_boxes(n: int) -> Boxes:
+    """Allocate n boxes: nan."""
+    return Boxes(np.full((n, 4), np.nan), np.full((n, 4), np.nan), np.full(n, np.nan))
+
+
 def boxes_of(instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"], lens: Lenses) -> Boxes:
     """Return the boxes of n vehicles, each in its own camera."""
-    n = len(instances)
-    boxes = Boxes(np.full((n, 4), np.nan), np.full((n, 4), np.nan), np.full(n, np.nan))
+    boxes = no_boxes(len(instances))
     for model, i in instances.by_model():
         angles = instances.model_angles(model, i)
         put(boxes, i, model.boxes.boxes(instances.world_from_vehicle[i], world_from_camera[i], lens.rows(i), angles))

@@ -19,8 +19,9 @@ from hulldown.planning.config.schema import Config
 from hulldown.planning.row import rounded
 from hulldown.planning.search.aiming import Aims, Tries, aims_of
 from hulldown.planning.search.block import Block
+from hulldown.planning.search.columns import put
 from hulldown.planning.search.instances import Instances
-from hulldown.planning.search.sizing import boxes_of, fraction_of
+from hulldown.planning.search.sizing import boxes_of, fraction_of, no_boxes
 from hulldown.planning.search.stage import Site
 
 SIZED = 1e-9  # relative tolerance of solved sizes: the solver and the box's projection round differently
@@ -35,10 +36,10 @@ class Views:
     ----------
     world_from_camera, lens
         (n, 4, 4) poses, and n intrinsics.
-    bbox, bbox_amodal
-        (n, 4) boxes; nan for a vehicle outside the frame, or behind the camera.
-    truncated_fraction, visible_fraction
-        (n,) shares; 1 and 0 for a vehicle outside the frame.
+    boxes
+        n boxes; nan for a vehicle outside the frame, or behind the camera.
+    visible_fraction
+        (n,) shares; 0 for a vehicle outside the frame.
     air_contrast
         (n,) share of the vehicle's contrast after haze; see `camera.weather.extinction`.
     rejection
@@ -49,9 +50,7 @@ class Views:
 
     world_from_camera: Float[np.ndarray, "n 4 4"]
     lens: Lenses
-    bbox: Float[np.ndarray, "n 4"]
-    bbox_amodal: Float[np.ndarray, "n 4"]
-    truncated_fraction: Float[np.ndarray, " n"]
+    boxes: Boxes
     visible_fraction: Float[np.ndarray, " n"]
     air_contrast: Float[np.ndarray, " n"]
     rejection: UInt8[np.ndarray, " n"]
@@ -81,15 +80,12 @@ class Seen:
 
 def no_views(n: int) -> Views:
     """Allocate n views: nan, and no rejection."""
-    nan = np.nan
     return Views(
-        np.full((n, 4, 4), nan),
+        np.full((n, 4, 4), np.nan),
         Lenses.unknown(n),
-        np.full((n, 4), nan),
-        np.full((n, 4), nan),
-        np.full(n, nan),
-        np.full(n, nan),
-        np.full(n, nan),
+        no_boxes(n),
+        np.full(n, np.nan),
+        np.full(n, np.nan),
         np.zeros(n, dtype=np.uint8),
         np.full(n, -1),
         np.full(n, -1),
@@ -129,8 +125,7 @@ def try_cameras(block: Block, tries: Tries) -> Views:
     views.world_from_camera[rows] = poses
     views.air_contrast[rows] = air_contrasts(targets, poses, tries.visibility_m[rows])
     boxes = boxes_of(targets, poses, lens)
-    views.bbox[rows], views.bbox_amodal[rows] = boxes.xywh, boxes.amodal
-    views.truncated_fraction[rows] = boxes.truncated_fraction
+    put(views.boxes, rows, boxes)
     views.rejection[rows] = _of_box(boxes, aims, block.config, rows=rows, free=tries.free[rows])
 
     rows = rows[views.rejection[rows] == Rejection.NONE]
@@ -141,7 +136,7 @@ def try_cameras(block: Block, tries: Tries) -> Views:
         views.visible_fraction[rows], *limits.visible_fraction, below=Rejection.HIDDEN, above=Rejection.EXPOSED
     )
     rows = rows[views.rejection[rows] == Rejection.NONE]
-    rows = rows[views.visible_fraction[rows] * views.bbox[rows, 2:].prod(axis=1) < PLENTY]
+    rows = rows[views.visible_fraction[rows] * views.boxes.xywh[rows, 2:].prod(axis=1) < PLENTY]
     shown = pixels_shown(site, tries.targets, tries.others, views, rows)
     views.rejection[rows[~shown]] = Rejection.HIDDEN
     return views
@@ -192,12 +187,10 @@ def views_of_others(
 
     Row i of `subjects` and of `others` is camera i; `visibility_m` is nan in clear air.
     """
-    boxes, every = boxes_of(subjects, cameras.world_from_camera, cameras.lens), np.arange(len(subjects))
+    every = np.arange(len(subjects))
     seen = replace(
         cameras,
-        bbox=boxes.xywh,
-        bbox_amodal=boxes.amodal,
-        truncated_fraction=boxes.truncated_fraction,
+        boxes=boxes_of(subjects, cameras.world_from_camera, cameras.lens),
         visible_fraction=visible_shares(site, subjects, others, cameras, every, rays=config.camera.visibility_rays),
         air_contrast=air_contrasts(subjects, cameras.world_from_camera, visibility_m),
     )
@@ -232,10 +225,10 @@ def pixels_shown(
     site: Site, subjects: Instances, others: Instances, views: Views, rows: Int[np.ndarray, " k"]
 ) -> Bool[np.ndarray, " k"]:
     """Whether the subject of each of these cameras covers the center of any pixel, so that its mask isn't empty."""
-    framed = ~np.isnan(views.bbox[rows, 0])
+    framed = ~np.isnan(views.boxes.xywh[rows, 0])
     rows, shown = rows[framed], np.zeros(len(rows), dtype=bool)
     world, subject = site.world.with_vehicles(others.beside(rows)[0].posed()), subjects.take(rows).posed()
-    xywh = rounded("bbox", views.bbox[rows])
+    xywh = rounded("bbox", views.boxes.xywh[rows])
     shown[framed] = show_pixels(subject, views.world_from_camera[rows], views.lens.rows(rows), xywh=xywh, world=world)
     return shown
 
