@@ -10,8 +10,7 @@ import pytest
 from PIL import Image
 
 from hulldown import cli
-from hulldown.planning.config.schema import Config
-from hulldown.planning.inputs.inspection import inspect_config
+from hulldown.planning.inputs.inspection import inspect_file
 from hulldown.reading.inspect import inspect
 from hulldown.tests.test_found_assets import CUBES, SKY
 
@@ -78,9 +77,9 @@ def test_the_files_of_a_config_are_read_with_its_options(
 
 @pytest.mark.blender
 def test_files_read_for_a_plan_are_not_read_again(project: Path) -> None:
-    inspect_config(Config.read(project / "hulldown.toml"))
+    inspect_file(project / "hulldown.toml")
     read: list[str] = []
-    inspect_config(Config.read(project / "hulldown.toml"), progress=read.append)
+    inspect_file(project / "hulldown.toml", progress=read.append)
     assert read == []
     inspect(project / "park.blend", progress=read.append)
     assert read == [str(project / "park.blend")]

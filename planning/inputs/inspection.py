@@ -62,29 +62,17 @@ def inspect_file(
         If a file can't be read.
     """
     if _is_config(path):
-        return inspect_config(Config.read(path), strict=strict, pictures=pictures, progress=progress, limits=limits)
+        library = load_library(Config.read(path), strict=strict, progress=progress, limits=limits)
+        models = {**library.assets.vehicles, **library.assets.distractors}
+        listed: list[tuple[FileReport, VehicleShape | Scenery]]
+        listed = [(_with_limits(file.report, models[name]), models[name]) for name, file in library.models.items()]
+        listed += [(file.report, library.assets.sceneries[name]) for name, file in library.sceneries.items()]
+        return [Inspected(asset.name, report, draw(asset) if pictures else None) for report, asset in listed]
     if _is_hdri(path):
         if progress:
             progress(str(path))
         return [Inspected(path.stem, inspect_sky(path, limits=limits))]
     return [inspect(path, kind=kind, strict=strict, pictures=pictures, progress=progress, limits=limits)]
-
-
-def inspect_config(
-    config: Config,
-    *,
-    strict: bool = False,
-    pictures: bool = False,
-    progress: Callable[[str], None] | None = None,
-    limits: ReadLimits = DEFAULT_LIMITS,
-) -> list[Inspected[FileReport]]:
-    """Inspect a config's vehicles and sceneries, in its order; see `planning.inputs.loading.load_library`."""
-    library = load_library(config, strict=strict, progress=progress, limits=limits)
-    models = {**library.assets.vehicles, **library.assets.distractors}
-    listed: list[tuple[FileReport, VehicleShape | Scenery]]
-    listed = [(_with_limits(file.report, models[name]), models[name]) for name, file in library.models.items()]
-    listed += [(file.report, library.assets.sceneries[name]) for name, file in library.sceneries.items()]
-    return [Inspected(asset.name, report, draw(asset) if pictures else None) for report, asset in listed]
 
 
 def _with_limits(report: FileReport, shape: VehicleShape) -> FileReport:
