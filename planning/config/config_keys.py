@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, get_args, get_origin
+from typing import Any
 
 import tomlkit
 from pydantic.fields import FieldInfo
@@ -25,7 +25,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "config.md"
 ENTRIES: Mapping[str, type[Section]] = MappingProxyType(
     {"vehicle": VehicleEntry, "paint": PaintEntry, "distractor": DistractorEntry, "scenery": SceneryEntry}
 )
-_SIGNS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
+_SIGNS = {"exclusiveMinimum": ">", "minimum": ">=", "exclusiveMaximum": "<", "maximum": "<="}
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +50,9 @@ class Key:
 
 def keys_of(section: type[Section]) -> list[Key]:
     """Return a section's keys, without its subsections, in the order of the schema."""
+    declared = section.model_json_schema()["properties"]
     return [
-        _key(name, field)
+        _key(name, field, declared[name])
         for name, field in section.model_fields.items()
         if not (isinstance(field.annotation, type) and issubclass(field.annotation, Section))
     ]
@@ -73,30 +74,28 @@ def toml_value(value: Any) -> str:
     return tomlkit.item(value).as_string()
 
 
-def _key(name: str, field: FieldInfo) -> Key:
+def _key(name: str, field: FieldInfo, declared: Mapping[str, Any]) -> Key:
     default = None if field.is_required() or field.default is None else field.default
     return Key(
         name=name,
         default=None if default is None or (name == "name" and default == "") else toml_value(default),
         example=toml_value(field.examples[0]) if field.examples else None,
         required=field.is_required(),
-        allowed=_allowed(field),
+        allowed=_allowed(declared),
         meaning=field.description or "",
     )
 
 
-def _allowed(field: FieldInfo) -> str:
-    kinds = [kind for kind in _kinds(field.annotation) if kind is not type(None)]
-    choices = [get_args(kind) for kind in kinds if get_origin(kind) is Literal]
-    if choices and float not in kinds:
-        return ", ".join(map(toml_value, choices[0]))
-    if field.annotation is bool:
+def _allowed(declared: Mapping[str, Any]) -> str:
+    """Return the range or the choices of a key, given its JSON schema; empty for a key of several types."""
+    (kind, *others) = [kind for kind in declared.get("anyOf", [declared]) if kind != {"type": "null"}]
+    if others:
         return ""
-    bounds: dict[str, float] = {}
-    for meta in _metadata(field):
-        if limits := getattr(getattr(meta, "func", None), "bounds", None):
-            return _interval(*limits)
-        bounds |= {sign: getattr(meta, key) for key, sign in _SIGNS.items() if getattr(meta, key, None) is not None}
+    kind = kind.get("additionalProperties", kind)  # of a table's values, and of a list's numbers
+    kind = kind.get("prefixItems", [kind])[0]
+    if "enum" in kind:
+        return ", ".join(map(toml_value, kind["enum"]))
+    bounds: dict[str, float] = {sign: kind[bound] for bound, sign in _SIGNS.items() if bound in kind}
     if bounds.keys() == {">=", "<="}:
         return _interval(bounds[">="], bounds["<="])
     return ", ".join(f"{sign} {_number(bound)}" for sign, bound in bounds.items())
@@ -109,21 +108,6 @@ def _interval(low: float, high: float) -> str:
 
 def _number(value: float) -> str:
     return f"{value:,.10g}" if abs(value) < 1e15 else f"2^{math.log2(value):g}"
-
-
-def _metadata(field: FieldInfo) -> Iterator[Any]:
-    """Yield the constraints of a field, including those within an optional type."""
-    yield from field.metadata
-    for kind in _kinds(field.annotation):
-        for meta in getattr(kind, "__metadata__", ()):
-            yield from getattr(meta, "metadata", [meta])
-
-
-def _kinds(annotation: Any) -> Iterator[Any]:
-    yield annotation
-    if get_origin(annotation) is not Literal:
-        for inner in get_args(annotation):
-            yield from _kinds(inner)
 
 
 def table(section: type[Section], *, without: type[Section] | None = None) -> str:

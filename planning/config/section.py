@@ -33,8 +33,7 @@ def ranged(lowest: float, highest: float, kind: type = float, *, optional: bool 
             raise ValueError(allowed)
         return kind(pair[0]), kind(pair[1])
 
-    check.bounds = lowest, highest  # type: ignore[attr-defined]  # for the docs
-    return BeforeValidator(check)
+    return BeforeValidator(check, json_schema_input_type=Annotated[kind, Field(ge=lowest, le=highest)])
 
 
 def is_absent(value: Any) -> bool:
