@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hulldown.geometry.errors import ConfigError
+from hulldown.planning.config.schema import PlacementSection
 from hulldown.planning.planner import Planner
 from hulldown.planning.row import encode_rows
 from hulldown.planning.search.extras import Role, offsets
@@ -62,8 +63,8 @@ def test_distractors_are_labeled_only_if_they_have_a_class(rows):
 def test_distractors_are_uniform_over_the_disk():
     """The squared distance is uniform."""
     shares, bearings = (np.arange(1000) + 0.5) / 1000, np.linspace(0.0, 1.0, 1000)
-    ring = np.tile([10.0, 40.0], (1000, 1))
-    away = np.linalg.norm(offsets(np.full(1000, Role.DISTRACTOR), ring, np.stack([shares, bearings], 1)), axis=1)
+    limits = PlacementSection(distractor_distance=(10.0, 40.0))
+    away = np.linalg.norm(offsets(np.full(1000, Role.DISTRACTOR), limits, np.stack([shares, bearings], 1)), axis=1)
     shares = np.histogram(away**2, bins=10, range=(100.0, 1600.0))[0]
     assert shares.tolist() == [100] * 10
 

@@ -102,8 +102,6 @@ class InstanceTable:
         (k,) role of each instance, and its number among those of this role.
     model, angles
         (k,) index in the fleet, and (k, p) radians of its parts.
-    distance
-        (k, 2) least and largest distance of an extra from its target, meters.
     settled
         (k,) resting poses.
     tries
@@ -118,7 +116,6 @@ class InstanceTable:
     number: Int[np.ndarray, " k"]
     model: Int[np.ndarray, " k"]
     angles: Float[np.ndarray, "k p"]
-    distance: Float[np.ndarray, "k 2"]
     settled: Settled
     tries: Int[np.ndarray, " k"]
     found: Bool[np.ndarray, " k"]
@@ -136,7 +133,7 @@ def instances_of(block: Block) -> InstanceTable:
     zero, photographed, likeness = np.zeros(n, dtype=np.int64), np.full(n, -1), block.likeness
     if likeness is not None:
         photographed = likeness.companions(likeness.sampled(draws, fleet, model=block.model, image=block.first_image))
-    columns = [(np.arange(n), zero, zero, block.model, turns, np.zeros((n, 2)))]
+    columns = [(np.arange(n), zero, zero, block.model, turns)]
     for background, kinds in block.extras.items():
         rows = np.flatnonzero(block.background == background)
         for kind in kinds if len(rows) else ():
@@ -145,12 +142,11 @@ def instances_of(block: Block) -> InstanceTable:
             i, j = np.nonzero(models >= 0)
             turned = np.zeros((len(i), fleet.parts))
             turned[:, :MOST] = numbers[i, j, : fleet.parts]
-            distance = np.tile(np.array(kind.distance, dtype=np.float64), (len(i), 1))
-            columns.append((rows[i], np.full(len(i), kind.role), j, models[i, j], turned, distance))
-    row, role, number, model, turns, distance = (np.concatenate(column) for column in zip(*columns, strict=True))
+            columns.append((rows[i], np.full(len(i), kind.role), j, models[i, j], turned))
+    row, role, number, model, turns = (np.concatenate(column) for column in zip(*columns, strict=True))
     order = np.lexsort((number, role, row))
     row, role, number, model = row[order], role[order], number[order], model[order]
     angles = drawn_angles(fleet, model, turns[order]) if block.config.placement.articulate else np.zeros(turns.shape)
     k = len(row)
     tries, found = np.zeros(k, dtype=np.int64), np.zeros(k, dtype=bool)
-    return InstanceTable(fleet, row, role, number, model, angles, distance[order], unsettled(k), tries, found)
+    return InstanceTable(fleet, row, role, number, model, angles, unsettled(k), tries, found)

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hulldown.geometry.portable import sin_cos
+from hulldown.planning.config.schema import PlacementSection
 from hulldown.planning.search.budget import Budget, Positions
 from hulldown.planning.search.draws import Purpose, RandomStreams, between, choose
 from hulldown.planning.search.stage import PlanStage, Site
@@ -36,15 +37,12 @@ class Extras:
         (m,) candidates as indices in the fleet, and their weights.
     count
         Least and largest number in an image.
-    distance
-        Least and largest distance from the target, meters.
     """
 
     role: Role
     models: Int[np.ndarray, " m"]
     weights: Float[np.ndarray, " m"]
     count: tuple[int, int]
-    distance: tuple[float, float]
 
     def drawn(
         self, draws: RandomStreams, position: Int[np.ndarray, " n"], wanted: Int[np.ndarray, " n"]
@@ -68,13 +66,14 @@ class Extras:
 
 
 def offsets(
-    role: Int[np.ndarray, " n"], distance: Float[np.ndarray, "n 2"], uniform: Float[np.ndarray, "n 2"]
+    role: Int[np.ndarray, " n"], limits: PlacementSection, uniform: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, "n 2"]:
     """Return offsets from targets to extras, meters in x and y, in proportion to numbers in [0, 1).
 
     Companions are uniform in distance, distractors in area.
     """
-    low, high = distance.T
+    of_roles = np.array([(0.0, 0.0), limits.companion_distance, limits.distractor_distance])
+    low, high = of_roles[role].T
     by_distance = between(low, high, uniform[:, 0])
     by_area = np.clip(np.sqrt(between(low**2, high**2, uniform[:, 0])), low, high)
     away = np.where(role == Role.COMPANION, by_distance, by_area)
@@ -90,10 +89,10 @@ def extras_at(site: Site, stage: PlanStage, of_vehicles: Float[np.ndarray, " v"]
     least, most = limits.vehicles_per_image
     for background, number in ((False, (least - 1, most - 1)), (True, (0, 0))):
         vehicles = np.arange(stage.vehicles)
-        companions = Extras(Role.COMPANION, vehicles, of_vehicles, number, limits.companion_distance)
+        companions = Extras(Role.COMPANION, vehicles, of_vehicles, number)
         models, weights = distractors_at(site, stage, unlabeled=background)
         count = limits.distractors_per_image if weights.any() else (0, 0)
-        extras[background] = companions, Extras(Role.DISTRACTOR, models, weights, count, limits.distractor_distance)
+        extras[background] = companions, Extras(Role.DISTRACTOR, models, weights, count)
     return extras
 
 

@@ -270,7 +270,7 @@ class _Search:
                 self.tries[row] * COMPANION_TRIES + number[batch],
                 count=3,
             )
-            xy = offsets(role, table.distance[extras], uniform[:, :2])
+            xy = offsets(role, self.config.placement, uniform[:, :2])
             anywhere = np.minimum(number[batch] / COMPANION_FOLLOWS, 1.0)[:, None]
             shown = photographed[extras]
             xy = np.where(np.isnan(shown), xy, shown + anywhere * (xy - shown))
