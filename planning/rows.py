@@ -11,7 +11,6 @@ from jaxtyping import Bool, Float
 
 from hulldown.assets.library import Assets
 from hulldown.placement.rejection import Rejection
-from hulldown.planning.appearance.exposure import exposures
 from hulldown.planning.appearance.light import draw_lights
 from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, Coat, draw_coats
 from hulldown.planning.appearance.sensor import draw_sensors
@@ -38,9 +37,6 @@ def rows_of(block: Block, planned: Planned, assets: Assets, *, hdri_weights: Flo
     begins, length = np.append(target, len(table.row)), np.diff(np.append(target, len(table.row)))
     left_out = (length - np.add.reduceat(table.found, begins[:-1])).tolist() if len(target) else []
     extras = _extras(planned, vehicles, config)
-    hdri, yaw, strength = draw_lights(config.light, planned.air, hdri_weights, draws=draws, image=scene)
-    hdris, strength = [assets.hdris[i] for i in hdri.tolist()], rounded("strength", strength)
-    ev, white_balance, horizon = exposures(scene, hdris, strength, light=config.light, assets=assets, draws=draws)
     sensors = draw_sensors(config.sensor, draws=draws, image=scene)
     kinds = [rejection.key for rejection in Rejection]
     columns = {
@@ -53,12 +49,7 @@ def rows_of(block: Block, planned: Planned, assets: Assets, *, hdri_weights: Flo
         "shot": block.shot.tolist(),
         "world_from_camera": views.world_from_camera,
         "fov_x_deg": rounded("fov_x_deg", views.lens.fov_x_deg).tolist(),
-        "hdri": hdris,
-        "hdri_yaw_deg": rounded("hdri_yaw_deg", np.degrees(yaw)).tolist(),
-        "strength": strength.tolist(),
-        "horizon_deg": horizon,
-        "exposure_ev": ev.tolist(),
-        "white_balance_k": white_balance.tolist(),
+        **draw_lights(config.light, planned.air, hdri_weights, assets=assets, draws=draws, image=scene),
         "weather": planned.air.weathers,
         "like": _followed(block, views),
         "sequence": block.given_of(image).name.tolist(),

@@ -8,7 +8,7 @@ from hulldown.assets.skylight import SkyLight
 from hulldown.camera.response import CARD, displayed
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.appearance.exposure import card
+from hulldown.planning.appearance.light import card
 from hulldown.tests.planning_assets import plan, small_assets, small_config
 
 NIGHT = SkyLight((0.01, 0.012, 0.02), 12.5)

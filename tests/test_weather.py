@@ -1,6 +1,7 @@
 """Weather: laws, random draws, and limits of contrast."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -61,12 +62,13 @@ def test_draws_are_within_the_config():
 
 def test_rain_and_snow_have_overcast_skies():
     light = small_config(light={"hdris": ["noon"], "overcast": ["gray*"]}).light
-    weights = hdri_weights(light, ("noon", "gray_one", "dusk", "gray_two"))
+    assets = replace(ASSETS, hdris=("noon", "gray_one", "dusk", "gray_two"))
+    weights = hdri_weights(light, assets.hdris)
     assert weights.tolist() == [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 1.0]]
     air = drawn(rain=0.3, snow=0.3, dust=0.2)
-    hdri, _, _ = draw_lights(light, air, weights, draws=RandomStreams(5), image=IMAGES)
-    assert set(hdri[air.overcast].tolist()) == {1, 3}
-    assert set(hdri[~air.overcast].tolist()) == {0}
+    hdri = np.array(draw_lights(light, air, weights, assets=assets, draws=RandomStreams(5), image=IMAGES)["hdri"])
+    assert set(hdri[air.overcast]) == {"gray_one", "gray_two"}
+    assert set(hdri[~air.overcast]) == {"noon"}
 
 
 @pytest.mark.parametrize(

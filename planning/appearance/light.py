@@ -1,15 +1,20 @@
-"""Light of each image: HDRI, rotation, and strength."""
+"""Light of each image: HDRI, rotation, and strength; exposure and white balance, with errors like a camera's."""
 
 from __future__ import annotations
 
+import math
 from fnmatch import fnmatchcase
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from hulldown.assets.library import Assets
+from hulldown.camera.response import ALBEDO, FARTHEST_EV, metered
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.air import Air
 from hulldown.planning.config.schema import LightSection
+from hulldown.planning.row import rounded
 from hulldown.planning.search.draws import Purpose, RandomStreams, between, choose
 
 
@@ -51,17 +56,49 @@ def draw_lights(
     air: Air,
     weights: Float[np.ndarray, "2 h"],
     *,
+    assets: Assets,
     draws: RandomStreams,
     image: Int[np.ndarray, " n"],
-) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Draw the light of the images with these indices, given their weather; see `hdri_weights` for `weights`.
+) -> dict[str, list[Any]]:
+    """Draw the light of the images with these indices, and how a camera records it, as columns of rows.
 
-    Returns
-    -------
-    (n,) index into the HDRIs' names, radians about the vertical, counterclockwise from above, and factor on the HDRI's
-    brightness.
+    Exposure, white balance, and horizon don't depend on the HDRI's rotation and the weather. `weights` are those of
+    `hdri_weights`.
     """
     u = draws.uniform(Purpose.LIGHT, image, 0, count=3)
+    errors = draws.uniform(Purpose.EXPOSURE, image, 0, count=2)
     usual, cloudy = (choose(of_sky, u[:, 0]) for of_sky in weights)
-    yaw = np.radians(between(*light.yaw_deg, u[:, 1]))
-    return np.where(air.overcast, cloudy, usual), yaw, between(*light.strength, u[:, 2])
+    hdris = [assets.hdris[i] for i in np.where(air.overcast, cloudy, usual).tolist()]
+    skies = {name: assets.sky(name) for name in set(hdris)}
+    strength = rounded("strength", between(*light.strength, u[:, 2]))
+    if light.exposure == "auto":
+        irradiance = np.array([skies[name].irradiance for name in hdris]).reshape(-1, 3)
+        ev = metered(card(irradiance, strength[:, None]))
+    else:
+        ev = np.full(len(image), light.exposure)
+    cut = {
+        name: light.backdrop == "sky" or (light.backdrop == "auto" and (sky.shows_land or bool(sky.misfits)))
+        for name, sky in skies.items()
+    }
+    numbers = {
+        "hdri_yaw_deg": np.degrees(np.radians(between(*light.yaw_deg, u[:, 1]))),
+        "strength": strength,
+        "exposure_ev": np.clip(ev + between(*light.exposure_error_ev, errors[:, 0]), -FARTHEST_EV, FARTHEST_EV),
+        "white_balance_k": between(*light.white_balance_error_k, errors[:, 1]),
+    }
+    return {
+        "hdri": hdris,
+        "horizon_deg": [float(skies[name].horizon_deg) if cut[name] else None for name in hdris],
+        **{key: rounded(key, values).tolist() for key, values in numbers.items()},
+    }
+
+
+def card(
+    irradiance: Float[np.ndarray, "*n 3"], strength: float | Float[np.ndarray, "n 1"]
+) -> Float[np.ndarray, "*n 3"]:
+    """Radiance of a level gray card on open land under HDRIs of this irradiance and strength, in linear Rec. 709.
+
+    It doesn't depend on the sky's rotation and the weather: in renders, fog doesn't dim the light on the ground near
+    the camera (docs/benchmarks.md).
+    """
+    return np.asarray(irradiance * (ALBEDO / math.pi * strength))

@@ -20,7 +20,7 @@ from hulldown.camera.world import World
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.appearance.exposure import card
+from hulldown.planning.appearance.light import card
 from hulldown.planning.appearance.paint import previewed
 from hulldown.planning.pictures.shading import look, paint_of, sun_of
 from hulldown.planning.plan_file import Plan
