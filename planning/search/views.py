@@ -17,7 +17,7 @@ from hulldown.camera.weather.extinction import air_contrast
 from hulldown.placement.rejection import Rejection
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import rounded
-from hulldown.planning.search.aiming import Aims, Tries, aims_of
+from hulldown.planning.search.aiming import Aims, Tries
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.columns import put
 from hulldown.planning.search.instances import Instances
@@ -98,7 +98,7 @@ def try_cameras(block: Block, tries: Tries) -> Views:
     Checks are in the order of their cost, and each applies to the rows that passed those before. Limits of distance and
     size don't apply to given cameras.
     """
-    site, limits, aims = block.site, block.config.camera, aims_of(block, tries)
+    site, limits, aims = block.site, block.config.camera, Aims(block, tries)
     views = replace(no_views(len(tries.image)), lens=aims.lens)
     if aims.wishes is not None:
         views.asked[:] = np.where(tries.undirected, aims.wishes.asked, -1)
