@@ -32,7 +32,7 @@ from hulldown.planning.search.extras import extras_at, framed_on
 from hulldown.planning.search.given import given_of, pose_budget
 from hulldown.planning.search.likeness import Likeness
 from hulldown.planning.search.pairs import Pairs, make_pairs
-from hulldown.planning.search.positions import HopelessPosition, plan_block
+from hulldown.planning.search.positions import HopelessPosition, Planned
 from hulldown.planning.search.stage import make_stage
 
 BLOCK = 2048  # positions planned together: large batches for each vehicle and scenery
@@ -155,13 +155,13 @@ class Planner:
                 movable = weights[here].any(axis=1) & (not self.strict)
                 block = self._block(s, position[here], take(held, here), movable)
                 try:
-                    planned = plan_block(block)
+                    planned = Planned(block)
                 except HopelessPosition as error:
                     # Another block may hold an earlier one: the error must not depend on blocks.
                     hopeless = error
                     continue
-                rows += rows_of(block, planned, self.assets, hdri_weights=self._hdri_weights)
-                homeless.append(here[~planned.found])
+                rows += rows_of(planned, self.assets, hdri_weights=self._hdri_weights)
+                homeless.append(here[planned.given_up])
             pending, attempt = np.sort(np.concatenate(homeless)), attempt + 1
         if hopeless:
             place, path = f"position {hopeless.position}", hopeless.path

@@ -16,7 +16,7 @@ from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, Coat, dr
 from hulldown.planning.appearance.sensor import draw_sensors
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import Bounds, Box, Followed, Label, OnMap, PlannedVehicle, Row, picture_name, rounded
-from hulldown.planning.search.block import Block, InstanceTable
+from hulldown.planning.search.block import Block
 from hulldown.planning.search.draws import Purpose
 from hulldown.planning.search.extras import MOST, Role
 from hulldown.planning.search.instances import Instances
@@ -28,15 +28,15 @@ from hulldown.reading.scenery.geotiff import longitude_latitude
 LONGEST_CUT = 0.8  # default share of a labeled box that the frame may cut off, unless targets may lose more
 
 
-def rows_of(block: Block, planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarray, "2 h"]) -> list[Row]:
+def rows_of(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarray, "2 h"]) -> list[Row]:
     """Return a row for each image of the block's positions that have a place, in the block's order."""
+    block, views, table = planned.block, planned.views, planned.table
     config, draws, image, scene = block.config, block.draws, block.image, block.scene
-    views, table = planned.views, planned.instances
-    vehicles = _vehicles(block, table, assets)
+    vehicles = _vehicles(planned, assets)
     target = np.flatnonzero(table.role == Role.TARGET)
     begins, length = np.append(target, len(table.row)), np.diff(np.append(target, len(table.row)))
     left_out = (length - np.add.reduceat(table.found, begins[:-1])).tolist() if len(target) else []
-    extras = _extras(planned, vehicles, config)
+    extras = _extras(planned, vehicles)
     sensors = draw_sensors(config.sensor, draws=draws, image=scene)
     kinds = [rejection.key for rejection in Rejection]
     columns = {
@@ -57,7 +57,7 @@ def rows_of(block: Block, planned: Planned, assets: Assets, *, hdri_weights: Flo
         "sensor": sensors,
         "rejected": [{k: n for k, n in zip(kinds, counts, strict=True) if n} for counts in planned.rejected.tolist()],
     }
-    found, background, position = planned.found.tolist(), block.background.tolist(), block.position.tolist()
+    given_up, background, position = planned.given_up.tolist(), block.background.tolist(), block.position.tolist()
     images = zip(block.owner.tolist(), seen_in_rows(views), records(columns), strict=True)
     return [
         Row(
@@ -74,7 +74,7 @@ def rows_of(block: Block, planned: Planned, assets: Assets, *, hdri_weights: Flo
             **values,
         )
         for j, (i, seen, values) in enumerate(images)
-        if found[i]
+        if not given_up[i]
     ]
 
 
@@ -102,13 +102,11 @@ def _followed(block: Block, views: Views) -> list[Followed | None]:
     ]
 
 
-def _extras(
-    planned: Planned, vehicles: list[dict[str, Any]], config: Config
-) -> defaultdict[tuple[int, int], list[PlannedVehicle]]:
+def _extras(planned: Planned, vehicles: list[dict[str, Any]]) -> defaultdict[tuple[int, int], list[PlannedVehicle]]:
     """Return the extras in each image, by the image's row in the block and the role."""
     seen, views = planned.seen, planned.seen.views
-    labels = labels_of(views, seen.pixels, config)
-    roles, extras = planned.instances.role[seen.instance].tolist(), defaultdict(list)
+    labels = labels_of(views, seen.pixels, planned.block.config)
+    roles, extras = planned.table.role[seen.instance].tolist(), defaultdict(list)
     columns = zip(seen.image.tolist(), seen.instance.tolist(), roles, labels, seen_in_rows(views), strict=True)
     for image, instance, role, label, shown in columns:
         extras[image, role].append(PlannedVehicle(**vehicles[instance], **shown, label=label))
@@ -136,8 +134,9 @@ def labels_of(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -> l
     return [("full" if enough else below) if shown else "none" for shown, enough in pairs]
 
 
-def _vehicles(block: Block, table: InstanceTable, assets: Assets) -> list[dict[str, Any]]:
+def _vehicles(planned: Planned, assets: Assets) -> list[dict[str, Any]]:
     """Return the fields of each instance that don't depend on the camera."""
+    block, table = planned.block, planned.table
     settled, instances = table.settled, table.posed(np.arange(len(table.row)))
     turned = instances.articulation() if block.config.placement.articulate else [{}] * len(table.row)
     models = [block.fleet.models[model] for model in table.model.tolist()]
@@ -153,21 +152,23 @@ def _vehicles(block: Block, table: InstanceTable, assets: Assets) -> list[dict[s
             "tries": table.tries.tolist(),
             "bounds": bounds_in_rows(instances),
             "geo": geo_in_rows(settled.world_from_vehicle, block.site),
-            "track_id": _tracks(block, table),
-            "paint": _coats(block, table, assets),
+            "track_id": _tracks(planned),
+            "paint": _coats(planned, assets),
         }
     )
 
 
-def _tracks(block: Block, table: InstanceTable) -> list[int | None]:
+def _tracks(planned: Planned) -> list[int | None]:
     """Return a number for each instance of a sequence, and None for the others."""
+    block, table = planned.block, planned.table
     number = 1 + (block.position[table.row] * len(Role) + table.role) * MOST + table.number
     named = (block.given_of(block.first_image).sequence >= 0)[table.row]
     return [track if inside else None for track, inside in zip(number.tolist(), named.tolist(), strict=True)]
 
 
-def _coats(block: Block, table: InstanceTable, assets: Assets) -> list[list[Coat]]:
+def _coats(planned: Planned, assets: Assets) -> list[list[Coat]]:
     """Draw the coats of each instance, by its number among the instances of its role with a place."""
+    block, table = planned.block, planned.table
     places = np.zeros(len(table.row), dtype=np.int64)
     for role, first in ((Role.COMPANION, COMPANIONS), (Role.DISTRACTOR, DISTRACTORS)):
         placed = np.flatnonzero(table.found & (table.role == role))

@@ -19,7 +19,7 @@ from hulldown.planning.row import LeftOut
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.budget import Budget
 from hulldown.planning.search.draws import RandomStreams
-from hulldown.planning.search.positions import HopelessPosition, plan_block
+from hulldown.planning.search.positions import HopelessPosition, Planned
 from hulldown.planning.search.stage import Model, PlanStage, Site
 
 # A pair whose first trial fails needs both further trials to succeed: where few positions have a place, each of the
@@ -149,7 +149,7 @@ def _try(
         shots=np.ones(n, dtype=np.int64),
         first_image=trial,
     )
-    return plan_block(block).problems
+    return Planned(block).problems
 
 
 def _too_large(site: Site, model: Model, config: Config) -> ConfigError | None:

@@ -8,7 +8,7 @@ the first position without tries left. So batches decide when something is tried
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,16 +19,16 @@ from hulldown.geometry.errors import ConfigError
 from hulldown.placement.candidates import candidates
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.settle import Settled, unsettled
-from hulldown.planning.appearance.air import Air, draw_air
+from hulldown.planning.appearance.air import draw_air
 from hulldown.planning.search.aiming import Tries, drawn_lenses
-from hulldown.planning.search.block import Block, InstanceTable, instances_of
+from hulldown.planning.search.block import Block, instances_of
 from hulldown.planning.search.columns import join, put, take
 from hulldown.planning.search.draws import Purpose, RowStreams
 from hulldown.planning.search.extras import MOST, Role, offsets
 from hulldown.planning.search.likeness import PATIENCE, directions_of
 from hulldown.planning.search.placing import clear_of_vehicles, settle_clear
 from hulldown.planning.search.tally import AIMING, KINDS, PLACING, sentence, tally
-from hulldown.planning.search.views import Seen, Views, no_views, try_cameras, views_of_others
+from hulldown.planning.search.views import Seen, no_views, try_cameras, views_of_others
 
 # Candidates settled together, and cameras aimed together: they bound a worker's memory.
 CANDIDATES = 8192
@@ -53,15 +53,16 @@ class HopelessPosition(ConfigError):
         self.position = position
 
 
-@dataclass(frozen=True, eq=False, slots=True)
 class Planned:
-    """Poses and cameras of a block.
+    """Poses and cameras of a block, which are searched for when it's made.
 
-    Parameters
+    Attributes
     ----------
-    found
-        (n,) whether the position has a place; the other fields hold values for these positions only.
-    instances
+    block
+        The positions.
+    given_up
+        (n,) whether the position has no place; the other attributes hold values for the other positions only.
+    table
         Targets and extras.
     views
         Views of the m images' targets.
@@ -73,29 +74,13 @@ class Planned:
         Weather of the images.
     problems
         Row of a position without a place -> the error that names its rejections.
-    """
-
-    found: Bool[np.ndarray, " n"]
-    instances: InstanceTable
-    views: Views
-    seen: Seen
-    rejected: Int[np.ndarray, "m kinds"]
-    air: Air
-    problems: dict[int, HopelessPosition]
-
-
-def plan_block(block: Block) -> Planned:
-    """Return poses and cameras for every position of a block.
 
     Raises
     ------
     HopelessPosition
         For the first position that isn't movable and has no place, or no camera, within the config's tries.
     """
-    return _Search(block).run()
 
-
-class _Search:
     def __init__(self, block: Block) -> None:
         self.block, self.config, self.draws = block, block.config, block.draws
         self.air = draw_air(block.config.weather, draws=block.draws, image=block.scene)
@@ -109,14 +94,6 @@ class _Search:
         self.views = no_views(len(self.image))
         self.place_rejections = np.zeros((n, KINDS), dtype=np.int64)
         self.camera_rejections = np.zeros((len(self.image), KINDS), dtype=np.int64)
-
-    @property
-    def tries(self) -> Int[np.ndarray, " n"]:
-        """Places tried for each position so far."""
-        return self.table.tries[self.target]
-
-    def run(self) -> Planned:
-        block = self.block
         early = block.position.min(initial=BEGINNING) < BEGINNING
         ranks = np.empty(len(block.model), dtype=np.int64)
         for model in np.unique(block.model):
@@ -128,9 +105,14 @@ class _Search:
         fixed = [error for row, error in self.problems.items() if not block.movable[row]]
         if fixed:
             raise min(fixed, key=lambda error: error.position)
-        rejected = self.camera_rejections
-        rejected[np.cumsum(block.shots) - block.shots] += self.place_rejections
-        return Planned(~self.given_up, self.table, self.views, self._see_extras(), rejected, self.air, self.problems)
+        self.seen = self._see_extras()
+        self.rejected = self.camera_rejections.copy()
+        self.rejected[np.cumsum(block.shots) - block.shots] += self.place_rejections
+
+    @property
+    def tries(self) -> Int[np.ndarray, " n"]:
+        """Places tried for each position so far."""
+        return self.table.tries[self.target]
 
     def _settle(self, pending: Int[np.ndarray, " p"]) -> None:
         """Find places, extras, and cameras for these positions."""
