@@ -34,7 +34,7 @@ def rows_of(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarray,
     config, draws, image, scene = block.config, block.draws, block.image, block.scene
     vehicles = _vehicles(planned, assets)
     target = np.flatnonzero(table.role == Role.TARGET)
-    begins, length = np.append(target, len(table.row)), np.diff(np.append(target, len(table.row)))
+    begins, length = np.append(target, len(table)), np.diff(np.append(target, len(table)))
     left_out = (length - np.add.reduceat(table.found, begins[:-1])).tolist() if len(target) else []
     extras = _extras(planned, vehicles)
     sensors = draw_sensors(config.sensor, draws=draws, image=scene)
@@ -136,22 +136,21 @@ def labels_of(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -> l
 
 def _vehicles(planned: Planned, assets: Assets) -> list[dict[str, Any]]:
     """Return the fields of each instance that don't depend on the camera."""
-    block, table = planned.block, planned.table
-    settled, instances = table.settled, table.posed(np.arange(len(table.row)))
-    turned = instances.articulation() if block.config.placement.articulate else [{}] * len(table.row)
+    block, table, settled = planned.block, planned.table, planned.table.settled
+    turned = table.articulation() if block.config.placement.articulate else [{}] * len(table)
     models = [block.fleet.models[model] for model in table.model.tolist()]
     return records(
         {
             "vehicle": [model.shape.name for model in models],
             "category": [model.category for model in models],
-            "world_from_vehicle": settled.world_from_vehicle,
+            "world_from_vehicle": table.world_from_vehicle,
             "articulation": turned,
             "slope_deg": rounded("slope_deg", np.degrees(settled.tilt)).tolist(),
             "gap": rounded("gap", settled.gap).tolist(),
             "penetration": rounded("penetration", settled.penetration).tolist(),
             "tries": table.tries.tolist(),
-            "bounds": bounds_in_rows(instances),
-            "geo": geo_in_rows(settled.world_from_vehicle, block.site),
+            "bounds": bounds_in_rows(table),
+            "geo": geo_in_rows(table.world_from_vehicle, block.site),
             "track_id": _tracks(planned),
             "paint": _coats(planned, assets),
         }
@@ -169,12 +168,12 @@ def _tracks(planned: Planned) -> list[int | None]:
 def _coats(planned: Planned, assets: Assets) -> list[list[Coat]]:
     """Draw the coats of each instance, by its number among the instances of its role with a place."""
     block, table = planned.block, planned.table
-    places = np.zeros(len(table.row), dtype=np.int64)
+    places = np.zeros(len(table), dtype=np.int64)
     for role, first in ((Role.COMPANION, COMPANIONS), (Role.DISTRACTOR, DISTRACTORS)):
         placed = np.flatnonzero(table.found & (table.role == role))
         rank = np.arange(len(placed)) - np.searchsorted(table.row[placed], table.row[placed])
         places[placed] = first + rank
-    coats: list[list[Coat]] = [[]] * len(table.row)
+    coats: list[list[Coat]] = [[]] * len(table)
     for model in np.unique(table.model).tolist():
         of_model = np.flatnonzero(table.model == model)
         name = block.fleet.models[model].shape.name

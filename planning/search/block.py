@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from hulldown.geometry.arrays import numbered
 from hulldown.placement.settle import Settled, unsettled
@@ -89,41 +89,26 @@ class Block:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class InstanceTable:
-    """The k instances of a block's positions, ordered by position, role, and number.
+class InstanceTable(Instances):
+    """The k instances of a block's positions, ordered by position, role, and number; their rows are the positions'.
 
     Parameters
     ----------
-    fleet
-        All vehicles and distractors of the plan.
-    row
-        (k,) the position's row in the block.
     role, number
         (k,) role of each instance, and its number among those of this role.
-    model, angles
-        (k,) index in the fleet, and (k, p) radians of its parts.
     settled
-        (k,) resting poses.
+        (k,) resting poses, which share the array `world_from_vehicle`.
     tries
         (k,) places tried so far; an instance with a place has the last one.
     found
         (k,) whether it has a place.
     """
 
-    fleet: Fleet
-    row: Int[np.ndarray, " k"]
     role: Int[np.ndarray, " k"]
     number: Int[np.ndarray, " k"]
-    model: Int[np.ndarray, " k"]
-    angles: Float[np.ndarray, "k p"]
     settled: Settled
     tries: Int[np.ndarray, " k"]
     found: Bool[np.ndarray, " k"]
-
-    def posed(self, index: Int[np.ndarray, " q"]) -> Instances:
-        """Return some of the instances in their poses, in the rows of their positions."""
-        poses = self.settled.world_from_vehicle
-        return Instances(self.fleet, self.row[index], self.model[index], poses[index], self.angles[index])
 
 
 def instances_of(block: Block) -> InstanceTable:
@@ -147,6 +132,6 @@ def instances_of(block: Block) -> InstanceTable:
     order = np.lexsort((number, role, row))
     row, role, number, model = row[order], role[order], number[order], model[order]
     angles = drawn_angles(fleet, model, turns[order]) if block.config.placement.articulate else np.zeros(turns.shape)
-    k = len(row)
+    k, settled = len(row), unsettled(len(row))
     tries, found = np.zeros(k, dtype=np.int64), np.zeros(k, dtype=bool)
-    return InstanceTable(fleet, row, role, number, model, angles, unsettled(k), tries, found)
+    return InstanceTable(fleet, row, model, settled.world_from_vehicle, angles, role, number, settled, tries, found)

@@ -60,8 +60,12 @@ class Instances:
 
     def take(self, index: Int[np.ndarray, " n"]) -> Instances:
         """Return some of the instances, possibly repeated, in rows 0, 1, ..."""
+        return replace(self.at(index), row=np.arange(len(index)))
+
+    def at(self, index: Int[np.ndarray, " n"]) -> Instances:
+        """Return some of the instances in their rows."""
         poses = self.world_from_vehicle[index]
-        return Instances(self.fleet, np.arange(len(index)), self.model[index], poses, self.angles[index])
+        return Instances(self.fleet, self.row[index], self.model[index], poses, self.angles[index])
 
     def beside(self, owner: Int[np.ndarray, " n"]) -> tuple[Instances, Int[np.ndarray, " q"]]:
         """Return the instances of row `owner[i]` in row i, for each i, and their indices in this table."""

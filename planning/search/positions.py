@@ -90,7 +90,7 @@ class Planned:
         self.given_up = np.zeros(n, dtype=bool)
         self.table = instances_of(block)
         self.target = np.flatnonzero(self.table.role == Role.TARGET)  # the first instance of each position
-        self.end = np.append(self.target[1:], len(self.table.row))
+        self.end = np.append(self.target[1:], len(self.table))
         self.views = no_views(len(self.image))
         self.place_rejections = np.zeros((n, KINDS), dtype=np.int64)
         self.camera_rejections = np.zeros((len(self.image), KINDS), dtype=np.int64)
@@ -145,7 +145,7 @@ class Planned:
             xy = np.where(np.isnan(here.xyz[:, :2]), xy, here.xyz[:, :2])
             yaw = np.where(np.isnan(here.yaw), yaw, here.yaw)
             settled = settle_clear(
-                self.block.site, self.table.posed(self.target[row]), self.config, xy=xy, yaw=yaw, z=here.xyz[:, 2]
+                self.block.site, self.table.at(self.target[row]), self.config, xy=xy, yaw=yaw, z=here.xyz[:, 2]
             )
             rejection = settled.rejection.reshape(-1, ahead)
             allowed = np.arange(ahead) < left[:, None]
@@ -177,7 +177,7 @@ class Planned:
         patient[rows] = leave_out
         extras = np.flatnonzero(np.isin(table.row, rows) & (table.role != Role.TARGET))
         table.found[extras] = False  # extras that were left out at another place are tried again
-        tried, photographed = np.zeros(len(table.row), dtype=np.int64), self._photographed(extras)
+        tried, photographed = np.zeros(len(table), dtype=np.int64), self._photographed(extras)
         # Settled tries that aren't yet checked against other vehicles: instance, number of the try, and pose.
         which, attempt, ready = extras[:0], extras[:0], unsettled(0)
         while len(rows := rows[(turn[rows] < self.end[rows]) & ~failed[rows]]):
@@ -215,17 +215,17 @@ class Planned:
 
     def _photographed(self, extras: Int[np.ndarray, " q"]) -> Float[np.ndarray, "k 2"]:
         """Return where the photographs of first images show companions, as meters from targets; nan for the others."""
-        table, likeness, places = self.table, self.block.likeness, np.full((len(self.table.row), 2), np.nan)
+        table, likeness, places = self.table, self.block.likeness, np.full((len(self.table), 2), np.nan)
         extras = extras[table.role[extras] == Role.COMPANION]
         if likeness is None or not len(extras):
             return places
         row = table.row[extras]
         image, attempt = self.block.first_image[row], self.tries[row] * self.config.camera.max_tries
-        targets = self.table.posed(self.target[row])
+        targets = self.table.at(self.target[row])
         first = RowStreams(self.draws, Purpose.CAMERA, image, attempt).random((len(row), 3))
         places[extras] = likeness.places_beside(
             targets,
-            self.table.posed(extras),
+            self.table.at(extras),
             likeness.wishes(self.draws, targets, image=image, attempt=attempt, quarter=np.zeros_like(row)),
             number=table.number[extras],
             lens=drawn_lenses(self.config, first[:, 0]),
@@ -256,16 +256,16 @@ class Planned:
             anywhere = np.minimum(number[batch] / COMPANION_FOLLOWS, 1.0)[:, None]
             shown = photographed[extras]
             xy = np.where(np.isnan(shown), xy, shown + anywhere * (xy - shown))
-            xy += table.settled.world_from_vehicle[self.target[row], :2, 3]
+            xy += table.world_from_vehicle[self.target[row], :2, 3]
             yaw = 2.0 * math.pi * uniform[:, 2] - math.pi
-            settled = settle_clear(self.block.site, self.table.posed(extras), self.config, xy=xy, yaw=yaw)
+            settled = settle_clear(self.block.site, self.table.at(extras), self.config, xy=xy, yaw=yaw)
             put(tries, np.arange(len(which))[batch], settled)
         return tries
 
     def _clear_of_others(self, which: Int[np.ndarray, " q"], settled: Settled) -> Bool[np.ndarray, " q"]:
         """Whether these tries of extras are clear of the target and of the extras with places."""
-        tried = replace(self.table.posed(which), world_from_vehicle=settled.world_from_vehicle)
-        standing = self.table.posed(np.flatnonzero(self.table.found))
+        tried = replace(self.table.at(which), world_from_vehicle=settled.world_from_vehicle)
+        standing = self.table.at(np.flatnonzero(self.table.found))
         of_tried, of_standing = joined(tried.row, standing.row)
         clear = np.ones(len(which), dtype=bool)
         apart = clear_of_vehicles(
@@ -277,7 +277,7 @@ class Planned:
     def _aim(self, positions: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
         """Find cameras for all images of these positions, and return the positions with an image that has none."""
         max_tries = self.config.camera.max_tries
-        extras = self.table.posed(np.flatnonzero(self.table.found & (self.table.role != Role.TARGET)))
+        extras = self.table.at(np.flatnonzero(self.table.found & (self.table.role != Role.TARGET)))
         blind = self.place_rejections[:, Rejection.NO_VIEW] // PATIENCE
         pending, done, ahead = np.flatnonzero(np.isin(self.owner, positions)), 0, 1
         while len(pending) and done < max_tries:
@@ -289,7 +289,7 @@ class Planned:
                 batch = np.arange(start, min(start + CAMERAS, len(now)))
                 rows, owner = now[batch], self.owner[now[batch]]
                 tries = Tries(
-                    self.table.posed(self.target[owner]),
+                    self.table.at(self.target[owner]),
                     extras.beside(owner)[0],
                     self.block.given_of(self.image[rows]),
                     self.image[rows],
@@ -317,15 +317,15 @@ class Planned:
         pair, of = joined(self.owner[shown], table.row[extras])
         image, instance = shown[pair], extras[of]
         seen = Seen(image, instance, no_views(len(image)), np.zeros(len(image), dtype=bool))
-        standing = self.table.posed(present)
+        standing = self.table.at(present)
         for start in range(0, len(image), CAMERAS):
             batch = np.arange(start, min(start + CAMERAS, len(image)))
             others, which = standing.beside(self.owner[image[batch]])
             not_itself = np.flatnonzero(present[which] != instance[batch][others.row])
             views, pixels = views_of_others(
                 self.block.site,
-                replace(self.table.posed(instance[batch]), row=np.arange(len(batch))),
-                replace(others.take(not_itself), row=others.row[not_itself]),
+                self.table.take(instance[batch]),
+                others.at(not_itself),
                 cameras=take(self.views, image[batch]),
                 visibility_m=self.air.visibility_m[image[batch]],
                 config=self.config,
