@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from jaxtyping import Float
 
 from hulldown.geometry.transforms import rigid, rotation_about
 from hulldown.planning.row import Header, PlannedVehicle, Row, fields, rounded
@@ -43,16 +42,12 @@ def test_rounding_is_idempotent():
         assert 0.0 < np.abs(once - drawn).max() < 1.1e-6
 
 
-def longest(values: Float[np.ndarray, " n"]) -> int:
-    return max(len(repr(value).partition(".")[2]) for value in values.ravel().tolist())
-
-
 def test_numbers_have_the_documented_decimals():
     rng = np.random.default_rng(1)
     pose = rounded("world_from_vehicle", rigid(rotation_about([0.0, 0.0, 1.0], 1.0), rng.normal(scale=1e3, size=3)))
-    assert longest(pose[:3, 3]) <= 9
-    assert longest(pose[:3, :3]) <= 12
-    assert longest(rounded("bbox", rng.uniform(100.0, 1000.0, (1000, 4)))) <= 6
+    boxes = rounded("bbox", rng.uniform(100.0, 1000.0, (1000, 4)))
+    for values, decimals in ((pose[:3, 3], 9), (pose[:3, :3], 12), (boxes, 6)):
+        assert max(len(repr(value).partition(".")[2]) for value in values.ravel().tolist()) <= decimals
     assert np.signbit(rounded("strength", np.array([-1e-12]))).tolist() == [False]
 
 
