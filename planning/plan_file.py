@@ -149,10 +149,8 @@ class Plan(ShownInNotebooks):
         HulldownError
             If an asset can't be read, or a row is damaged.
         """
-        from hulldown.planning.pictures.preview import sheet
-
         chosen = spread(len(self), 6).tolist() if indices is None else indices
-        return sheet(self, self._artist, chosen, columns=min(columns, max(len(chosen), 1)), tile_width=width)
+        return self._artist.sheet(chosen, columns=min(columns, max(len(chosen), 1)), tile_width=width)
 
     @cached_property
     def _artist(self) -> Artist:

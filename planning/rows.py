@@ -34,8 +34,7 @@ def rows_of(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarray,
     config, draws, image, scene = block.config, block.draws, block.image, block.scene
     vehicles = _vehicles(planned, assets)
     target = np.flatnonzero(table.role == Role.TARGET)
-    begins, length = np.append(target, len(table)), np.diff(np.append(target, len(table)))
-    left_out = (length - np.add.reduceat(table.found, begins[:-1])).tolist() if len(target) else []
+    left_out = np.bincount(table.row[~table.found], minlength=len(target)).tolist()
     extras = _extras(planned, vehicles)
     sensors = draw_sensors(config.sensor, draws=draws, image=scene)
     kinds = [rejection.key for rejection in Rejection]

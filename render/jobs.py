@@ -129,7 +129,7 @@ def render_assets(
     plan
         The plan.
     cache
-        The cache; see `planning.inputs.loading.planned_cache`.
+        The cache; see `planning.inputs.loading.load_planned_library`.
     progress
         Called with the path of each file that must be read.
     limits

@@ -192,20 +192,6 @@ def _painted(exported: Exported, entry: ModelEntry) -> Exported:
     return replace(exported, report=replace(report, doubts=(*report.doubts, *doubts), painted=tuple(notes)))
 
 
-def planned_cache(plan: Plan) -> Path:
-    """Return the cache folder beside a plan; the one in its header isn't used, since plans come from anybody.
-
-    Raises
-    ------
-    ConfigError
-        If it's a link, which may have come with the plan.
-    """
-    cache = plan.path.parent / CACHE_NAME
-    if cache.is_symlink():
-        raise ConfigError("is a link", path=cache, remedy="name the folder that it leads to by --cache, if it is yours")
-    return cache
-
-
 def load_planned_library(
     plan: Plan,
     *,
@@ -213,16 +199,22 @@ def load_planned_library(
     progress: Callable[[str], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Library:
-    """Return the assets that a plan was made from; `cache` is `planned_cache` if None, else see `load_library`.
+    """Return the assets that a plan was made from; parameters as of `load_library`.
+
+    The default for `cache` is beside the plan. The one in its header isn't used, since plans come from anybody.
 
     Raises
     ------
     ConfigError
-        If a file has changed since planning.
+        If a file has changed since planning, or the default cache is a link, which may have come with the plan.
     AssetError
         If a file can't be read.
     """
-    library = load_library(plan.config, cache=cache or planned_cache(plan), progress=progress, limits=limits)
+    beside = plan.path.parent / CACHE_NAME
+    if not cache and beside.is_symlink():
+        remedy = "name the folder that it leads to by --cache, if it is yours"
+        raise ConfigError("is a link", path=beside, remedy=remedy)
+    library = load_library(plan.config, cache=cache or beside, progress=progress, limits=limits)
     refuse_changed(plan, library.assets)
     return library
 

@@ -39,30 +39,9 @@ def preview_sheet(
     count: int = 24,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Write a contact sheet of up to `count` images, evenly spread over a plan; see `sheet`."""
+    """Write a contact sheet of up to `count` images, evenly spread over a plan; see `Artist.sheet`."""
     chosen = spread(len(plan), count).tolist()
-    made = sheet(plan, Artist(plan, assets), chosen, columns=4, tile_width=TILE_WIDTH, progress=progress)
-    save_sheet(made, Path(path))
-
-
-def sheet(
-    plan: Plan,
-    artist: Artist,
-    indices: Sequence[int],
-    *,
-    columns: int,
-    tile_width: int,
-    progress: Callable[[int, int], None] | None = None,
-) -> Image.Image:
-    """Return a contact sheet with `columns` images in a row; `progress` gets the images drawn and their number."""
-    pictures, captions = [], []
-    for done, index in enumerate(indices, start=1):
-        row = plan[index]
-        pictures.append(artist.picture(row, width=tile_width))
-        captions.append(caption(row))
-        if progress:
-            progress(done, len(indices))
-    return contact_sheet(pictures, columns=columns, tile_width=tile_width, captions=captions)
+    save_sheet(Artist(plan, assets).sheet(chosen, columns=4, tile_width=TILE_WIDTH, progress=progress), Path(path))
 
 
 def caption(row: Row) -> str:
@@ -95,11 +74,29 @@ class Artist:
     """
 
     def __init__(self, plan: Plan, assets: Assets) -> None:
-        self._path, self._assets = plan.path, assets
+        self._plan, self._assets = plan, assets
         stage = make_stage(plan.config, assets)
         self.models, self._distractors = stage.models, frozenset(list(stage.models)[stage.vehicles :])
         self._worlds = {site.name: site.world for site in stage.sites}
         self.class_ids = {name: i + 1 for i, name in enumerate(plan.header.categories)}
+
+    def sheet(
+        self,
+        indices: Sequence[int],
+        *,
+        columns: int,
+        tile_width: int,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Image.Image:
+        """Return a contact sheet with `columns` images in a row; `progress` gets the images drawn and their number."""
+        pictures, captions = [], []
+        for done, index in enumerate(indices, start=1):
+            row = self._plan[index]
+            pictures.append(self.picture(row, width=tile_width))
+            captions.append(caption(row))
+            if progress:
+                progress(done, len(indices))
+        return contact_sheet(pictures, columns=columns, tile_width=tile_width, captions=captions)
 
     def picture(self, row: Row, *, width: int = TILE_WIDTH, labels: bool = True) -> Image.Image:
         """Return a picture of a row at this width, with the boxes and classes of its labels if `labels`."""
@@ -137,7 +134,7 @@ class Artist:
             if name not in allowed:
                 raise ConfigError(
                     f"image {row.index}: {kind} {name!r:.60} is not known to the plan",
-                    path=self._path,
+                    path=self._plan.path,
                     remedy="plan again with `hulldown plan`",
                 )
         return self._worlds[row.scenery].with_vehicles([self._posed(vehicle) for vehicle in row.vehicles])
