@@ -19,13 +19,9 @@ from pathlib import Path
 
 from rich.markup import escape
 
-import hulldown.verbs.cluster
-import hulldown.verbs.planning
-import hulldown.verbs.rendering
-import hulldown.verbs.study
-import hulldown.verbs.training
 from hulldown.geometry.errors import HulldownError, shortened
 from hulldown.geometry.terminal import STDERR, say
+from hulldown.verbs import cluster, planning, rendering, study, training
 from hulldown.verbs.arguments import add_verb
 from hulldown.verbs.terminal import (
     DONE,
@@ -123,13 +119,7 @@ def parser() -> argparse.ArgumentParser:
     )
     subparsers = command.add_subparsers(required=True, metavar="VERB")
 
-    for stage in (
-        hulldown.verbs.planning,
-        hulldown.verbs.rendering,
-        hulldown.verbs.cluster,
-        hulldown.verbs.training,
-        hulldown.verbs.study,
-    ):
+    for stage in (planning, rendering, cluster, training, study):
         stage.add(subparsers)
     add_verb(subparsers, "doctor", _doctor, "check this machine", "Reads nothing, writes nothing.")
 
