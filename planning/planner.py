@@ -86,7 +86,7 @@ class Planner:
         self._extras = [extras_at(site, self.stage, present[:, s]) for s, site in enumerate(self.stage.sites)]
         self.more_of, self._turn = more_of, 0
         self.poses = poses
-        self.given = None if poses is None else given_of(poses, self.stage.sites)
+        self.given = None if poses is None else given_of(poses, self.stage.sites, self.budget.positions.first_image)
 
     def rows(self, start: int, stop: int) -> list[Row]:
         """Return all rows of the positions from `start` to before `stop`, in order.

@@ -47,8 +47,8 @@ def nothing_given(n: int) -> Given:
     return Given(points[0], points[0, :, 0].copy(), points[1], points[2], np.full(n, -1), np.full(n, None))
 
 
-def given_of(poses: GivenPoses, sites: Sequence[Site]) -> Given:
-    """Return the arrays of a file's lines.
+def given_of(poses: GivenPoses, sites: Sequence[Site], starts: Int[np.ndarray, " p"]) -> Given:
+    """Return the arrays of a file's lines, given the index of each position's first line.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def given_of(poses: GivenPoses, sites: Sequence[Site]) -> Given:
         If a line names an unknown scenery, or gives coordinates but no scenery where there are several.
     """
     given, origins = nothing_given(len(poses.lines)), {site.name: site.origin for site in sites}
-    positions, path = position_starts(poses), Path(poses.path)
+    path = Path(poses.path)
     for i, line in enumerate(poses.lines):
         origin = origins.get(line.scenery or sites[0].name)
         if origin is None:
@@ -64,24 +64,15 @@ def given_of(poses: GivenPoses, sites: Sequence[Site]) -> Given:
             raise refused(path, line.line, what, f"they are {list(origins)}")
         if line.scenery is None and len(sites) > 1 and (line.x is not None or line.look_at is not None):
             raise refused(path, line.line, "gives coordinates but no scenery", f"name one of {list(origins)}")
-        xyz = [np.nan if value is None else value for value in (line.x, line.y, line.z)]
-        given.xyz[i] = np.array(xyz) - origin
+        given.xyz[i] = np.array([line.x, line.y, line.z], dtype=np.float64) - origin  # None becomes nan
         given.yaw[i] = np.nan if line.yaw_deg is None else np.radians(line.yaw_deg)
         for table, point in ((given.camera, line.camera), (given.look_at, line.look_at)):
             if point is not None:
                 table[i] = np.array(point) - origin
         if line.sequence is not None:
-            given.sequence[i] = positions[np.searchsorted(positions, i, side="right") - 1]
+            given.sequence[i] = starts[np.searchsorted(starts, i, side="right") - 1]
             given.name[i] = line.sequence
     return given
-
-
-def position_starts(poses: GivenPoses) -> Int[np.ndarray, " p"]:
-    """Index of the first line of each position, which is a sequence or a single line."""
-    lines = poses.lines
-    return np.array(
-        [i for i, line in enumerate(lines) if not i or line.sequence is None or line.sequence != lines[i - 1].sequence]
-    )
 
 
 def pose_budget(poses: GivenPoses, budget: Budget) -> Budget:
@@ -95,8 +86,9 @@ def pose_budget(poses: GivenPoses, budget: Budget) -> Budget:
     ConfigError
         If a line names an unknown vehicle.
     """
-    starts = position_starts(poses)
-    shots = np.diff(np.append(starts, len(poses.lines)))
+    names = [line.sequence for line in poses.lines]
+    starts = np.array([i for i, name in enumerate(names) if not i or name is None or name != names[i - 1]])
+    shots = np.diff(np.append(starts, len(names)))
     index = {name: v for v, name in enumerate(budget.vehicles)}
     turns, turn = np.flatnonzero(budget.images > 0), 0
     vehicle, ordinal = np.zeros(len(starts), dtype=np.int64), np.zeros(len(starts), dtype=np.int64)
