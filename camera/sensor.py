@@ -80,5 +80,5 @@ LIMITS = {
     "read_noise_e": (0.0, 1e4),
     "gain": (1.0, 1e4),
     "sharpening": (0.0, 8.0),
-    "jpeg_quality": (0, 100),
+    "jpeg_quality": (0.0, 100.0),
 }
