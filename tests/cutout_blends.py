@@ -11,8 +11,9 @@ import bpy
 import numpy as np
 
 from hulldown.reading.blender.add_nodes import add_node
+from hulldown.reading.blender.light_pictures import rendered, see_pixel_centers
 from hulldown.render.blender import cycles
-from hulldown.render.blender.object_index import ONE_RAY, PIXEL_CENTER
+from hulldown.render.blender.object_index import ONE_RAY
 from hulldown.tests.node_trees import material_of, node_group, write_picture
 
 TEXELS = 24
@@ -176,7 +177,6 @@ def cards():
 def show():
     scene = bpy.context.scene
     cycles.configure(scene, ONE_RAY, device="CPU")
-    scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", PIXEL_CENTER
     scene.world = bpy.data.worlds.new("white for the camera only")
     nodes, link = scene.world.node_tree.nodes, scene.world.node_tree.links.new
     nodes["Background"].inputs[0].default_value = (1.0, 1.0, 1.0, 1.0)
@@ -187,15 +187,8 @@ def show():
     scene.camera.location, scene.camera.rotation_euler = (lens.ortho_scale / 2, -5.0, 0.5), (np.pi / 2, 0.0, 0.0)
     scene.collection.objects.link(scene.camera)
     scene.render.resolution_x, scene.render.resolution_y = round(lens.ortho_scale * PIXELS), PIXELS
-    settings = scene.render.image_settings
-    settings.file_format, settings.color_mode, settings.color_depth = "OPEN_EXR", "RGB", "32"
-    scene.render.filepath = str(FOLDER / "shown.exr")
-    bpy.ops.render.render(write_still=True)
-    picture = bpy.data.images.load(scene.render.filepath)
-    picture.colorspace_settings.name = "Non-Color"
-    flat = np.empty(picture.size[0] * picture.size[1] * picture.channels, dtype=np.float32)
-    picture.pixels.foreach_get(flat)
-    return flat.reshape(PIXELS, -1, picture.channels)[..., 0]
+    see_pixel_centers(scene)
+    return rendered(scene)[..., 0]
 
 
 bpy.ops.wm.read_factory_settings(use_empty=True)

@@ -13,7 +13,7 @@ import numpy as np
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.weather.kinds import Weather
 from hulldown.reading.blender.add_nodes import add_node, maths
-from hulldown.reading.blender.arrays import pixels
+from hulldown.reading.blender.light_pictures import rendered, store_light
 from hulldown.reading.blender.tidy_properties import PART, REST
 from hulldown.render.blender import cycles
 from hulldown.render.blender.renderer import Renderer
@@ -160,21 +160,16 @@ class Studio:
         file = np.eye(4) if scenery_from_file is None else np.asarray(scenery_from_file)
         self.stage = Stage(str(folder / f"{name}.blend"), file)
         cycles.configure(self.stage.scene, SETTINGS, device="CPU")
-        cycles.store_light(self.stage.scene)
+        store_light(self.stage.scene)
 
     def picture(self, name, camera, covered, vehicles=()):
-        stage, path = self.stage, self.folder / "picture.exr"
+        stage = self.stage
         cars = [VehicleInput(str(self.folder / "vehicle.blend"), [pose.tolist()]) for pose in vehicles]
         stage.place_vehicles(cars)
         stage.set_camera(camera)
         stage.world.set(LightInput(str(self.folder / "white.exr"), 0.0, 1.0, None), stage.file_from_scenery)
         stage.set_weather(covered, seed=1)
-        stage.scene.render.filepath = str(path)
-        bpy.ops.render.render(write_still=True, scene=stage.scene.name)
-        image = bpy.data.images.load(str(path))
-        image.colorspace_settings.name = "Non-Color"
-        np.save(self.folder / f"{name}.npy", pixels(image)[::-1, :, :3])
-        bpy.data.images.remove(image)
+        np.save(self.folder / f"{name}.npy", rendered(stage.scene)[::-1, :, :3])
 
 
 def albedos(folder):

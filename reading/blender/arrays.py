@@ -1,4 +1,7 @@
-"""Blender's data as arrays."""
+"""Blender's data as arrays.
+
+Needs numpy and bpy only, because it also runs inside an installed Blender.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,6 @@ from typing import Any
 
 import bpy
 import numpy as np
-from jaxtyping import Float, Float32
 from numpy.typing import DTypeLike
 
 
@@ -17,8 +19,8 @@ def read(elements: Any, name: str, dtype: DTypeLike, width: int = 1) -> np.ndarr
     return values
 
 
-def coordinates(mesh: Any, layer: str) -> Float[np.ndarray, "k 2"] | None:
-    """Texture coordinates of each face corner, 0 in place of NaN; None if there is no such layer.
+def coordinates(mesh: Any, layer: str) -> np.ndarray | None:
+    """Texture coordinates (k, 2) of each face corner, 0 in place of NaN; None if there is no such layer.
 
     Parameters
     ----------
@@ -35,8 +37,8 @@ def coordinates(mesh: Any, layer: str) -> Float[np.ndarray, "k 2"] | None:
     return np.where(np.isfinite(flat), flat, 0.0).reshape(-1, 2).astype(np.float64)
 
 
-def pixels(image: Any, size: tuple[int, int] | None = None) -> Float32[np.ndarray, "h w 4"]:
-    """Pixels of an image, resized to a width and height; the first row is the lowest."""
+def pixels(image: Any, size: tuple[int, int] | None = None) -> np.ndarray:
+    """Pixels (h, w, 4), float32, of an image, resized to a width and height; the first row is the lowest."""
     if size and size != tuple(image.size):
         resized = image.copy()
         try:

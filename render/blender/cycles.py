@@ -184,13 +184,6 @@ def store_picture(scene: Any) -> None:
     settings.compression = 15  # zlib's higher levels take seconds at 1080p for 3 % of the size
 
 
-def store_light(scene: Any) -> None:
-    """Make a scene write scene-linear light."""
-    settings = scene.render.image_settings
-    settings.file_format, settings.color_mode = "OPEN_EXR", "RGB"
-    settings.color_depth, settings.exr_codec = "32", "NONE"
-
-
 def _denoise(cycles: Any, *, gpu: bool) -> None:
     try:
         cycles.denoiser = OIDN

@@ -8,12 +8,12 @@ planning. Runs inside Blender; needs numpy and bpy only.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import bpy
 import numpy as np
 
+from hulldown.reading.blender.light_pictures import rendered, see_pixel_centers
 from hulldown.reading.blender.surfaces.opacity_nodes import show_opacity
 from hulldown.reading.blender.surfaces.shaders import is_volume
 from hulldown.render.blender import cycles
@@ -21,7 +21,6 @@ from hulldown.render.blender.scene import Stage
 from hulldown.render.messages import CyclesSettings
 
 FIRST = 30000  # first object number of vehicles; files number their own objects from 1
-PIXEL_CENTER = 0.01  # width of the pixel filter, the smallest that Blender takes
 DRESSED = "hulldown index"
 ONE_RAY = CyclesSettings(samples=1, denoise=False, adaptive_threshold=0.0, bounces=0)
 
@@ -47,24 +46,20 @@ class IndexPictures:
         dark.node_tree.nodes.clear()
         for scene in (stage.scene, self._bare):
             cycles.configure(scene, ONE_RAY, device=device, threads=threads)
-            scene.cycles.pixel_filter_type = "BOX"
-            scene.cycles.filter_width = PIXEL_CENTER
+            see_pixel_centers(scene)
             scene.world = dark
-            cycles.store_light(scene)
         for obj in stage.scene.objects:
             if _is_only_volume(obj):
                 obj.hide_render = True
         self._plain = bpy.data.materials.new("hulldown index")
 
-    def maps(self, vehicles: Sequence[Sequence[Any]], folder: Path) -> np.ndarray:
+    def maps(self, vehicles: Sequence[Sequence[Any]]) -> np.ndarray:
         """The vehicle at each pixel's center.
 
         Parameters
         ----------
         vehicles
             The placed objects of each vehicle.
-        folder
-            For a temporary file.
 
         Returns
         -------
@@ -75,14 +70,14 @@ class IndexPictures:
             for obj in objects:
                 obj.pass_index = FIRST + number
         self._dress()
-        pictures = [self._render(self.stage.scene, folder)]
+        pictures = [_numbers(self.stage.scene)]
         render, bare = self.stage.scene.render, self._bare
         for name in ("resolution_x", "resolution_y", "pixel_aspect_x", "pixel_aspect_y"):
             setattr(bare.render, name, getattr(render, name))
         for objects in vehicles:
             for obj in objects:
                 bare.collection.objects.link(obj)
-            pictures.append(self._render(bare, folder))
+            pictures.append(_numbers(bare))
             for obj in objects:
                 bare.collection.objects.unlink(obj)
         numbers = np.stack(pictures)
@@ -107,19 +102,9 @@ class IndexPictures:
                 if slot.link == "OBJECT" and slot.material is None:
                     slot.material = self._plain
 
-    def _render(self, scene: Any, folder: Path) -> np.ndarray:
-        path = folder / "object-index.exr"
-        scene.render.filepath = str(path)
-        bpy.ops.render.render(write_still=True, scene=scene.name)
-        image = bpy.data.images.load(str(path))
-        image.colorspace_settings.name = "Non-Color"
-        width, height = image.size
-        pixels = np.empty(width * height * image.channels, dtype=np.float32)
-        image.pixels.foreach_get(pixels)
-        bpy.data.images.remove(image)
-        path.unlink()
-        # Blender's first row is the lowest.
-        return np.rint(pixels.reshape(height, width, -1)[::-1, :, 0]).astype(np.int64)
+
+def _numbers(scene: Any) -> np.ndarray:
+    return np.rint(rendered(scene)[::-1, :, 0]).astype(np.int64)
 
 
 def _index(tree: Any) -> Any:

@@ -14,6 +14,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from hulldown.reading.blender.light_pictures import store_light
 from hulldown.render.blender import cycles, film
 from hulldown.render.blender.lens import DEVICES as LENS_DEVICES
 from hulldown.render.blender.object_index import IndexPictures
@@ -78,7 +79,7 @@ class Renderer:
         output.unlink(missing_ok=True)  # from a failed attempt
         rendered = output if job.sensor is None else output.with_suffix(".exr")
         stage.scene.render.filepath = os.fspath(rendered)
-        (cycles.store_picture if job.sensor is None else cycles.store_light)(stage.scene)
+        (cycles.store_picture if job.sensor is None else store_light)(stage.scene)
         posed = time.monotonic()
         with _Stopwatch() as watch:
             bpy.ops.render.render(write_still=True, scene=stage.scene.name)
@@ -101,8 +102,7 @@ class Renderer:
         assert self._index is not None
         vehicles = stage.place_vehicles(job.vehicles)
         stage.set_camera(job.camera)
-        output = Path(job.output)
-        np.save(output, self._index.maps(vehicles, output.parent))
+        np.save(job.output, self._index.maps(vehicles))
         return {"done": "mask"}
 
 

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import bpy
 import numpy as np
 
 from hulldown.geometry.alpha import AlphaMap, Extension
-from hulldown.reading.blender.arrays import coordinates, pixels
+from hulldown.reading.blender.arrays import coordinates
+from hulldown.reading.blender.light_pictures import rendered, see_pixel_centers
 from hulldown.reading.blender.surfaces.nodes import material_output, upstream
 from hulldown.reading.blender.surfaces.opacity import NotUnderstoodError
 from hulldown.reading.blender.surfaces.opacity_nodes import show_opacity
 
 WIDEST = 16.0  # times that an image may repeat in what is baked
-PIXEL_CENTER = 0.01  # width of the pixel filter, the smallest that Blender takes
 # Nodes whose outputs follow from their inputs.
 PLAIN = (
     *("Math", "VectorMath", "Mix", "MixRGB", "MapRange", "Clamp", "ValToRGB", "Invert", "RGBCurve", "FloatCurve"),
@@ -126,20 +124,9 @@ def _render(material: Any, layer: str, low: np.ndarray, high: np.ndarray, size: 
     scene.render.engine = "CYCLES"
     scene.cycles.device, scene.cycles.samples, scene.cycles.use_adaptive_sampling = "CPU", 1, False
     scene.cycles.use_denoising, scene.cycles.max_bounces = False, 0
-    scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", PIXEL_CENTER
     scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = width, height, 100
-    settings = scene.render.image_settings
-    settings.file_format, settings.color_mode, settings.color_depth = "OPEN_EXR", "RGB", "32"
-    image = None
+    see_pixel_centers(scene)
     try:
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "opacity.exr"
-            scene.render.filepath = str(path)
-            bpy.ops.render.render(write_still=True, scene=scene.name)
-            image = bpy.data.images.load(str(path))
-            image.colorspace_settings.name = "Non-Color"
-            return pixels(image)[..., 0].clip(0.0, 1.0)
+        return rendered(scene)[..., 0].clip(0.0, 1.0)
     finally:
-        if image is not None:
-            bpy.data.images.remove(image)
         bpy.data.batch_remove([plane, camera, mesh, lens, scene])

@@ -1,0 +1,42 @@
+"""Render a scene's light into an array.
+
+Needs numpy and bpy only, because it also runs inside an installed Blender.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from hulldown.reading.blender.arrays import pixels
+
+PIXEL_CENTER = 0.01  # width of the pixel filter, the smallest that Blender takes
+
+
+def store_light(scene: Any) -> None:
+    """Make a scene write scene-linear light."""
+    settings = scene.render.image_settings
+    settings.file_format, settings.color_mode = "OPEN_EXR", "RGB"
+    settings.color_depth, settings.exr_codec = "32", "NONE"
+
+
+def see_pixel_centers(scene: Any) -> None:
+    """Make a scene write scene-linear light, with all rays through the centers of pixels."""
+    scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", PIXEL_CENTER
+    store_light(scene)
+
+
+def rendered(scene: Any) -> np.ndarray:
+    """The light (h, w, 4), float32, of a scene that writes light; the first row is the lowest."""
+    with tempfile.TemporaryDirectory() as folder:
+        scene.render.filepath = str(Path(folder, "light.exr"))
+        bpy.ops.render.render(write_still=True, scene=scene.name)
+        image = bpy.data.images.load(scene.render.filepath)
+        image.colorspace_settings.name = "Non-Color"
+        light = pixels(image)
+    bpy.data.images.remove(image)
+    return light
