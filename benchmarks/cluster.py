@@ -23,8 +23,8 @@ from hulldown.render.confinement import Confinement
 from hulldown.render.engine import Engine
 from hulldown.render.jobs import RenderAssets, render_job
 from hulldown.render.messages import CyclesSettings, to_json
+from hulldown.render.outline import sort_key
 from hulldown.render.pool import Pool
-from hulldown.render.remaining import sort_key
 from hulldown.render.supervisor import render_plan
 from hulldown.tests.clusters import Cluster, blenders, cluster
 from hulldown.tests.oracles.resuming import differences

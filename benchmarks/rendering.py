@@ -24,8 +24,8 @@ from hulldown.planning.row import Row
 from hulldown.planning.write import write_plan
 from hulldown.render.jobs import RenderAssets, render_assets, render_job
 from hulldown.render.messages import CyclesSettings, to_json
+from hulldown.render.outline import sort_key
 from hulldown.render.process import Allowance, Blender, Limits
-from hulldown.render.remaining import sort_key
 
 FEW = 4  # samples of the pictures whose sampling is not what is measured
 MORE = 32  # samples that, beside few, tell what one more sample takes

@@ -29,7 +29,7 @@ from hulldown.planning.write import write_plan
 from hulldown.property_tests.any_values import MANY, containers, refusal, values_of
 from hulldown.render.jobs import RenderAssets, SceneryFile, VehicleFile, mask_job, render_job
 from hulldown.render.messages import CyclesSettings
-from hulldown.render.remaining import Outline
+from hulldown.render.outline import Outline
 from hulldown.tests.planning_assets import hills, small_assets, small_config
 
 ASSETS = small_assets(hills("hills", cells=6, size=120.0, trees=2), vehicles=["t72"], distractors=True)

@@ -34,8 +34,8 @@ from hulldown.render.confinement import Confinement
 from hulldown.render.engine import Engine
 from hulldown.render.jobs import RenderAssets, mask_job, render_assets
 from hulldown.render.messages import to_json
+from hulldown.render.outline import Outline
 from hulldown.render.pool import Pool
-from hulldown.render.remaining import Outline
 
 ONE_PIXEL = 1.0  # largest difference between a box and a mask's box, whose sides are between pixel centers
 SAME = 0.99  # least IoU of masks that are equal up to float32 at their edges

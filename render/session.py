@@ -26,10 +26,10 @@ from hulldown.planning.row import Row
 from hulldown.render.annotations import Segmenter, annotation_records, categories_of
 from hulldown.render.jobs import RenderAssets, render_job
 from hulldown.render.messages import CyclesSettings, to_json
+from hulldown.render.outline import Outline, Part, stamp_of
 from hulldown.render.pictures import without_notes
 from hulldown.render.pool import Pool
 from hulldown.render.process import Limits, Outcome
-from hulldown.render.remaining import Remaining, stamp_of
 
 if TYPE_CHECKING:
     from hulldown.render.cluster.cluster_pool import ClusterPool
@@ -53,8 +53,10 @@ class Session:
 
     Parameters
     ----------
-    plan, dataset, remaining, assets
-        The plan, its target, its remaining rows, and its files.
+    plan, outline, dataset, assets
+        The plan, its outline, its target, and its files.
+    part
+        The part of the plan to render.
     limits
         Limits of the run.
     progress
@@ -62,6 +64,8 @@ class Session:
 
     Attributes
     ----------
+    images, already
+        Number of images of the part, and of those that were in the dataset before.
     begun
         Whether an image was placed, or the run has ended.
     made_by
@@ -70,15 +74,21 @@ class Session:
         How often Blender had to be started again.
     unfinished
         Folder for unfinished pictures during `render`.
+
+    Raises
+    ------
+    DatasetError
+        If another record in the dataset has an id reserved for an image or label of the part.
     """
 
     def __init__(
         self,
         plan: Plan,
+        outline: Outline,
         dataset: CocoDataset,
-        remaining: Remaining,
         assets: RenderAssets,
         *,
+        part: Part,
         limits: Limits,
         progress: Callable[[Progress], None],
     ) -> None:
@@ -87,13 +97,22 @@ class Session:
         self.begun = False
         self.made_by: dict[str, list[str]] = {}
         self._limits = limits
-        self._plan, self._dataset, self._remaining, self._assets = plan, dataset, remaining, assets
+        self._plan, self._stamp, self._dataset, self._assets = plan, outline.stamp, dataset, assets
+        run = self._run = dataset.run(outline.key, images=len(outline.rows), annotations=int(outline.labels.sum()))
+        self._first_annotation = outline.first_annotations(run)
+        rows = part.of(outline)
+        left = [(i, n, name) for _, i, n, given in rows if not dataset.finished(name := run.file_name(given))]
+        for index, labels, name in left:
+            first = int(self._first_annotation[index])
+            dataset.check_free(name, run.image_offset + index + 1, range(first, first + labels))
+        self._order, names = [index for index, _, _ in left], {name for _, _, name in left}
+        self.images, self.already = len(rows), len(rows) - len(left)
         self._progress = progress
         self._pool: Pool | ClusterPool | None = None
         self._folder = dataset.folder
         self.unfinished = confined(self._folder, UNFINISHED_NAME).absolute()
         # Failures of other plans, and of images outside this run. Damage is found before Blender starts.
-        self._failures = [line for line in read_failures(self._folder) if line["file_name"] not in remaining.names]
+        self._failures = [line for line in read_failures(self._folder) if line["file_name"] not in names]
         read_provenance(self._folder)
         self._recorded: dict[str, list[str]] = {}
         settings = plan.config.render
@@ -109,9 +128,8 @@ class Session:
 
     def say(self, line: str) -> None:
         """Report progress to the caller."""
-        finished = self._remaining.already + self.rendered
         workers = self._pool.working if self._pool else 0
-        self._progress(Progress(finished, len(self.failed), self._remaining.wanted, line, workers))
+        self._progress(Progress(self.already + self.rendered, len(self.failed), self.images, line, workers))
 
     def render(self, pool: Pool | ClusterPool) -> None:
         """Render the remaining rows; errors as of `render.pool.Pool.results`."""
@@ -122,7 +140,7 @@ class Session:
         self._pool = pool
         self.say("")
         try:
-            for index, outcome in pool.results(self._remaining.order, self._message):
+            for index, outcome in pool.results(self._order, self._message):
                 self._take_in(index, outcome)
             if self.failed:
                 self._begin()
@@ -167,12 +185,12 @@ class Session:
             return
         entry = {
             "file": self._plan.path.name,
-            "first_image_id": self._remaining.run.image_offset + 1,
+            "first_image_id": self._run.image_offset + 1,
             "images": len(self._plan),
             **self.made_by,
             "plan": msgspec.to_builtins(self._plan.header),
         }
-        add_provenance(self._folder, {self._remaining.run.key: entry})
+        add_provenance(self._folder, {self._run.key: entry})
         self._recorded = self.made_by
 
     def _output(self, row: Row) -> Path:
@@ -180,7 +198,7 @@ class Session:
 
     def _row(self, index: int) -> Row:
         """A row of the plan, read when needed; refused if the plan's file was replaced meanwhile."""
-        if stamp_of(self._plan.path) != self._remaining.stamp:
+        if stamp_of(self._plan.path) != self._stamp:
             raise ConfigError(
                 "is not what it was when this run began",
                 path=self._plan.path,
@@ -202,16 +220,16 @@ class Session:
     def _done(self, index: int, outcome: Outcome) -> None:
         row = self._row(index)
         picture = self._output(row)
-        run, name = self._remaining.run, self._remaining.run.file_name(row.file_name)
+        name = self._run.file_name(row.file_name)
         records = annotation_records(row, self._segmenter.segmentations(row))
-        first = int(self._remaining.first_annotation[index])
+        first = int(self._first_annotation[index])
         self._begin()
         self._record()
         content = without_notes(outcome.content)
         with writing(self._folder, name):
             picture.write_bytes(content)
         publish(picture, self._folder, name)
-        about = {"id": run.image_offset + index + 1, "file_name": name, "device": outcome.device}
+        about = {"id": self._run.image_offset + index + 1, "file_name": name, "device": outcome.device}
         self._dataset.append(
             {**about, PICTURE_KEY: digest(content), **image_record(row)},
             [{"id": first + i, **record} for i, record in enumerate(records)],
@@ -220,7 +238,7 @@ class Session:
         self.say("")
 
     def _give_up(self, index: int, reasons: Sequence[str]) -> None:
-        name = self._remaining.run.file_name(self._row(index).file_name)
+        name = self._run.file_name(self._row(index).file_name)
         self._failures.append({"index": index, "file_name": name, "reasons": list(reasons)})
         if self.begun:
             write_failures(self._folder, self._failures)

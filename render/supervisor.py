@@ -28,9 +28,9 @@ from hulldown.render.cluster.scheduler import Scheduler, needing_dask
 from hulldown.render.confinement import Confinement
 from hulldown.render.engine import DEFAULT_ENGINE, Engine
 from hulldown.render.jobs import RenderAssets, render_assets
+from hulldown.render.outline import WHOLE, Outline, Part
 from hulldown.render.pool import Pool
 from hulldown.render.process import Stopped
-from hulldown.render.remaining import Outline, Remaining
 from hulldown.render.session import LOGS_NAME, Progress, Session
 
 if TYPE_CHECKING:
@@ -71,36 +71,6 @@ class RenderReport:
     def complete(self) -> bool:
         """Whether every wanted image is in the dataset."""
         return self.already + self.rendered == self.images
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """Images of a plan.
-
-    Parameters
-    ----------
-    limit
-        Number of images, from the first; None: all.
-    share
-        The k-th of n equal parts of these, (k, n), for machines that share a plan; see `dataset.join`.
-
-    Raises
-    ------
-    ValueError
-        If the part doesn't exist.
-    """
-
-    limit: int | None = None
-    share: tuple[int, int] = (1, 1)
-
-    def __post_init__(self) -> None:
-        if self.limit is not None and self.limit < 0:
-            raise ValueError(f"limit: expected at least 0, got {self.limit}")
-        if not 1 <= self.share[0] <= self.share[1]:
-            raise ValueError(f"share: expected (k, n) with k from 1 to n, got {self.share}")
-
-
-WHOLE = Part()
 
 
 def render(
@@ -242,7 +212,6 @@ def render_plan(
             limits=read_limits,
         )
     outline = Outline(plan)
-    wanted = len(plan) if part.limit is None else min(part.limit, len(plan))
     had_logs = (folder / LOGS_NAME).exists()
     categories = categories_of(plan, {name: vehicle.shape for name, vehicle in assets.vehicles.items()})
     with CocoDataset.open(folder) as dataset, _stop_on_signals() as stopping:
@@ -250,8 +219,7 @@ def render_plan(
         session: Session | None = None
         try:
             dataset.add_categories(categories, keypoints=True)
-            remaining = Remaining(outline, dataset, wanted, share=part.share)
-            session = Session(plan, dataset, remaining, assets, limits=engine.limits, progress=tell)
+            session = Session(plan, outline, dataset, assets, part=part, limits=engine.limits, progress=tell)
             with _pool(engine, confined(folder, LOGS_NAME), assets, session, stopping) as pool:
                 session.render(pool)
         except Stopped:
@@ -271,8 +239,8 @@ def render_plan(
             raise
         assert session is not None  # only a session is ever stopped
     return RenderReport(
-        images=remaining.wanted,
-        already=remaining.already,
+        images=session.images,
+        already=session.already,
         rendered=session.rendered,
         failed=tuple(session.failed),
         restarts=session.restarts,
