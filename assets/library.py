@@ -5,28 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from msgspec import Struct
+
 from hulldown.assets.photographs import Photographs
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.skylight import EVEN, SkyLight
 from hulldown.assets.vehicle import VehicleShape
 
 
-@dataclass(frozen=True, slots=True)
-class AssetFile:
-    """An asset's file, as in the plan's header.
+class Source(Struct, frozen=True, kw_only=True):
+    """The file of an asset: its path as in the config, and its SHA-256; both empty for an asset made in memory."""
 
-    Parameters
-    ----------
-    path
-        As the config gave it: relative to the config's folder, or absolute.
-    sha256
-        Hexadecimal digest of the file's bytes; empty if the asset was made in memory.
-    mended_sha256
-        Digest of the repaired copy that is rendered; empty if the file is used unchanged.
-    """
-
-    path: str
+    path: str = ""
     sha256: str = ""
+
+
+class HdriSource(Source, frozen=True, kw_only=True):
+    """The file of an HDRI, and the SHA-256 of the mended copy that is rendered, or empty."""
+
     mended_sha256: str = ""
 
 
@@ -65,11 +61,11 @@ class Assets:
     categories: Mapping[str, str]
     sceneries: Mapping[str, Scenery]
     hdris: tuple[str, ...]
-    vehicle_files: Mapping[str, AssetFile] = field(default_factory=dict)
-    scenery_files: Mapping[str, AssetFile] = field(default_factory=dict)
-    hdri_files: Mapping[str, AssetFile] = field(default_factory=dict)
+    vehicle_files: Mapping[str, Source] = field(default_factory=dict)
+    scenery_files: Mapping[str, Source] = field(default_factory=dict)
+    hdri_files: Mapping[str, HdriSource] = field(default_factory=dict)
     distractors: Mapping[str, VehicleShape] = field(default_factory=dict)
-    distractor_files: Mapping[str, AssetFile] = field(default_factory=dict)
+    distractor_files: Mapping[str, Source] = field(default_factory=dict)
     skies: Mapping[str, SkyLight] = field(default_factory=dict)
     without_material: frozenset[str] = frozenset()
     photographs: Photographs | None = None

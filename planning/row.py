@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from msgspec import Meta, Struct
 
+from hulldown.assets.library import HdriSource, Source
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.camera.sensor import Sensor
@@ -261,19 +262,6 @@ class Row(_Image, frozen=True, eq=False, kw_only=True, gc=False):
     def camera(self) -> Camera:
         """The camera in the world."""
         return Camera(self.intrinsics, self.world_from_camera)
-
-
-class Source(Struct, frozen=True, kw_only=True):
-    """The file of an asset: its path in the config, and its SHA-256; both empty for an asset made in memory."""
-
-    path: str = ""
-    sha256: str = ""
-
-
-class HdriSource(Source, frozen=True, kw_only=True):
-    """The file of an HDRI, and the SHA-256 of the mended copy that is rendered, or empty."""
-
-    mended_sha256: str = ""
 
 
 class VehicleSource(Source, frozen=True, kw_only=True):

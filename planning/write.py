@@ -12,15 +12,16 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from multiprocessing.connection import wait
 from pathlib import Path
 
 import numpy as np
+from msgspec import structs
 
-from hulldown.assets.library import AssetFile, Assets
+from hulldown.assets.library import Assets, HdriSource, Source
 from hulldown.assets.photographs import read_photographs
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.files import make_room
@@ -32,11 +33,9 @@ from hulldown.planning.planner import BLOCK, Planner
 from hulldown.planning.row import (
     FORMAT,
     DistractorSource,
-    HdriSource,
     Header,
     MoreOf,
     ScenerySource,
-    Source,
     VehicleSource,
 )
 from hulldown.planning.search.likeness import Likeness
@@ -185,11 +184,10 @@ def write_plan(
 
 def make_header(planner: Planner, path: str | Path) -> Header:
     """Return the first line of a planner's plan with this name."""
-    config, assets, none = planner.config, planner.assets, AssetFile("")
+    config, assets = planner.config, planner.assets
 
-    def recorded(files: Mapping[str, AssetFile], name: str) -> dict[str, str]:
-        file = files.get(name, none)
-        return {"path": file.path, "sha256": file.sha256}
+    def recorded(files: Mapping[str, Source], name: str) -> dict[str, str]:
+        return structs.asdict(files.get(name, Source()))
 
     photographs = assets.photographs
     return Header(
@@ -206,7 +204,7 @@ def make_header(planner: Planner, path: str | Path) -> Header:
             name: ScenerySource(**recorded(assets.scenery_files, name), origin=tuple(scenery.origin.tolist()))
             for name, scenery in assets.sceneries.items()
         },
-        hdris={name: HdriSource(**asdict(assets.hdri_files.get(name, none))) for name in assets.hdris},
+        hdris={name: assets.hdri_files.get(name, HdriSource()) for name in assets.hdris},
         distractors={
             entry.name: DistractorSource(**recorded(assets.distractor_files, entry.name), category=entry.category)
             for entry in config.assets.distractors

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hulldown.assets.library import AssetFile
+from hulldown.assets.library import HdriSource, Source
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.plan_file import PlanWriter
 from hulldown.planning.planner import Planner
@@ -72,8 +72,8 @@ def test_a_killed_plan_is_continued_with_the_same_bytes(tmp_path, rows, kept):
 def test_the_header_has_the_plans_inputs(tmp_path):
     made = replace(
         ASSETS,
-        vehicle_files={"t72": AssetFile("vehicles/t72.blend", "ab" * 32)},
-        hdri_files={"noon": AssetFile("hdris/noon.exr", "cd" * 32)},
+        vehicle_files={"t72": Source(path="vehicles/t72.blend", sha256="ab" * 32)},
+        hdri_files={"noon": HdriSource(path="hdris/noon.exr", sha256="cd" * 32)},
     )  # fmt: skip
     config = small_config(seed=5)
     header = write_plan(config, made, tmp_path / "plan.jsonl").header

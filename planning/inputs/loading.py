@@ -12,7 +12,7 @@ import numpy as np
 
 from hulldown.assets.bundle import load_scenery, load_vehicle
 from hulldown.assets.keypoints import category_fields
-from hulldown.assets.library import AssetFile, Assets
+from hulldown.assets.library import Assets, HdriSource, Source
 from hulldown.assets.naming import first_match
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.errors import AssetError, ConfigError
@@ -21,7 +21,6 @@ from hulldown.planning.appearance.paint import paint_doubts, paint_notes
 from hulldown.planning.config.asset_sections import CACHE_NAME, DistractorEntry, ModelEntry, SceneryEntry, VehicleEntry
 from hulldown.planning.config.schema import Config
 from hulldown.planning.plan_file import Plan
-from hulldown.planning.row import HdriSource, Source
 from hulldown.reading.cache import cached
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.doubts import length_said, likely_scale
@@ -160,8 +159,8 @@ def load_library(
     def shapes(entries: Sequence[ModelEntry]) -> dict[str, VehicleShape]:
         return {e.name: _as_listed(load_vehicle(models[e.name].bundle), e, config) for e in entries}
 
-    def asset_files(kind: type[ModelEntry] | type[SceneryEntry]) -> dict[str, AssetFile]:
-        return {e.name: AssetFile(e.path, sha256) for e, (_, sha256) in files if isinstance(e, kind)}
+    def asset_files(kind: type[ModelEntry] | type[SceneryEntry]) -> dict[str, Source]:
+        return {e.name: Source(path=e.path, sha256=sha256) for e, (_, sha256) in files if isinstance(e, kind)}
 
     assets = Assets(
         vehicles=shapes(listed.vehicles),
@@ -171,7 +170,9 @@ def load_library(
         vehicle_files=asset_files(VehicleEntry),
         scenery_files=asset_files(SceneryEntry),
         hdri_files={
-            name: AssetFile(_as_given(path, config), skies[name].sha256, skies[name].mended_sha256)
+            name: HdriSource(
+                path=_as_given(path, config), sha256=skies[name].sha256, mended_sha256=skies[name].mended_sha256
+            )
             for name, path in hdris.items()
         },
         distractors=shapes(listed.distractors),
@@ -228,7 +229,7 @@ def refuse_changed(plan: Plan, assets: Assets) -> None:
         Naming the first of them.
     """
     header = plan.header
-    kinds: tuple[tuple[str, Mapping[str, Source], Mapping[str, AssetFile]], ...] = (
+    kinds: tuple[tuple[str, Mapping[str, Source], Mapping[str, Source]], ...] = (
         ("vehicles", header.vehicles, assets.vehicle_files),
         ("distractors", header.distractors, assets.distractor_files),
         ("sceneries", header.sceneries, assets.scenery_files),
@@ -236,7 +237,7 @@ def refuse_changed(plan: Plan, assets: Assets) -> None:
     )
     for kind, planned, files in kinds:
         for name, was in planned.items():
-            if name not in files or not _same(files[name], was):
+            if name not in files or (was.sha256 and _digests(files[name]) != _digests(was)):
                 raise ConfigError(
                     f"{kind}: {name!r} ({was.path}) is not what it was when this was planned",
                     path=plan.path,
@@ -244,10 +245,9 @@ def refuse_changed(plan: Plan, assets: Assets) -> None:
                 )
 
 
-def _same(file: AssetFile, was: Source) -> bool:
-    """Whether a file and its rendered copy have the digests of a plan's header, if there are any."""
-    mended = was.mended_sha256 if isinstance(was, HdriSource) else ""
-    return not was.sha256 or (was.sha256, mended) == (file.sha256, file.mended_sha256)
+def _digests(source: Source) -> tuple[str, str]:
+    """The digests of a file and of its rendered copy."""
+    return source.sha256, source.mended_sha256 if isinstance(source, HdriSource) else ""
 
 
 def _as_listed(shape: VehicleShape, entry: ModelEntry, config: Config) -> VehicleShape:
