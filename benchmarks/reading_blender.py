@@ -19,9 +19,11 @@ from hulldown.benchmarks.reading_cases import Case, Truth, build, cases, file_fr
 from hulldown.benchmarks.reading_things import LITTER, Model, Thing
 from hulldown.geometry.transforms import apply
 from hulldown.reading.blender.evaluate import evaluate
-from hulldown.reading.blender.importers import open_file
+from hulldown.reading.blender.importers import Opened, open_file
+from hulldown.reading.blender.tidy import Keeper
 from hulldown.reading.build import build_vehicle
-from hulldown.reading.options import Options
+from hulldown.reading.evaluated import Evaluated
+from hulldown.reading.options import TEXTURE_SIZE, Options
 from hulldown.reading.vehicle.stance import meters_from_file, stand_upright
 
 
@@ -37,7 +39,7 @@ def main() -> None:
         _write(model, case, path)
         opened = open_file(path, {".glb": "gltf"}.get(path.suffix, path.suffix[1:]), Options())
         meters = meters_from_file(opened.unit, opened.up)
-        drawn = evaluate(bpy.context.scene, meters_from_file=meters, duplicates=opened.duplicates)
+        drawn = _drawn(opened, meters)
         points = np.concatenate([t.vertices for t in model.things if t.part != LITTER])
         truth = Truth({t.name: t.part for t in model.things}, model.pivots, world_from_vehicle, np.ptp(points, axis=0))
         (folder / f"{number:04d}.pickle").write_bytes(pickle.dumps((case, truth, opened, drawn)))
@@ -45,11 +47,16 @@ def main() -> None:
             path.unlink()  # a few are left to be looked at
 
 
+def _drawn(opened: Opened, meters: np.ndarray) -> Evaluated:
+    given = {"meters_from_file": meters, "duplicates": opened.duplicates}
+    return evaluate(bpy.context.scene, **given, texture_size=TEXTURE_SIZE, keeper=Keeper())
+
+
 def _base(path: Path) -> Model:
     """A demo vehicle as it is rendered: its objects with their parts, empties of parts included, litter left out."""
     opened = open_file(path, "blend", Options())
     meters = meters_from_file(opened.unit, "z")
-    drawn = evaluate(bpy.context.scene, meters_from_file=meters, duplicates=opened.duplicates)
+    drawn = _drawn(opened, meters)
     upright = stand_upright(drawn, unit=opened.unit, stated_up="z", up="z")
     built = build_vehicle(path.stem, drawn.meshes, upright, drawn.markers, options=Options(forward="+x"))
     names = built.shape.part_names

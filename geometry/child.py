@@ -135,6 +135,6 @@ class Child:
         self.kill()
 
 
-def memory_share(processes: int) -> float:
-    """Return each process's share of nine tenths of the machine's memory, in bytes."""
-    return 0.9 * float(psutil.virtual_memory().total) / processes
+def memory_limit(given: int | None, processes: int) -> float:
+    """Return `given`, or if None each process's share of nine tenths of the machine's memory, in bytes."""
+    return 0.9 * float(psutil.virtual_memory().total) / processes if given is None else float(given)

@@ -19,7 +19,7 @@ from typing import Any
 
 import psutil
 
-from hulldown.geometry.child import Child, memory_share
+from hulldown.geometry.child import Child, memory_limit
 from hulldown.geometry.errors import HulldownError
 from hulldown.reading.confinement import landlock
 from hulldown.render.blender.worker import ANSWER
@@ -107,9 +107,7 @@ class Allowance:
     @property
     def memory(self) -> float:
         """Bytes."""
-        if self.limits.memory_bytes is not None:
-            return float(self.limits.memory_bytes)
-        return memory_share(self.blenders)
+        return memory_limit(self.limits.memory_bytes, self.blenders)
 
     @property
     def threads(self) -> int:

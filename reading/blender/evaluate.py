@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any
 
@@ -25,7 +25,6 @@ from hulldown.reading.blender.surfaces.cutouts import CutoutReader
 from hulldown.reading.blender.surfaces.shaders import is_clear, is_displaced, is_volume
 from hulldown.reading.blender.tidy import Keeper
 from hulldown.reading.evaluated import Evaluated
-from hulldown.reading.options import TEXTURE_SIZE
 from hulldown.reading.report import ObjectRow
 from hulldown.reading.roles import Link, Piece
 from hulldown.reading.scenery.scenery_roles import VOLUME, is_water_name
@@ -51,8 +50,8 @@ def evaluate(
     *,
     meters_from_file: Float[np.ndarray, "4 4"],
     duplicates: Mapping[str, Sequence[Duplicate]],
-    texture_size: int = TEXTURE_SIZE,
-    keeper: Keeper | None = None,
+    texture_size: int,
+    keeper: Keeper,
 ) -> Evaluated:
     """Everything that `scene` draws.
 
@@ -74,34 +73,29 @@ def evaluate(
     AssetError
         If a mesh or an object has NaN or impossibly large coordinates.
     """
-    result = Evaluated()
     cutouts = CutoutReader(texture_size)
     cutouts.bake([material for material in bpy.data.materials if material.users])
-    reader = _Reader(result, meters_from_file, cutouts, duplicates, keeper or Keeper())
+    reader = _Reader(meters_from_file, duplicates, cutouts, keeper)
     visit_render(scene, reader.read)
-    result.doubts += cutouts.doubts
-    _list_hidden(scene, result, duplicates)
-    return result
+    reader.result.doubts += cutouts.doubts
+    _list_hidden(scene, reader.result, duplicates)
+    return reader.result
 
 
+@dataclass(eq=False)
 class _Reader:
-    def __init__(
-        self,
-        result: Evaluated,
-        meters_from_file: Float[np.ndarray, "4 4"],
-        cutouts: CutoutReader,
-        duplicates: Mapping[str, Sequence[Duplicate]],
-        keeper: Keeper,
-    ) -> None:
-        self.result, self.meters, self.cutouts = result, meters_from_file, cutouts
-        self.duplicates, self.keeper = duplicates, keeper
-        self.index: dict[tuple[int, tuple[str, ...]], int] = {}
-        self.box: list[np.ndarray] = []  # corners around each mesh
-        self.used: list[np.ndarray] = []  # vertices of each mesh that a face uses
-        self.unseen: dict[tuple[int, int], str | None] = {}
-        self.clear: dict[int, bool] = {}  # by mesh, whether all of its materials are transparent
-        self.level: dict[tuple[int, bytes], tuple[float, float]] = {}  # by mesh and turn
-        self.chains: dict[tuple[int, int], tuple[Link, ...]] = {}
+    meters: Float[np.ndarray, "4 4"]
+    duplicates: Mapping[str, Sequence[Duplicate]]
+    cutouts: CutoutReader
+    keeper: Keeper
+    result: Evaluated = field(default_factory=Evaluated)
+    index: dict[tuple[int, tuple[str, ...]], int] = field(default_factory=dict)
+    box: list[np.ndarray] = field(default_factory=list)  # corners around each mesh
+    used: list[np.ndarray] = field(default_factory=list)  # vertices of each mesh that a face uses
+    unseen: dict[tuple[int, int], str | None] = field(default_factory=dict)
+    clear: dict[int, bool] = field(default_factory=dict)  # by mesh, whether all of its materials are transparent
+    level: dict[tuple[int, bytes], tuple[float, float]] = field(default_factory=dict)  # by mesh and turn
+    chains: dict[tuple[int, int], tuple[Link, ...]] = field(default_factory=dict)
 
     def read(self, depsgraph: Any) -> None:
         """Read every object that the depsgraph draws."""

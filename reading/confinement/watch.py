@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from hulldown.geometry.child import Child, memory_share
+from hulldown.geometry.child import Child, memory_limit
 
 POLL_S = 0.05  # a bomb fills a gigabyte in a third of a second
 GIB = 2**30
@@ -36,9 +36,7 @@ class ReadLimits:
     @property
     def memory(self) -> float:
         """Bytes that one process may hold."""
-        if self.memory_bytes is not None:
-            return float(self.memory_bytes)
-        return memory_share(self.share)
+        return memory_limit(self.memory_bytes, self.share)
 
 
 DEFAULT_LIMITS = ReadLimits()
