@@ -23,13 +23,25 @@ _DAMAGE = (OSError, ValueError, EOFError, KeyError, TypeError, RuntimeError, Mem
 REMEDY = "delete the file, it is made again when it is needed"
 
 
-def save_vehicle(path: Path | str, shape: VehicleShape) -> None:
-    """Write `shape` to `path`, atomically."""
-    _save(Path(path), "vehicle", shape, [shape.mesh])
+def save(path: Path | str, asset: VehicleShape | Scenery) -> None:
+    """Write `asset` to `path`, atomically."""
+    path, more = Path(path), dict[str, np.generic]()
+    if isinstance(asset, VehicleShape):
+        kind, meshes = "vehicle", [asset.mesh]
+    else:
+        kind, meshes = "scenery", [*asset.obstacle_meshes, *([asset.ground] if asset.ground else [])]
+        more["has_ground"] = np.bool_(asset.ground is not None)
+    plain = {name: getattr(asset, name) for name in _plain(type(asset))}
+    arrays = {
+        name: value if isinstance(value, np.ndarray) else np.array(value, np.str_) for name, value in plain.items()
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as file:
+        np.savez(file, hulldown_bundle=np.int64(FORMAT), kind=np.str_(kind), **arrays, **_packed(meshes), **more)
 
 
 def load_vehicle(path: Path | str) -> VehicleShape:
-    """The vehicle that `save_vehicle` wrote to `path`, bit for bit.
+    """The vehicle that `save` wrote to `path`, bit for bit.
 
     Raises
     ------
@@ -41,20 +53,8 @@ def load_vehicle(path: Path | str) -> VehicleShape:
     return VehicleShape(mesh=mesh, **_values(data, VehicleShape))
 
 
-def save_scenery(path: Path | str, scenery: Scenery) -> None:
-    """Write `scenery` to `path`, atomically."""
-    ground = [scenery.ground] if scenery.ground else []
-    _save(
-        Path(path),
-        "scenery",
-        scenery,
-        [*scenery.obstacle_meshes, *ground],
-        has_ground=np.bool_(scenery.ground is not None),
-    )
-
-
 def load_scenery(path: Path | str) -> Scenery:
-    """The scenery that `save_scenery` wrote to `path`, bit for bit.
+    """The scenery that `save` wrote to `path`, bit for bit.
 
     Raises
     ------
@@ -108,16 +108,6 @@ def _meshes(data: Mapping[str, np.ndarray]) -> list[Mesh]:
     extreme = [found if len(found) else None for found in parted(data["extreme"], data["extreme_counts"])]
     columns = (vertices, faces, data["mesh_names"].tolist(), unpacked(data), extreme)
     return [Mesh(*row) for row in zip(*columns, strict=True)]
-
-
-def _save(path: Path, kind: str, asset: object, meshes: Sequence[Mesh], **more: np.generic) -> None:
-    plain = {name: getattr(asset, name) for name in _plain(type(asset))}
-    arrays = {
-        name: value if isinstance(value, np.ndarray) else np.array(value, np.str_) for name, value in plain.items()
-    }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as file:
-        np.savez(file, hulldown_bundle=np.int64(FORMAT), kind=np.str_(kind), **arrays, **_packed(meshes), **more)
 
 
 def _load(path: Path, kind: str, names: Iterable[str]) -> dict[str, np.ndarray]:

@@ -129,23 +129,13 @@ def words(name: str) -> tuple[str, ...]:
 
 @lru_cache(maxsize=65536)
 def _words(text: str) -> tuple[str, ...]:
-    parts: list[str] = []
-    word = ""
-    for i, char in enumerate(text):
-        before, after = text[i - 1 : i], text[i + 1 : i + 2]
-        new = not char.isalnum() or (
-            bool(word)
-            and (
-                char.isdigit() != before.isdigit()
-                or (char.isupper() and (before.islower() or (before.isupper() and after.islower())))
-            )
-        )
-        if new and word:
-            parts.append(word.lower())
-            word = ""
-        if char.isalnum():
-            word += char
-    return (*parts, word.lower()) if word else tuple(parts)
+    spaced = ""
+    for before, char, after in zip(f" {text}", text, f"{text[1:]} ", strict=False):
+        hump = char.isupper() and (before.islower() or (before.isupper() and after.islower()))
+        if hump or char.isdigit() != before.isdigit():
+            spaced += " "
+        spaced += char if char.isalnum() else " "
+    return tuple(spaced.lower().split())
 
 
 def first_match(name: str, patterns: Iterable[str]) -> str | None:

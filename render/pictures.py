@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from pathlib import Path
 
 from PIL.JpegImagePlugin import JpegImageFile
@@ -32,10 +31,7 @@ def without_notes(data: bytes) -> bytes:
         raise ValueError("data: expected a PNG file, got something else")
     kept, at = [SIGNATURE], len(SIGNATURE)
     while at < len(data):
-        if at + 12 > len(data):
-            raise ValueError("data: expected a whole PNG file, got one that ends in the middle")
-        (length,) = struct.unpack_from(">I", data, at)
-        end = at + 12 + length
+        end = at + 12 + int.from_bytes(data[at : at + 4])
         if end > len(data):
             raise ValueError("data: expected a whole PNG file, got one that ends in the middle")
         if data[at + 4 : at + 8] not in NOTES:

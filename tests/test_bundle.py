@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hulldown.assets.bundle import FORMAT, load_scenery, load_vehicle, save_scenery, save_vehicle
+from hulldown.assets.bundle import FORMAT, load_scenery, load_vehicle, save
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.errors import AssetError
@@ -68,21 +68,21 @@ def assert_same(a: object, b: object) -> None:
 
 
 def test_a_vehicle_round_trips_bit_for_bit(tmp_path: Path) -> None:
-    save_vehicle(tmp_path / "v.npz", vehicle())
+    save(tmp_path / "v.npz", vehicle())
     assert_same(load_vehicle(tmp_path / "v.npz"), vehicle())
 
 
 @pytest.mark.parametrize(("ground", "obstacles"), [(True, True), (False, True), (True, False), (False, False)])
 def test_a_scenery_round_trips_bit_for_bit(tmp_path: Path, ground: bool, obstacles: bool) -> None:
     made = scenery(ground=ground, obstacles=obstacles)
-    save_scenery(tmp_path / "s.npz", made)
+    save(tmp_path / "s.npz", made)
     assert_same(load_scenery(tmp_path / "s.npz"), made)
 
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     """A vehicle's bundle."""
-    save_vehicle(tmp_path / "v.npz", vehicle())
+    save(tmp_path / "v.npz", vehicle())
     return tmp_path / "v.npz"
 
 
@@ -105,7 +105,7 @@ def test_an_interrupted_save_keeps_the_old_bundle(path: Path, monkeypatch: pytes
 
     monkeypatch.setattr(np, "savez", no_room)
     with pytest.raises(OSError, match="no space left"):
-        save_vehicle(path, replace(vehicle(), name="new"))
+        save(path, replace(vehicle(), name="new"))
     assert list(path.parent.iterdir()) == [path]
     assert path.read_bytes() == before
 
@@ -167,6 +167,6 @@ def test_an_array_larger_than_the_file_is_refused(path: Path, shape: int) -> Non
 
 
 def test_a_scenery_is_not_accepted_as_a_vehicle(tmp_path: Path) -> None:
-    save_scenery(tmp_path / "s.npz", scenery())
+    save(tmp_path / "s.npz", scenery())
     with pytest.raises(AssetError, match="is a bundle of a scenery, expected a vehicle"):
         load_vehicle(tmp_path / "s.npz")

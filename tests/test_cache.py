@@ -12,7 +12,7 @@ import pytest
 
 import hulldown.reading.cache
 import hulldown.reading.skies.hdri
-from hulldown.assets.bundle import save_scenery, save_vehicle
+from hulldown.assets.bundle import save
 from hulldown.geometry.errors import AssetError, ConfigError
 from hulldown.geometry.meshes import Mesh
 from hulldown.planning.config.schema import Config
@@ -44,10 +44,8 @@ class Exporter:
     def __call__(self, path: Path, folder: Path, *, kind: str, **_: object) -> Exported:
         self.read.append(path.name)
         folder = Path(folder)
-        if kind == "vehicle":
-            save_vehicle(folder / "bundle.npz", vehicle_of(*[MESH] * self.parts, name=path.stem))
-        else:
-            save_scenery(folder / "bundle.npz", scenery_of(path.stem, MESH))
+        made = vehicle_of(*[MESH] * self.parts, name=path.stem) if kind == "vehicle" else scenery_of(path.stem, MESH)
+        save(folder / "bundle.npz", made)
         (folder / "tidy.blend").write_bytes(BLEND)
         report = FileReport(kind, str(path), (1.0, 1.0, 1.0), 1, 1.0, "z", missing=self.missing, doubts=("odd",))
         return Exported(report, folder / "bundle.npz", folder / "tidy.blend", self.files)

@@ -8,7 +8,7 @@ from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
 from hulldown.annotate.keypoints import keypoints_in_image
-from hulldown.assets.bundle import load_vehicle, save_vehicle
+from hulldown.assets.bundle import load_vehicle, save
 from hulldown.assets.keypoints import category_fields
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import World
@@ -61,7 +61,7 @@ def test_a_keypoint_moves_with_the_part_of_the_nearest_surface(tmp_path):
     moved = shape.vertices_at(turned)[:: max(1, len(shape.mesh.vertices) // 40)]
     shared = np.abs(marked.keypoints_at(turned) - moved).max(axis=1) > 1e-9
     assert shared.mean() < 0.2  # two parts touch there
-    save_vehicle(tmp_path / "v.npz", marked)
+    save(tmp_path / "v.npz", marked)
     again = load_vehicle(tmp_path / "v.npz")
     assert again.keypoint_names == marked.keypoint_names
     assert np.array_equal(again.keypoints_at(turned), marked.keypoints_at(turned))

@@ -18,7 +18,7 @@ import bpy
 import msgspec
 import numpy as np
 
-from hulldown.assets.bundle import save_scenery, save_vehicle
+from hulldown.assets.bundle import save
 from hulldown.geometry.errors import AssetError, HulldownError
 from hulldown.geometry.files import replacing
 from hulldown.reading.blender.evaluate import HIDDEN, evaluate
@@ -96,7 +96,7 @@ def _write_vehicle(job: Job, keeper: Keeper, drawn: Evaluated, upright: Upright,
     drawn.pieces = upright.pieces
     vehicle = build_vehicle(Path(job.path).stem, drawn.meshes, upright, drawn.markers, options=job.options)
     shape = vehicle.shape
-    save_vehicle(job.file("bundle.npz"), shape)
+    save(job.file("bundle.npz"), shape)
     materials, unpainted = material_rows(keeper.meshes, drawn.pieces, vehicle.piece_part)
     write_vehicle(
         job.file("tidy.blend"),
@@ -133,7 +133,7 @@ def _write_scenery(job: Job, keeper: Keeper, drawn: Evaluated, *, unit: float, u
         Path(job.path).stem, drawn, roles, meters=meters_from_file(unit, up), options=job.options
     )
     uses = [role.use for role in roles]
-    save_scenery(job.file("bundle.npz"), replace(scenery, crs=crs))
+    save(job.file("bundle.npz"), replace(scenery, crs=crs))
     write_scenery(job.file("tidy.blend"), keeper, drawn.pieces, uses, scenery.scenery_from_file)
     solid = [(p, use) for p, use in zip(drawn.pieces, uses, strict=True) if use in ("ground", "water", "obstacle")]
     extent = [p.bounds for p, use in solid if use == "ground"] or [p.bounds for p, _ in solid]
