@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import importlib.metadata
 import json
 import multiprocessing
 import platform
@@ -22,6 +21,8 @@ from typing import Any
 
 import psutil
 from rich.console import Console
+
+from hulldown.geometry.code import version_of
 
 ROOT = Path(__file__).parents[1]
 SUITES = (
@@ -83,12 +84,7 @@ def commit() -> dict[str, str]:
 
 def machine() -> dict[str, str | int]:
     """Describe the machine and the libraries that were measured."""
-    versions = {}
-    for name in LIBRARIES:
-        try:
-            versions[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            continue
+    versions = {name: version for name in LIBRARIES if (version := version_of(name))}
     return {
         "processor": _processor(),
         "cores": psutil.cpu_count(logical=True) or 1,

@@ -28,12 +28,15 @@ def code_sha256() -> str:
 def versions(*packages: str) -> dict[str, str]:
     """Versions of hulldown, with a hash of its code, and of packages; `MISSING` for one that isn't installed."""
     by_package = {"hulldown": f"{importlib.metadata.version('hulldown')} ({code_sha256()[:8]})"}
-    for package in packages:
-        try:
-            by_package[package] = importlib.metadata.version(package).split("+")[0]
-        except importlib.metadata.PackageNotFoundError:
-            by_package[package] = MISSING
-    return by_package
+    return by_package | {package: (version_of(package) or MISSING).split("+")[0] for package in packages}
+
+
+def version_of(package: str) -> str | None:
+    """The version of a package; None if it isn't installed."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
 
 
 def difference(client: Mapping[str, str]) -> str:

@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
-from importlib.metadata import PackageNotFoundError, version
 from multiprocessing.connection import wait
 from pathlib import Path
 
@@ -23,6 +22,7 @@ from msgspec import structs
 
 from hulldown.assets.library import Assets, HdriSource, Source
 from hulldown.assets.photographs import read_photographs
+from hulldown.geometry.code import version_of
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.files import make_room
 from hulldown.planning.config.schema import Config
@@ -211,20 +211,13 @@ def make_header(planner: Planner, path: str | Path) -> Header:
         },
         versions={
             "python": platform.python_version(),
-            **{package: _version(package) for package in ("hulldown", "numpy", "scipy", "embreex")},
+            **{package: version_of(package) or "unknown" for package in ("hulldown", "numpy", "scipy", "embreex")},
         },
         left_out=list(planner.pairs.left_out),
         photographs=None if photographs is None else Source(path=str(config.camera.like), sha256=photographs.sha256),
         more_of=planner.more_of,
         poses=planner.poses,
     )
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "unknown"
 
 
 def _resume(writer: PlanWriter, planner: Planner) -> int:

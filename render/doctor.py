@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import importlib.util
 import json
 import platform
@@ -13,6 +12,7 @@ from dataclasses import dataclass, field
 from rich.markup import escape
 from rich.table import Table
 
+from hulldown.geometry.code import version_of
 from hulldown.reading.confinement.landlock import NETWORK_ABI, abi, confinement, unconfined
 from hulldown.reading.libraries import INSTALL, SYSTEM_LIBRARIES, missing_libraries
 
@@ -65,7 +65,7 @@ class Diagnosis:
 
 def diagnose() -> Diagnosis:
     """Diagnose this machine in a few seconds, without changes."""
-    versions = {name: _version(name) for name in DISTRIBUTIONS}
+    versions = {name: version_of(name) for name in DISTRIBUTIONS}
     missing = {library: SYSTEM_LIBRARIES[library] for library in missing_libraries()}
     problems = []
     if missing:
@@ -81,13 +81,6 @@ def diagnose() -> Diagnosis:
             blender, devices = found["blender"], found["devices"]
     system = platform.platform()
     return Diagnosis(platform.python_version(), system, versions, missing, blender, abi(), devices, problems)
-
-
-def _version(distribution: str) -> str | None:
-    try:
-        return importlib.metadata.version(distribution)
-    except importlib.metadata.PackageNotFoundError:
-        return None
 
 
 def _probe_blender() -> dict | str:

@@ -11,7 +11,6 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -22,6 +21,7 @@ from hulldown.dataset.store.entries import place_of
 from hulldown.dataset.store.foreign import foreign_reader
 from hulldown.dataset.store.journal import last_merged, read_journal, replaced
 from hulldown.dataset.store.runs import Run, runs_of
+from hulldown.geometry.code import version_of
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.files import open_regular
 
@@ -257,10 +257,8 @@ def read_document(folder: Path) -> Document:
 @cache
 def rendered_info() -> dict[str, str]:
     """COCO's `info` of rendered datasets, without a date, so that the same plan gives the same file."""
-    try:
-        by = f"hulldown {version('hulldown')}"
-    except PackageNotFoundError:  # run from its folder
-        by = "hulldown"
+    version = version_of("hulldown")
+    by = f"hulldown {version}" if version else "hulldown"  # run from its folder
     return {"description": "Vehicles rendered by hulldown, with boxes and masks from planned poses", "version": by}
 
 
