@@ -15,7 +15,7 @@ import numpy as np
 from hulldown.reading.blender.opening import open_blend
 from hulldown.render.blender import cycles
 from hulldown.render.blender.scene import Stage
-from hulldown.render.messages import CyclesSettings
+from hulldown.render.messages import CyclesSettings, SceneryInput
 
 # Members of a scene that don't affect its picture: editing, display in a viewport, and other engines;
 # its units and frame, which are part of its content; and what every datablock has.
@@ -94,7 +94,7 @@ def change(struct, prop, value):
 
 def ready(path):
     """The settings of a file just before rendering, evaluated, as Cycles gets them."""
-    stage = Stage(str(path), np.eye(4))
+    stage = Stage(SceneryInput(str(path), np.eye(4).tolist(), [], []))
     cycles.configure(stage.scene, SETTINGS, device="CPU")
     graph = bpy.context.evaluated_depsgraph_get()
     graph.update()

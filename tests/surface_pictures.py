@@ -158,7 +158,7 @@ class Studio:
     def __init__(self, folder, name, scenery_from_file=None):
         self.folder = folder
         file = np.eye(4) if scenery_from_file is None else np.asarray(scenery_from_file)
-        self.stage = Stage(str(folder / f"{name}.blend"), file)
+        self.stage = Stage(SceneryInput(str(folder / f"{name}.blend"), file.tolist(), [], []))
         cycles.configure(self.stage.scene, SETTINGS, device="CPU")
         store_light(self.stage.scene)
 

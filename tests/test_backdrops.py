@@ -40,7 +40,8 @@ import json, sys
 import bpy, numpy as np
 from hulldown.reading.blender.capture import visit_render
 from hulldown.render.blender.scene import Stage
-stage = Stage(sys.argv[1], np.eye(4), *json.loads(sys.argv[2]))
+from hulldown.render.messages import SceneryInput
+stage = Stage(SceneryInput(sys.argv[1], np.eye(4), *json.loads(sys.argv[2])))
 shown = []
 def look(depsgraph):
     for instance in depsgraph.object_instances:

@@ -1,27 +1,20 @@
 """Settings of a .blend have no effect outside it."""
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
 SCRIPT = Path(__file__).with_name("file_settings.py")
 
 
 @pytest.mark.blender
 def test_no_setting_of_a_file_is_in_force_when_it_is_rendered(tmp_path):
     """The test compares all properties that Blender lists, so it finds new ones of later versions."""
-    ran = subprocess.run(
-        [sys.executable, "-P", str(SCRIPT), str(tmp_path)],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    command = [sys.executable, "-P", str(SCRIPT), str(tmp_path)]
+    ran = subprocess.run(command, capture_output=True, text=True, check=True)
     found = json.loads(next(line[2:] for line in ran.stdout.splitlines() if line.startswith("@@")))
     changed = found["changed"]
     for expected in ("file.use_autopack", "scene.view_settings.exposure", "layer.cycles.use_denoising"):

@@ -51,13 +51,13 @@ class Renderer:
 
     def _ready(self, job: RenderJob | MaskJob) -> Stage:
         """The stage for a job, loaded if it isn't the last job's."""
-        scenery, wanted = job.scenery, (type(job), job.scenery)
+        wanted = type(job), job.scenery
         if any(job.camera.intrinsics.distortion) and self._device.split()[0] not in LENS_DEVICES:
             problem = f"Cycles renders `camera.distortion` on {' and '.join(LENS_DEVICES)} only, not on {self._device}"
             raise cycles.Unusable(problem, "use --device cpu or optix")
         if self._stage is None or self._loaded != wanted:
             self.reset()
-            self._stage = Stage(scenery.path, np.array(scenery.scenery_from_file), scenery.standing, scenery.removed)
+            self._stage = Stage(job.scenery)
             if isinstance(job, MaskJob):
                 self._index = IndexPictures(self._stage, device=self._device, threads=self._threads)
             self._loaded = wanted

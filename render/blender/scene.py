@@ -29,7 +29,7 @@ from hulldown.render.blender.light import HdriWorld
 from hulldown.render.blender.paint import Paintable
 from hulldown.render.blender.precipitation import Precipitation, falling
 from hulldown.render.blender.surfaces import Surfaces
-from hulldown.render.messages import CameraInput, VehicleInput
+from hulldown.render.messages import CameraInput, SceneryInput, VehicleInput
 
 MAX_VEHICLES = 4  # vehicle files kept in memory if rows have companions, which recur
 BACKDROP_TYPES = ("MESH", "CURVE", "SURFACE", "FONT", "META", "VOLUME")  # an empty called "sky" may carry anything
@@ -41,18 +41,15 @@ FAR = 1e7  # meters; Cycles traces rays, so a far clip plane costs no depth reso
 class Stage:
     """A loaded scenery with our own camera and light, to be set up for one row after the other."""
 
-    def __init__(
-        self, path: str, scenery_from_file: np.ndarray, standing: Sequence[str] = (), removed: Sequence[str] = ()
-    ) -> None:
+    def __init__(self, scenery: SceneryInput) -> None:
         # Never run what a file brings along: see docs/safety.md.
-        open_blend(path)
-        self.path = path
+        open_blend(scenery.path)
         self.scene = bpy.context.scene
-        self.file_from_scenery = np.linalg.inv(scenery_from_file)
+        self.file_from_scenery = np.linalg.inv(np.array(scenery.scenery_from_file))
         self.units_per_meter = float(np.cbrt(abs(np.linalg.det(self.file_from_scenery[:3, :3]))))
         _delete_delivered()
-        _hide_backdrops(self.scene, frozenset(standing))
-        _remove(frozenset(removed))
+        _hide_backdrops(self.scene, frozenset(scenery.standing))
+        _remove(frozenset(scenery.removed))
         self.root = bpy.data.objects.new("hulldown", None)
         self.scene.collection.objects.link(self.root)
         self.camera = self._add("hulldown camera", bpy.data.cameras.new("hulldown camera"))
