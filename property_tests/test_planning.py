@@ -162,12 +162,12 @@ def guests_keep_their_distance(row, config):
 def labels_are_what_is_seen(row, config):
     """Every label has pixels, and all pixels of a class have a label, perhaps an ignored one."""
     everything = [vehicle for vehicle in row.vehicles if vehicle.bbox is not None]
-    shown = Segmenter(SHAPES, ASSETS.sceneries).pixels(row, everything)
-    for vehicle, pixels in zip(everything, shown, strict=True):
+    masks = Segmenter(SHAPES, ASSETS.sceneries).masks(row, everything)
+    for vehicle, mask in zip(everything, masks, strict=True):
         label = vehicle.label
-        assert pixels > 0 or label == "none"
+        assert mask.any() or label == "none"
         assert vehicle.category is not None or label == "none"
-        if pixels and vehicle.category is not None:
+        if mask.any() and vehicle.category is not None:
             assert label != "none" or config.annotate.below == "left_out"
     assert not (row.background and row.labeled)
     # COCO's term for labels that count neither as missed nor as false positives.

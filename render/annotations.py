@@ -22,11 +22,6 @@ from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import PlannedVehicle, Row
 
 
-def annotation_records(row: Row, segmentations: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Annotation records of each labeled vehicle of a row, without ids."""
-    return [{**label, **mask} for label, mask in zip(label_records(row), segmentations, strict=True)]
-
-
 def categories_of(plan: Plan, shapes: Mapping[str, VehicleShape]) -> list[dict[str, Any]]:
     """Records of the categories of a plan, without ids; with `keypoints` and `skeleton`, if its config labels any.
 
@@ -61,15 +56,13 @@ class Segmenter:
         self._targets: dict[str, VehicleTarget] = {}
         self._world: tuple[str, World] = ("", World())  # the latest scenery; rows are sorted
 
-    def segmentations(self, row: Row) -> list[dict[str, Any]]:
-        """Mask-based fields of each labeled vehicle of a row.
-
-        `segmentation` (compressed run lengths), `area` (pixels), `obb`, and `keypoints` with `num_keypoints`.
-        """
+    def records(self, row: Row) -> list[dict[str, Any]]:
+        """Annotation records of each labeled vehicle of a row, without ids."""
         records = []
-        for vehicle, mask in zip(row.labeled, self._masks(row, row.labeled), strict=True):
+        labels = zip(row.labeled, label_records(row), self.masks(row, row.labeled), strict=True)
+        for vehicle, record, mask in labels:
             encoded = encode(mask)
-            record = {"segmentation": encoded, "area": area(mask), "obb": _rectangle(encoded, row)}
+            record |= {"segmentation": encoded, "area": area(mask), "obb": _rectangle(encoded, row)}
             records.append(record | (self._seen_keypoints(row, vehicle) if self._keypoints else {}))
         return records
 
@@ -81,11 +74,8 @@ class Segmenter:
         flat = [number for x, y, v in listed for number in (round(x, 6), round(y, 6), int(v))]
         return {"keypoints": flat, "num_keypoints": sum(v > 0 for _, _, v in listed)}
 
-    def pixels(self, row: Row, vehicles: Sequence[PlannedVehicle]) -> list[int]:
-        """Number of visible pixels of each of a row's given vehicles."""
-        return [area(mask) for mask in self._masks(row, vehicles)]
-
-    def _masks(self, row: Row, vehicles: Sequence[PlannedVehicle]) -> Iterator[Bool[np.ndarray, "h w"]]:
+    def masks(self, row: Row, vehicles: Sequence[PlannedVehicle]) -> Iterator[Bool[np.ndarray, "h w"]]:
+        """Visible mask of each of a row's given vehicles."""
         posed = [(vehicle, self._posed(vehicle)) for vehicle in row.vehicles]
         camera, scenery = row.camera, self._scenery(row.scenery)
         for target in vehicles:

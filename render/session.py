@@ -23,7 +23,7 @@ from hulldown.geometry.errors import ConfigError, HulldownError
 from hulldown.geometry.files import UNFINISHED_NAME
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row
-from hulldown.render.annotations import Segmenter, annotation_records, categories_of
+from hulldown.render.annotations import Segmenter, categories_of
 from hulldown.render.jobs import RenderAssets, render_job
 from hulldown.render.messages import CyclesSettings, to_json
 from hulldown.render.outline import Outline, Part, stamp_of
@@ -98,6 +98,14 @@ class Session:
         self.made_by: dict[str, list[str]] = {}
         self._limits = limits
         self._plan, self._stamp, self._dataset, self._assets = plan, outline.stamp, dataset, assets
+        shapes = {name: vehicle.shape for name, vehicle in assets.vehicles.items()}
+        categories = categories_of(plan, shapes)
+        self._segmenter = Segmenter(
+            shapes,
+            {name: file.scenery for name, file in assets.sceneries.items()},
+            keypoints=next((category.get("keypoints", ()) for category in categories), ()),
+        )
+        dataset.add_categories(categories, keypoints=True)
         run = self._run = dataset.run(outline.key, images=len(outline.rows), annotations=int(outline.labels.sum()))
         self._first_annotation = outline.first_annotations(run)
         rows = part.of(outline)
@@ -118,12 +126,6 @@ class Session:
         settings = plan.config.render
         self._settings = CyclesSettings(
             settings.samples, settings.denoise, settings.adaptive_threshold, settings.bounces
-        )
-        shapes = {name: vehicle.shape for name, vehicle in assets.vehicles.items()}
-        self._segmenter = Segmenter(
-            shapes,
-            {name: file.scenery for name, file in assets.sceneries.items()},
-            keypoints=next((category.get("keypoints", ()) for category in categories_of(plan, shapes)), ()),
         )
 
     def say(self, line: str) -> None:
@@ -221,7 +223,7 @@ class Session:
         row = self._row(index)
         picture = self._output(row)
         name = self._run.file_name(row.file_name)
-        records = annotation_records(row, self._segmenter.segmentations(row))
+        records = self._segmenter.records(row)
         first = int(self._first_annotation[index])
         self._begin()
         self._record()

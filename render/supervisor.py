@@ -23,7 +23,6 @@ from hulldown.geometry.terminal import say, titled_bar, watched
 from hulldown.planning.plan_file import read_plan
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS as DEFAULT_READ_LIMITS
 from hulldown.reading.confinement.watch import ReadLimits
-from hulldown.render.annotations import categories_of
 from hulldown.render.cluster.scheduler import Scheduler, needing_dask
 from hulldown.render.confinement import Confinement
 from hulldown.render.engine import DEFAULT_ENGINE, Engine
@@ -213,12 +212,10 @@ def render_plan(
         )
     outline = Outline(plan)
     had_logs = (folder / LOGS_NAME).exists()
-    categories = categories_of(plan, {name: vehicle.shape for name, vehicle in assets.vehicles.items()})
     with CocoDataset.open(folder) as dataset, _stop_on_signals() as stopping:
         interrupted = False
         session: Session | None = None
         try:
-            dataset.add_categories(categories, keypoints=True)
             session = Session(plan, outline, dataset, assets, part=part, limits=engine.limits, progress=tell)
             with _pool(engine, confined(folder, LOGS_NAME), assets, session, stopping) as pool:
                 session.render(pool)

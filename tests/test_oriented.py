@@ -17,7 +17,7 @@ from hulldown.dataset.verification.planned import image_record
 from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.transforms import apply
-from hulldown.render.annotations import Segmenter, annotation_records
+from hulldown.render.annotations import Segmenter
 from hulldown.tests.detections import dataset as dataset_of
 from hulldown.tests.detections import loaded
 from hulldown.tests.editing import edit, write_dataset
@@ -84,7 +84,7 @@ def dataset(planned, tmp_path_factory):
             image = {"file_name": row.file_name, **image_record(row)}
             (folder / row.file_name).parent.mkdir(exist_ok=True)
             Image.new("RGB", (row.width, row.height), "gray").save(folder / row.file_name)
-            dataset.append(image, annotation_records(row, segmenter.segmentations(row)))
+            dataset.append(image, segmenter.records(row))
     return folder
 
 
