@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from typing import Any
 
@@ -28,15 +29,12 @@ class Poses:
         self._exact: dict[int, tuple[np.ndarray | None, float]] = {}
         objects = list(depsgraph.objects)
         self._own = dict(zip((obj.original.as_pointer() for obj in objects), _bases(objects), strict=True))
-        self._collections: dict[str, tuple[str, ...]] = {}
-        self._around: dict[str, list[str]] = {}
-        # Asking an object for its collections makes Blender search through all of them.
-        self._direct: dict[str, list[str]] = {}
+        self._collections: dict[Any, tuple[str, ...]] = {}
+        # The collections that directly contain an object or a collection, which Blender would search for.
+        self._around: dict[Any, list[Any]] = defaultdict(list)
         for outer in bpy.data.collections:
-            for obj in outer.objects:
-                self._direct.setdefault(_key(obj), []).append(_key(outer))
-            for inner in outer.children:
-                self._around.setdefault(_key(inner), []).append(_key(outer))
+            for inner in (*outer.objects, *outer.children):
+                self._around[inner].append(outer)
 
     def pose(self, evaluated: Any) -> Float[np.ndarray, "4 4"]:
         """`world_from_object` of an object that is no instance."""
@@ -80,15 +78,13 @@ class Poses:
     def _collections_of(self, evaluated: Any) -> tuple[str, ...]:
         """Names of the collections an object is in, nearest first, then those around them."""
         original = evaluated.original
-        key = _key(original)
-        if key not in self._collections:
-            ring = self._direct.get(key, [])
-            found: dict[str, None] = {}
+        if original not in self._collections:
+            ring, found = self._around[original], dict[Any, None]()
             while ring:
                 found.update(dict.fromkeys(ring))
-                ring = [outer for inner in ring for outer in self._around.get(inner, []) if outer not in found]
-            self._collections[key] = tuple(k.partition("\n")[0] for k in found)
-        return self._collections[key]
+                ring = [outer for inner in ring for outer in self._around[inner] if outer not in found]
+            self._collections[original] = tuple(collection.name for collection in found)
+        return self._collections[original]
 
     def _composed(self, evaluated: Any) -> tuple[np.ndarray | None, float]:
         """The pose in float64, None where it cannot be composed, and the largest number met on the way."""
@@ -170,8 +166,3 @@ def _rotations(objects: Sequence[Any], prefix: str) -> Float[np.ndarray, "n 3 3"
 
 def _same(a: Any, b: Any) -> bool:
     return b is None or a.original.as_pointer() == b.original.as_pointer()
-
-
-def _key(block: Any) -> str:
-    """Name and library, since a linked collection may be called like a local one."""
-    return f"{block.name}\n{block.library.filepath if block.library else ''}"

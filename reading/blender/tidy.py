@@ -27,6 +27,8 @@ POSE = "pose"
 VISIBILITY = tuple(
     f"visible_{ray}" for ray in ("camera", "diffuse", "glossy", "transmission", "volume_scatter", "shadow")
 )
+LOOK = (*VISIBILITY, "pass_index", "color")
+Look = tuple[Any, ...]
 
 
 class Keeper:
@@ -37,16 +39,13 @@ class Keeper:
     meshes
         The unique meshes.
     looks
-        Looks that objects add to their meshes, each once.
-    piece_look
-        Index of each piece's look.
+        The look that each piece's object adds to its mesh: values of `LOOK`.
     """
 
     def __init__(self) -> None:
         self.meshes: list[Any] = []
-        self.looks: list[dict[str, Any]] = []
-        self.piece_look: list[int] = []
-        self._known: dict[tuple[Any, ...], int] = {}
+        self.looks: list[Look] = []
+        self._known: dict[Look, Look] = {}  # so that equal ones are one in memory
 
     def keep_mesh(self, drawn: Any, data: Any, materials: Sequence[Any]) -> None:
         """Keep a unique mesh, or hair curves, with its evaluated materials; `drawn` is an object that draws it."""
@@ -62,11 +61,8 @@ class Keeper:
 
     def keep_look(self, drawn: Any) -> None:
         """Keep the look that a piece's object adds to its mesh."""
-        look = (*(getattr(drawn, name) for name in VISIBILITY), tuple(drawn.color), drawn.pass_index)
-        if look not in self._known:
-            self._known[look] = len(self.looks)
-            self.looks.append(dict(zip((*VISIBILITY, "color", "pass_index"), look, strict=True)))
-        self.piece_look.append(self._known[look])
+        look = (*(getattr(drawn, name) for name in VISIBILITY), drawn.pass_index, tuple(drawn.color))
+        self.looks.append(self._known.setdefault(look, look))
 
 
 def _is_as_in_the_file(drawn: Any, data: Any, materials: Sequence[Any]) -> bool:
@@ -108,7 +104,7 @@ def write_vehicle(
 
 def _object(keeper: Keeper, piece: Piece, index: int) -> Any:
     obj = bpy.data.objects.new(piece.name, keeper.meshes[piece.mesh])
-    for name, value in keeper.looks[keeper.piece_look[index]].items():
+    for name, value in zip(LOOK, keeper.looks[index], strict=True):
         setattr(obj, name, value)
     return obj
 
@@ -125,10 +121,10 @@ def write_scenery(
     scene[TIDY] = True
     root = bpy.data.objects.new("hulldown scenery", None)
     scene.collection.objects.link(root)
-    alike: dict[tuple[int, str, int], list[int]] = defaultdict(list)
+    alike: dict[tuple[int, str, Look], list[int]] = defaultdict(list)
     for i, (piece, use) in enumerate(zip(pieces, uses, strict=True)):
         if use not in ("backdrop", "removed"):
-            alike[piece.mesh, piece.name, keeper.piece_look[i]].append(i)
+            alike[piece.mesh, piece.name, keeper.looks[i]].append(i)
     # Blender keeps objects sorted by name and looks for the place of a new one from the end.
     for same in sorted(alike.values(), key=lambda same: pieces[same[0]].name.lower()):
         poses = scenery_from_file @ np.array([pieces[i].pose for i in same])

@@ -12,11 +12,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from hulldown.reading.blender.add_nodes import add_node, maths
+from hulldown.reading.blender.surfaces.nodes import trees
+from hulldown.reading.blender.surfaces.shaders import BASE_COLORS
 from hulldown.reading.blender.tidy_properties import UNPAINTED
 from hulldown.reading.vehicle.paintable import DARK, NEUTRAL
 from hulldown.render.messages import PaintInput
 
-BASE_COLORS = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}  # by shader, the input that has it
 BRIGHTEST = 4.0  # largest brightness of painted texture, in multiples of the mean
 PREFIX = "hulldown paint "  # of the properties' names
 
@@ -107,17 +108,13 @@ def _names(number: int) -> tuple[str, str]:
 def _insert(tree: Any, number: int, paint: PaintInput) -> None:
     """Insert nodes before all base colors of a tree and of copies of its groups."""
     for node in list(tree.nodes):
-        if node.type == "GROUP" and node.node_tree is not None and _is_colored(node.node_tree):
-            node.node_tree = node.node_tree.copy()
-            _insert(node.node_tree, number, paint)
+        if node.type == "GROUP" and node.node_tree is not None:
+            if any(inner.type in BASE_COLORS for below in trees(node.node_tree) for inner in below.nodes):
+                node.node_tree = node.node_tree.copy()
+                _insert(node.node_tree, number, paint)
         elif node.type in BASE_COLORS:
             socket = node.inputs[BASE_COLORS[node.type]]
             tree.links.new(_painted(tree, socket, number, paint), socket)
-
-
-def _is_colored(tree: Any) -> bool:
-    inner = (node.node_tree for node in tree.nodes if node.type == "GROUP" and node.node_tree is not None)
-    return any(node.type in BASE_COLORS for node in tree.nodes) or any(map(_is_colored, inner))
 
 
 def _painted(tree: Any, socket: Any, number: int, paint: PaintInput) -> Any:

@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 
 from hulldown.assets.naming import NOT_WATER, WATER, WATERS, first_match
-from hulldown.reading.blender.surfaces.nodes import material_output
+from hulldown.reading.blender.surfaces.nodes import material_output, trees
 from hulldown.reading.blender.surfaces.opacity_nodes import SOCKET, opacity_socket
 from hulldown.reading.blender.surfaces.shaders import is_clear
 from hulldown.render.blender import covers
@@ -109,7 +109,7 @@ class Surfaces:
     def _dress(self, material: Any, wearer: str) -> None:
         groups = self._group(wearer)
         if self._kind == "rain":
-            wetted = [_wet(tree, *groups) for tree in _trees(material.node_tree)]
+            wetted = [_wet(tree, *groups) for tree in trees(material.node_tree)]
             if not any(wetted):
                 self.left.append(material.name)
         elif self._kind == "dust" or wearer == VEHICLES or not _is_water(material):
@@ -120,24 +120,13 @@ def _materials() -> Iterator[tuple[Any, Shape]]:
     """The materials of scenery and vehicles, and the shape of their trees, which changes with new nodes."""
     for material in list(bpy.data.materials):
         if material.node_tree and not material.is_grease_pencil and not material.name.startswith(OURS):
-            yield material, tuple((tree.name, len(tree.nodes)) for tree in _trees(material.node_tree))
+            yield material, tuple((tree.name, len(tree.nodes)) for tree in trees(material.node_tree))
 
 
 def _is_water(material: Any) -> bool:
     """Whether a material is water, where snow melts: transparent, or named so."""
     wet = first_match(material.name, (*WATER, *WATERS)) and not first_match(material.name, NOT_WATER)
     return bool(wet) or is_clear(material)
-
-
-def _trees(tree: Any) -> Iterator[Any]:
-    """A node tree and the groups in it, each once."""
-    ring, seen = [tree], set()
-    while ring:
-        at = ring.pop()
-        if at.as_pointer() not in seen:
-            seen.add(at.as_pointer())
-            yield at
-            ring += [node.node_tree for node in at.nodes if node.bl_idname == "ShaderNodeGroup" and node.node_tree]
 
 
 def _wet(tree: Any, principled: Any, matt: Any) -> int:
@@ -170,7 +159,7 @@ def _cover(material: Any, group: Any) -> None:
     tree, output = material.node_tree, material_output(material)
     if output is None or not output.inputs["Surface"].is_linked:
         return
-    before = [(inner, {node.as_pointer() for node in inner.nodes}) for inner in _trees(tree)]
+    before = [(inner, {node.as_pointer() for node in inner.nodes}) for inner in trees(tree)]
     opacity = opacity_socket(material)
     for inner, nodes in before:
         for node in inner.nodes:

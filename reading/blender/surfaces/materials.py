@@ -13,7 +13,7 @@ from jaxtyping import Float
 from hulldown.geometry.color import linear_from_srgb
 from hulldown.reading.blender.arrays import coordinates, pixels, read
 from hulldown.reading.blender.surfaces.nodes import Stack, source
-from hulldown.reading.blender.surfaces.shaders import is_clear, surface_shaders
+from hulldown.reading.blender.surfaces.shaders import BASE_COLORS, is_clear, surface_shaders
 from hulldown.reading.roles import Piece
 from hulldown.reading.vehicle.paintable import (
     CLEAR,
@@ -25,7 +25,6 @@ from hulldown.reading.vehicle.paintable import (
     told_apart,
 )
 
-BASE_COLORS = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}  # by shader, the input that has it
 METAL = 0.5  # least metalness of unpainted materials
 SIDE = 512  # pixels that images are shrunk to
 SAMPLES = 4096  # of an image, on each mesh

@@ -69,6 +69,17 @@ def upstream(socket: Any, stack: Stack) -> Iterator[tuple[Any, Any]]:
         ring += [found for below in at.node.inputs if below.enabled and (found := source(below, around))]
 
 
+def trees(tree: Any) -> Iterator[Any]:
+    """A node tree and the groups in it, each once."""
+    ring, seen = [tree], set()
+    while ring:
+        at = ring.pop()
+        if at.as_pointer() not in seen:
+            seen.add(at.as_pointer())
+            yield at
+            ring += [node.node_tree for node in at.nodes if node.bl_idname == "ShaderNodeGroup" and node.node_tree]
+
+
 def linked(socket: Any) -> Any:
     """The output that an input socket is directly linked to; None if there is none."""
     return next((link.from_socket for link in socket.links if link.is_valid and not link.is_muted), None)

@@ -11,6 +11,7 @@ SEEN_THROUGH = 0.5  # least transmission of a transparent surface
 TRANSPARENT = "BSDF_TRANSPARENT"
 REFRACTING = ("BSDF_GLASS", "BSDF_REFRACTION")
 GLOSSY = ("BSDF_GLOSSY", "BSDF_ANISOTROPIC")
+BASE_COLORS = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}  # by shader, the input that has it
 MIXED = ("MIX_SHADER", "ADD_SHADER")
 
 
