@@ -16,18 +16,8 @@ from hulldown.reading.blender.add_nodes import add_node, maths
 from hulldown.reading.blender.light_pictures import rendered, store_light
 from hulldown.reading.blender.tidy_properties import PART, REST
 from hulldown.render.blender import cycles
-from hulldown.render.blender.renderer import Renderer
 from hulldown.render.blender.scene import Stage
-from hulldown.render.messages import (
-    CameraInput,
-    CyclesSettings,
-    LightInput,
-    MaskJob,
-    RenderJob,
-    SceneryInput,
-    VehicleInput,
-    to_json,
-)
+from hulldown.render.messages import CameraInput, CyclesSettings, LightInput, SceneryInput, VehicleInput
 from hulldown.tests.node_trees import grouped, material_of, principled, shader_group, write_picture
 from hulldown.tests.render_worlds import fresh, save
 
@@ -205,28 +195,12 @@ def yards(folder):
         studio.picture(f"{name} leaf", looking_down(-80.0, 0.0, 50.0, 2.0), snow)
 
 
-def bytes_of_clear_pictures(folder):
-    """The same clear row before, between, and after others, in one worker; and masks."""
-    renderer = Renderer()
-    scenery = SceneryInput(str(folder / "tiles.blend"), np.eye(4).tolist(), [], [])
-    cars = [VehicleInput(str(folder / "vehicle.blend"), [at(3.5, 2.5, 0.0).tolist()])]
-    camera = looking_down(3.5, 0.0, 50.0, 10.0)
-    light = LightInput(str(folder / "white.exr"), 0.0, 1.0, None)
-    renderer.do(to_json(MaskJob(scenery, cars, camera, str(folder / "mask before.npy"))))
-    for kind in ("clear", "rain", "clear 2", "snow", "rain 2", "dust", "clear 3"):
-        covered = None if kind.startswith("clear") else weather(kind.split()[0], 1.0, 1.0)
-        output = str(folder / f"{kind}.png")
-        renderer.do(to_json(RenderJob(scenery, cars, camera, light, covered, 7, SETTINGS, output)))
-    renderer.do(to_json(MaskJob(scenery, cars, camera, str(folder / "mask after.npy"))))
-
-
 def main(folder):
     for make in (tiles, dome, vehicle, white):
         make(folder / f"{make.__name__}{'.exr' if make is white else '.blend'}")
     albedos(folder)
     slopes(folder)
     yards(folder)
-    bytes_of_clear_pictures(folder)
 
 
 main(Path(sys.argv[1]))

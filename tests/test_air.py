@@ -42,7 +42,6 @@ SUNNY = np.full((128, 256), 0.1)  # radiance of sunny.exr
 SUNNY[38:44, 100:106] = 120.0  # 30 degrees high; it gives the ground three times as much light as the rest
 NO_VEIL = 1e9
 RAIN = Weather(NO_VEIL, "rain", 100.0, (0.0, 2.0), 0.01, 0.0, 0.0)
-SNOW = Weather(500.0, "snow", 0.0, (0.0, 1.0), 0.004, 0.0, 0.0)
 
 
 class Studio:
@@ -164,18 +163,3 @@ def test_streaks_hide_as_much_as_the_falling_drops(studio):
     assert len(drops.diameters) > 80
     assert share.mean() == pytest.approx(expected.mean(), rel=0.1)
     assert np.corrcoef(share.ravel(), expected.ravel())[0, 1] > 0.95
-
-
-def test_clear_pictures_show_no_earlier_streaks(studio):
-    """A clear picture is the same before and after rain, snow, and dust."""
-    settings = {"width": 64, "samples": 4}
-    dust = Weather(300.0, "dust", 0.0, (0.0, 0.0), 0.004, 0.0, 0.0)
-    clear, rain, again, snow, dusty, last = (
-        studio.picture(weather, **settings) for weather in (None, RAIN, RAIN, SNOW, dust, None)
-    )
-    assert np.array_equal(clear, last)
-    assert np.array_equal(rain, again)
-    assert not np.array_equal(rain, clear)
-    assert not np.array_equal(snow, clear)
-    assert not np.array_equal(dusty, clear)
-    assert not np.array_equal(studio.picture(RAIN, seed=2, **settings), rain)

@@ -31,10 +31,10 @@ width = 96
 height = 54
 """
 WEATHER = (
+    None,
     Weather(800.0, "rain", rain_mm_h=10.0, ground_cover=1.0, vehicle_cover=1.0),
     Weather(800.0, "snow", ground_cover=0.8, vehicle_cover=0.5),
     Weather(800.0, "dust", ground_cover=0.5, vehicle_cover=0.5),
-    None,
 )
 
 
@@ -90,9 +90,10 @@ def test_a_sky_is_read_in_the_color_space_of_its_file(plan, assets, tmp_path):
 
 
 def test_weather_looks_the_same_after_other_weather_and_vehicles(plan, assets, tmp_path):
-    """Unloading a vehicle keeps the weather's node groups, and clear air after weather shows none of it."""
+    """Unloading a vehicle keeps the weather's node groups, and clear air before and after weather shows none of it."""
     row = altered(plan[0], companions=[])
     files = [with_copies(assets, tmp_path, tank=str(i)) for i in range(2)]
     turns = [(altered(row, weather=weather), of) for weather in WEATHER for of in files]
     pictures = draw(tmp_path, turns + turns[::-1])
     assert all(np.array_equal(*pair) for pair in zip(pictures, reversed(pictures), strict=True))
+    assert len({picture.tobytes() for picture in pictures}) == len(WEATHER)

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from hulldown.render.surface_weather import DUST_ALBEDO, SNOW_ALBEDO
 
@@ -118,23 +117,3 @@ def test_dust_reaches_a_little_way_up_a_vehicle(folder, yard):
     assert low / low.sum() == pytest.approx(np.array(DUST_ALBEDO) / sum(DUST_ALBEDO), abs=0.01)
     # Noise makes its edge ragged, so the test compares only halves.
     assert low.sum() > 2 * side[(height > 0.6) & (height < 1.2)].sum(axis=1).mean() > 0
-
-
-def test_clear_pictures_show_no_earlier_weather(folder):
-    """One worker rendered clear, rain, clear, snow, rain, dust, clear."""
-
-    def picture(kind):
-        return np.asarray(Image.open(folder / f"{kind}.png").convert("RGB"))
-
-    assert np.array_equal(picture("clear"), picture("clear 2"))
-    assert np.array_equal(picture("clear"), picture("clear 3"))
-    assert np.array_equal(picture("rain"), picture("rain 2"))
-    for kind in ("rain", "snow", "dust"):
-        assert not np.array_equal(picture("clear"), picture(kind))
-
-
-def test_masks_ignore_weather(folder):
-    """Masks of the vehicle before and after the worker rendered it in snow and dust."""
-    before, after = np.load(folder / "mask before.npy"), np.load(folder / "mask after.npy")
-    assert before[1].any()
-    assert np.array_equal(before, after)
