@@ -16,20 +16,6 @@ from hulldown.render.messages import CyclesSettings, to_json
 from hulldown.render.process import Allowance, Blender, Limits
 
 IMAGES = 12
-CONFIG = """
-[assets]
-hdris = ["gray.exr"]
-vehicles = [{{path = "{vehicle}", category = "tank"}}]
-sceneries = [{{path = "{scenery}"}}]
-[budget]
-images_per_class = {images}
-[camera]
-target_fraction = [0.3, 0.6]
-[render]
-width = 96
-height = 54
-samples = 2
-"""
 
 
 def make_worlds(folder, script="render_worlds.py"):
@@ -44,14 +30,25 @@ def copied(worlds, folder):
 
 
 def plan_in(folder, *, vehicle="tank.blend", scenery="field.blend", images=IMAGES):
-    """Plan pictures of 96 x 54 in a folder with these files and gray.exr; return the plan's path."""
-    return make_plan(folder, CONFIG.format(vehicle=vehicle, scenery=scenery, images=images)).path
+    """Plan pictures in a folder with these files and gray.exr; return the plan's path."""
+    assets = {"vehicles": [{"path": vehicle, "category": "tank"}], "sceneries": [{"path": scenery}]}
+    return make_plan(folder, assets=assets, budget={"images_per_class": images}).path
 
 
-def make_plan(folder, text):
-    """The plan of a config, in a folder with its files."""
-    (folder / "hulldown.toml").write_text(text)
-    config = Config.read(folder / "hulldown.toml")
+def make_plan(folder, seed=0, **sections):
+    """The plan of a config in a folder with its files; the keys of its sections replace those given here."""
+    usual = {
+        "assets": {
+            "hdris": ["gray.exr"],
+            "vehicles": [{"path": "tank.blend", "category": "tank"}],
+            "sceneries": [{"path": "field.blend"}],
+        },
+        "budget": {"images_per_class": IMAGES},
+        "camera": {"target_fraction": [0.3, 0.6]},
+        "render": {"width": 96, "height": 54, "samples": 2},
+    }
+    merged = {key: {**usual.get(key, {}), **sections.get(key, {})} for key in {**usual, **sections}}
+    config = Config.of({"seed": seed, **merged}, path=folder / "hulldown.toml")
     return write_plan(config, load_library(config).assets, folder / "plan.jsonl")
 
 

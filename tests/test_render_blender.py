@@ -33,34 +33,17 @@ from hulldown.render.supervisor import render_plan
 from hulldown.tests.blender_plans import copied, draw, drawn, job, make_plan, pixels
 
 pytestmark = pytest.mark.blender
-CONFIG = """
-seed = 5
-[assets]
-hdris = ["gray.exr", "sky.exr"]
-vehicles = [{path = "tank.blend", category = "tank"}]
-sceneries = [{path = "field.blend"}, {path = "centimeters.blend"}, {path = "map.blend"}]
-[budget]
-images_per_class = 8
-images_per_position = 1
-[camera]
-target_fraction = [0.3, 0.6]
-visible_fraction = [0.2, 1.0]
-truncated_fraction = [0.0, 0.6]
-framing = 1.0
-[placement]
-vehicles_per_image = [1, 2]
-companion_distance = [9.0, 20.0]
-[light]
-hdris = ["gray"]
-exposure = 0.0
-exposure_error_ev = 0.0
-[render]
-width = 128
-height = 72
-samples = 4
-denoise = false
-bounces = 2
-"""
+CONFIG = {
+    "assets": {
+        "hdris": ["gray.exr", "sky.exr"],
+        "sceneries": [{"path": f"{name}.blend"} for name in ("field", "centimeters", "map")],
+    },
+    "budget": {"images_per_class": 8, "images_per_position": 1},
+    "camera": {"visible_fraction": [0.2, 1.0], "truncated_fraction": [0.0, 0.6], "framing": 1.0},
+    "placement": {"vehicles_per_image": [1, 2], "companion_distance": [9.0, 20.0]},
+    "light": {"hdris": ["gray"], "exposure": 0.0, "exposure_error_ev": 0.0},
+    "render": {"width": 128, "height": 72, "samples": 4, "denoise": False, "bounces": 2},
+}
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +53,7 @@ def folder(worlds, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def plan(folder):
-    return make_plan(folder, CONFIG)
+    return make_plan(folder, seed=5, **CONFIG)
 
 
 @pytest.fixture(scope="module")

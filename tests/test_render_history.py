@@ -12,24 +12,6 @@ from hulldown.render.jobs import VehicleFile, render_assets
 from hulldown.tests.blender_plans import copied, draw, make_plan, make_worlds
 
 pytestmark = pytest.mark.blender
-CONFIG = """
-seed = 5
-[assets]
-hdris = ["gray.exr", "sky.exr", "rec709.exr", "acescg.exr"]
-vehicles = [{path = "tank.blend", category = "tank"}]
-sceneries = [{path = "field.blend"}]
-[budget]
-images_per_class = 4
-images_per_position = 1
-[camera]
-target_fraction = [0.3, 0.6]
-[placement]
-vehicles_per_image = 2
-companion_distance = [9.0, 20.0]
-[render]
-width = 96
-height = 54
-"""
 WEATHER = (
     None,
     Weather(800.0, "rain", rain_mm_h=10.0, ground_cover=1.0, vehicle_cover=1.0),
@@ -43,7 +25,13 @@ def plan(worlds, tmp_path_factory):
     folder = tmp_path_factory.mktemp("skies")
     make_worlds(folder, "hdri_files.py")
     copied(worlds, folder)  # its sky.exr is four times as wide as gray.exr
-    return make_plan(folder, CONFIG)
+    return make_plan(
+        folder,
+        seed=5,
+        assets={"hdris": ["gray.exr", "sky.exr", "rec709.exr", "acescg.exr"]},
+        budget={"images_per_class": 4, "images_per_position": 1},
+        placement={"vehicles_per_image": 2, "companion_distance": [9.0, 20.0]},
+    )
 
 
 @pytest.fixture(scope="module")

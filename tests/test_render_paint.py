@@ -20,28 +20,19 @@ from hulldown.tests.blender_plans import copied, draw, make_plan, make_worlds
 pytestmark = pytest.mark.blender
 RAIN = Weather(2000.0, "rain", 15.0, ground_cover=1.0, vehicle_cover=1.0)
 SNOW = Weather(500.0, "snow", ground_cover=0.8, vehicle_cover=0.8)
-CONFIG = """
-seed = 5
-[assets]
-hdris = ["gray.exr"]
-vehicles = [{path = "odd.blend", category = "tank", paint = {colors = ["#c01010"]}}]
-sceneries = [{path = "field.blend"}]
-[budget]
-images_per_class = 1
-images_per_position = 1
-[camera]
-target_fraction = [0.25, 0.3]
-distance_factor = [0.7, 0.8]
-elevation_deg = [10.0, 20.0]
-visible_fraction = [0.95, 1.0]
-framing = 0.0
-[placement]
-vehicles_per_image = [2, 2]
-companion_distance = [8.0, 9.0]
-[render]
-width = 144
-height = 81
-"""
+CONFIG = {
+    "assets": {"vehicles": [{"path": "odd.blend", "category": "tank", "paint": {"colors": ["#c01010"]}}]},
+    "budget": {"images_per_class": 1, "images_per_position": 1},
+    "camera": {
+        "target_fraction": [0.25, 0.3],
+        "distance_factor": [0.7, 0.8],
+        "elevation_deg": [10.0, 20.0],
+        "visible_fraction": [0.95, 1.0],
+        "framing": 0.0,
+    },
+    "placement": {"vehicles_per_image": [2, 2], "companion_distance": [8.0, 9.0]},
+    "render": {"width": 144, "height": 81},
+}
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +44,7 @@ def folder(worlds, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def plan(folder):
-    made = make_plan(folder, CONFIG)
+    made = make_plan(folder, seed=5, **CONFIG)
     assert check_plan(made, load_library(made.config).assets) == []
     return made
 

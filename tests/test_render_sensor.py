@@ -8,11 +8,10 @@ from hulldown.camera.sensor import Sensor
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.verification.verify import verify
 from hulldown.planning.check import check_plan
-from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_library
 from hulldown.render.jobs import render_assets
 from hulldown.render.supervisor import render_plan
-from hulldown.tests.blender_plans import CONFIG, copied, draw, make_plan
+from hulldown.tests.blender_plans import copied, draw, make_plan
 
 pytestmark = pytest.mark.blender
 
@@ -24,8 +23,7 @@ def folder(worlds, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def plan(folder):
-    text = CONFIG.format(vehicle="tank.blend", scenery="field.blend", images=2)
-    return make_plan(folder, text + '[sensor]\npreset = "camera"\n')
+    return make_plan(folder, budget={"images_per_class": 2}, sensor={"preset": "camera"})
 
 
 def test_a_sensor_without_effects_gives_blenders_own_picture(plan, folder):
@@ -41,7 +39,7 @@ def test_a_sensor_without_effects_gives_blenders_own_picture(plan, folder):
 
 
 def test_a_dataset_of_jpeg_files_is_sound_and_reproducible(plan, folder):
-    assert check_plan(plan, load_library(Config.read(folder / "hulldown.toml")).assets) == []
+    assert check_plan(plan, load_library(plan.config).assets) == []
     datasets = [folder / name for name in ("one", "again")]
     for dataset in datasets:
         assert render_plan(plan.path, dataset, assets=render_assets(plan)).complete

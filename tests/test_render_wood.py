@@ -9,31 +9,18 @@ from hulldown.render.supervisor import render_plan
 from hulldown.tests.blender_plans import copied, make_plan
 
 pytestmark = pytest.mark.blender
-CONFIG = """
-seed = 3
-[assets]
-hdris = ["gray.exr"]
-vehicles = [{path = "tank.blend", category = "tank"}]
-sceneries = [{path = "wood.blend"}]
-[budget]
-images_per_class = 6
-images_per_position = 1
-[camera]
-target_fraction = [0.2, 0.4]
-visible_fraction = [0.15, 0.9]
-visibility_rays = 4096
-[render]
-width = 192
-height = 108
-samples = 1
-denoise = false
-bounces = 2
-"""
 
 
 @pytest.fixture(scope="module")
 def plan(worlds, tmp_path_factory):
-    return make_plan(copied(worlds, tmp_path_factory.mktemp("wood")), CONFIG)
+    return make_plan(
+        copied(worlds, tmp_path_factory.mktemp("wood")),
+        seed=3,
+        assets={"sceneries": [{"path": "wood.blend"}]},
+        budget={"images_per_class": 6, "images_per_position": 1},
+        camera={"target_fraction": [0.2, 0.4], "visible_fraction": [0.15, 0.9], "visibility_rays": 4096},
+        render={"width": 192, "height": 108, "samples": 1, "denoise": False, "bounces": 2},
+    )
 
 
 def test_masks_and_visible_shares_in_a_wood_equal_those_of_cycles(plan, tmp_path):
