@@ -20,8 +20,13 @@ IMAGES = 12
 
 def make_worlds(folder, script="render_worlds.py"):
     """Run a script of this folder in Blender, which writes files into another folder."""
-    path = Path(__file__).with_name(script)
-    subprocess.run([sys.executable, str(path), str(folder)], check=True, capture_output=True)
+    run_script(script, folder)
+
+
+def run_script(name, *arguments, check=True):
+    """Run a script of this folder, which may import bpy, with these arguments; return the process."""
+    command = [sys.executable, "-P", str(Path(__file__).with_name(name)), *map(str, arguments)]
+    return subprocess.run(command, check=check, capture_output=True, text=True, errors="replace")
 
 
 def copied(worlds, folder):

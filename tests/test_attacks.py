@@ -6,8 +6,6 @@ The kernel reports which files were opened (inotify).
 import ctypes
 import os
 import struct
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -22,9 +20,9 @@ from hulldown.reading.export import export
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.engine import Engine
 from hulldown.render.supervisor import render_plan
+from hulldown.tests.blender_plans import run_script
 from hulldown.tests.clusters import cluster
 
-BUILDER = Path(__file__).with_name("attack_files.py")
 OPEN, ACCESS = 0x20, 0x01  # from inotify(7)
 pytestmark = [pytest.mark.blender, pytest.mark.xfail(not abi(), reason="this kernel has no Landlock", run=False)]
 
@@ -51,19 +49,13 @@ class Opened:
                 events = events[16 + size :]
 
 
-def run(*arguments: object) -> None:
-    """Run the builder in a separate Blender."""
-    command = [sys.executable, "-P", str(BUILDER), *map(str, arguments)]
-    subprocess.run(command, check=True, capture_output=True)
-
-
 @pytest.fixture(scope="module")
 def attack(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A project in `mine` whose assets try to reach `secret` and `target`."""
     folder = tmp_path_factory.mktemp("attack")
     for name in ("mine/assets", "secret", "target"):
         (folder / name).mkdir(parents=True)
-    run("build", folder / "mine/assets", folder / "secret", folder / "target")
+    run_script("attack_files.py", "build", folder / "mine/assets", folder / "secret", folder / "target")
     return folder
 
 
@@ -94,7 +86,7 @@ def test_blender_without_precautions_opens_the_secrets(attack: Path) -> None:
     """This shows that the attacks work."""
     opened = Opened(attack / "secret")
     secrets = {path.name.split(".")[0] for path in (attack / "secret").iterdir()}
-    run("open", *(path for path in assets(attack) if path.stem in secrets))
+    run_script("attack_files.py", "open", *(path for path in assets(attack) if path.stem in secrets))
     assert secrets <= opened.names()
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +12,7 @@ from hulldown.assets.bundle import load_scenery
 from hulldown.geometry.instances import InstancedScene
 from hulldown.reading.export import export
 from hulldown.reading.report import FileReport
+from hulldown.tests.blender_plans import make_worlds
 
 STEP, PIXELS = 1.2, 50  # as in cutout_blends.py
 # Lookups are exact; baked opacity, and the luminance of colors between texels, differ a little.
@@ -35,8 +34,7 @@ BY_CHANCE = ("principled alpha",)  # half opaque Principled shaders let a random
 def cards(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], FileReport]:
     """For each card the picture and its planned transmittance; the report."""
     folder = tmp_path_factory.mktemp("cards")
-    script = Path(__file__).with_name("cutout_blends.py")
-    subprocess.run([sys.executable, "-P", str(script), str(folder)], check=True, capture_output=True)
+    make_worlds(folder, "cutout_blends.py")
     shown, names = np.load(folder / "shown.npy"), json.loads((folder / "cards.json").read_text())
     exported = export(folder / "cards.blend", folder, kind="scenery")
     scenery = load_scenery(exported.bundle)

@@ -1,20 +1,16 @@
 """Settings of a .blend have no effect outside it."""
 
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
-SCRIPT = Path(__file__).with_name("file_settings.py")
+from hulldown.tests.blender_plans import run_script
 
 
 @pytest.mark.blender
 def test_no_setting_of_a_file_is_in_force_when_it_is_rendered(tmp_path):
     """The test compares all properties that Blender lists, so it finds new ones of later versions."""
-    command = [sys.executable, "-P", str(SCRIPT), str(tmp_path)]
-    ran = subprocess.run(command, capture_output=True, text=True, check=True)
+    ran = run_script("file_settings.py", tmp_path)
     found = json.loads(next(line[2:] for line in ran.stdout.splitlines() if line.startswith("@@")))
     changed = found["changed"]
     for expected in ("file.use_autopack", "scene.view_settings.exposure", "layer.cycles.use_denoising"):

@@ -20,11 +20,11 @@ from hulldown.render.confinement import Confinement
 from hulldown.render.jobs import render_job
 from hulldown.render.messages import CyclesSettings, to_json
 from hulldown.render.process import Blender
+from hulldown.tests.blender_plans import run_script
 from hulldown.tests.parameters import few
 from hulldown.tests.render_plans import ASSETS, make_row
 
 ROOT = Path(__file__).resolve().parents[1]
-BLENDS = Path(__file__).with_name("writing_blends.py")
 WRITES_WHEN_OPENED = ("particles", "paint", "fluid")
 CASES = (*WRITES_WHEN_OPENED, "outputs")
 # Each line is tried separately. IN is writable, OUT isn't; both are folders with a file.
@@ -163,8 +163,7 @@ def blends(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("writing")
     (folder / "blends").mkdir()
     (folder / "target").mkdir()
-    command = [sys.executable, "-P", str(BLENDS), "build", str(folder / "blends"), str(folder / "target")]
-    subprocess.run(command, check=True, capture_output=True)
+    run_script("writing_blends.py", "build", folder / "blends", folder / "target")
     return folder
 
 
@@ -185,8 +184,7 @@ def contents(folder: Path) -> set[str]:
 def test_these_files_write_when_blender_opens_them(blends: Path, case: str) -> None:
     """This shows that the attacks work."""
     before = cleaned(blends)
-    command = [sys.executable, "-P", str(BLENDS), "open", str(blends / "blends" / f"{case}.blend")]
-    subprocess.run(command, check=False, capture_output=True)
+    run_script("writing_blends.py", "open", blends / "blends" / f"{case}.blend", check=False)
     assert contents(blends) > before
 
 

@@ -1,9 +1,6 @@
 """Cycles renders a gray card with the requested brightness under any sky."""
 
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +8,7 @@ import pytest
 from hulldown.assets.skylight import level_irradiance
 from hulldown.camera.response import ALBEDO, CARD, displayed, metered, white_balance
 from hulldown.geometry.color import LUMINANCE
+from hulldown.tests.blender_plans import run_script
 
 pytestmark = pytest.mark.blender
 HEIGHT = 512
@@ -42,8 +40,7 @@ def sky(kind):
 def rendered(folder, jobs):
     given, answer = folder / "jobs.json", folder / "answer.json"
     given.write_text(json.dumps(jobs))
-    script = Path(__file__).with_name("gray_cards.py")
-    subprocess.run([sys.executable, "-P", str(script), str(given), str(answer)], check=True, capture_output=True)
+    run_script("gray_cards.py", given, answer)
     return np.array(json.loads(answer.read_text()))
 
 

@@ -1,16 +1,12 @@
 """Water, snow, and dust on surfaces, in linear pictures by surface_pictures under an even white sky."""
 
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from hulldown.render.surface_weather import DUST_ALBEDO, SNOW_ALBEDO
+from hulldown.tests.blender_plans import make_worlds
 
 pytestmark = pytest.mark.blender
-MAKER = Path(__file__).with_name("surface_pictures.py")
 YARDS = ["yard", "turned"]  # in meters with z up, and in centimeters with y up
 NOISE = 0.01  # noise of a mean, from 16 samples a pixel and the snow's patches
 
@@ -18,7 +14,7 @@ NOISE = 0.01  # noise of a mean, from 16 samples a pixel and the snow's patches
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("surfaces")
-    subprocess.run([sys.executable, "-P", str(MAKER), str(made)], check=True, capture_output=True)
+    make_worlds(made, "surface_pictures.py")
     return made
 
 
