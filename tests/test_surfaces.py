@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from hulldown.render.surface_weather import DUST_ALBEDO, SNOW_ALBEDO
 from hulldown.tests.blender_plans import make_worlds
 
 pytestmark = pytest.mark.blender
 YARDS = ["yard", "turned"]  # in meters with z up, and in centimeters with y up
+SNOW_ALBEDO, DUST_ALBEDO = (0.80, 0.83, 0.86), (0.36, 0.28, 0.19)
 NOISE = 0.01  # noise of a mean, from 16 samples a pixel and the snow's patches
 
 

@@ -17,10 +17,18 @@ from typing import Any
 import bpy
 
 from hulldown.reading.blender.add_nodes import add_node, feed, maths
-from hulldown.render import surface_weather as weather
 
 SHARE = "hulldown share"
 PLANE = "hulldown_above"  # property of a vehicle's objects: x, y, z, 1 of the world to meters above its underside
+# Lagarde: a surface soaks up water if it is rougher than 0.5 (perceptual roughness), fully from 0.9 on.
+POROUS_FROM, POROUS_AT = 0.5, 0.9
+WET_DIFFUSE = 0.6  # of the dry albedo where fully porous; his 0.2 turns soil twice as dark as measured
+WET_ROUGHNESS = 0.65  # of the dry roughness there
+SNOW_ALBEDO = (0.80, 0.83, 0.86)
+SNOW_LIES_TO, SNOW_SLIDES_FROM = 30.0, 60.0  # degrees of slope with all of the cover, and from which none is left
+DUST_ALBEDO = (0.36, 0.28, 0.19)
+DUST_FULL_TO, DUST_TO = 0.2, 1.2  # meters above a vehicle's underside
+DUST_ON_TOPS = 0.35  # of what lies on the lower parts; on scenery too
 FILM_COAT, FILM_ROUGHNESS = 0.5, 0.12  # Cycles' coat reflects 4 % head-on, water 2 %; drops blur it
 WATER_SPECULAR = 0.5  # of the usual 4 % that a surface reflects head-on
 PATCHES = (9.0, 1.4, 0.12)  # meters: drifts, patches, and grass that sticks out of thin snow
@@ -95,12 +103,12 @@ def wetting(name: str, *, film: bool) -> Any:
     kinds = {"Base Color": "Color", **dict.fromkeys(floats, "Float")}
     g = Group(name, {**kinds, "Metallic": "Float"}, kinds)
     rough, shine = g.given["Roughness"], g.given["Specular IOR Level"]
-    scale = 1 / (weather.POROUS_AT - weather.POROUS_FROM)
-    soaks = g.maths("MULTIPLY_ADD", rough, scale, -weather.POROUS_FROM * scale, clamp=True)
+    scale = 1 / (POROUS_AT - POROUS_FROM)
+    soaks = g.maths("MULTIPLY_ADD", rough, scale, -POROUS_FROM * scale, clamp=True)
     soaks = g.maths("MULTIPLY", soaks, g.maths("SUBTRACT", 1.0, g.given["Metallic"], clamp=True))
     soaked = g.maths("MULTIPLY", soaks, g.share)
-    color = _times(g, g.given["Base Color"], g.maths("MULTIPLY_ADD", soaked, weather.WET_DIFFUSE - 1, 1.0))
-    rough = g.maths("MULTIPLY", rough, g.maths("MULTIPLY_ADD", soaked, weather.WET_ROUGHNESS - 1, 1.0))
+    color = _times(g, g.given["Base Color"], g.maths("MULTIPLY_ADD", soaked, WET_DIFFUSE - 1, 1.0))
+    rough = g.maths("MULTIPLY", rough, g.maths("MULTIPLY_ADD", soaked, WET_ROUGHNESS - 1, 1.0))
     shine = g.maths("MULTIPLY", shine, g.maths("MULTIPLY_ADD", soaked, WATER_SPECULAR - 1, 1.0))
     coat, blur = g.given["Coat Weight"], g.given["Coat Roughness"]
     if film:
@@ -112,7 +120,7 @@ def wetting(name: str, *, film: bool) -> Any:
 def soaking(name: str) -> Any:
     """A group before a diffuse shader's color; such a surface is fully porous."""
     g = Group(name, {"Color": "Color"}, {"Color": "Color"})
-    return g.end(Color=_times(g, g.given["Color"], g.maths("MULTIPLY_ADD", g.share, weather.WET_DIFFUSE - 1, 1.0)))
+    return g.end(Color=_times(g, g.given["Color"], g.maths("MULTIPLY_ADD", g.share, WET_DIFFUSE - 1, 1.0)))
 
 
 def _times(g: Group, vector: Any, factor: Any) -> Any:
@@ -135,7 +143,7 @@ def snow(name: str, up: tuple[float, float, float], units_per_meter: float) -> A
     """
     g = _cover(name)
     seen = g.add("NewGeometry").outputs
-    low, high = (math.cos(math.radians(slope)) for slope in (weather.SNOW_SLIDES_FROM, weather.SNOW_LIES_TO))
+    low, high = (math.cos(math.radians(slope)) for slope in (SNOW_SLIDES_FROM, SNOW_LIES_TO))
     lies = g.ramp(g.dot(seen["Normal"], up), low, high)
     # A distance of 0 costs no ray: for surfaces that are too steep or not seen directly.
     camera = g.add("LightPath").outputs["Is Camera Ray"]
@@ -155,7 +163,7 @@ def snow(name: str, up: tuple[float, float, float], units_per_meter: float) -> A
     inside = g.maths("SUBTRACT", share, patches)
     covered = g.maths("ADD", g.maths("DIVIDE", inside, edge), 0.5, clamp=True)
     some = g.maths("GREATER_THAN", share, 0.0)
-    return _covered(g, g.maths("MULTIPLY", covered, some), weather.SNOW_ALBEDO)
+    return _covered(g, g.maths("MULTIPLY", covered, some), SNOW_ALBEDO)
 
 
 def dust(name: str, up: tuple[float, float, float], units_per_meter: float, *, climbs: bool) -> Any:
@@ -173,15 +181,15 @@ def dust(name: str, up: tuple[float, float, float], units_per_meter: float, *, c
     g = _cover(name)
     seen = g.add("NewGeometry").outputs
     uneven = g.even_noise(_times(g, seen["Position"], 1 / units_per_meter), (DUST_PATCH,))
-    lies = g.maths("MULTIPLY", g.ramp(g.dot(seen["Normal"], up), 0.5, 1.0), weather.DUST_ON_TOPS)
+    lies = g.maths("MULTIPLY", g.ramp(g.dot(seen["Normal"], up), 0.5, 1.0), DUST_ON_TOPS)
     if climbs:
         plane = g.add("Attribute", attribute_type="OBJECT", attribute_name=PLANE).outputs
         height = g.maths("ADD", g.dot(seen["Position"], plane["Vector"]), plane["Alpha"])
         ragged = g.maths("ADD", height, g.maths("MULTIPLY_ADD", uneven, 0.4, -0.2))
-        low = g.maths("SUBTRACT", 1.0, g.ramp(ragged, weather.DUST_FULL_TO, weather.DUST_TO))
+        low = g.maths("SUBTRACT", 1.0, g.ramp(ragged, DUST_FULL_TO, DUST_TO))
         lies = g.maths("MAXIMUM", lies, low)
     thick = g.maths("MULTIPLY", lies, g.maths("MULTIPLY_ADD", uneven, 0.4, 0.6))
-    return _covered(g, g.maths("MULTIPLY", thick, g.share), weather.DUST_ALBEDO)
+    return _covered(g, g.maths("MULTIPLY", thick, g.share), DUST_ALBEDO)
 
 
 def _cover(name: str) -> Group:
