@@ -12,7 +12,7 @@ from hulldown.geometry.alpha import AlphaMap, Extension
 from hulldown.reading.blender.arrays import coordinates
 from hulldown.reading.blender.light_pictures import rendered, see_pixel_centers
 from hulldown.reading.blender.surfaces.nodes import material_output, upstream
-from hulldown.reading.blender.surfaces.opacity import NotUnderstoodError
+from hulldown.reading.blender.surfaces.opacity import Cutter, NotUnderstoodError
 from hulldown.reading.blender.surfaces.opacity_nodes import show_opacity
 
 WIDEST = 16.0  # times that an image may repeat in what is baked
@@ -25,8 +25,8 @@ PLAIN = (
 TEXTURES = tuple(f"Tex{name}" for name in ("Noise", "Voronoi", "Wave", "Magic", "Checker", "Brick", "Gradient"))
 
 
-def baked(material: Any, size: int) -> tuple[AlphaMap, str, tuple[np.ndarray, np.ndarray]]:
-    """The opacity of a material, with the layer and the range, low and high, of its coordinates.
+def baked(material: Any, size: int) -> Cutter:
+    """The opacity of a material, over the range of its coordinates.
 
     Parameters
     ----------
@@ -53,7 +53,9 @@ def baked(material: Any, size: int) -> tuple[AlphaMap, str, tuple[np.ndarray, np
             bpy.data.node_groups.remove(group)
     whole = (low == 0.0).all() and (high == 1.0).all()
     extension = Extension.REPEAT if whole else Extension.EXTEND
-    return AlphaMap(np.rint(texels * 255.0).astype(np.uint8), extension), layer, (low, high)
+    (x_scale, y_scale), (x, y) = (1.0 / (high - low)).tolist(), (-low / (high - low)).tolist()
+    onto = ((x_scale, 0.0, x), (0.0, y_scale, y))
+    return Cutter(AlphaMap(np.rint(texels * 255.0).astype(np.uint8), extension), layer, onto)
 
 
 def _own_groups(tree: Any) -> Iterator[Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,19 +12,8 @@ from jaxtyping import Float32, Int
 from hulldown.geometry.alpha import GRADES, AlphaMap, Cutouts, Extension, fewer_texels
 from hulldown.reading.blender.arrays import coordinates, read
 from hulldown.reading.blender.surfaces.bake import baked
-from hulldown.reading.blender.surfaces.opacity import IDENTITY, Affine, NotUnderstoodError, Value, opacity_of
+from hulldown.reading.blender.surfaces.opacity import IDENTITY, Cutter, NotUnderstoodError, Value, opacity_of
 from hulldown.reading.blender.surfaces.texels import texels
-
-EXTENSION = {"REPEAT": Extension.REPEAT, "EXTEND": Extension.EXTEND, "CLIP": Extension.CLIP}
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Cutter:
-    """A material's alpha: a map, the layer of its coordinates ("": the rendered one), and their transform."""
-
-    alpha: AlphaMap
-    layer: str
-    image_from_uv: Affine
 
 
 class CutoutReader:
@@ -50,16 +39,12 @@ class CutoutReader:
             except NotUnderstoodError:
                 key = material.as_pointer()
                 try:
-                    alpha, layer, (low, high) = baked(material, self._longest)
+                    self._cutters[key] = baked(material, self._longest)
                 except NotUnderstoodError as reason:
                     self._cutters[key] = None
                     self.doubts.append(
                         f"the material {material.name!r} counts as opaque: its transparency depends on {reason}"
                     )
-                    continue
-                scale, shift = 1.0 / (high - low), -low / (high - low)
-                onto = ((float(scale[0]), 0.0, float(shift[0])), (0.0, float(scale[1]), float(shift[1])))
-                self._cutters[key] = Cutter(alpha, layer, onto)
 
     def cutouts(self, data: Any, materials: list[Any]) -> Cutouts | None:
         """Cut-outs of an evaluated mesh with loop triangles."""
@@ -94,25 +79,20 @@ class CutoutReader:
             return Cutter(AlphaMap(value.curve.reshape(1, 1), Extension.EXTEND, smooth=False), "", IDENTITY)
         found = value.lookup
         image = found.node.image
-        if image is None or (not image.has_data and not _load(image)):
+        if image is None or not (image.has_data or all(image.original.size)):  # asking for the size loads it
             return None  # Cycles renders it pink; the report lists it as missing
         key = (image.original.as_pointer(), found.channel, found.node.outputs["Alpha"].is_linked)
         if key not in self._texels:
             self._texels[key] = texels(image.original, found.channel, alpha_used=key[-1])
         curve = None if (value.curve == GRADES).all() else value.curve
         smooth = found.node.interpolation != "Closest"
-        alpha = AlphaMap(self._texels[key], EXTENSION[found.node.extension], smooth, curve)
+        alpha = AlphaMap(self._texels[key], Extension[found.node.extension], smooth, curve)
         if max(alpha.texels.shape) > self._longest:
             small = (*key, value.curve.tobytes())
             if small not in self._texels:
                 self._texels[small] = fewer_texels(alpha, self._longest)
             alpha = replace(alpha, texels=self._texels[small], curve=None)
         return Cutter(alpha, found.layer, found.image_from_uv)
-
-
-def _load(image: Any) -> bool:
-    """Load an image; whether it has pixels."""
-    return bool(image.original.size[0] * image.original.size[1])
 
 
 def _coordinates(data: Any, cutter: Cutter, corners: Int[np.ndarray, "m 3"]) -> Float32[np.ndarray, "m 3 2"]:

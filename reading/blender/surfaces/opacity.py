@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from mathutils import Euler, Matrix
 
-from hulldown.geometry.alpha import GRADES
+from hulldown.geometry.alpha import GRADES, AlphaMap
 from hulldown.geometry.color import LUMINANCE, linear_from_srgb
 from hulldown.reading.blender.surfaces.nodes import Stack, material_output, source
 from hulldown.reading.blender.surfaces.texels import is_curved, texels
@@ -39,6 +39,15 @@ class Lookup:
     layer: str
     image_from_uv: Affine
     bounded: bool
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Cutter:
+    """A material's alpha: a map, the layer of its coordinates ("": the rendered one), and their transform."""
+
+    alpha: AlphaMap
+    layer: str
+    image_from_uv: Affine
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -24,7 +24,7 @@ MOST = 20_000  # files that are looked at for them
 def used_files() -> list[str]:
     """Absolute path of every file that the open file refers to, existing or not; without packed ones."""
     paths = {path for path in bpy.utils.blend_paths(absolute=True, packed=False, local=False) if path}
-    paths |= {path for block in _referring() for path in _paths(block)}
+    paths |= {path for block in _referring() if (path := _path(block))}
     return sorted(paths)
 
 
@@ -42,7 +42,7 @@ def find_moved(path: Path) -> list[str]:
     A sentence for each image that was found, or that several different files match.
     """
     images = [block for block in _referring() if isinstance(block, bpy.types.Image) and TILES not in block.filepath]
-    gone = [image for image in images if not all(map(_is_there, _paths(image)))]
+    gone = [image for image in images if (file := _path(image)) and not _is_there(file)]
     named = [re.split(r"[/\\]", image.filepath)[-1].lower() for image in gone]
     found: dict[str, set[str]] = {name: set() for name in named}
     if found:
@@ -97,8 +97,8 @@ def missing_files(drawn: Collection[str]) -> tuple[Missing, ...]:
     users = bpy.data.user_map()
     found: dict[str, set[str]] = {}
     for block in _referring():
-        gone = [path for path in _paths(block) if not _is_there(path)]
-        if not gone:
+        path = _path(block)
+        if not path or _is_there(path):
             continue
         if isinstance(block, bpy.types.Library):
             wanted = {b.name for b in block.users_id if isinstance(b, (bpy.types.Object, bpy.types.Collection))}
@@ -106,8 +106,7 @@ def missing_files(drawn: Collection[str]) -> tuple[Missing, ...]:
             wanted = _objects_using(block, users) & set(drawn)
             if not wanted:
                 continue
-        for path in gone:
-            found.setdefault(path, set()).update(wanted)
+        found.setdefault(path, set()).update(wanted)
     return tuple(Missing(path, tuple(sorted(names))) for path, names in sorted(found.items()))
 
 
@@ -122,10 +121,9 @@ def _referring() -> Iterator[Any]:
                 yield block
 
 
-def _paths(block: Any) -> list[str]:
-    if not block.filepath:
-        return []
-    return [bpy.path.abspath(block.filepath, library=getattr(block, "library", None))]
+def _path(block: Any) -> str:
+    """The absolute path of a block's file; "" if it has none."""
+    return bpy.path.abspath(block.filepath, library=getattr(block, "library", None)) if block.filepath else ""
 
 
 def _is_there(path: str) -> bool:
