@@ -1,24 +1,44 @@
 """Kills of `hulldown render` and of Blender: the dataset must equal that of an undisturbed run."""
 
 import shutil
+import subprocess
+import sys
+import time
 
+import psutil
 import pytest
 
 from hulldown.tests.blender_plans import IMAGES, copied, plan_in
-from hulldown.tests.oracles.resuming import Kill, differences, render
+from hulldown.tests.oracles.resuming import differences
 
 pytestmark = pytest.mark.blender
+
+
+def started(plan, dataset):
+    command = [sys.executable, "-P", "-m", "hulldown.cli", "render", str(plan), "-o", str(dataset), "--device", "cpu"]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def wait_for(run, dataset, pictures):
+    """Wait until a run has added these pictures, and is still running."""
+    while len(list((dataset / "images").glob("*"))) < pictures:
+        assert run.poll() is None
+        time.sleep(0.01)
 
 
 @pytest.fixture(scope="module")
 def folder(worlds, tmp_path_factory):
     """A plan, rendered into `whole` by an undisturbed run and into `killed` with kills."""
     made = copied(worlds, tmp_path_factory.mktemp("resuming"))
-    plan = plan_in(made)
-    render(plan, made / "whole")
-    course = render(plan, made / "killed", [Kill("worker", 2, 0.02), Kill("run", 3, 0.05)])
-    assert course.killed == {"run": 1, "worker": 1}
-    assert course.started == 2
+    plan, dataset = plan_in(made), made / "killed"
+    assert started(plan, made / "whole").wait() == 0
+    run = started(plan, dataset)
+    wait_for(run, dataset, 2)
+    psutil.Process(run.pid).children()[-1].kill()
+    wait_for(run, dataset, 5)
+    run.kill()
+    run.wait()
+    assert started(plan, dataset).wait() == 0
     return made
 
 
