@@ -20,6 +20,7 @@ from hulldown.geometry.meshes import Mesh
 FORMAT = 9  # also raised when undersides or extreme vertices are computed in another way
 # RuntimeError: zipfile takes damaged flags for encryption. MemoryError: a header may claim any shape.
 _DAMAGE = (OSError, ValueError, EOFError, KeyError, TypeError, RuntimeError, MemoryError, zipfile.BadZipFile)
+OWN = "map_array_{}"  # the texels or the curve of maps
 REMEDY = "delete the file, it is made again when it is needed"
 
 
@@ -78,28 +79,19 @@ def _values(data: Mapping[str, np.ndarray], kind: type) -> dict[str, Any]:
     return plain | {name: tuple(text) if isinstance(text, list) else text for name, text in texts.items()}
 
 
-# Cut-outs of meshes, each texture and each array of texels once.
-ARRAYS = (
-    *("cut_faces", "cut_uv", "cut_maps", "cut_counts"),
-    *("map_texels", "map_extension", "map_smooth", "map_curve"),
-)
-OWN = "map_array_{}"  # the texels or the curve of maps
-# Rows of all meshes follow one another; the counts are rows per mesh.
-_MESHES = ("mesh_names", "vertex_counts", "face_counts", "extreme_counts", "vertices", "faces", "extreme")
-
-
 def _packed(meshes: Sequence[Mesh]) -> dict[str, np.ndarray]:
+    """Rows of all meshes follow one another; the counts are rows per mesh."""
     extreme = [np.empty(0, np.int64) if mesh.extreme is None else mesh.extreme for mesh in meshes]
-    arrays = (
-        np.array([mesh.name for mesh in meshes], np.str_),
-        np.array([len(mesh.vertices) for mesh in meshes], np.int64),
-        np.array([len(mesh.faces) for mesh in meshes], np.int64),
-        np.array([len(vertices) for vertices in extreme], np.int64),
-        np.concatenate([np.empty((0, 3)), *(mesh.vertices for mesh in meshes)]),
-        np.concatenate([np.empty((0, 3), np.int32), *(mesh.faces for mesh in meshes)]),
-        np.concatenate([np.empty(0, np.int64), *extreme]),
-    )
-    return {**dict(zip(_MESHES, arrays, strict=True)), **packed([mesh.cutouts for mesh in meshes])}
+    return {
+        "mesh_names": np.array([mesh.name for mesh in meshes], np.str_),
+        "vertex_counts": np.array([len(mesh.vertices) for mesh in meshes], np.int64),
+        "face_counts": np.array([len(mesh.faces) for mesh in meshes], np.int64),
+        "extreme_counts": np.array([len(vertices) for vertices in extreme], np.int64),
+        "vertices": np.concatenate([np.empty((0, 3)), *(mesh.vertices for mesh in meshes)]),
+        "faces": np.concatenate([np.empty((0, 3), np.int32), *(mesh.faces for mesh in meshes)]),
+        "extreme": np.concatenate([np.empty(0, np.int64), *extreme]),
+        **packed([mesh.cutouts for mesh in meshes]),
+    }
 
 
 def _meshes(data: Mapping[str, np.ndarray]) -> list[Mesh]:
@@ -111,7 +103,7 @@ def _meshes(data: Mapping[str, np.ndarray]) -> list[Mesh]:
 
 
 def _load(path: Path, kind: str, names: Iterable[str]) -> dict[str, np.ndarray]:
-    wanted = {*names, *_MESHES, *ARRAYS}
+    wanted = {*names, *_packed([])}
     try:
         # Opened here, since numpy doesn't close a file that isn't an archive.
         with open_regular(path) as stream, np.load(stream, allow_pickle=False) as file:
@@ -134,25 +126,24 @@ def _load(path: Path, kind: str, names: Iterable[str]) -> dict[str, np.ndarray]:
 
 
 def packed(cutouts: Sequence[Cutouts | None]) -> dict[str, np.ndarray]:
-    """Arrays by the names in `ARRAYS`, and all texels and curves of maps."""
+    """Arrays of the cut-outs of meshes, with each texture, and each array of texels or a curve, once."""
     there = [cut for cut in cutouts if cut is not None]
     maps = list({id(alpha): alpha for cut in there for alpha in cut.maps}.values())
     number = {id(alpha): i for i, alpha in enumerate(maps)}
     used = [np.array([number[id(alpha)] for alpha in cut.maps])[cut.face_map] for cut in there]
     own = {id(array): array for alpha in maps for array in (alpha.texels, alpha.curve) if array is not None}
     place = {key: i for i, key in enumerate(own)}
-    values = (
-        np.concatenate([np.empty(0, np.int64), *(cut.face for cut in there)]),
-        np.concatenate([np.empty((0, 3, 2), np.float32), *(cut.uv for cut in there)]),
-        np.concatenate([np.empty(0, np.int64), *used]),
-        np.array([-1 if cut is None else len(cut.face) for cut in cutouts], np.int64),
-        np.array([place[id(alpha.texels)] for alpha in maps], np.int64),
-        np.array([alpha.extension for alpha in maps], np.int64),
-        np.array([alpha.smooth for alpha in maps], bool),
-        np.array([place.get(id(alpha.curve), -1) for alpha in maps], np.int64),
-    )
-    arrays = {OWN.format(i): array for i, array in enumerate(own.values())}
-    return {**dict(zip(ARRAYS, values, strict=True)), **arrays}
+    return {
+        "cut_faces": np.concatenate([np.empty(0, np.int64), *(cut.face for cut in there)]),
+        "cut_uv": np.concatenate([np.empty((0, 3, 2), np.float32), *(cut.uv for cut in there)]),
+        "cut_maps": np.concatenate([np.empty(0, np.int64), *used]),
+        "cut_counts": np.array([-1 if cut is None else len(cut.face) for cut in cutouts], np.int64),
+        "map_texels": np.array([place[id(alpha.texels)] for alpha in maps], np.int64),
+        "map_extension": np.array([alpha.extension for alpha in maps], np.int64),
+        "map_smooth": np.array([alpha.smooth for alpha in maps], bool),
+        "map_curve": np.array([place.get(id(alpha.curve), -1) for alpha in maps], np.int64),
+        **{OWN.format(i): array for i, array in enumerate(own.values())},
+    }
 
 
 def unpacked(data: Mapping[str, np.ndarray]) -> list[Cutouts | None]:
