@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import re
-import sys
 import unicodedata
 from collections.abc import Iterable
 from fnmatch import fnmatchcase
 from functools import lru_cache
-from typing import NamedTuple
 
 TURRET = ("turret",)
 LAUNCHER = ("launcher", "tower")  # the turret in files without one named so
@@ -150,44 +148,30 @@ def first_match(name: str, patterns: Iterable[str]) -> str | None:
         name one after the other, however they are joined, with a plural s or without.
     """
     patterns = tuple(patterns)
-    asked = _asked(patterns)
-    number = _first_matched(words(name), asked.words, asked.longest)
-    if asked.globs:
-        number = min([number, *(i for i, glob in asked.globs if fnmatchcase(name.lower(), glob))])
-    return patterns[number] if number < len(patterns) else None
+    numbers, globs = _compiled(patterns)
+    matched = [numbers[word] for word in _joined(name) if word in numbers]
+    matched += [i for i, glob in globs if fnmatchcase(name.lower(), glob)]
+    return patterns[min(matched)] if matched else None
 
 
-class _Asked(NamedTuple):
-    """Compiled patterns: the number of the first pattern with a word, and the globs."""
-
-    words: dict[str, int]
-    longest: int
-    globs: list[tuple[int, str]]
+@lru_cache(maxsize=4096)  # a name is held against many patterns, one after the other
+def _joined(name: str) -> tuple[str, ...]:
+    """The words of a name, and all that are neighbors written as one."""
+    parts = words(name)
+    return tuple("".join(parts[i:k]) for i in range(len(parts)) for k in range(i + 1, len(parts) + 1))
 
 
 @lru_cache(maxsize=256)
-def _asked(patterns: tuple[str, ...]) -> _Asked:
+def _compiled(patterns: tuple[str, ...]) -> tuple[dict[str, int], list[tuple[int, str]]]:
+    """The number of the first pattern with each word, written as one, and the globs with their numbers."""
     globs = [(i, pattern.lower()) for i, pattern in enumerate(patterns) if any(c in pattern for c in "*?[")]
-    joined_words = {i: "".join(words(pattern)) for i, pattern in enumerate(patterns)}
-    first_index: dict[str, int] = {}
-    for i, word in joined_words.items():
+    numbers: dict[str, int] = {}
+    for i, pattern in enumerate(patterns):
+        word = "".join(words(pattern))
         if word and i not in dict(globs):
-            first_index.setdefault(word, i)
-            first_index.setdefault(word + "s", i)
-    return _Asked(first_index, max(map(len, first_index), default=0), globs)
-
-
-def _first_matched(name: tuple[str, ...], asked: dict[str, int], longest: int) -> int:
-    """The lowest number of all words in the name, written as one or several; a large one if there are none."""
-    lowest = sys.maxsize
-    for first in range(len(name)):
-        joined = ""
-        for k in range(first, len(name)):
-            joined += name[k]
-            if len(joined) > longest:
-                break
-            lowest = min(lowest, asked.get(joined, lowest))
-    return lowest
+            numbers.setdefault(word, i)
+            numbers.setdefault(word + "s", i)
+    return numbers, globs
 
 
 def hints(name: str, stems: Iterable[str]) -> str | None:
