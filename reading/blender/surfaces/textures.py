@@ -42,7 +42,7 @@ def find_moved(path: Path) -> list[str]:
     A sentence for each image that was found, or that several different files match.
     """
     images = [block for block in _referring() if isinstance(block, bpy.types.Image) and TILES not in block.filepath]
-    gone = [image for image in images if (file := _path(image)) and not _is_there(file)]
+    gone = [image for image in images if (wanted := _path(image)) and not _is_there(wanted)]
     named = [re.split(r"[/\\]", image.filepath)[-1].lower() for image in gone]
     found: dict[str, set[str]] = {name: set() for name in named}
     if found:
