@@ -271,28 +271,26 @@ class Blender:
 
     def start(self) -> None:
         """Start it if necessary, and choose the device."""
-        reason = ""
-        for _ in range(self._allowance.limits.attempts):
-            if self._child is not None:
-                return
+        if self._child is not None:
+            return
+        limits = self._allowance.limits
+        for attempt in range(1, limits.attempts + 1):
             try:
                 self._launch()
-                self._version = self._hear(self._allowance.limits.start_s)["ready"]
+                self._version = self._hear(limits.start_s)["ready"]
                 start = StartJob(self._device, self._number, self._allowance.threads)
-                answer = self._ask(to_json(start), self._allowance.limits.start_s)
+                answer = self._ask(to_json(start), limits.start_s)
             except Lost as lost:
-                reason = str(lost)
                 self._lose(lost)
-                continue
+                if attempt < limits.attempts:
+                    continue
+                problem = f"Blender has not started {attempt} times running: {lost}"
+                raise HulldownError(problem, path=self._log, remedy=self._remedy) from None
             if "failed" in answer:
                 raise HulldownError(f"Blender cannot be used: {answer['failed']}", remedy=self._remedy)
             self.devices, self._renders_on = answer["devices"], answer["device"]
             self._say(f"renders on {self._renders_on}")
-        if self._child is None:
-            times = self._allowance.limits.attempts
-            raise HulldownError(
-                f"Blender has not started {times} times running: {reason}", path=self._log, remedy=self._remedy
-            )
+            return
 
     def _launch(self) -> None:
         self._log.parent.mkdir(parents=True, exist_ok=True)
