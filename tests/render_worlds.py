@@ -208,6 +208,16 @@ def main(folder):
     field(folder / "evil.blend", drape=evil(folder))
     field(folder / "wood.blend", drape=trees(folder))
     targets(folder / "walls.blend")
+    fresh()
+    box("wall", (0.5, 80.0, 80.0), (20.0, 0.0, 0.0), glowing("dark", (0.05, 0.05, 0.05)))
+    save(folder / "wall.blend")
+    fresh()
+    box("ground", (900.0, 900.0, 1.0), (0.0, 0.0, -0.5), diffuse("ground", (0.5, 0.5, 0.5)))
+    save(folder / "ground.blend")
+    sunny = np.full((128, 256), 0.1)
+    sunny[38:44, 100:106] = 120.0  # 30 degrees high; it gives the ground three times as much light as the rest
+    np.save(folder / "sunny.npy", sunny)
+    hdri(folder / "sunny.exr", sunny)
     sky(folder / "sky.exr")
     gray(folder / "gray.exr")
 

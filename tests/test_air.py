@@ -1,9 +1,6 @@
 """Dust, rain, and snow in Cycles' pictures: the veil follows its law, and the streaks are the drawn drops."""
 
 import math
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,28 +15,10 @@ from hulldown.render.process import Blender
 from hulldown.tests.blender_plans import drawn
 
 pytestmark = pytest.mark.blender
-WORLDS = """
-import sys
-from pathlib import Path
-import numpy as np
-from hulldown.tests.render_worlds import box, diffuse, fresh, glowing, gray, hdri, save, targets
-folder = Path(sys.argv[1])
-targets(folder / "walls.blend")
-gray(folder / "gray.exr")
-fresh()
-box("wall", (0.5, 80.0, 80.0), (20.0, 0.0, 0.0), glowing("dark", (0.05, 0.05, 0.05)))
-save(folder / "wall.blend")
-fresh()
-box("ground", (900.0, 900.0, 1.0), (0.0, 0.0, -0.5), diffuse("ground", (0.5, 0.5, 0.5)))
-save(folder / "ground.blend")
-hdri(folder / "sunny.exr", np.load(folder / "sunny.npy"))
-"""
 AHEAD = [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 IDENTITY = np.eye(4).tolist()
 SKY = 0.5  # radiance of gray.exr
 WALL = 0.05  # of the wall in wall.blend
-SUNNY = np.full((128, 256), 0.1)  # radiance of sunny.exr
-SUNNY[38:44, 100:106] = 120.0  # 30 degrees high; it gives the ground three times as much light as the rest
 NO_VEIL = 1e9
 RAIN = Weather(NO_VEIL, "rain", 100.0, (0.0, 2.0), 0.01, 0.0, 0.0)
 
@@ -47,20 +26,18 @@ RAIN = Weather(NO_VEIL, "rain", 100.0, (0.0, 2.0), 0.01, 0.0, 0.0)
 class Studio:
     """A worker that renders jobs in small worlds."""
 
-    def __init__(self, folder):
-        root = Path(__file__).parents[1]
-        np.save(folder / "sunny.npy", SUNNY)
-        subprocess.run([sys.executable, "-c", WORLDS, str(folder)], check=True, capture_output=True, cwd=root)
-        self.folder, self.blender, self._count = folder, Blender(folder / "log", device="cpu"), 0
+    def __init__(self, worlds, folder):
+        self.worlds, self.folder, self._count = worlds, folder, 0
+        self.blender = Blender(folder / "log", device="cpu")
 
     def picture(self, weather, *, world="wall", sky="gray", pose=AHEAD, fov_x_deg=60.0, width=96, samples=16, seed=1):
         output = self.folder / f"{self._count}.png"
         self._count += 1
         job = RenderJob(
-            scenery=SceneryInput(str(self.folder / f"{world}.blend"), IDENTITY, [], []),
+            scenery=SceneryInput(str(self.worlds / f"{world}.blend"), IDENTITY, [], []),
             vehicles=[],
             camera=CameraInput(pose, Intrinsics(width, width * 9 // 16, math.radians(fov_x_deg)), 0.1, 0.0, 0.0),
-            light=LightInput(str(self.folder / f"{sky}.exr"), 0.0, 1.0, None),
+            light=LightInput(str(self.worlds / f"{sky}.exr"), 0.0, 1.0, None),
             weather=weather,
             seed=seed,
             settings=CyclesSettings(samples, False, 0.0, 2),
@@ -70,8 +47,8 @@ class Studio:
 
 
 @pytest.fixture(scope="module")
-def studio(tmp_path_factory):
-    made = Studio(tmp_path_factory.mktemp("air"))
+def studio(worlds, tmp_path_factory):
+    made = Studio(worlds, tmp_path_factory.mktemp("air"))
     with made.blender:
         yield made
 
@@ -105,14 +82,15 @@ def test_the_sun_fades_and_airlight_reaches_the_ground(studio, kind, visibility)
     pose = [[0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 2.0], [0.0, 0.0, 0.0, 1.0]]
     seen = studio.picture(weather, world="ground", sky="sunny", pose=pose, fov_x_deg=20.0, width=32, samples=64)
     elevation = math.pi / 2 - (np.arange(64) + 0.5) / 128 * math.pi
-    glow = airlight(kind, even_sky(np.repeat(SUNNY[..., None], 3, axis=2)))
+    sunny = np.load(studio.worlds / "sunny.npy")
+    glow = airlight(kind, even_sky(np.repeat(sunny[..., None], 3, axis=2)))
     depth = np.zeros(64)
     for layer in air_layers(kind, visibility):
         up = (layer.above + 2.0) / np.sin(elevation)
         depth += layer.extinction * np.minimum(up, layer.reach / np.cos(elevation))
     clear = np.exp(-depth)[:, None]
     weight = np.sin(2 * elevation)[:, None] * math.pi**2 / 128  # weight of a row of the sky, on level ground
-    ground = 0.5 / math.pi * ((clear * SUNNY[:64].mean(axis=1)[:, None] + (1 - clear) * glow) * weight).sum(axis=0)
+    ground = 0.5 / math.pi * ((clear * sunny[:64].mean(axis=1)[:, None] + (1 - clear) * glow) * weight).sum(axis=0)
     near = math.exp(-extinction(visibility) * 2.0)
     expected = displayed(ground * near + glow * (1 - near))
     assert np.abs(seen.mean(axis=(0, 1)) - expected).max() <= 3.0
