@@ -1,17 +1,21 @@
 """Cycles renders a gray card with the requested brightness under any sky."""
 
-import json
-
 import numpy as np
 import pytest
 
 from hulldown.assets.skylight import level_irradiance
+from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.response import ALBEDO, CARD, displayed, metered, white_balance
+from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.color import LUMINANCE
-from hulldown.tests.blender_plans import run_script
+from hulldown.render.messages import CameraInput, CyclesSettings, LightInput, RenderJob, SceneryInput, to_json
+from hulldown.render.process import Blender
+from hulldown.tests.blender_plans import drawn, make_worlds
 
 pytestmark = pytest.mark.blender
 HEIGHT = 512
+# Looks down from so near that air hardly matters.
+ABOVE = [[1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.15], [0.0, 0.0, 0.0, 1.0]]
 BLUE, WHITE, WARM, DUSK = (0.3, 0.5, 1.0), (1.0, 1.0, 1.0), (1.0, 0.6, 0.3), (0.9, 0.35, 0.2)
 # Elevation and diameter of the sun in degrees, its radiance, colors of sky and sun, contrast of the clouds.
 SKIES = {
@@ -38,10 +42,23 @@ def sky(kind):
 
 
 def rendered(folder, jobs):
-    given, answer = folder / "jobs.json", folder / "answer.json"
-    given.write_text(json.dumps(jobs))
-    run_script("gray_cards.py", given, answer)
-    return np.array(json.loads(answer.read_text()))
+    """The mean color, from 0 to 255, of a picture that shows only a gray card, for each job."""
+    make_worlds(folder, "gray_cards.py")
+    levels = []
+    with Blender(folder / "log", device="cpu") as blender:
+        for number, (sky, strength, horizon, exposure, white_balance, weather) in enumerate(jobs):
+            job = RenderJob(
+                scenery=SceneryInput(str(folder / "card.blend"), np.eye(4).tolist(), [], []),
+                vehicles=[],
+                camera=CameraInput(ABOVE, Intrinsics(4, 4, 0.2), 0.01, exposure, white_balance),
+                light=LightInput(str(folder / f"{sky}.exr"), 0.7, strength, horizon),
+                weather=weather,
+                seed=0,
+                settings=CyclesSettings(4096, denoise=False, adaptive_threshold=0.0, bounces=4),
+                output=str(folder / f"{number}.png"),
+            )
+            levels.append(drawn(blender, to_json(job)).mean(axis=(0, 1)))
+    return np.array(levels)
 
 
 def error_ev(level):
@@ -52,19 +69,19 @@ def error_ev(level):
 
 
 def test_a_gray_card_has_the_requested_brightness(tmp_path):
-    jobs, irradiance = [], []
+    names, irradiance = [], []
     for kind in SKIES:
         for power in (-8, 8):
             pixels = sky(kind) * np.float32(2.0**power)
-            np.save(tmp_path / f"{kind}{power}.npy", pixels)
+            names.append(f"{kind}{power}")
+            np.save(tmp_path / f"{names[-1]}.npy", pixels)
             irradiance.append(level_irradiance(pixels))
-            jobs.append({"sky": str(tmp_path / f"{kind}{power}.npy"), "yaw": 0.7})
     radiance = ALBEDO / np.pi * np.array(irradiance)
     exact = metered(radiance).tolist()
-    jobs = [{**job, "exposure": ev} for job, ev in zip(jobs, exact, strict=True)]
-    first, n = jobs[0], len(jobs)
-    jobs += [{**first, "visibility_m": 100.0}, {**first, "white_balance": 900.0}, {**first, "horizon": 0.8}]
-    jobs += [{**first, "strength": 4.0, "exposure": exact[0] - 2.0}]
+    jobs = [(name, 1.0, None, ev, 0.0, None) for name, ev in zip(names, exact, strict=True)]
+    first, ev, n = names[0], exact[0], len(names)
+    jobs += [(first, 1.0, None, ev, 0.0, Weather(100.0, "fog")), (first, 1.0, None, ev, 900.0, None)]
+    jobs += [(first, 1.0, 0.8, ev, 0.0, None), (first, 4.0, None, ev - 2.0, 0.0, None)]
     levels = rendered(tmp_path, jobs)
     assert [abs(error_ev(level)) < 0.1 for level in levels[: n + 1]] == [True] * (n + 1), "fog matters"
     balanced = displayed(white_balance(900.0) @ radiance[0] * 2.0 ** exact[0])
