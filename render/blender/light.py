@@ -17,6 +17,7 @@ import numpy as np
 from hulldown.camera.backdrop import HIGH, even_color, fade
 from hulldown.camera.weather.fog import DUST_LAYERS, AirLayer, even_sky
 from hulldown.reading.blender.add_nodes import add_node, maths
+from hulldown.reading.blender.arrays import pixels
 from hulldown.render.messages import LightInput
 
 HIGHEST = math.radians(89.0)  # of what the camera sees lifted
@@ -125,12 +126,11 @@ class HdriWorld:
         if self._path not in self._small:
             small = self._texture.image.copy()
             small.scale(256, 128)
-            pixels = np.empty(256 * 128 * small.channels, dtype=np.float32)
-            small.pixels.foreach_get(pixels)
+            radiance = pixels(small)[::-1, :, :3].astype(np.float64)
             small.buffers_free()  # and stays, as of `_color_space`
             if len(self._small) >= MOST_MAPS:
                 del self._small[next(iter(self._small))]
-            self._small[self._path] = pixels.reshape(128, 256, -1)[::-1, :, :3].astype(np.float64)
+            self._small[self._path] = radiance
         return self._small[self._path]
 
 
