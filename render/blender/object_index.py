@@ -89,7 +89,7 @@ class IndexPictures:
             if DRESSED not in material and not material.is_grease_pencil:
                 if material.node_tree is None:  # before Blender 5.0 it may have none
                     material.use_nodes = True
-                show_opacity(material, hard=True, strength=_index)
+                show_opacity(material, _index)
                 material[DRESSED] = True
         for blocks in (bpy.data.meshes, bpy.data.curves, bpy.data.hair_curves, bpy.data.metaballs):
             for data in blocks:

@@ -43,7 +43,7 @@ def baked(material: Any, size: int) -> Cutter:
     copy = material.copy()
     groups = list(_own_groups(copy.node_tree))
     try:
-        show_opacity(copy, hard=False)
+        show_opacity(copy)
         layer = _layer(copy)
         low, high = _range(material, layer)
         texels = _render(copy, layer, low, high, size)

@@ -5,6 +5,7 @@ Nodes compute here what `reading.blender.surfaces.opacity` reads from a tree.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from hulldown.reading.blender.add_nodes import add_node, feed, maths
@@ -97,26 +98,24 @@ def _clamped(tree: Any, value: Any) -> Any:
     return maths(tree, "ADD", value, 0.0, clamp=True)
 
 
-def show_opacity(material: Any, *, hard: bool, strength: Any = None) -> None:
+def show_opacity(material: Any, strength: Callable[[Any], Any] | None = None) -> None:
     """Make a material emit its opacity and nothing else.
 
     Parameters
     ----------
     material
         Changed, with its groups.
-    hard
-        Whether it emits where it's at least half opaque and is invisible elsewhere. Otherwise it emits everywhere,
-        in proportion to its opacity.
     strength
-        Called with the tree for the socket that has the strength of a hard material's glow.
+        Called with the tree for a socket with the strength at which it emits where it's at least half opaque; it's
+        invisible elsewhere. None: it emits everywhere, in proportion to its opacity.
     """
     opacity = opacity_socket(material)
     tree = material.node_tree
     for node in [node for node in tree.nodes if node.bl_idname == "ShaderNodeOutputMaterial"]:
         tree.nodes.remove(node)
-    glow = add_node(tree, "Emission", {"Color": (1.0, 1.0, 1.0, 1.0), "Strength": strength(tree) if hard else opacity})
-    shader = glow.outputs[0]
-    if hard and opacity != 1.0:
+    glow = {"Color": (1.0, 1.0, 1.0, 1.0), "Strength": strength(tree) if strength else opacity}
+    shader = add_node(tree, "Emission", glow).outputs[0]
+    if strength and opacity != 1.0:
         share = maths(tree, "SUBTRACT", 1.0, maths(tree, "LESS_THAN", opacity, 0.5))
         through = add_node(tree, "BsdfTransparent").outputs[0]
         shader = add_node(tree, "MixShader", {0: share, 1: through, 2: shader}).outputs[0]
