@@ -94,10 +94,10 @@ def _at(images: int, rounds: int) -> dict:
     for _ in range(rounds):
         pairs = timed("overlaps", overlapping, labels, predictions)
         matching = timed("matching", match, labels, predictions, pairs)
-        seen = outcomes(labels, predictions, matching, 0.5)
-        timed("curves, confusion", _drawn, labels, predictions, pairs, matching, seen)
-        timed("causes", errors, labels, predictions, pairs, matching)
-        timed("intervals", _intervals, labels, predictions, matching, seen)
+        seen = outcomes(matching, 0.5)
+        timed("curves, confusion", _drawn, seen)
+        timed("causes", errors, matching)
+        timed("intervals", _intervals, seen)
         first, _ = (timed(name, _evaluated, *peer) for name, peer in zip((PYCOCOTOOLS, FASTER), loaded, strict=True))
         # Every match at the first of ten IoUs, in the range of all areas.
         everywhere = [one for one in first.evalImgs if one and one["aRng"] == [0, 1e10]]
@@ -115,20 +115,14 @@ def _at(images: int, rounds: int) -> dict:
     }
 
 
-def _drawn(labels, predictions, pairs, matching, seen) -> None:
-    curves(labels, predictions, matching)
-    confusion(labels, predictions, pairs, matching, seen)
+def _drawn(seen) -> None:
+    curves(seen.matching)
+    confusion(seen)
 
 
-def _intervals(labels, predictions, matching, seen) -> None:
-    classes, images = len(predictions.class_names), len(labels.image_id)
-    sums = sums_by(
-        predictions, matching, seen,
-        of_detection=predictions.image * classes + predictions.label,
-        of_label=labels.image * classes + labels.label,
-        groups=images * classes,
-    )  # fmt: skip
-    sums = sums.reshape(images, classes, 6).sum(axis=1)
+def _intervals(seen) -> None:
+    labels, predictions = seen.matching.labels, seen.matching.predictions
+    sums = sums_by(seen, of_detection=predictions.label, of_label=labels.label, bins=CLASSES).sum(axis=1)
     figure_intervals(sums, resampled_sums(sums))
 
 

@@ -6,11 +6,11 @@ import numpy as np
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from hulldown.tests.detections import judged, random_case, total
+from hulldown.tests.detections import matched, random_case, total
 from hulldown.tests.test_matching import assert_official
 from hulldown.training.evaluation.average_precision import average_precision
 from hulldown.training.evaluation.bootstrap import share_interval
-from hulldown.training.evaluation.metrics import confusion, figures
+from hulldown.training.evaluation.metrics import confusion, figures, outcomes
 from hulldown.training.evaluation.tide import errors
 
 CASES = st.builds(
@@ -26,8 +26,7 @@ THRESHOLDS = st.sampled_from([0.0, 0.3, 0.5, 0.9])
 
 
 def sums(coco, found, threshold):
-    _, predictions, _, matching, seen = judged(coco, found, threshold=threshold)
-    return total(predictions, matching, seen)
+    return total(outcomes(matched(coco, found), threshold))
 
 
 @given(CASES)
@@ -42,18 +41,18 @@ def test_the_order_of_images_categories_and_detections_does_not_matter(case, thr
     for records in (shuffled["images"], shuffled["categories"], mixed):
         random.shuffle(records)
     assert np.allclose(sums(coco, found, threshold), sums(shuffled, mixed, threshold), rtol=1e-12)
-    ours, theirs = (errors(*judged(*one, threshold=threshold)[:4]) for one in ((coco, found), (shuffled, mixed)))
+    ours, theirs = (errors(matched(*one)) for one in ((coco, found), (shuffled, mixed)))
     assert ours.loss == theirs.loss or all(np.isnan(list(ours.loss.values())))
     assert np.array_equal(np.bincount(ours.cause + 1), np.bincount(theirs.cause + 1))
 
 
 @given(CASES, THRESHOLDS)
 def test_counts_agree_with_labels_detections_and_confusion(case, threshold):
-    labels, predictions, pairs, matching, seen = judged(*case, threshold=threshold)
+    matching = matched(*case)
     tp, fp, fn = sums(*case, threshold)[:3]
-    assert tp + fn == (~labels.crowd).sum()
-    assert tp + fp == (~matching.ignored & (predictions.score >= threshold)).sum()
-    matrix = confusion(labels, predictions, pairs, matching, seen)
+    assert tp + fn == (~matching.labels.crowd).sum()
+    assert tp + fp == (~matching.ignored & (matching.predictions.score >= threshold)).sum()
+    matrix = confusion(outcomes(matching, threshold))
     assert (np.trace(matrix), matrix[:, :-1].sum(), matrix[:-1].sum()) == (tp, tp + fp, tp + fn)
 
 
@@ -65,17 +64,16 @@ def test_detections_equal_to_labels_are_perfect(case):
     assume(coco["annotations"])
     keys = ("image_id", "category_id", "bbox")
     found = [{key: label[key] for key in keys} | {"score": 0.9} for label in coco["annotations"]]
-    labels, predictions, pairs, matching, _ = judged(coco, found)
+    matching = matched(coco, found)
     figure = figures(sums(coco, found, 0.5))
     assert {float(figure[key]) for key in ("precision", "recall", "f1", "mean_iou")} == {1.0}
-    assert set(errors(labels, predictions, pairs, matching).loss.values()) == {0.0}
-    assert np.isclose(average_precision(labels, predictions).summary["ap"], 1.0)
+    assert set(errors(matching).loss.values()) == {0.0}
+    assert np.isclose(average_precision(matching.labels, matching.predictions).summary["ap"], 1.0)
 
 
 @given(CASES)
 def test_fixing_all_false_positives_or_misses_never_lowers_ap(case):
-    labels, predictions, pairs, matching, _ = judged(*case)
-    loss = errors(labels, predictions, pairs, matching).loss
+    loss = errors(matched(*case)).loss
     for cause in ("both", "duplicate", "background"):
         assert not loss[cause] < -1e-12
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from hulldown.training.evaluation.labels import Labels, labels_of
 from hulldown.training.evaluation.matching import match, overlapping
-from hulldown.training.evaluation.metrics import outcomes, sums_by
+from hulldown.training.evaluation.metrics import sums_by
 from hulldown.training.evaluation.predictions import Predictions, predictions_of
 
 HERE = Path("dataset")
@@ -42,18 +42,20 @@ def loaded(coco, found) -> tuple[Labels, Predictions]:
     return labels, predictions_of(found, labels, path=Path("predictions.json"), name="predictions")
 
 
-def judged(coco, found, *, threshold=0.5, iou=0.5):
-    """Labels, detections, their overlaps, matches, and outcomes."""
+def matched(coco, found):
     labels, predictions = loaded(coco, found)
-    pairs = overlapping(labels, predictions)
-    matching = match(labels, predictions, pairs, iou=iou)
-    return labels, predictions, pairs, matching, outcomes(labels, predictions, matching, threshold)
+    return match(labels, predictions, overlapping(labels, predictions))
 
 
-def total(predictions, matching, seen):
-    """`metrics.SUMS` of all images and classes."""
+def by_position(seen):
+    """`metrics.SUMS` of each position."""
     all_of = {"of_detection": np.zeros(len(seen.true), dtype=int), "of_label": np.zeros(len(seen.found), dtype=int)}
-    return sums_by(predictions, matching, seen, **all_of, groups=1)[0]
+    return sums_by(seen, **all_of, bins=1)[:, 0]
+
+
+def total(seen):
+    """`metrics.SUMS` of all images and classes."""
+    return by_position(seen).sum(axis=0)
 
 
 def random_case(seed, *, images=12, classes=3, per_image=6, crowds=0.1, ties=True):

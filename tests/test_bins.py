@@ -8,9 +8,10 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from hulldown.annotate.known import seen_from
-from hulldown.tests.detections import dataset, judged, loaded, random_case, results
+from hulldown.tests.detections import dataset, loaded, matched, random_case, results
 from hulldown.training.evaluation.bins import fields, figures_of, measured_contrast, worst
 from hulldown.training.evaluation.labels import labels_of
+from hulldown.training.evaluation.metrics import outcomes
 from hulldown.training.evaluation.predictions import predictions_of
 
 
@@ -113,11 +114,8 @@ def test_the_rarest_of_many_names_share_a_bin():
 
 
 def binned(coco, found):
-    labels, predictions, _, matching, seen = judged(coco, found, threshold=0.3)
-    return [
-        figures_of(field, labels, predictions, matching, seen, position=labels.positions())
-        for field in fields(labels, predictions)
-    ], seen
+    seen = outcomes(matched(coco, found), 0.3)
+    return [figures_of(field, seen) for field in fields(seen.matching.labels, seen.matching.predictions)], seen
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hulldown.tests.detections import dataset, judged, loaded, random_case, results, total
+from hulldown.tests.detections import by_position, dataset, loaded, matched, random_case, results, total
 from hulldown.tests.test_matching import official as official_matching
 from hulldown.training.evaluation.average_precision import IOUS, RECALLS, resampled_averages, weighted_averages
 from hulldown.training.evaluation.average_precision import average_precision as official
@@ -16,7 +16,7 @@ from hulldown.training.evaluation.bootstrap import (
     standard_error,
 )
 from hulldown.training.evaluation.matching import match, overlapping
-from hulldown.training.evaluation.metrics import confusion, curves, figures, outcomes, sums_at_best, sums_by
+from hulldown.training.evaluation.metrics import confusion, curves, figures, outcomes, sums_at_best
 from hulldown.training.evaluation.tide import CAUSES, errors, mean_ap
 
 
@@ -30,20 +30,19 @@ def test_the_counts_of_the_papers_figure_9_give_its_percentages(counts, expected
     found = [(image, label, box, 0.9) for image, label, box in boxes[:tp]]
     found += [(1 + k % 40, 1, (20 * (k // 40), 100, 10, 10), 0.6) for k in range(fp)]
     found += [(1, 1, (300, 300, 10, 10), 0.49)]
-    _, predictions, _, matching, seen = judged(dataset(boxes, images=40), results(found))
-    sums = total(predictions, matching, seen)
+    sums = total(outcomes(matched(dataset(boxes, images=40), results(found)), 0.5))
     assert sums[:3].tolist() == [tp, fp, fn]
     assert tuple(round(100 * float(figures(sums)[key]), 1) for key in ("precision", "recall", "f1")) == expected
 
 
 @pytest.mark.parametrize(("seed", "threshold"), [(0, 0.0), (1, 0.3), (2, 0.5), (3, 0.5)])
 def test_counts_above_a_threshold_equal_pycocotools(seed, threshold):
-    coco, found = random_case(seed)
-    labels, predictions, _, matching, seen = judged(coco, found, threshold=threshold)
+    matching = matched(*random_case(seed))
+    labels, predictions, seen = matching.labels, matching.predictions, outcomes(matching, threshold)
     above = predictions.take(predictions.score >= threshold)
     matches, ignored, used = official_matching(labels, above)[0.5]
     found_labels = {g for d, g in matches.items() if d not in ignored}
-    sums = total(predictions, matching, seen)
+    sums = total(seen)
     assert sums[0] == len(found_labels)
     assert sums[1] == len(used - ignored - set(matches))
     assert sums[2] == (~labels.crowd).sum() - len(found_labels)
@@ -58,8 +57,7 @@ def test_means_are_over_matches_and_over_counted_labels():
         (1, 1, (200, 0, 9, 9), 0.7),
         (1, 2, (0, 0, 9, 9), 0.1),
     ]
-    _, predictions, _, matching, seen = judged(dataset(boxes), results(found))
-    figure = figures(total(predictions, matching, seen))
+    figure = figures(total(outcomes(matched(dataset(boxes), results(found)), 0.5)))
     assert figure["mean_iou"] == pytest.approx(0.9)
     assert figure["mean_confidence"] == pytest.approx(0.8)
     assert figure["mean_confidence_tp"] == pytest.approx(0.85)
@@ -75,13 +73,11 @@ def test_undefined_figures_are_nan():
 
 
 def test_curves_go_through_the_operating_points():
-    coco, found = random_case(2)
-    labels, predictions, _, matching, _ = judged(coco, found)
-    curve = curves(labels, predictions, matching)
+    matching = matched(*random_case(2))
+    curve = curves(matching)
     assert (np.diff(curve.threshold) < 0).all()
     for k in range(len(curve.threshold)):
-        seen = outcomes(labels, predictions, matching, float(curve.threshold[k]))
-        figure = figures(total(predictions, matching, seen))
+        figure = figures(total(outcomes(matching, float(curve.threshold[k]))))
         assert [curve.precision[k], curve.recall[k], curve.f1[k]] == [
             figure[key] for key in ("precision", "recall", "f1")
         ]
@@ -89,8 +85,7 @@ def test_curves_go_through_the_operating_points():
 
 
 def test_there_is_no_best_threshold_without_detections():
-    labels, predictions, _, matching, _ = judged(dataset([(1, 1, (0, 0, 9, 9))]), [])
-    assert curves(labels, predictions, matching).best() is None
+    assert curves(matched(dataset([(1, 1, (0, 0, 9, 9))]), [])).best() is None
 
 
 def test_confusion_counts_every_label_and_every_detection_once():
@@ -102,31 +97,33 @@ def test_confusion_counts_every_label_and_every_detection_once():
         (1, 1, (400, 0, 10, 10), 0.9),
         (1, 2, (300, 0, 10, 10), 0.2),
     ]
-    matrix = confusion(*judged(dataset(boxes), results(found)))
+    matrix = confusion(outcomes(matched(dataset(boxes), results(found)), 0.5))
     assert matrix.tolist() == [[1, 1, 0], [0, 0, 2], [1, 1, 0]]
 
 
 @pytest.mark.parametrize("seed", range(2))
 def test_ap50_on_arrays_equals_the_librarys(seed):
-    labels, predictions, _, matching, _ = judged(*random_case(seed))
+    matching = matched(*random_case(seed))
+    labels, predictions = matching.labels, matching.predictions
     wanted = np.bincount(labels.label[~labels.crowd], minlength=len(predictions.class_names))
     own = mean_ap(predictions.score, predictions.label, matching.box >= 0, ~matching.ignored, wanted)
     assert own == pytest.approx(official(labels, predictions).summary["ap50"], abs=1e-12)
 
 
-def averages(labels, predictions, position, weights):
-    """AP, AP50, and AP75 of each class, where each position counts as often as in `weights`."""
+def averages(labels, predictions, times):
+    """AP, AP50, and AP75 of each class, where each image counts so many times."""
     pairs = overlapping(labels, predictions)
     matchings = [match(labels, predictions, pairs, iou=iou) for iou in IOUS]
-    return resampled_averages(labels, predictions, matchings, position=position, weights=weights.astype(float))
+    weights = np.bincount(labels.position, weights=times)[None]
+    return resampled_averages(matchings, np.concatenate([np.ones_like(weights), weights]))[1]
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_average_precision_on_arrays_equals_the_librarys_for_each_class(seed):
     labels, predictions = loaded(*random_case(seed, crowds=0.5))
-    own = averages(labels, predictions, np.arange(12), np.ones((1, 12)))[0]
+    own = averages(labels, predictions, np.ones(12))
     theirs = official(labels, predictions)
-    assert np.allclose(own.T, [theirs.ap, theirs.ap50, theirs.ap75], rtol=0, atol=1e-12, equal_nan=True)
+    assert np.allclose(own, theirs.each, rtol=0, atol=1e-12, equal_nan=True)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -142,9 +139,9 @@ def test_a_position_drawn_three_times_counts_as_three_images(seed):
         box["id"] = k
     repeated = [{**one, "image_id": k} for k, i in enumerate(copies, 1) for one in found if one["image_id"] == i]
     labels, predictions = loaded(coco, found)
-    own = averages(labels, predictions, np.arange(6), np.stack([np.ones(6), times]))[1]
+    own = averages(labels, predictions, times)
     theirs = official(*loaded(many, repeated))
-    assert np.allclose(own.T, [theirs.ap, theirs.ap50, theirs.ap75], rtol=0, atol=1e-12, equal_nan=True)
+    assert np.allclose(own, theirs.each, rtol=0, atol=1e-12, equal_nan=True)
 
 
 @pytest.mark.parametrize("labels", [1, 7, 100])
@@ -163,13 +160,13 @@ def test_recalls_rounded_across_an_edge_count_as_by_division(labels):
 def test_ap_is_0_without_detections_and_undefined_without_labels():
     found = official(*loaded(dataset([(1, 1, (0, 0, 9, 9))]), []))
     assert found.summary["ap"] == 0
-    assert found.ap50[0] == 0
-    assert np.isnan(found.ap50[1])
+    assert (found.each[0] == 0).all()
+    assert np.isnan(found.each[1]).all()
     assert np.isnan(official(*loaded(dataset([]), results([(1, 1, (0, 0, 9, 9), 0.5)]))).summary["ap"])
 
 
 def errors_of(boxes, found):
-    return errors(*judged(dataset(boxes), results(found))[:4])
+    return errors(matched(dataset(boxes), results(found)))
 
 
 # A label of class 1 at x = 0, and the kind of each detection.
@@ -320,17 +317,13 @@ def test_different_seeds_widen_an_interval():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_each_resample_chooses_its_own_threshold(seed):
-    coco, found = random_case(seed)
-    labels, predictions, _, matching, _ = judged(coco, found)
+    matching = matched(*random_case(seed))
     weights = np.concatenate([np.ones((1, 12)), np.eye(12)[:3] * 2])
-    chosen = sums_at_best(labels, predictions, matching, position=np.arange(12), weights=weights)
+    chosen = sums_at_best(matching, weights)
     for k, weight in enumerate(weights):
         best = -1.0
-        for threshold in np.unique(predictions.score):
-            seen = outcomes(labels, predictions, matching, threshold)
-            each = sums_by(
-                predictions, matching, seen, of_detection=predictions.image, of_label=labels.image, groups=12
-            )
+        for threshold in np.unique(matching.predictions.score):
+            each = by_position(outcomes(matching, threshold))
             best = max(best, float(np.nan_to_num(figures(weight @ each)["f1"])))
         got = figures(chosen[k].sum(axis=0))["f1"]
         assert np.nan_to_num(got) == pytest.approx(best, abs=1e-12)

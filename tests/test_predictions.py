@@ -136,6 +136,6 @@ def test_images_of_one_position_share_it():
     coco = dataset([], images=4)
     for image, position in zip(coco["images"], (7, 7, 8, None), strict=True):
         image |= {"scenery": "hills"} | ({} if position is None else {"position": position})
-    position = loaded(coco, [])[0].positions()
+    position = loaded(coco, [])[0].position
     assert position[0] == position[1]
     assert len(set(position.tolist())) == 3

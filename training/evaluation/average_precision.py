@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from faster_coco_eval import COCO, COCOeval_faster
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.matching import Matching
@@ -43,14 +43,12 @@ class AveragePrecision:
     ----------
     summary
         The twelve figures of COCO's summary, by name; nan where COCO has -1.
-    ap, ap50, ap75
-        (c,) of each class; nan for a class without labels.
+    each
+        (c, 3) `AVERAGES` of each class; nan for a class without labels.
     """
 
     summary: dict[str, float]
-    ap: Float[np.ndarray, " c"]
-    ap50: Float[np.ndarray, " c"]
-    ap75: Float[np.ndarray, " c"]
+    each: Float[np.ndarray, "c 3"]
 
 
 def average_precision(labels: Labels, predictions: Predictions) -> AveragePrecision:
@@ -59,25 +57,29 @@ def average_precision(labels: Labels, predictions: Predictions) -> AveragePrecis
     if not len(predictions.score):
         # The library refuses an empty list of results. Without detections, AP is 0 for classes with labels.
         known = np.bincount(labels.label[~labels.crowd], minlength=classes) > 0
-        each = np.where(known, 0.0, np.nan)
-        return AveragePrecision(dict.fromkeys(SUMMARY, 0.0 if known.any() else float("nan")), each, each, each)
+        each = np.where(known[:, None], [0.0] * len(AVERAGES), np.nan)
+        return AveragePrecision(dict.fromkeys(SUMMARY, 0.0 if known.any() else float("nan")), each)
     evaluation = COCOeval_faster(*_loaded(labels, predictions), "bbox", print_function=lambda *text: None)
     evaluation.evaluate()
     evaluation.accumulate()
     evaluation.summarize()
     # (IoU, recall, class, area, detections): all areas, the most detections.
     precision = np.where(evaluation.eval["precision"] < 0, np.nan, evaluation.eval["precision"])[:, :, :, 0, -1]
-    each = np.mean(precision, axis=1)
+    each = _averages(np.mean(precision, axis=1).T)
     summary = [float(figure) if figure >= 0 else float("nan") for figure in evaluation.stats[: len(SUMMARY)]]
-    return AveragePrecision(dict(zip(SUMMARY, summary, strict=True)), each.mean(axis=0), each[AT_50], each[AT_75])
+    return AveragePrecision(dict(zip(SUMMARY, summary, strict=True)), each)
 
 
-def oriented_average(labels: Labels, predictions: Predictions, matchings: Sequence[Matching]) -> AveragePrecision:
+def oriented_average(matchings: Sequence[Matching]) -> AveragePrecision:
     """AP of oriented boxes, which the library doesn't support, from matches at `IOUS`; other figures are nan."""
-    together = np.zeros(len(labels.images), dtype=np.int64)
-    each = resampled_averages(labels, predictions, matchings, position=together, weights=np.ones((1, 1)))
+    each = resampled_averages(matchings, np.ones((1, matchings[0].labels.positions)))
     known = dict(zip(AVERAGES, class_mean(each)[0].tolist(), strict=True))
-    return AveragePrecision(dict.fromkeys(SUMMARY, float("nan")) | known, *each[0].T)
+    return AveragePrecision(dict.fromkeys(SUMMARY, float("nan")) | known, each[0])
+
+
+def _averages(each: Float[np.ndarray, "r ious"]) -> Float[np.ndarray, "r 3"]:
+    """`AVERAGES` from the AP at each of `IOUS`."""
+    return np.stack([each.mean(axis=1), each[:, AT_50], each[:, AT_75]], axis=1)
 
 
 def _loaded(labels: Labels, predictions: Predictions) -> list[COCO]:
@@ -102,39 +104,31 @@ def _loaded(labels: Labels, predictions: Predictions) -> list[COCO]:
 
 
 def resampled_averages(
-    labels: Labels,
-    predictions: Predictions,
-    matchings: Sequence[Matching],
-    *,
-    position: Int[np.ndarray, " n"],
-    weights: Float[np.ndarray, "r positions"],
+    matchings: Sequence[Matching], weights: Float[np.ndarray, "r positions"]
 ) -> Float[np.ndarray, "r c 3"]:
     """`AVERAGES` of each class in each resample of positions; nan if a resample has no label of the class.
 
     Parameters
     ----------
-    labels, predictions
-        Labels and predictions of one dataset.
     matchings
         One for each of `IOUS`.
-    position
-        (n,) position of each image, numbered from 0.
     weights
         Count of each position in each resample.
     """
+    labels, predictions = matchings[0].labels, matchings[0].predictions
     order = np.argsort(-predictions.score, kind="stable")
     each = []
     for c in range(len(predictions.class_names)):
         rows = order[predictions.label[order] == c]
-        where = position[predictions.image[rows]]
-        wanted = position[labels.image[(labels.label == c) & ~labels.crowd]]
+        where = labels.position[predictions.image[rows]]
+        wanted = labels.position[labels.image[(labels.label == c) & ~labels.crowd]]
         wanted_at = np.bincount(wanted, minlength=weights.shape[1]).astype(np.float64)
         counts = np.stack([~one.ignored[rows] for one in matchings])
         true = np.stack([one.box[rows] >= 0 for one in matchings]) & counts
         at_once = max(1, CELLS // max(1, len(rows)))
         parts = np.split(weights, range(at_once, len(weights), at_once))
         found = np.concatenate([weighted_averages(true, counts, some[:, where], some @ wanted_at) for some in parts])
-        each.append(np.stack([found.mean(axis=1), found[:, AT_50], found[:, AT_75]], axis=1))
+        each.append(_averages(found))
     return np.stack(each, axis=1) if each else np.zeros((len(weights), 0, len(AVERAGES)))
 
 

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import compress
 
 import numpy as np
@@ -19,7 +19,6 @@ from hulldown.dataset.verification.look import appearance
 from hulldown.geometry.errors import DatasetError
 from hulldown.training.evaluation.bootstrap import ratio_error, share_interval
 from hulldown.training.evaluation.labels import Labels
-from hulldown.training.evaluation.matching import Matching
 from hulldown.training.evaluation.metrics import SUMS, Outcomes, ratio, sums_by
 from hulldown.training.evaluation.predictions import Predictions
 
@@ -179,27 +178,17 @@ class BinFigures:
     mean_iou: Float[np.ndarray, " b"]
 
 
-def figures_of(
-    field: BinnedField, labels: Labels, predictions: Predictions, matching: Matching, seen: Outcomes, *,
-    position: Int[np.ndarray, " n"],
-) -> BinFigures:  # fmt: skip
-    """Recall, precision if defined, and mean IoU in every bin; `position` is each image's."""
+def figures_of(field: BinnedField, seen: Outcomes) -> BinFigures:
+    """Recall, precision if defined, and mean IoU in every bin."""
     n = len(field.bins)
-    positions = int(position.max()) + 1 if len(position) else 0
-
-    def sums(of_detection: np.ndarray) -> Float[np.ndarray, "positions b 6"]:
-        bins = ((of_detection, predictions.image), (field.of_label, labels.image))
-        cells = [np.where(of >= 0, position[image] * n + of, -1) for of, image in bins]
-        return sums_by(
-            predictions, matching, seen, of_detection=cells[0], of_label=cells[1], groups=positions * n
-        ).reshape(positions, n, len(SUMS))
-
-    by_label = sums(np.append(field.of_label, -1)[matching.box])  # a match is in its label's bin
+    sums = partial(sums_by, seen, of_label=field.of_label, bins=n)
+    # A match is in its label's bin.
+    by_label = sums(of_detection=np.append(field.of_label, -1)[seen.matching.box])
     found, there = by_label[..., 0], by_label[..., 0] + by_label[..., 2]
     if field.of_detection is None:
         detections, precision, ends = np.full(n, -1), np.full(n, np.nan), np.full((2, n), np.nan)
     else:
-        by_detection = sums(field.of_detection)
+        by_detection = sums(of_detection=field.of_detection)
         counted = by_detection[..., 0] + by_detection[..., 1]
         detections = counted.sum(axis=0).astype(np.int64)
         precision, ends = _share(by_detection[..., 0], counted)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -77,27 +77,16 @@ class Evaluation:
 
     def __init__(self, labels: Labels, predictions: Predictions, *, threshold: Threshold, iou: float = 0.5) -> None:
         self.labels, self.predictions, self.threshold = labels, predictions, threshold
-        self._pairs = overlapping(labels, predictions, at_least=min(BACKGROUND, iou))
-        self.matching = match(labels, predictions, self._pairs, iou=iou)
-        self.seen = outcomes(labels, predictions, self.matching, threshold.value)
-        self._position = labels.positions()
+        pairs = overlapping(labels, predictions, at_least=min(BACKGROUND, iou))
+        self.matching = match(labels, predictions, pairs, iou=iou)
+        self.seen = outcomes(self.matching, threshold.value)
+        self.positions = labels.positions
         self._classes = len(predictions.class_names)
-
-    @cached_property
-    def positions(self) -> int:
-        """Number of independent positions in the images."""
-        return int(self._position.max()) + 1 if len(self._position) else 0
 
     @cached_property
     def position_sums(self) -> Float[np.ndarray, "positions c 6"]:
         """`metrics.SUMS` of each class in each position."""
-        labels, found = self.labels, self.predictions
-        return sums_by(
-            found, self.matching, self.seen,
-            of_detection=self._position[found.image] * self._classes + found.label,
-            of_label=self._position[labels.image] * self._classes + labels.label,
-            groups=self.positions * self._classes,
-        ).reshape(self.positions, self._classes, 6)  # fmt: skip
+        return sums_by(self.seen, of_detection=self.predictions.label, of_label=self.labels.label, bins=self._classes)
 
     @cached_property
     def sums(self) -> Float[np.ndarray, "c 6"]:
@@ -114,19 +103,18 @@ class Evaluation:
         """`metrics.SUMS` of each class in every resample of positions."""
         if self.threshold.source != "test" or not self.positions:
             return resampled_sums(self.position_sums)
-        best = partial(sums_at_best, self.labels, self.predictions, self.matching, position=self._position)
-        return np.concatenate([best(weights=weights) for weights in resamples(self.positions)])
+        return np.concatenate([sums_at_best(self.matching, weights) for weights in resamples(self.positions)])
 
     @cached_property
     def average(self) -> AveragePrecision:
         """AP and AR."""
         if self.predictions.corners is not None:
-            return oriented_average(self.labels, self.predictions, self._matchings)
+            return oriented_average(self._matchings)
         return average_precision(self.labels, self.predictions)
 
     @cached_property
     def _matchings(self) -> list[Matching]:
-        among = self._pairs.where(self._pairs.iou >= IOUS[0])
+        among = self.matching.pairs.where(self.matching.pairs.iou >= IOUS[0])
         return [match(self.labels, self.predictions, among, iou=iou) for iou in IOUS]
 
     @cached_property
@@ -134,44 +122,40 @@ class Evaluation:
         """`average_precision.AVERAGES` of every resample of positions."""
         if not self.positions:
             return np.full((AP_RESAMPLES, self._classes, len(AVERAGES)), np.nan)
-        again = partial(resampled_averages, self.labels, self.predictions, self._matchings, position=self._position)
-        return np.concatenate([again(weights=some) for some in resamples(self.positions, times=AP_RESAMPLES)])
+        some = resamples(self.positions, times=AP_RESAMPLES)
+        return np.concatenate([resampled_averages(self._matchings, weights) for weights in some])
 
     @cached_property
     def errors(self) -> Errors:
         """Causes of errors, at an IoU of 0.5."""
-        at_half = match(self.labels, self.predictions, self._pairs, iou=FOREGROUND)
-        return errors(self.labels, self.predictions, self._pairs, at_half)
+        return errors(match(self.labels, self.predictions, self.matching.pairs, iou=FOREGROUND))
 
     @cached_property
     def curves(self) -> Curves:
         """Of all classes together."""
-        return curves(self.labels, self.predictions, self.matching)
+        return curves(self.matching)
 
     @cached_property
     def class_curves(self) -> tuple[Curves, ...]:
         """Of each class."""
-        return tuple(curves(self.labels, self.predictions, self.matching, label=c) for c in range(self._classes))
+        return tuple(curves(self.matching, label=c) for c in range(self._classes))
 
     @cached_property
     def confusion(self) -> Int[np.ndarray, "k k"]:
         """(c + 1, c + 1) true class by detected class, background last."""
-        return confusion(self.labels, self.predictions, self._pairs, self.matching, self.seen)
+        return confusion(self.seen)
 
     @cached_property
     def bins(self) -> list[BinFigures]:
         """Figures in the bins of each field."""
-        return [
-            figures_of(field, self.labels, self.predictions, self.matching, self.seen, position=self._position)
-            for field in fields(self.labels, self.predictions)
-        ]
+        return [figures_of(field, self.seen) for field in fields(self.labels, self.predictions)]
 
     def intervals(self, label: int | None = None) -> dict[str, Float[np.ndarray, "2"]]:
         """Of all figures, over all classes or of one."""
         one = slice(None) if label is None else slice(label, label + 1)
         found = figure_intervals(self.position_sums[:, one].sum(axis=1), self.resampled[:, one].sum(axis=1))
         average, labels = self.average, self.label_positions[:, one].sum(axis=1)
-        value = [average.summary[key] if label is None else getattr(average, key)[label] for key in AVERAGES]
+        value = [average.summary[key] for key in AVERAGES] if label is None else average.each[label]
         positions = int((labels > 0).sum())
         error = standard_error(class_mean(self.averages_resampled[:, one]), positions)
         ends = share_interval(value, error, freedom=positions - 1, trials=labels.sum())
@@ -199,7 +183,7 @@ class DetectorComparison:
 def best_threshold(labels: Labels, predictions: Predictions, *, iou: float = 0.5) -> float | None:
     """The confidence with the highest F1 over all classes; None without detections."""
     pairs = overlapping(labels, predictions, at_least=iou)
-    return curves(labels, predictions, match(labels, predictions, pairs, iou=iou)).best()
+    return curves(match(labels, predictions, pairs, iou=iou)).best()
 
 
 def compare(first: Evaluation, second: Evaluation) -> DetectorComparison:

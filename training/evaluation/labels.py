@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.dataset.exports.split import group_of
-from hulldown.dataset.records import read_usable
+from hulldown.dataset.records import by_image, read_usable
 from hulldown.geometry.errors import DatasetError
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False)
 class Labels:
     """The labels of n images: g boxes of c classes, images and classes in the order of their ids.
 
@@ -57,13 +58,16 @@ class Labels:
     images: Sequence[Mapping[str, Any]]
     annotations: Sequence[Mapping[str, Any]]
 
-    def positions(self) -> Int[np.ndarray, " n"]:
+    @cached_property
+    def position(self) -> Int[np.ndarray, " n"]:
         """(n,) position of each image; an image without one is its own."""
-        boxes_of: list[list[Mapping[str, Any]]] = [[] for _ in self.images]
-        for image, record in zip(self.image.tolist(), self.annotations, strict=True):
-            boxes_of[image].append(record)
-        names = [group_of(record, boxes) for record, boxes in zip(self.images, boxes_of, strict=True)]
-        return np.unique(names, return_inverse=True)[1].astype(np.int64) if names else np.zeros(0, dtype=np.int64)
+        boxes = by_image(self.images, self.annotations)
+        return np.unique([group_of(image, boxes[image["id"]]) for image in self.images], return_inverse=True)[1]
+
+    @property
+    def positions(self) -> int:
+        """Number of positions, which are independent of each other."""
+        return int(self.position.max(initial=-1)) + 1
 
 
 def read_labels(path: Path | str) -> Labels:

@@ -54,6 +54,10 @@ class Matching:
 
     Parameters
     ----------
+    labels, predictions
+        Of one dataset.
+    pairs
+        The overlaps that the matches are among, of any class.
     iou_threshold
         Least IoU of a match.
     box
@@ -66,6 +70,9 @@ class Matching:
         (g,) matched detection; -1 if none, and for crowds.
     """
 
+    labels: Labels
+    predictions: Predictions
+    pairs: Overlaps
     iou_threshold: float
     box: Int[np.ndarray, " d"]
     iou: Float[np.ndarray, " d"]
@@ -158,7 +165,7 @@ def match(labels: Labels, predictions: Predictions, pairs: Overlaps, *, iou: flo
     detection = np.full(len(labels.label), -1, dtype=np.int64)
     real = chosen.where(~labels.crowd[chosen.box])
     detection[real.box] = real.detection
-    return Matching(iou, box, overlap, in_crowd | ~_leading(predictions), detection)
+    return Matching(labels, predictions, pairs, iou, box, overlap, in_crowd | ~_leading(predictions), detection)
 
 
 def greedy(

@@ -13,9 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from hulldown.training.evaluation.labels import Labels
-from hulldown.training.evaluation.matching import Matching, Overlaps, greedy
-from hulldown.training.evaluation.predictions import Predictions
+from hulldown.training.evaluation.matching import Matching, greedy
 
 SUMS = ("tp", "fp", "fn", "iou", "confidence_tp", "confidence_fp")  # quantities that add up over images
 FIGURES = ("precision", "recall", "f1", "mean_iou", "mean_confidence", "mean_confidence_tp", "mean_confidence_fp")
@@ -28,6 +26,8 @@ class Outcomes:
 
     Parameters
     ----------
+    matching
+        Their matches.
     true
         (d,) true positives.
     false
@@ -36,60 +36,55 @@ class Outcomes:
         (g,) found and missed labels; a crowd is neither.
     """
 
+    matching: Matching
     true: Bool[np.ndarray, " d"]
     false: Bool[np.ndarray, " d"]
     found: Bool[np.ndarray, " g"]
     missed: Bool[np.ndarray, " g"]
 
 
-def outcomes(labels: Labels, predictions: Predictions, matching: Matching, threshold: float) -> Outcomes:
+def outcomes(matching: Matching, threshold: float) -> Outcomes:
     """Outcomes of detections with scores of at least `threshold`."""
-    counted = (predictions.score >= threshold) & ~matching.ignored
-    found = np.zeros(len(labels.label), dtype=bool)
+    counted = (matching.predictions.score >= threshold) & ~matching.ignored
+    found = np.zeros(len(matching.detection), dtype=bool)
     matched = matching.detection >= 0
     found[matched] = counted[matching.detection[matched]]
     return Outcomes(
+        matching,
         true=counted & (matching.box >= 0),
         false=counted & (matching.box < 0),
         found=found,
-        missed=~found & ~labels.crowd,
+        missed=~found & ~matching.labels.crowd,
     )
 
 
 def sums_by(
-    predictions: Predictions,
-    matching: Matching,
-    seen: Outcomes,
-    *,
-    of_detection: Int[np.ndarray, " d"],
-    of_label: Int[np.ndarray, " g"],
-    groups: int,
-) -> Float[np.ndarray, "groups 6"]:
-    """`SUMS` of each group.
+    seen: Outcomes, *, of_detection: Int[np.ndarray, " d"], of_label: Int[np.ndarray, " g"], bins: int
+) -> Float[np.ndarray, "positions bins 6"]:
+    """`SUMS` of each bin in each position.
 
     Parameters
     ----------
+    seen
+        The outcomes.
     of_detection, of_label
-        (d,), (g,) group of each; negative groups are ignored.
-    groups
-        Number of groups.
+        (d,), (g,) bin of each; negative ones are ignored.
+    bins
+        Number of bins.
     """
+    matching = seen.matching
+    labels, predictions = matching.labels, matching.predictions
 
-    def total(group: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        inside = group >= 0
-        return np.bincount(group[inside], weights=weight[inside], minlength=groups).astype(np.float64)
+    def totals(of: np.ndarray, image: np.ndarray, *weights: np.ndarray) -> list[np.ndarray]:
+        inside = of >= 0
+        cell = labels.position[image[inside]] * bins + of[inside]
+        return [np.bincount(cell, weights=weight[inside], minlength=labels.positions * bins) for weight in weights]
 
-    return np.stack(
-        [
-            total(of_detection, seen.true),
-            total(of_detection, seen.false),
-            total(of_label, seen.missed),
-            total(of_detection, np.where(seen.true, matching.iou, 0.0)),
-            total(of_detection, np.where(seen.true, predictions.score, 0.0)),
-            total(of_detection, np.where(seen.false, predictions.score, 0.0)),
-        ],
-        axis=1,
-    )
+    means = ((seen.true, matching.iou), (seen.true, predictions.score), (seen.false, predictions.score))
+    weights = (np.where(counted, value, 0.0) for counted, value in means)
+    tp, fp, *rest = totals(of_detection, predictions.image, seen.true, seen.false, *weights)
+    fn = totals(of_label, labels.image, seen.missed)
+    return np.stack([tp, fp, *fn, *rest], axis=1).reshape(labels.positions, bins, len(SUMS))
 
 
 def figures(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np.ndarray, "*batch"]]:
@@ -143,8 +138,9 @@ class Curves:
         return float(self.threshold[int(np.nanargmax(self.f1))])
 
 
-def curves(labels: Labels, predictions: Predictions, matching: Matching, *, label: int | None = None) -> Curves:
+def curves(matching: Matching, *, label: int | None = None) -> Curves:
     """Curves over the threshold, of one class or of all."""
+    labels, predictions = matching.labels, matching.predictions
     counted = ~matching.ignored
     wanted = ~labels.crowd
     if label is not None:
@@ -158,14 +154,14 @@ def curves(labels: Labels, predictions: Predictions, matching: Matching, *, labe
     return Curves(score[last], ratio(tp, tp + fp), ratio(tp, tp + fn), ratio(2 * tp, 2 * tp + fp + fn))
 
 
-def confusion(
-    labels: Labels, predictions: Predictions, pairs: Overlaps, matching: Matching, seen: Outcomes
-) -> Int[np.ndarray, "k k"]:
+def confusion(seen: Outcomes) -> Int[np.ndarray, "k k"]:
     """The confusion matrix: rows are true classes, columns detected ones, the last of each is the background.
 
     The diagonal has the true positives. The rest is matched again, ignoring classes, by the same rule; what
     remains is background.
     """
+    matching = seen.matching
+    labels, predictions, pairs = matching.labels, matching.predictions, matching.pairs
     classes = len(predictions.class_names)
     left = pairs.where(
         seen.false[pairs.detection] & seen.missed[pairs.box] & (pairs.iou >= min(matching.iou_threshold, 1.0 - 1e-10))
@@ -184,33 +180,23 @@ def confusion(
     return np.bincount(cells, minlength=(classes + 1) ** 2).reshape(classes + 1, classes + 1)
 
 
-def sums_at_best(
-    labels: Labels,
-    predictions: Predictions,
-    matching: Matching,
-    *,
-    position: Int[np.ndarray, " n"],
-    weights: Float[np.ndarray, "r positions"],
-) -> Float[np.ndarray, "r c 6"]:
+def sums_at_best(matching: Matching, weights: Float[np.ndarray, "r positions"]) -> Float[np.ndarray, "r c 6"]:
     """`SUMS` of each class in each resample of positions, at the threshold of the best F1 in that resample.
 
-    Parameters
-    ----------
-    position
-        (n,) position of each image.
-    weights
-        Count of each position in each resample.
+    `weights` are the count of each position in each resample.
     """
+    labels, predictions = matching.labels, matching.predictions
     classes = len(predictions.class_names)
     rows = np.flatnonzero(~matching.ignored)
     rows = rows[np.argsort(-predictions.score[rows], kind="stable")]
     score, label, true = predictions.score[rows], predictions.label[rows], matching.box[rows] >= 0
     last = np.flatnonzero(np.append(score[1:] != score[:-1], True)[: len(rows)])  # of each threshold
-    iou, where = np.where(true, matching.iou[rows], 0.0), position[predictions.image[rows]]
+    iou, where = np.where(true, matching.iou[rows], 0.0), labels.position[predictions.image[rows]]
     wanted = np.flatnonzero(~labels.crowd)
     result = np.zeros((len(weights), classes, len(SUMS)))
     for k, weight in enumerate(weights):
-        per_class = np.bincount(labels.label[wanted], weights=weight[position[labels.image[wanted]]], minlength=classes)
+        counts = weight[labels.position[labels.image[wanted]]]
+        per_class = np.bincount(labels.label[wanted], weights=counts, minlength=classes)
         counts = weight[where]
         if len(last):
             f1 = ratio(2.0 * np.cumsum(counts * true)[last], np.cumsum(counts)[last] + per_class.sum())

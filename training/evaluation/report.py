@@ -205,7 +205,7 @@ def report(one: Evaluation) -> dict[str, Any]:
         },
         "per_class": {
             name: {
-                **_record(one, one.sums[c], {key: getattr(one.average, key)[c] for key in AVERAGES}),
+                **_record(one, one.sums[c], dict(zip(AVERAGES, one.average.each[c], strict=True))),
                 "intervals": plain(one.intervals(c)),
             }
             for c, name in enumerate(names)

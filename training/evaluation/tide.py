@@ -13,9 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.training.evaluation.average_precision import weighted_averages
-from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.matching import Matching, Overlaps
-from hulldown.training.evaluation.predictions import Predictions
 
 BACKGROUND = 0.1  # IoU below which a detection means no label
 CAUSES = ("class", "localization", "both", "duplicate", "background", "missed")
@@ -41,30 +39,20 @@ class Errors:
     loss: dict[str, float]
 
 
-def errors(labels: Labels, predictions: Predictions, pairs: Overlaps, matching: Matching) -> Errors:
+def errors(matching: Matching) -> Errors:
     """Classify the errors of all detections of any score.
 
-    Parameters
-    ----------
-    labels, predictions
-        Of one dataset.
-    pairs
-        Pairs from `overlapping` with an IoU of at least `BACKGROUND`, of any class.
-    matching
-        Matches at the foreground threshold, an IoU of 0.5 in the paper.
+    `matching` is at the foreground threshold, an IoU of 0.5 in the paper, and has all pairs with an IoU of at least
+    `BACKGROUND`.
     """
-    cause, meant = _causes(labels, predictions, pairs, matching)
-    free = (matching.detection < 0) & ~labels.crowd
-    named = np.zeros(len(labels.label), dtype=bool)
-    named[meant[meant >= 0]] = True
-    return Errors(cause, meant, _losses(labels, predictions, matching, cause, meant, free & ~named))
+    cause, meant = _causes(matching)
+    return Errors(cause, meant, _losses(matching, cause, meant))
 
 
-def _causes(
-    labels: Labels, predictions: Predictions, pairs: Overlaps, matching: Matching
-) -> tuple[Int[np.ndarray, " d"], Int[np.ndarray, " d"]]:
+def _causes(matching: Matching) -> tuple[Int[np.ndarray, " d"], Int[np.ndarray, " d"]]:
     """Cause of each false positive, and the label that it meant, by the order of the paper's program."""
-    pairs = pairs.where(~labels.crowd[pairs.box])
+    labels, predictions = matching.labels, matching.predictions
+    pairs = matching.pairs.where(~labels.crowd[matching.pairs.box])
     same = predictions.label[pairs.detection] == labels.label[pairs.box]
     foreground = pairs.iou >= matching.iou_threshold
     place, other, doubled, anything = (
@@ -91,15 +79,11 @@ def _best(pairs: Overlaps, among: Bool[np.ndarray, " p"], detections: int) -> In
     return best
 
 
-def _losses(
-    labels: Labels,
-    predictions: Predictions,
-    matching: Matching,
-    cause: Int[np.ndarray, " d"],
-    meant: Int[np.ndarray, " d"],
-    missed: Bool[np.ndarray, " g"],
-) -> dict[str, float]:
+def _losses(matching: Matching, cause: Int[np.ndarray, " d"], meant: Int[np.ndarray, " d"]) -> dict[str, float]:
+    labels, predictions = matching.labels, matching.predictions
     classes = len(predictions.class_names)
+    missed = (matching.detection < 0) & ~labels.crowd
+    missed[meant[meant >= 0]] = False
     counted, true = ~matching.ignored, matching.box >= 0
     wanted = np.bincount(labels.label[~labels.crowd], minlength=classes)
     before = mean_ap(predictions.score, predictions.label, true, counted, wanted)

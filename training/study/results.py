@@ -318,7 +318,7 @@ def bin_differences(first: Cell, second: Cell) -> list[BinDifference]:
             np.mean([cell.judged[s].evaluation.seen.found[known] for s in seeds], axis=0, dtype=np.float64)
             for cell in (first, second)
         ]
-        position = labels.positions()[labels.image[known]]
+        position = labels.position[labels.image[known]]
         cell_of = position * len(field.bins) + field.of_label[known]
         size = evaluation.positions * len(field.bins)
         sums = np.stack(
