@@ -58,7 +58,7 @@ class Training:
     Parameters
     ----------
     settings
-        Completed.
+        Its settings.
     classes
         Names of the classes, in order.
     examples
@@ -101,7 +101,7 @@ class Training:
         """The batches of the steps after the checkpoint."""
         settings = self.settings
         done = int(self._checkpoint()["global_step"]) if self.folder.checkpoint.exists() else 0
-        return Batches(len(self.examples), batch=settings.batch or 1, parts=settings.accumulate or 1, first=done)
+        return Batches(len(self.examples), batch=settings.batch, parts=settings.accumulate, first=done)
 
     def loader(self, collate: Callable[[list[Example]], Any]) -> DataLoader[Example]:
         """Return a loader of collated batches, in order."""
@@ -157,7 +157,7 @@ class Training:
         self._run(
             trainer(
                 devices=[self.device.index] if self.device.type == "cuda" and self.device.index else 1,
-                accumulate_grad_batches=self.settings.accumulate or 1,
+                accumulate_grad_batches=self.settings.accumulate,
                 callbacks=[StepSeeds(self.settings.seed), average, validator, recorder], logger=self.logger, **_OURS,
             ),
             module, **data,

@@ -1,4 +1,4 @@
-"""Settings of a training run, from TOML, completed with the model's defaults."""
+"""Settings of a training run, from TOML and the model's defaults."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from hulldown.geometry.toml_files import read_toml, validated
 
@@ -16,25 +16,43 @@ Model = Literal["small", "nano", "rf-small", "medium", "large"]
 FLAGS = ("model", "budget", "seed", "resolution", "weights", "freeze", "keep", "logger")
 
 
+# Off, since a network with random weights learns faster without them in a short run.
+_OFF = ("shear", "channel_shuffle", "blur", "gaussian_noise", "compression", "downscale", "shadow", "flare")
+_MILDER = {
+    "shift_scale_rotate": {"probability": 0.8, "shift": 0.1, "scale": [0.7, 1.4], "rotate_deg": 5},
+    **{name: {"probability": 0.0} for name in _OFF},
+}
+# Set here because RF-DETR's default of batches per step changed from 4 to 1 between versions.
+_RF_DETR = {"batch": 4, "accumulate": 4, "learning_rate": 1e-4, "schedule": "step", "augmentation": {}}
+_DEFAULTS: Mapping[str, Mapping[str, Any]] = {
+    "small": {"resolution": 256, "batch": 12, "accumulate": 1, "learning_rate": 4e-3, "schedule": "cosine",
+              "augmentation": _MILDER},
+    "nano": {"resolution": 384, **_RF_DETR},
+    "rf-small": {"resolution": 512, **_RF_DETR},
+    "medium": {"resolution": 576, **_RF_DETR},
+    "large": {"resolution": 704, **_RF_DETR},
+}  # fmt: skip
+
+
 class Settings(BaseModel):
-    """The settings that determine a run's weights, besides the data; None: the model's default."""
+    """The settings that determine a run's weights, besides the data; missing ones are the model's defaults."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     model: Model = Field("medium", description="small for a CPU without weights; nano to large are RF-DETR's")
     budget: int = Field(25_000, ge=1, description="pictures drawn, with replacement")
     seed: int = Field(0, ge=0, lt=2**63, description="of draws, augmentation and weights")
-    resolution: int | None = Field(None, ge=32, le=4096, description="pixels: of a side, of small the width")
+    resolution: int = Field(ge=32, le=4096, description="pixels: of a side, of small the width")
     weights: str | None = Field(None, description="file to start from, or none; default: the model's own")
-    batch: int | None = Field(None, ge=1, description="pictures that go through the network at once")
-    accumulate: int | None = Field(None, ge=1, description="batches in a step: their gradients are added")
-    learning_rate: float | None = Field(None, gt=0.0, description="at its highest")
+    batch: int = Field(ge=1, description="pictures that go through the network at once")
+    accumulate: int = Field(ge=1, description="batches in a step: their gradients are added")
+    learning_rate: float = Field(gt=0.0, description="at its highest")
     weight_decay: float = Field(1e-4, ge=0.0)
-    schedule: Literal["step", "cosine"] | None = Field(None, description="step: a tenth of the rate at the end")
+    schedule: Literal["step", "cosine"] = Field(description="step: a tenth of the rate at the end")
     warmup: float = Field(0.02, ge=0.0, lt=1.0, description="share of the steps in which the rate rises from 0")
     drop: float = Field(0.8, gt=0.0, le=1.0, description="share of the steps after which it is a tenth")
     shares: dict[str, float] = Field({}, description="source -> its part of the draws")
-    augmentation: dict[str, Any] = Field({}, description="line of Table 1 -> its probability and numbers")
+    augmentation: dict[str, Any] = Field(description="line of Table 1 -> its probability and numbers")
     masks: bool | None = Field(None, description="boxes of turned pictures follow masks; default: if all have one")
     multi_scale: bool = Field(False, description="RF-DETR's own change of the input's size from batch to batch")
     queries: int | None = Field(None, ge=1, description="objects that RF-DETR can find in a picture")
@@ -43,35 +61,25 @@ class Settings(BaseModel):
     keep: Literal["end", "best"] = Field("end", description="weights of the end, or those of the best validation AP50")
     logger: Literal["tensorboard", "wandb", "mlflow", "csv"] | None = Field(None, description="also log there")
 
+    @model_validator(mode="before")
+    @classmethod
+    def _completed(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        defaults = _DEFAULTS.get(str(data.get("model")), _DEFAULTS["medium"])
+        lines, asked = defaults["augmentation"], data.get("augmentation", {})
+        if isinstance(asked, dict):
+            asked = lines | asked | {key: lines[key] | asked[key] for key in lines if isinstance(asked.get(key), dict)}
+        return {**defaults, **data, "augmentation": asked}
+
     @property
     def effective_batch(self) -> int:
-        """Pictures per step, for completed settings."""
-        return (self.batch or 1) * (self.accumulate or 1)
-
-
-# Set here because RF-DETR's default of batches per step changed from 4 to 1 between versions.
-_RF_DETR = {"batch": 4, "accumulate": 4, "learning_rate": 1e-4, "schedule": "step"}
-_DEFAULTS: Mapping[str, Mapping[str, Any]] = {
-    "small": {"resolution": 256, "batch": 12, "accumulate": 1, "learning_rate": 4e-3, "schedule": "cosine"},
-    "nano": {"resolution": 384, **_RF_DETR},
-    "rf-small": {"resolution": 512, **_RF_DETR},
-    "medium": {"resolution": 576, **_RF_DETR},
-    "large": {"resolution": 704, **_RF_DETR},
-}
-
-
-# Off, since a network with random weights learns faster without them in a short run.
-_OFF = ("shear", "channel_shuffle", "blur", "gaussian_noise", "compression", "downscale", "shadow", "flare")
-_AUGMENTATION: Mapping[str, dict[str, dict[str, Any]]] = {
-    "small": {
-        "shift_scale_rotate": {"probability": 0.8, "shift": 0.1, "scale": [0.7, 1.4], "rotate_deg": 5},
-        **{name: {"probability": 0.0} for name in _OFF},
-    }
-}
+        """Pictures per step."""
+        return self.batch * self.accumulate
 
 
 def load_settings(path: Path | None, changes: Mapping[str, Any]) -> Settings:
-    """Load settings from a TOML file, if given, with changes from the command line, completed.
+    """Load settings from a TOML file, if given, with changes from the command line.
 
     Parameters
     ----------
@@ -87,16 +95,7 @@ def load_settings(path: Path | None, changes: Mapping[str, Any]) -> Settings:
     """
     data = {} if path is None else read_toml(path)
     data.update({key: value for key, value in changes.items() if value is not None})
-    return completed(validated(Settings, data, path))
-
-
-def completed(settings: Settings) -> Settings:
-    """Fill in the model's defaults; `weights`, `queries`, and `groups` may stay None."""
-    missing = {key: value for key, value in _DEFAULTS[settings.model].items() if getattr(settings, key) is None}
-    suits = _AUGMENTATION.get(settings.model, {})
-    asked = settings.augmentation
-    lines = suits | asked | {name: suits[name] | asked[name] for name in suits if isinstance(asked.get(name), dict)}
-    return settings.model_copy(update={**missing, "augmentation": dict(lines)})
+    return validated(Settings, data, path)
 
 
 def rate_factor(step: int, settings: Settings, steps: int) -> float:

@@ -61,7 +61,7 @@ def train(
     out
         The run's folder.
     settings
-        Completed settings, see `training.settings.load_settings`; or changes to the model's defaults, by the keys of
+        Settings, see `training.settings.load_settings`; or changes to the model's defaults, by the keys of
         docs/training.md.
     valid
         A dataset on which results are measured, without effect on the training.
@@ -129,8 +129,7 @@ def train(
     checked = check_pictures([*sources, *held_back], progress=partial(progress, "checking pictures"))
     for shared in [pair for one in held_back for source in sources for pair in shared_pictures(source, one, checked)]:
         say(f"warning: {shared}: the result on it flatters")
-    resolution = settings.resolution or 0
-    size = small_size(resolution) if small else (resolution, resolution)
+    size = small_size(settings.resolution) if small else (settings.resolution, settings.resolution)
     config = {
         "settings": settings.model_dump(mode="json", exclude={"logger"}),
         "classes": list(classes),
@@ -251,7 +250,7 @@ def _description(
         "effective_batch": settings.effective_batch,
         "batch": settings.batch,
         "accumulate": settings.accumulate,
-        "steps": Batches(settings.budget, batch=settings.batch or 1, parts=settings.accumulate or 1).steps,
+        "steps": Batches(settings.budget, batch=settings.batch, parts=settings.accumulate).steps,
         "masks": settings.masks,
         "augmented": any(line.probability for line in changed_table(settings.augmentation).values() if not line.group),
         "sources": {

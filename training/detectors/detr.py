@@ -126,7 +126,6 @@ def check_resolution(settings: Settings) -> None:
     """
     fields = CONFIGS[settings.model].model_fields
     step = int(fields["patch_size"].default) * int(fields["num_windows"].default)
-    assert settings.resolution is not None
     if settings.resolution % step:
         near = max(step, round(settings.resolution / step) * step)
         raise DetectorError(
@@ -150,7 +149,7 @@ def detr_configs(
     )
     train = rf_config.TrainConfig(
         lr=settings.learning_rate,
-        lr_encoder=1.5 * (settings.learning_rate or 0.0),  # RF-DETR's own ratio
+        lr_encoder=1.5 * settings.learning_rate,  # RF-DETR's own ratio
         weight_decay=settings.weight_decay,
         lr_scheduler=partial(LambdaLR, lr_lambda=partial(rate_factor, settings=settings, steps=steps)),
         lr_scheduler_interval="step",

@@ -125,7 +125,7 @@ def load_small(path: Path, *, device: torch.device) -> SmallDetector:
 
 
 class SmallModule(pl.LightningModule):
-    """The small network as a LightningModule, with completed settings and the number of steps in the whole run."""
+    """The small network as a LightningModule, with the number of steps in the whole run."""
 
     def __init__(self, network: CenterNetwork, settings: Settings, steps: int) -> None:
         super().__init__()

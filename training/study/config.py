@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from hulldown.geometry.errors import ConfigError, HulldownError
 from hulldown.geometry.files import make_room, replacing
 from hulldown.geometry.toml_files import read_toml, validated
-from hulldown.training.settings import Settings, completed
+from hulldown.training.settings import Settings
 from hulldown.training.subset import FRACTIONS
 
 Arm = Literal["real", "mixed", "synthetic", "matched", "balanced", "pretrain", "loop"]
@@ -114,7 +114,7 @@ def load_study(path: Path | str) -> StudyConfig:
     train = study.train
     if train.weights not in (None, "none"):
         train = train.model_copy(update={"weights": str(path.parent / train.weights)})
-    return study.model_copy(update={**folders, "train": completed(train)})
+    return study.model_copy(update={**folders, "train": train})
 
 
 def write_study(path: Path, *, real: Path, synthetic: Path, test: Path, valid: Path | None = None) -> None:

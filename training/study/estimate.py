@@ -28,7 +28,7 @@ def overview(study: Path, manifest: Manifest) -> list[dict[str, Any]]:
             "photographs": run.photographs,
             "synthetic_images": synthetic,
             "draws": settings.budget,
-            "steps": Batches(settings.budget, batch=settings.batch or 1, parts=settings.accumulate or 1).steps,
+            "steps": Batches(settings.budget, batch=settings.batch, parts=settings.accumulate).steps,
             "draws_per_photograph": run.drawn.get("real", 0) / max(1, run.photographs),
             "draws_per_synthetic_image": run.drawn.get("synthetic", 0) / max(1, synthetic),
             "state": "finished" if is_finished(study, manifest, run) else "begun" if begun else "new",

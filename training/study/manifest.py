@@ -18,7 +18,7 @@ from hulldown.dataset.store.document import read_coco
 from hulldown.geometry.errors import ConfigError, DatasetError
 from hulldown.geometry.files import replace_file
 from hulldown.training.draws import Draws, draws_text
-from hulldown.training.settings import Settings, completed
+from hulldown.training.settings import Settings
 from hulldown.training.sources import (
     CheckedPictures,
     LabeledPictures,
@@ -140,7 +140,7 @@ def settle(config: StudyConfig, *, progress: Callable[[int, int], None] | None =
         used = [sources[name] for name in run.sources]
         text = draws_text(own_draws, run.sources, [source.file_names for source in used])
         ruled = {"seed": run.seed, "budget": budget_of(run.base, config.train.budget), "masks": masks}
-        settings = completed(config.train.model_validate({**config.train.model_dump(), **run.train, **ruled}))
+        settings = Settings.model_validate({**config.train.model_dump(), **run.train, **ruled})
         data = {name: digests[name] for name in run.sources}
         if run.base == "loop" and config.plan is not None:
             data |= {"valid": digests["valid"], "plan": hashlib.sha256(config.plan.read_bytes()).hexdigest()}
