@@ -147,13 +147,8 @@ class Training:
                 replace_file(self.folder.best, content_of(saved(network)))
             return figures
 
-        steps = self.batches.steps
-        validator = Validator(steps, judged if self.judge else None)
-        recorder = Recorder(
-            self.folder.checkpoint, steps=steps, every=self.checkpoint_every, progress=self.progress,
-            estimate=lambda seconds: self.say(f"about {duration(seconds)} of training left"),
-            on_checkpoint=lambda rows: self.folder.write_metrics(rows, validator.rows),
-        )  # fmt: skip
+        validator = Validator(self.batches.steps, judged if self.judge else None)
+        recorder = Recorder(self, validator)
         self._run(
             trainer(
                 devices=[self.device.index] if self.device.type == "cuda" and self.device.index else 1,
@@ -212,10 +207,3 @@ def seed_weights(settings: Settings) -> None:
 
 def _shapes(state: Mapping[str, Any]) -> dict[str, Any]:
     return {key: getattr(value, "shape", None) for key, value in state.items()}
-
-
-def duration(seconds: float) -> str:
-    """Format a duration in seconds, minutes, or hours."""
-    if seconds < 120:
-        return f"{seconds:.0f} seconds"
-    return f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.1f} hours"

@@ -8,7 +8,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from hulldown.geometry.terminal import progress_bar, progress_bars, say, warn
+from hulldown.geometry.terminal import duration, progress_bar, progress_bars, say, warn
 from hulldown.verbs.arguments import Subparsers, add_verb
 from hulldown.verbs.cluster import add_scheduler, scheduler_of, training_workers
 from hulldown.verbs.terminal import DONE, FOUND, STDOUT, print_json
@@ -60,7 +60,6 @@ def _run(arguments: argparse.Namespace) -> int:
 def _dry_run(arguments: argparse.Namespace, settled: Any, options: Any) -> int:
     from rich.table import Column, Table
 
-    from hulldown.training.fitting import duration
     from hulldown.training.study.estimate import hours, overview, seconds_per_step
     from hulldown.training.study.runs import gpu_places
 

@@ -6,7 +6,7 @@ import hashlib
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pytorch_lightning as pl
@@ -16,6 +16,10 @@ from pytorch_lightning.callbacks import WeightAveraging
 
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.files import replacing
+from hulldown.geometry.terminal import duration
+
+if TYPE_CHECKING:
+    from hulldown.training.fitting import Training
 
 AVERAGE_DECAY = 0.998
 ESTIMATE_AFTER = 10  # steps
@@ -149,31 +153,15 @@ class Recorder(Rows):
 
     Parameters
     ----------
-    checkpoint
-        The file, replaced by each checkpoint.
-    every
-        Steps between checkpoints; None: one a minute.
-    progress
-        Called with (steps done, all) after each step.
-    estimate
-        Called once with the remaining seconds, after some steps.
-    on_checkpoint
-        Called with the rows after each checkpoint.
+    training
+        The training.
+    validator
+        The callback with its validations, which are written with each checkpoint.
     """
 
-    def __init__(
-        self,
-        checkpoint: Path,
-        *,
-        steps: int,
-        every: int | None,
-        progress: Callable[[int, int], None],
-        estimate: Callable[[float], None],
-        on_checkpoint: Callable[[list[list[float]]], None],
-    ) -> None:
+    def __init__(self, training: Training, validator: Validator) -> None:
         super().__init__()  # rows of step, loss, learning rate, seconds, seconds waited for data
-        self._checkpoint, self._steps, self._every = checkpoint, steps, every
-        self._progress, self._estimate, self._on_checkpoint = progress, estimate, on_checkpoint
+        self._training, self._validator, self._steps = training, validator, training.batches.steps
         self._losses: list[torch.Tensor] = []
         self._done = 0  # steps in this process
         self._first = self._last = self._saved = time.monotonic()
@@ -207,12 +195,15 @@ class Recorder(Rows):
         self.rows.append([float(trainer.global_step), loss, rate, now - self._last, self._waited])
         log(trainer.loggers, {"train/loss": loss, "train/learning_rate": rate}, trainer.global_step)
         self._losses, self._waited, self._last, self._done = [], 0.0, now, self._done + 1
-        self._progress(trainer.global_step, self._steps)
+        step, training = trainer.global_step, self._training
+        training.progress(step, self._steps)
         if self._done == ESTIMATE_AFTER:
-            self._estimate((now - self._first) / self._done * (self._steps - trainer.global_step))
-        due = now - self._saved >= CHECKPOINT_S if self._every is None else trainer.global_step % self._every == 0
-        if due and trainer.global_step < self._steps:
-            with replacing(self._checkpoint) as file:
+            left = (now - self._first) / self._done * (self._steps - step)
+            training.say(f"about {duration(left)} of training left")
+        every = training.checkpoint_every
+        due = now - self._saved >= CHECKPOINT_S if every is None else step % every == 0
+        if due and step < self._steps:
+            with replacing(training.folder.checkpoint) as file:
                 trainer.save_checkpoint(file.name)
-            self._on_checkpoint(self.rows)
+            training.folder.write_metrics(self.rows, self._validator.rows)
             self._saved = time.monotonic()
