@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
+import numpy as np
 import pytorch_lightning as pl
 import torch
-from pytorch_lightning.loggers import Logger
 from torch.utils.data import DataLoader
 
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.files import replace_file
 from hulldown.training.data import Batches, DrawnExamples, Example
-from hulldown.training.detectors.callbacks import Recorder, StepSeeds, Validator
+from hulldown.training.detectors.callbacks import Recorder, StepSeeds, Validator, log, logger_of
 from hulldown.training.detectors.detector import DAMAGED, Detector, DetectorError, first_line
+from hulldown.training.evaluation.average_precision import AVERAGES
+from hulldown.training.evaluation.labels import Labels
+from hulldown.training.predict import validation_figures
 from hulldown.training.run_folder import RunFolder, content_of
 from hulldown.training.settings import Settings
 
@@ -31,24 +36,6 @@ _OURS: Mapping[str, Any] = {
     "limit_val_batches": 0,
     "deterministic": "warn",
 }
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Fitted:
-    """A trained detector, and the contents of its files.
-
-    Parameters
-    ----------
-    detector, weights
-        The detector, and the contents of its weights file.
-    rows, validated
-        Rows of metrics.csv, and of validation.csv without the last.
-    """
-
-    detector: Detector
-    weights: dict[str, Any]
-    rows: list[list[float]]
-    validated: list[list[float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,14 +60,12 @@ class Training:
         Processes that read and augment pictures.
     checkpoint_every
         Steps between checkpoints; None: one a minute.
-    judge
-        Measures AP, AP50, and AP75 of a detector; None: there is no validation set.
+    valid
+        The labels of the validation set, if there is one.
     progress
-        Called with (steps done, all).
+        Called with (title, steps done, all).
     say
         Called with messages for the user.
-    logger
-        A logger of Lightning's; False: none.
     """
 
     settings: Settings
@@ -91,10 +76,9 @@ class Training:
     device: torch.device
     workers: int
     checkpoint_every: int | None
-    judge: Callable[[Detector], Mapping[str, float]] | None
-    progress: Callable[[int, int], None]
+    valid: Labels | None
+    progress: Callable[[str, int, int], None]
     say: Callable[[str], None]
-    logger: Logger | Literal[False] = False
 
     @cached_property
     def batches(self) -> Batches:
@@ -119,8 +103,8 @@ class Training:
         detector: Callable[[Any], Detector],
         saved: Callable[[Any], dict[str, Any]],
         **data: Any,
-    ) -> Fitted:
-        """Train a module, or continue from the checkpoint.
+    ) -> dict[str, Any]:
+        """Train a module, or continue from the checkpoint; write weights and metrics.
 
         Parameters
         ----------
@@ -136,28 +120,49 @@ class Training:
             Returns the contents of a network's weights file.
         data
             The data, as arguments of `pl.Trainer.fit`.
+
+        Returns
+        -------
+        Figures of run.json.
         """
+        started, valid, keep_best = time.monotonic(), self.valid, self.settings.keep == "best"
 
         def judged() -> Mapping[str, float]:
             network = deepcopy(module.model)
             network.load_state_dict(average.get_ema_model_state_dict())
-            assert self.judge is not None
-            figures = self.judge(detector(network))
-            if self.settings.keep == "best" and figures["ap50"] > max((row[2] for row in validator.rows), default=-1.0):
+            assert valid is not None
+            found = validation_figures(detector(network), valid)
+            if keep_best and found["ap50"] > max((row[2] for row in validator.rows), default=-1.0):
                 replace_file(self.folder.best, content_of(saved(network)))
-            return figures
+            return found
 
-        validator = Validator(self.batches.steps, judged if self.judge else None)
+        validator = Validator(self.batches.steps, judged if valid else None)
         recorder = Recorder(self, validator)
+        logger = logger_of(self.settings.logger, self.folder.path) if self.settings.logger else False
         self._run(
             trainer(
                 devices=[self.device.index] if self.device.type == "cuda" and self.device.index else 1,
                 accumulate_grad_batches=self.settings.accumulate,
-                callbacks=[StepSeeds(self.settings.seed), average, validator, recorder], logger=self.logger, **_OURS,
+                callbacks=[StepSeeds(self.settings.seed), average, validator, recorder], logger=logger, **_OURS,
             ),
             module, **data,
         )  # fmt: skip
-        return Fitted(detector(module.model), saved(module.model), recorder.rows, validator.rows)
+        figures = _figures(recorder.rows, self.settings, time.monotonic() - started)
+        content: Any = content_of(saved(module.model))
+        validated = validator.rows
+        if valid:
+            progress = partial(self.progress, "validating")
+            found = figures["valid"] = validation_figures(detector(module.model), valid, progress=progress)
+            step = recorder.rows[-1][0]
+            best = max(validated, key=lambda row: row[2], default=None)
+            validated = [*validated, [step, *(found[key] for key in AVERAGES)]]
+            if keep_best and best is not None and best[2] > found["ap50"]:
+                content = self.folder.best.read_bytes()
+                figures["valid"] = dict(zip(("step", *AVERAGES), best, strict=True))
+            log([logger] if logger else [], {f"valid/{key}": found[key] for key in AVERAGES}, int(step))
+        replace_file(self.folder.weights, content)
+        self.folder.write_metrics(recorder.rows, validated)
+        return figures
 
     def _run(self, trainer: pl.Trainer, module: pl.LightningModule, **data: Any) -> None:
         before = torch.are_deterministic_algorithms_enabled(), torch.is_deterministic_algorithms_warn_only_enabled()
@@ -207,3 +212,27 @@ def seed_weights(settings: Settings) -> None:
 
 def _shapes(state: Mapping[str, Any]) -> dict[str, Any]:
     return {key: getattr(value, "shape", None) for key, value in state.items()}
+
+
+def _figures(rows: Sequence[Sequence[float]], settings: Settings, seconds: float) -> dict[str, Any]:
+    """Figures over all steps; times of killed parts are included up to their checkpoints."""
+    _, losses, _, took, waited = np.array(rows).T
+    tail = losses[-max(1, math.ceil(len(losses) / 20)) :]
+    # The first step of a process includes the start of workers.
+    steady = slice(1, None) if len(took) > 1 else slice(None)
+    return {
+        "final_loss": float(tail.mean()),
+        "seconds": seconds,
+        "seconds_per_step": float(np.median(took[steady])),
+        "images_per_second": settings.effective_batch / float(np.median(took[steady])),
+        "waited_for_data_share": float(waited[steady].sum() / took[steady].sum()),
+        "peak_memory_mb": _peak_memory_mb(),
+    }
+
+
+def _peak_memory_mb() -> float | None:
+    try:
+        import resource
+    except ImportError:
+        return None
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
-import math
 import os
 import platform
-import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from hulldown.geometry.errors import ConfigError
@@ -22,16 +19,13 @@ from hulldown.geometry.terminal import progress_bars, watched
 from hulldown.geometry.terminal import say as show_line
 from hulldown.training.augment import changed_table
 from hulldown.training.data import Batches, DrawnExamples
-from hulldown.training.detectors.callbacks import log, logger_of
 from hulldown.training.detectors.detector import RUN_NAME, chosen_device
 from hulldown.training.detectors.small import fit_small, load_small, small_size
 from hulldown.training.draws import Draws, draws_text, make_draws, read_draws, source_shares
-from hulldown.training.evaluation.average_precision import AVERAGES
-from hulldown.training.evaluation.labels import Labels, read_labels
+from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.extra import quiet
-from hulldown.training.fitting import Fitted, Training
-from hulldown.training.predict import validation_figures
-from hulldown.training.run_folder import RunFolder, content_of, extension, opened
+from hulldown.training.fitting import Training
+from hulldown.training.run_folder import RunFolder, extension, opened
 from hulldown.training.settings import Settings, load_settings
 from hulldown.training.sources import LabeledPictures, check_pictures, follow_masks, read_sources, shared_pictures
 
@@ -147,22 +141,20 @@ def train(
         run = _description(settings, size, classes, data, sources, draws, chosen)
         folder.write_json(RUN_NAME, run)
         examples = DrawnExamples(sources, draws, size, table, masks=bool(settings.masks))
-        started = time.monotonic()
-        logger = logger_of(settings.logger, out) if settings.logger else False
         with quiet():
             if not small:
                 from hulldown.training.detectors.detr import fit_detr
-            fitted = (fit_small if small else fit_detr)(
+            run["figures"] = (fit_small if small else fit_detr)(
                 Training(
                     settings, classes, examples, folder, weights=weights, device=chosen,
                     workers=_workers() if workers is None else workers, checkpoint_every=checkpoint_every,
-                    judge=partial(validation_figures, labels=labels) if labels else None,
-                    progress=partial(progress, "training"), say=say,
-                    logger=logger,
+                    valid=labels, progress=progress, say=say,
                 )
             )  # fmt: skip
-        run["figures"] = _figures(fitted.rows, settings, time.monotonic() - started)
-        _finish(folder, run, fitted, labels, keep=settings.keep, logger=logger, progress=progress)
+        run["status"] = "finished"
+        folder.write_json(RUN_NAME, run)
+        folder.checkpoint.unlink(missing_ok=True)
+        folder.best.unlink(missing_ok=True)
         return run
 
 
@@ -181,31 +173,6 @@ def _draws(
     if len(draws) != settings.budget:
         raise ValueError(f"draws_file: expected {settings.budget} draws, got {len(draws)}")
     return draws
-
-
-def _finish(
-    folder: RunFolder, run: dict[str, Any], fitted: Fitted, labels: Labels | None, *,
-    keep: str, logger: Any, progress: Callable[[str, int, int], None],
-) -> None:  # fmt: skip
-    """Validate the weights, and write them and all results; `run` gets its figures and status."""
-    content: Any = content_of(fitted.weights)
-    validated = fitted.validated
-    if labels:
-        found = validation_figures(fitted.detector, labels, progress=partial(progress, "validating"))
-        run["figures"]["valid"] = found
-        step = fitted.rows[-1][0]
-        best = max(validated, key=lambda row: row[2], default=None)
-        validated = [*validated, [step, found["ap"], found["ap50"], found["ap75"]]]
-        if keep == "best" and best is not None and best[2] > found["ap50"]:
-            content = folder.best.read_bytes()
-            run["figures"]["valid"] = dict(zip(("step", "ap", "ap50", "ap75"), best, strict=True))
-        log([logger] if logger else [], {f"valid/{key}": found[key] for key in AVERAGES}, int(step))
-    replace_file(folder.weights, content)
-    folder.write_metrics(fitted.rows, validated)
-    run["status"] = "finished"
-    folder.write_json(RUN_NAME, run)
-    folder.checkpoint.unlink(missing_ok=True)
-    folder.best.unlink(missing_ok=True)
 
 
 def usable_weights(settings: Settings) -> Path | None:
@@ -267,27 +234,3 @@ def _description(
         "versions": {name: importlib.metadata.version(name) for name in VERSIONS},
         "figures": {},
     }
-
-
-def _figures(rows: Sequence[Sequence[float]], settings: Settings, seconds: float) -> dict[str, Any]:
-    """Figures over all steps; times of killed parts are included up to their checkpoints."""
-    _, losses, _, took, waited = np.array(rows).T
-    tail = losses[-max(1, math.ceil(len(losses) / 20)) :]
-    # The first step of a process includes the start of workers.
-    steady = slice(1, None) if len(took) > 1 else slice(None)
-    return {
-        "final_loss": float(tail.mean()),
-        "seconds": seconds,
-        "seconds_per_step": float(np.median(took[steady])),
-        "images_per_second": settings.effective_batch / float(np.median(took[steady])),
-        "waited_for_data_share": float(waited[steady].sum() / took[steady].sum()),
-        "peak_memory_mb": _peak_memory_mb(),
-    }
-
-
-def _peak_memory_mb() -> float | None:
-    try:
-        import resource
-    except ImportError:
-        return None
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

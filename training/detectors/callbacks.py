@@ -196,7 +196,7 @@ class Recorder(Rows):
         log(trainer.loggers, {"train/loss": loss, "train/learning_rate": rate}, trainer.global_step)
         self._losses, self._waited, self._last, self._done = [], 0.0, now, self._done + 1
         step, training = trainer.global_step, self._training
-        training.progress(step, self._steps)
+        training.progress("training", step, self._steps)
         if self._done == ESTIMATE_AFTER:
             left = (now - self._first) / self._done * (self._steps - step)
             training.say(f"about {duration(left)} of training left")

@@ -26,7 +26,7 @@ from torch.utils.data import DataLoader
 from hulldown.training.data import Example, network_pictures
 from hulldown.training.detectors.detector import DAMAGED, Detections, DetectorError, first_line, read_weights
 from hulldown.training.extra import quiet
-from hulldown.training.fitting import Fitted, Training, seed_weights
+from hulldown.training.fitting import Training, seed_weights
 from hulldown.training.settings import Settings, rate_factor
 
 with quiet():  # its dependencies give deprecation warnings
@@ -281,8 +281,8 @@ class DetrDetector:
         )
 
 
-def fit_detr(training: Training) -> Fitted:
-    """Train RF-DETR."""
+def fit_detr(training: Training) -> dict[str, Any]:
+    """Train RF-DETR; returns figures of run.json."""
     model_config, train_config = detr_configs(
         training.settings, training.classes, training.batches.steps, weights=training.weights, device=training.device,
         folder=training.folder.path,

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytorch_lightning as pl
@@ -20,7 +21,7 @@ from hulldown.training.data import Example, network_pictures
 from hulldown.training.detectors.callbacks import AveragedWeights
 from hulldown.training.detectors.center_points import CenterNetwork, Peaks, Truth, center_loss, peaks, truth_of
 from hulldown.training.detectors.detector import DAMAGED, Detections, DetectorError, first_line, read_weights
-from hulldown.training.fitting import Fitted, Training, seed_weights
+from hulldown.training.fitting import Training, seed_weights
 from hulldown.training.settings import Settings, rate_factor
 
 ASPECT = 9 / 16
@@ -152,8 +153,8 @@ class SmallModule(pl.LightningModule):
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": rates, "interval": "step"}}
 
 
-def fit_small(training: Training) -> Fitted:
-    """Train the small network."""
+def fit_small(training: Training) -> dict[str, Any]:
+    """Train the small network; returns figures of run.json."""
     classes, size, device = training.classes, training.examples.size, training.device
     seed_weights(training.settings)
     module = SmallModule(starting_network(classes, training.weights), training.settings, training.batches.steps)
