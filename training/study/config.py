@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -132,7 +131,8 @@ def write_study(path: Path, *, real: Path, synthetic: Path, test: Path, valid: P
     for folder in folders.values():
         if not folder.is_dir():
             raise HulldownError("no such folder", path=folder, remedy="name the folder of a COCO dataset")
-    named = {key: _toml(_seen_from(path.parent, folder)) for key, folder in folders.items()}
+    # JSON and TOML write these values in the same way.
+    named = {key: json.dumps(_seen_from(path.parent, folder), ensure_ascii=False) for key, folder in folders.items()}
     if valid:
         named |= {"valid": f"valid = {named['valid']}", "threshold": "# threshold = 0.5"}
     else:
@@ -146,11 +146,6 @@ def _seen_from(start: Path, folder: Path) -> str:
         return Path(os.path.relpath(folder.resolve(), start.resolve())).as_posix()
     except ValueError:  # another drive
         return folder.resolve().as_posix()
-
-
-def _toml(value: str | Sequence[str]) -> str:
-    # JSON and TOML write these values in the same way.
-    return json.dumps(value, ensure_ascii=False)
 
 
 _TEXT = """\
