@@ -19,12 +19,12 @@ def coco_of(labels, predictions):
     truth = COCO()
     truth.dataset = {
         "images": [{"id": int(i)} for i in labels.image_id],
-        "categories": [{"id": int(i)} for i in predictions.class_id],
+        "categories": [{"id": c + 1} for c in range(len(predictions.class_names))],
         "annotations": [
             {
                 "id": k + 1,
                 "image_id": int(labels.image_id[labels.image[k]]),
-                "category_id": int(labels.class_id[labels.label[k]]),
+                "category_id": int(labels.label[k]) + 1,
                 "bbox": labels.xywh[k].tolist(),
                 "area": float(labels.area[k]),
                 "iscrowd": int(labels.crowd[k]),
@@ -35,7 +35,7 @@ def coco_of(labels, predictions):
     found = [
         {
             "image_id": int(labels.image_id[predictions.image[k]]),
-            "category_id": int(predictions.class_id[predictions.label[k]]),
+            "category_id": int(predictions.label[k]) + 1,
             "bbox": predictions.xywh[k].tolist(),
             "score": float(predictions.score[k]),
         }

@@ -42,8 +42,8 @@ class Predictions:
     ----------
     name
         Their name, unique in a comparison.
-    class_id, class_names
-        c classes: the dataset's, in its order, then those of the detections alone.
+    class_names
+        Of c classes: the dataset's, in its order, then those of the detections alone.
     image, label
         (d,) indices of each detection's image and class.
     xywh
@@ -55,7 +55,6 @@ class Predictions:
     """
 
     name: str
-    class_id: Int[np.ndarray, " c"]
     class_names: tuple[str, ...]
     image: Int[np.ndarray, " d"]
     label: Int[np.ndarray, " d"]
@@ -141,8 +140,7 @@ def predictions_of(
     called = (*labels.class_names, *((names or {}).get(category, f"category {category}") for category in others))
     boxes = xywh if corners is None else np.concatenate([xywh, corners.reshape(-1, 8)], axis=1)
     order = np.lexsort((*boxes.T[::-1], -score, label, image))
-    class_id = np.array([*known, *others], dtype=np.int64)
-    return Predictions(name, class_id, called, image, label, xywh, score, corners).take(order)
+    return Predictions(name, called, image, label, xywh, score, corners).take(order)
 
 
 def _unusable(problem: str, path: Path, labels: Labels) -> DatasetError:
