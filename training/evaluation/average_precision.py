@@ -21,6 +21,7 @@ from jaxtyping import Bool, Float
 
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.matching import Matching
+from hulldown.training.evaluation.metrics import ratio
 from hulldown.training.evaluation.predictions import Predictions
 
 RECALLS = np.linspace(0.0, 1.0, 101)
@@ -175,7 +176,4 @@ def weighted_averages(
 
 def class_mean(each: Float[np.ndarray, "r c *more"]) -> Float[np.ndarray, "r *more"]:
     """The mean over classes with labels, as in COCO; nan without any."""
-    known = ~np.isnan(each)
-    counts = known.sum(axis=1)
-    total = np.where(known, each, 0.0).sum(axis=1)
-    return np.divide(total, counts, out=np.full(total.shape, np.nan), where=counts > 0)
+    return ratio(np.nansum(each, axis=1), (~np.isnan(each)).sum(axis=1))

@@ -40,7 +40,7 @@ def resamples(groups: int, *, times: int = RESAMPLES) -> Iterator[Float[np.ndarr
     rows = max(1, DRAWN_AT_ONCE // max(groups, 1))
     for start in range(0, times, rows):
         now = min(rows, times - start)
-        chosen = random.integers(0, groups, (now, groups)) + np.arange(now)[:, None] * groups
+        chosen = random.integers(0, max(groups, 1), (now, groups)) + np.arange(now)[:, None] * groups
         yield np.bincount(chosen.ravel(), minlength=now * groups).reshape(now, groups).astype(np.float64)
 
 
@@ -48,11 +48,7 @@ def resampled_sums(
     sums: Float[np.ndarray, "groups *columns"], *, times: int = RESAMPLES
 ) -> Float[np.ndarray, "r *columns"]:
     """Sums over the groups of each resample; the resamples depend on the number of groups alone."""
-    if not len(sums):
-        return np.zeros((times, *sums.shape[1:]))
-    flat = sums.reshape(len(sums), -1)
-    again = np.concatenate([weights @ flat for weights in resamples(len(sums), times=times)])
-    return again.reshape(times, *sums.shape[1:])
+    return np.concatenate([np.tensordot(weights, sums, 1) for weights in resamples(len(sums), times=times)])
 
 
 def standard_error(resampled: Float[np.ndarray, "r *shape"], groups: ArrayLike) -> Float[np.ndarray, "*shape"]:

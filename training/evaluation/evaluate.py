@@ -101,7 +101,7 @@ class Evaluation:
     @cached_property
     def resampled(self) -> Float[np.ndarray, "r c 6"]:
         """`metrics.SUMS` of each class in every resample of positions."""
-        if self.threshold.source != "test" or not self.positions:
+        if self.threshold.source != "test":
             return resampled_sums(self.position_sums)
         return np.concatenate([sums_at_best(self.matching, weights) for weights in resamples(self.positions)])
 
@@ -120,8 +120,6 @@ class Evaluation:
     @cached_property
     def averages_resampled(self) -> Float[np.ndarray, "r c 3"]:
         """`average_precision.AVERAGES` of every resample of positions."""
-        if not self.positions:
-            return np.full((AP_RESAMPLES, self._classes, len(AVERAGES)), np.nan)
         some = resamples(self.positions, times=AP_RESAMPLES)
         return np.concatenate([resampled_averages(self._matchings, weights) for weights in some])
 

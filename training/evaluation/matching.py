@@ -192,10 +192,8 @@ def greedy(
         return pairs
     among, where = np.unique(pairs.detection, return_inverse=True)
     line = np.lexsort((among, order[among], group[among]))
-    begins = np.concatenate([[True], np.diff(group[among[line]]) != 0])
-    place = np.arange(len(line)) - np.maximum.accumulate(np.where(begins, np.arange(len(line)), 0))
     turn = np.empty(len(line), dtype=np.int64)
-    turn[line] = place
+    turn[line] = _place(group[among[line]])
     turns = turn[where]
     # Of equal overlaps the last label wins, as in COCO's loop.
     best_first = np.lexsort((-pairs.box, -pairs.iou, crowd[pairs.box], pairs.detection, turns))
@@ -216,11 +214,14 @@ def _leading(predictions: Predictions) -> Bool[np.ndarray, " d"]:
     """Whether each detection is among the first hundred of its class and image, by score."""
     group = _groups(predictions)
     order = np.lexsort((-predictions.score, group))
-    sorted_group = group[order]
-    starts = np.searchsorted(sorted_group, sorted_group)
     first = np.empty(len(group), dtype=bool)
-    first[order] = np.arange(len(group)) - starts < MAX_DETECTIONS
+    first[order] = _place(group[order]) < MAX_DETECTIONS
     return first
+
+
+def _place(group: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
+    """Place of each element among those of its group, from 0; groups ascend."""
+    return np.arange(len(group)) - np.searchsorted(group, group)
 
 
 def _groups(predictions: Predictions) -> Int[np.ndarray, " d"]:
