@@ -133,17 +133,10 @@ class SmallModule(pl.LightningModule):
         self.model = network.to(memory_format=torch.channels_last)
         self._settings, self._steps = settings, steps
 
-    def transfer_batch_to_device(
-        self, batch: list[Example], device: torch.device, dataloader_idx: int
-    ) -> list[Example]:
-        """Leave the batch to the step, which makes tensors of it."""
-        return batch
-
-    def training_step(self, batch: list[Example], batch_idx: int) -> Tensor:
+    def training_step(self, batch: tuple[Tensor, Truth], batch_idx: int) -> Tensor:
         """The loss of a batch."""
-        truth = truth_of([example.xyxy for example in batch], [example.label for example in batch])
-        pictures = torch.stack([example.picture for example in batch]).to(self.device)
-        return center_loss(self.model(pictures), Truth(*(part.to(self.device) for part in truth)))
+        pictures, truth = batch
+        return center_loss(self.model(pictures), truth)
 
     def configure_optimizers(self) -> dict[str, object]:
         """AdamW with the run's schedule."""
@@ -151,6 +144,12 @@ class SmallModule(pl.LightningModule):
         optimizer = torch.optim.AdamW(self.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
         rates = LambdaLR(optimizer, partial(rate_factor, settings=settings, steps=self._steps))
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": rates, "interval": "step"}}
+
+
+def collated(batch: Sequence[Example]) -> tuple[Tensor, Truth]:
+    """The pictures of a batch, and their ground truth."""
+    truth = truth_of([example.xyxy for example in batch], [example.label for example in batch])
+    return torch.stack([example.picture for example in batch]), truth
 
 
 def fit_small(training: Training) -> dict[str, Any]:
@@ -167,5 +166,5 @@ def fit_small(training: Training) -> dict[str, Any]:
         ),
         detector=lambda network: SmallDetector(network, classes, size, device),
         saved=partial(save_small, classes=classes, size=size),
-        train_dataloaders=training.loader(list),
+        train_dataloaders=training.loader(collated),
     )  # fmt: skip
