@@ -45,9 +45,9 @@ class Draws:
         """Number of draws of each picture of each source."""
         return [np.bincount(self.image[self.source == i], minlength=size) for i, size in enumerate(sizes)]
 
-    def after(self, first: int) -> Draws:
-        """The draws after the first `count`."""
-        return Draws(self.source[first:], self.image[first:], self.seed[first:])
+    def take(self, rows: slice | Int[np.ndarray, " k"]) -> Draws:
+        """Select draws."""
+        return Draws(self.source[rows], self.image[rows], self.seed[rows])
 
 
 def make_draws(sizes: Sequence[int], budget: int, *, seed: int, shares: Sequence[float | None] = ()) -> Draws:

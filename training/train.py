@@ -168,7 +168,7 @@ def _draws(
         replace_file(folder.draws, draws_file.read_bytes())
     if not folder.draws.exists():
         draws = make_draws(list(map(len, sources)), after + settings.budget, seed=settings.seed, shares=shares)
-        replace_file(folder.draws, draws_text(draws.after(after), names, files))
+        replace_file(folder.draws, draws_text(draws.take(slice(after, None)), names, files))
     draws = read_draws(folder.draws, names, files)
     if len(draws) != settings.budget:
         raise ValueError(f"draws_file: expected {settings.budget} draws, got {len(draws)}")

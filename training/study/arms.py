@@ -5,7 +5,7 @@ Arms differ only in their draws. Model, budget, and test are the same for all ru
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -114,21 +114,14 @@ def arm_draws(run: StudyRun, photographs: Int[np.ndarray, " k"], synthetic: int,
             draws = make_draws([k, synthetic], budget, seed=seed)
         case "balanced":
             draws = make_draws([k, synthetic], budget, seed=seed, shares=[0.5, 0.5])
-        case "matched":
-            both = [make_draws([n], budget, seed=seed) for n in (k, synthetic)]
-            draws = _taken(both, np.tile([0, 1], budget), np.repeat(np.arange(budget), 2))
-        case "pretrain":
-            both = [make_draws([n], budget, seed=seed) for n in (k, synthetic)]
-            draws = _taken(both, (np.arange(budget) < budget // 2).astype(np.int64), np.arange(budget))
+        case "matched" | "pretrain":
+            real, made = (make_draws([n], budget, seed=seed) for n in (k, synthetic))
+            both = Draws(np.repeat([0, 1], budget), np.append(real.image, made.image), np.append(real.seed, made.seed))
+            of_each = np.arange(2 * budget).reshape(2, budget)
+            half = budget // 2
+            in_turn, one_after_another = of_each.T.ravel(), np.append(of_each[1, :half], of_each[0, half:])
+            draws = both.take(in_turn if run.base == "matched" else one_after_another)
     of_real = draws.source == 0
     image = draws.image.copy()
     image[of_real] = photographs[image[of_real]]
     return Draws(draws.source, image, draws.seed)
-
-
-def _taken(both: Sequence[Draws], source: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"]) -> Draws:
-    """Select row `row` of the draws from `source`, for each draw."""
-    image, seed = (
-        np.where(source == 0, getattr(both[0], key)[row], getattr(both[1], key)[row]) for key in ("image", "seed")
-    )
-    return Draws(source, image, seed)
