@@ -20,7 +20,7 @@ from hulldown.geometry.errors import HulldownError
 from hulldown.tests.editing import edit
 from hulldown.tests.test_train import in_child
 from hulldown.tests.training_pictures import make_dataset
-from hulldown.training.study.arms import StudyRun, arm_draws, budget_of, study_runs
+from hulldown.training.study.arms import SOURCES, arm_draws, study_runs
 from hulldown.training.study.config import load_study
 from hulldown.training.study.manifest import read_manifest, settle, write_manifest
 from hulldown.training.study.runs import RunOptions, predictions_path, read_failures, run_one, run_study
@@ -119,9 +119,8 @@ def test_a_study_killed_twice_ends_like_an_undisturbed_one(pictures, tmp_path, k
 
 
 def test_the_papers_runs_are_eleven_and_the_first_seed_comes_first(pictures, tmp_path):
-    config = load_study(written(pictures, tmp_path / "s.toml", arms=["real", "mixed", "synthetic"],
-                                fractions=[1.0, 0.5, 0.25, 0.1, 0.05], seeds=[4, 5]))  # fmt: skip
-    runs = study_runs(config)
+    keys = {"arms": ["real", "mixed", "synthetic"], "fractions": [1.0, 0.5, 0.25, 0.1, 0.05], "seeds": [4, 5]}
+    runs = settled(pictures, tmp_path, **keys).manifest.runs
     assert len(runs) == 2 * 11
     assert [run.seed for run in runs] == [4] * 11 + [5] * 11
     assert len({run.name for run in runs}) == 22
@@ -131,10 +130,9 @@ def test_the_papers_runs_are_eleven_and_the_first_seed_comes_first(pictures, tmp
 @pytest.mark.parametrize("arm", ["real", "mixed", "synthetic", "matched", "balanced", "pretrain", "loop"])
 def test_draws_add_up_to_the_budget(arm):
     photographs, budget = np.array([2, 3, 7]), 600
-    run = StudyRun(arm, None if arm in ("synthetic", "loop") else 0.1, 1, arm)
-    draws = arm_draws(run, photographs, 9, budget)
-    assert len(draws) == budget_of(arm, budget) == (1200 if arm == "matched" else 600)
-    by_source = {name: draws.image[draws.source == k] for k, name in enumerate(run.sources)}
+    draws = arm_draws(arm, photographs, 9, budget=budget, seed=1)
+    assert len(draws) == (1200 if arm == "matched" else 600)
+    by_source = {name: draws.image[draws.source == k] for k, name in enumerate(SOURCES[arm])}
     assert sum(map(len, by_source.values())) == len(draws)
     if "real" in by_source:
         assert set(by_source["real"].tolist()) == {2, 3, 7}
@@ -164,7 +162,7 @@ def test_the_loop_uses_validation_photographs_and_its_config_is_part_of_its_run(
 def test_matched_keeps_all_draws_of_the_real_arm_and_pretrain_takes_the_synthetic_ones_first():
     photographs = np.array([2, 3, 7])
     real, matched, pretrain = (
-        arm_draws(StudyRun(arm, 0.1, 1, arm), photographs, 9, 40) for arm in ("real", "matched", "pretrain")
+        arm_draws(arm, photographs, 9, budget=40, seed=1) for arm in ("real", "matched", "pretrain")
     )
     photographed = matched.source == 0
     assert (matched.image[photographed] == real.image).all()

@@ -5,16 +5,11 @@ Arms differ only in their draws. Model, budget, and test are the same for all ru
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
-
 import numpy as np
 from jaxtyping import Int
 
 from hulldown.training.draws import Draws, make_draws
-from hulldown.training.study.config import Arm, StudyConfig
-from hulldown.training.subset import subset_name
+from hulldown.training.study.config import Arm, NamedArm, StudyConfig
 
 SOURCES: dict[Arm, tuple[str, ...]] = {
     "real": ("real",),
@@ -27,85 +22,47 @@ SOURCES: dict[Arm, tuple[str, ...]] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class StudyRun:
-    """One training of a study.
+def study_runs(config: StudyConfig) -> list[tuple[NamedArm, float | None, int]]:
+    """Arm, share of the photographs, and seed of all runs, seed by seed, so that one stopped early has complete seeds.
+
+    The share is None for arms without photographs.
+    """
+    arms = config.named_arms
+    of_seed: list[tuple[NamedArm, float | None]] = [
+        *((arm, fraction) for fraction in config.fractions for arm in arms if "real" in SOURCES[arm.base]),
+        *((arm, None) for arm in arms if "real" not in SOURCES[arm.base]),
+    ]
+    return [(arm, fraction, seed) for seed in config.seeds for arm, fraction in of_seed]
+
+
+def arm_draws(arm: Arm, photographs: Int[np.ndarray, " k"], synthetic: int, *, budget: int, seed: int) -> Draws:
+    """The draws of a run of an arm; `Draws.source` is an index into its `SOURCES`.
 
     Parameters
     ----------
     arm
-        Its arm's name.
-    fraction
-        Its share of the photographs; None for arms without photographs.
-    seed
-        Seed of draws, augmentation, weights, and the selection of photographs.
-    base
-        The arm that defines its draws.
-    train
-        Settings that differ from other arms'.
-    """
-
-    arm: str
-    fraction: float | None
-    seed: int
-    base: Arm
-    train: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def name(self) -> str:
-        """Its name, unique in a study."""
-        share = "" if self.fraction is None else f"-{subset_name(self.fraction)}"
-        return f"{self.arm}{share}-seed{self.seed}"
-
-    @property
-    def sources(self) -> tuple[str, ...]:
-        """Names of the datasets that it draws from."""
-        return SOURCES[self.base]
-
-
-def study_runs(config: StudyConfig) -> list[StudyRun]:
-    """All runs, seed by seed, so that a study stopped early has complete seeds."""
-    arms = config.settled_arms
-    return [
-        StudyRun(name, fraction, seed, base, train)
-        for seed in config.seeds
-        for (name, base, train), fraction in [
-            *((arm, fraction) for fraction in config.fractions for arm in arms if "real" in SOURCES[arm[1]]),
-            *((arm, None) for arm in arms if "real" not in SOURCES[arm[1]]),
-        ]
-    ]
-
-
-def budget_of(arm: Arm, budget: int) -> int:
-    """Number of draws of an arm's run, if the real arm has `budget`."""
-    return 2 * budget if arm == "matched" else budget
-
-
-def arm_draws(run: StudyRun, photographs: Int[np.ndarray, " k"], synthetic: int, budget: int) -> Draws:
-    """The draws of a run; `Draws.source` is an index into ``run.sources``.
-
-    Parameters
-    ----------
-    run
-        The run.
+        The arm.
     photographs
         (k,) indices of its photographs in the real dataset.
     synthetic
         Number of synthetic pictures.
     budget
-        Draws of the real arm.
+        Draws of the real arm; `matched` has twice as many.
+    seed
+        Seed of the draws.
 
     Examples
     --------
     `matched` has every draw of `real`, and as many synthetic ones between them:
 
-    >>> real = arm_draws(StudyRun("real", 0.5, 0, "real"), np.array([3, 8]), 5, 4)
-    >>> matched = arm_draws(StudyRun("matched", 0.5, 0, "matched"), np.array([3, 8]), 5, 4)
+    >>> real, matched = (
+    ...     arm_draws(arm, np.array([3, 8]), 5, budget=4, seed=0) for arm in ("real", "matched")
+    ... )
     >>> matched.source.tolist(), bool((matched.image[::2] == real.image).all())
     ([0, 1, 0, 1, 0, 1, 0, 1], True)
     """
-    k, seed = len(photographs), run.seed
-    match run.base:
+    k = len(photographs)
+    match arm:
         case "real":
             draws = make_draws([k], budget, seed=seed)
         case "synthetic" | "loop":  # the loop's first detector
@@ -120,7 +77,7 @@ def arm_draws(run: StudyRun, photographs: Int[np.ndarray, " k"], synthetic: int,
             of_each = np.arange(2 * budget).reshape(2, budget)
             half = budget // 2
             in_turn, one_after_another = of_each.T.ravel(), np.append(of_each[1, :half], of_each[0, half:])
-            draws = both.take(in_turn if run.base == "matched" else one_after_another)
+            draws = both.take(in_turn if arm == "matched" else one_after_another)
     of_real = draws.source == 0
     image = draws.image.copy()
     image[of_real] = photographs[image[of_real]]

@@ -55,22 +55,18 @@ class StudyConfig(BaseModel):
     )
 
     @property
-    def arm_names(self) -> tuple[str, ...]:
-        """Names of the arms."""
-        return tuple(name for name, _, _ in self.settled_arms)
-
-    @property
-    def settled_arms(self) -> tuple[tuple[str, Arm, dict[str, Any]], ...]:
-        """Each arm's name, the arm that defines its draws, and its own settings."""
-        return tuple((a, a, {}) if isinstance(a, str) else (a.name, a.base, a.train) for a in self.arms)
+    def named_arms(self) -> tuple[NamedArm, ...]:
+        """The arms; those without another name have that of their draws."""
+        made = NamedArm.model_construct
+        return tuple(made(name=arm, base=arm, train={}) if isinstance(arm, str) else arm for arm in self.arms)
 
     @model_validator(mode="after")
     def _sound(self) -> StudyConfig:
         for key in ("arms", "fractions", "seeds"):
-            values = self.arm_names if key == "arms" else getattr(self, key)
+            values = [arm.name for arm in self.named_arms] if key == "arms" else getattr(self, key)
             if repeated := [value for value in values if values.count(value) > 1]:
                 raise ValueError(f"{key}: {repeated[0]} is given twice")
-        if "loop" in [base for _, base, _ in self.settled_arms] and (self.plan is None or self.valid is None):
+        if "loop" in [arm.base for arm in self.named_arms] and (self.plan is None or self.valid is None):
             raise ValueError(
                 "arms: loop needs plan, the config to plan more from, and valid, photographs to learn from"
             )

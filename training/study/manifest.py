@@ -17,7 +17,7 @@ from hulldown.dataset.records import by_image
 from hulldown.dataset.store.document import read_coco
 from hulldown.geometry.errors import ConfigError, DatasetError
 from hulldown.geometry.files import replace_file
-from hulldown.training.draws import Draws, draws_text
+from hulldown.training.draws import draws_text
 from hulldown.training.settings import Settings
 from hulldown.training.sources import (
     CheckedPictures,
@@ -27,9 +27,9 @@ from hulldown.training.sources import (
     read_sources,
     shared_pictures,
 )
-from hulldown.training.study.arms import StudyRun, arm_draws, budget_of, study_runs
+from hulldown.training.study.arms import SOURCES, arm_draws, study_runs
 from hulldown.training.study.config import Arm, StudyConfig
-from hulldown.training.subset import nested_subsets
+from hulldown.training.subset import nested_subsets, subset_name
 
 MANIFEST_NAME, RUNS_NAME, DRAWS_NAME, LOGS_NAME = "study.json", "runs", "draws", "logs"
 KEY_DIGITS = 10
@@ -134,20 +134,27 @@ def settle(config: StudyConfig, *, progress: Callable[[int, int], None] | None =
     masks = follow_masks(config.train.masks, [sources["real"], sources["synthetic"]])  # one rule for all arms
     shares = _shares(config, sources["real"])
     runs, draws, warnings = [], {}, _equal_shares(shares)
-    for run in study_runs(config):
-        photographs = shares[run.seed, run.fraction] if run.fraction is not None else np.zeros(0, dtype=np.int64)
-        own_draws = arm_draws(run, photographs, len(sources["synthetic"]), config.train.budget)
-        used = [sources[name] for name in run.sources]
-        text = draws_text(own_draws, run.sources, [source.file_names for source in used])
-        ruled = {"seed": run.seed, "budget": budget_of(run.base, config.train.budget), "masks": masks}
-        settings = Settings.model_validate({**config.train.model_dump(), **run.train, **ruled})
-        data = {name: digests[name] for name in run.sources}
-        if run.base == "loop" and config.plan is not None:
+    for arm, fraction, seed in study_runs(config):
+        photographs = shares[seed, fraction] if fraction is not None else np.zeros(0, dtype=np.int64)
+        synthetic, budget, used = len(sources["synthetic"]), config.train.budget, SOURCES[arm.base]
+        own_draws = arm_draws(arm.base, photographs, synthetic, budget=budget, seed=seed)
+        text = draws_text(own_draws, used, [sources[name].file_names for name in used])
+        ruled = {"seed": seed, "budget": len(own_draws), "masks": masks}
+        settings = Settings.model_validate({**config.train.model_dump(), **arm.train, **ruled})
+        data = {name: digests[name] for name in used}
+        if arm.base == "loop" and config.plan is not None:
             data |= {"valid": digests["valid"], "plan": hashlib.sha256(config.plan.read_bytes()).hexdigest()}
-        planned = _planned(run, settings, own_draws, text, data, len(photographs))
-        runs.append(planned)
-        draws[planned.folder] = text
-        if not planned.drawn.get("real", 1):
+        share = "" if fraction is None else f"-{subset_name(fraction)}"
+        name = f"{arm.name}{share}-seed{seed}"
+        counts = np.bincount(own_draws.source, minlength=len(used)).tolist()
+        run = PlannedRun(
+            name=name, folder=f"{name}-{_key(settings, data, text)}", arm=arm.name, base=arm.base, fraction=fraction,
+            seed=seed, photographs=len(photographs), sources=used, drawn=dict(zip(used, counts, strict=True)),
+            settings=settings,
+        )  # fmt: skip
+        runs.append(run)
+        draws[run.folder] = text
+        if not run.drawn.get("real", 1):
             warnings.append(f"{run.name} draws no photograph: raise budget, or leave the arm {run.arm} out")
         if run.arm == "real":
             warnings += _missing(run, sources["real"], photographs, classes)
@@ -192,9 +199,8 @@ def draws_path(folder: Path, run: str) -> Path:
     return folder / DRAWS_NAME / f"{run}.csv"
 
 
-def _planned(
-    run: StudyRun, settings: Settings, draws: Draws, text: bytes, digests: Mapping[str, str], photographs: int
-) -> PlannedRun:
+def _key(settings: Settings, digests: Mapping[str, str], draws: bytes) -> str:
+    """A hash of everything that determines a run."""
     weights = None
     if settings.weights not in (None, "none"):
         weights = hashlib.sha256(Path(str(settings.weights)).read_bytes()).hexdigest()
@@ -202,15 +208,9 @@ def _planned(
         "settings": settings.model_dump(mode="json", exclude={"weights", "logger"}),
         "weights": weights or settings.weights,
         "data": digests,
-        "draws": hashlib.sha256(text).hexdigest(),
+        "draws": hashlib.sha256(draws).hexdigest(),
     }
-    key = hashlib.sha256(orjson.dumps(made_of, option=orjson.OPT_SORT_KEYS)).hexdigest()[:KEY_DIGITS]
-    counts = np.bincount(draws.source, minlength=len(run.sources)).tolist()
-    return PlannedRun(
-        name=run.name, folder=f"{run.name}-{key}", arm=run.arm, base=run.base, fraction=run.fraction, seed=run.seed,
-        photographs=photographs, sources=run.sources, drawn=dict(zip(run.sources, counts, strict=True)),
-        settings=settings,
-    )  # fmt: skip
+    return hashlib.sha256(orjson.dumps(made_of, option=orjson.OPT_SORT_KEYS)).hexdigest()[:KEY_DIGITS]
 
 
 def _shares(config: StudyConfig, real: LabeledPictures) -> dict[tuple[int, float], Int[np.ndarray, " k"]]:
@@ -257,7 +257,7 @@ def _check_classes(sources: Mapping[str, LabeledPictures], classes: Sequence[str
 
 
 def _missing(
-    run: StudyRun, real: LabeledPictures, photographs: Int[np.ndarray, " k"], classes: Sequence[str]
+    run: PlannedRun, real: LabeledPictures, photographs: Int[np.ndarray, " k"], classes: Sequence[str]
 ) -> list[str]:
     labels = [real.label[real.starts[i] : real.starts[i + 1]] for i in photographs]
     there = set(np.concatenate([np.zeros(0, dtype=np.int64), *labels]).tolist())

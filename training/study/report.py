@@ -160,7 +160,7 @@ def _described(manifest: Manifest) -> dict[str, Any]:
     return {
         "classes": list(manifest.classes),
         "datasets": {name: one.model_dump(mode="json", exclude={"folder"}) for name, one in manifest.datasets.items()},
-        "arms": list(config.arm_names),
+        "arms": [arm.name for arm in config.named_arms],
         "fractions": list(config.fractions),
         "seeds": list(config.seeds),
         "threshold": "validation" if config.valid is not None else config.threshold,
