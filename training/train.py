@@ -184,9 +184,8 @@ def usable_weights(settings: Settings) -> Path | None:
         If it doesn't exist or can't be downloaded, or the network can't be built.
     """
     if settings.model != "small":
-        from hulldown.training.detectors.detr import check_resolution, starting_weights
+        from hulldown.training.detectors.detr import starting_weights
 
-        check_resolution(settings)
         return starting_weights(settings)
     if settings.freeze != "none":
         raise ConfigError("freeze: small has no encoder of its own to freeze", remedy="leave it out, or name a model")

@@ -22,8 +22,10 @@ from jaxtyping import Float, UInt8
 from torch import Tensor
 from torch.optim.lr_scheduler import LambdaLR
 from torch.utils.data import DataLoader
+from torchvision.transforms.functional import normalize
 
 from hulldown.training.data import Example, network_pictures
+from hulldown.training.detectors.center_points import DEVIATION, MEAN
 from hulldown.training.detectors.detector import DAMAGED, Detections, DetectorError, first_line, read_weights
 from hulldown.training.extra import quiet
 from hulldown.training.fitting import Training, seed_weights
@@ -47,7 +49,6 @@ CONFIGS = {
     "medium": rf_config.RFDETRMediumConfig,
     "large": rf_config.RFDETRLargeConfig,
 }
-MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet, as RF-DETR has it
 COCO_LOGITS = 91  # of the pre-trained heads, which number classes as COCO does
 
 
@@ -57,15 +58,24 @@ def starting_weights(settings: Settings) -> Path | None:
     Raises
     ------
     DetectorError
-        If there is no such file, or it can't be downloaded, with the path where it belongs.
+        If the network doesn't support the resolution, naming the nearest one; there is no such file; or it can't be
+        downloaded, with the path where it belongs.
     """
+    fields = CONFIGS[settings.model].model_fields
+    step = int(fields["patch_size"].default) * int(fields["num_windows"].default)
+    if settings.resolution % step:
+        near = max(step, round(settings.resolution / step) * step)
+        raise DetectorError(
+            f"resolution = {settings.resolution}: expected a multiple of {step} for {settings.model}",
+            remedy=f"take {near}",
+        )
     if settings.weights == "none":
         return None
     if settings.weights is not None:
         path = Path(settings.weights)
         read_weights(path)
         return path
-    name = str(CONFIGS[settings.model].model_fields["pretrain_weights"].default)
+    name = str(fields["pretrain_weights"].default)
     path = Path(get_model_cache_dir()) / name
     if path.is_file():
         return path
@@ -114,24 +124,6 @@ def _check_kind(path: Path, found: dict[str, Any]) -> None:
     state = found.get("model", found.get("state_dict"))
     if "hulldown" in found or not isinstance(state, dict) or not any("class_embed" in str(key) for key in state):
         raise DetectorError("has no weights of RF-DETR", path=path, remedy="name a checkpoint of RF-DETR")
-
-
-def check_resolution(settings: Settings) -> None:
-    """Refuse a resolution that the network doesn't support.
-
-    Raises
-    ------
-    DetectorError
-        Naming the nearest supported one.
-    """
-    fields = CONFIGS[settings.model].model_fields
-    step = int(fields["patch_size"].default) * int(fields["num_windows"].default)
-    if settings.resolution % step:
-        near = max(step, round(settings.resolution / step) * step)
-        raise DetectorError(
-            f"resolution = {settings.resolution}: expected a multiple of {step} for {settings.model}",
-            remedy=f"take {near}",
-        )
 
 
 def detr_configs(
@@ -211,8 +203,7 @@ def _target(k: int, example: Example) -> tuple[Tensor, dict[str, Tensor]]:
 
 def normalized(pictures: Tensor) -> Tensor:
     """Normalize pictures (..., 3, h, w) of 0 to 255 for RF-DETR."""
-    mean, std = (torch.tensor(n, device=pictures.device).view(3, 1, 1) for n in (MEAN, STD))
-    return (pictures.float() / 255 - mean) / std
+    return normalize(pictures.float() / 255, MEAN, DEVIATION)
 
 
 def save_detr(module: RFDETRModelModule, classes: Sequence[str], network: Any) -> dict[str, Any]:
