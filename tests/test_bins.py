@@ -63,11 +63,6 @@ def test_distance_and_elevation_are_those_of_the_camera_from_the_target():
     assert azimuth[0] == pytest.approx(math.degrees(math.atan2(4, 3)) - 30)
 
 
-@pytest.mark.parametrize(("degrees", "name"), [(0, "under 5°"), (12, "10 to 15°"), (26, "25° and more")])
-def test_slope_is_the_tilt_of_the_pose(degrees, name):
-    assert of({}, {"world_from_vehicle": posed("y", degrees)})["slope"] == name
-
-
 def test_stored_values_override_derived_ones():
     image = {"world_from_camera": camera_at(13, 0, 0)}
     stored = {"world_from_vehicle": posed("z", 0), "distance": 300.0, "slope_deg": 12.0, "contrast": 0.15}
@@ -75,19 +70,25 @@ def test_stored_values_override_derived_ones():
     assert (found["distance"], found["slope"], found["contrast"]) == ("200 to 400 m", "10 to 15°", "0.1 to 0.2")
 
 
+WEATHER = [
+    (None, "clear"), ({"visibility_m": 300}, "fog, under 500 m"), ({"visibility_m": 900.0}, "fog, 500 m to 2 km"),
+    ({"visibility_m": 5000}, "fog, over 2 km"), ({"kind": "rain"}, "rain"),
+    ({"kind": "rain", "visibility_m": 900.0}, "rain, 500 m to 2 km"), ("snow", "snow"),
+]  # fmt: skip
+TILTS = [(0, "under 5°"), (12, "10 to 15°"), (26, "25° and more")]
+FRACTIONS = [(0.1, "under 25 %"), (0.9, "90 to 100 %"), (1.0, "100 %"), (1, "100 %")]
+
+
 @pytest.mark.parametrize(
-    ("weather", "name"),
-    [(None, "clear"), ({"visibility_m": 300}, "fog, under 500 m"), ({"visibility_m": 900.0}, "fog, 500 m to 2 km"),
-     ({"visibility_m": 5000}, "fog, over 2 km"), ({"kind": "rain"}, "rain"),
-     ({"kind": "rain", "visibility_m": 900.0}, "rain, 500 m to 2 km"), ("snow", "snow")],
-)  # fmt: skip
-def test_weather_has_a_bin(weather, name):
-    assert of({"weather": weather}, {})["weather"] == name
-
-
-@pytest.mark.parametrize(("share", "name"), [(0.1, "under 25 %"), (0.9, "90 to 100 %"), (1.0, "100 %"), (1, "100 %")])
-def test_visible_fraction_has_a_bin(share, name):
-    assert of({}, {"visible_fraction": share})["visible_fraction"] == name
+    ("field", "image", "label", "name"),
+    [
+        *(("weather", {"weather": weather}, {}, name) for weather, name in WEATHER),
+        *(("slope", {}, {"world_from_vehicle": posed("y", degrees)}, name) for degrees, name in TILTS),
+        *(("visible_fraction", {}, {"visible_fraction": share}, name) for share, name in FRACTIONS),
+    ],
+)
+def test_every_value_has_its_bin(field, image, label, name):
+    assert of(image, label)[field] == name
 
 
 def test_photographs_have_size_and_class_only():

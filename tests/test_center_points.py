@@ -11,7 +11,6 @@ from hulldown.training.detectors.center_points import (
     Truth,
     center_bumps,
     center_loss,
-    corners,
     encoded,
     peaks,
     truth_of,
@@ -45,11 +44,6 @@ def perfect_maps(truth: Truth, pictures: int, classes: int) -> CenterMaps:
         heat[owner, label, bump == 1] = 20.0
         box[owner][:, near] = encoded(xyxy.expand(int(near.sum()), 4), row[near], column[near]).T
     return CenterMaps(heat, box)
-
-
-def test_encoded_corners_are_decoded():
-    row, column = torch.tensor([2, 7, 0]), torch.tensor([3, 14, 13])
-    torch.testing.assert_close(corners(encoded(XYXY, row, column), row, column), XYXY)
 
 
 def test_a_bump_is_1_only_in_the_cell_of_its_center():

@@ -78,9 +78,16 @@ def test_an_invalid_checkpoint_of_a_run_is_a_one_line_error(pictures, stopped, t
         path.write_bytes(sound)
 
 
-def test_small_weights_of_wrong_shapes_are_a_one_line_error(tmp_path):
-    torch.save(small_weights() | {"classes": ["square", "disc", "ring"]}, tmp_path / "weights.pt")
-    with pytest.raises(HulldownError, match=r"weights\.pt: does not fit the small model"):
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"classes": ["square", "disc", "ring"]}, "does not fit the small model"),
+        ({"hulldown": "small", "model": {}}, "has no small model of this version .* train again"),  # an earlier one's
+    ],
+)
+def test_unusable_small_weights_are_a_one_line_error(tmp_path, changes, words):
+    torch.save(small_weights() | changes, tmp_path / "weights.pt")
+    with pytest.raises(HulldownError, match=rf"weights\.pt: {words}"):
         load_detector(tmp_path / "weights.pt", "cpu")
 
 

@@ -95,12 +95,6 @@ def test_a_dataset_with_other_classes_is_refused_with_both_lists(run, data, tmp_
     assert list(tmp_path.iterdir()) == [data]
 
 
-def test_weights_of_an_earlier_small_model_are_a_one_line_error(data, tmp_path):
-    torch.save(small_weights() | {"hulldown": "small", "model": {}}, tmp_path / "weights.pt")
-    with pytest.raises(HulldownError, match=r"weights\.pt: has no small model of this version .* train again"):
-        predict(tmp_path / "weights.pt", data, tmp_path / "found.json")
-
-
 def test_a_folder_without_a_run_is_a_one_line_error(data, tmp_path, capsys):
     assert main(["predict", str(tmp_path), str(data), "-o", str(tmp_path / "found.json")]) == 2
     assert "no run.json here" in (printed := capsys.readouterr().err)

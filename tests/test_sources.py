@@ -115,24 +115,11 @@ def test_a_record_that_training_cannot_use_is_named(tmp_path, change, message):
 
 
 @pytest.mark.parametrize(
-    ("spoil", "message"),
+    ("mistake", "message"),
     [
         (lambda path: path.unlink(), r"0002\.png: is missing"),
         (lambda path: path.write_bytes(path.read_bytes()[:-400]), r"0002\.png: cannot be read as a picture"),
         (lambda path: Image.new("RGB", (5, 5)).save(path), r"0002\.png: is 5 x 5 pixels, its record has 96 x 54"),
-    ],
-)
-def test_an_unusable_picture_is_named_before_training(tmp_path, spoil, message):
-    dataset = make_dataset(tmp_path / "set", 4)
-    spoil(dataset / "images/0002.png")
-    with pytest.raises(DatasetError, match=message):
-        train_with({"real": dataset}, tmp_path / "run", {"model": "small", "budget": 4})
-    assert not (tmp_path / "run").exists()
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
         ({"model": "huge"}, r"model = 'huge': expected 'small', 'nano'"),
         ({"budget": 0}, r"budget = 0: expected greater than or equal to 1"),
         ({"model": "nano", "resolution": 100, "weights": "none"}, r"expected a multiple of 32 for nano; take 96"),
@@ -142,10 +129,14 @@ def test_an_unusable_picture_is_named_before_training(tmp_path, spoil, message):
         ({"weights": "some.pth"}, "some.pth: no such run"),
     ],
 )
-def test_a_wrong_setting_is_named_before_anything_is_written(tmp_path, changes, message):
-    dataset = make_dataset(tmp_path / "set", 4)
+def test_a_wrong_picture_or_setting_is_named_before_anything_is_written(tmp_path, mistake, message):
+    dataset, settings = make_dataset(tmp_path / "set", 4), {"model": "small", "budget": 4}
+    if isinstance(mistake, dict):
+        settings |= mistake
+    else:
+        mistake(dataset / "images/0002.png")
     with pytest.raises(HulldownError, match=message):
-        train_with({"real": dataset}, tmp_path / "run", {"model": "small", "budget": 4} | changes)
+        train_with({"real": dataset}, tmp_path / "run", settings)
     assert not (tmp_path / "run").exists()
 
 
