@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from jaxtyping import Bool, Float, Int
 from hulldown.annotate.masks import decode, run_lengths
 from hulldown.dataset.exports.clipping import clipped_boxes
 from hulldown.dataset.picture_files import read_picture, read_pixels, size_problem
-from hulldown.dataset.records import read_usable
+from hulldown.dataset.records import by_image, read_usable
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
 from hulldown.geometry.errors import ConfigError, DatasetError
 from hulldown.training.augment import Sample
@@ -38,7 +39,7 @@ class LabeledPictures:
     file_names
         Of each picture, relative to the folder.
     sizes
-        (n, 2) width and height, pixels.
+        Width and height of each, pixels.
     starts
         (n + 1,) picture i has the boxes from ``starts[i]`` to ``starts[i + 1]``.
     xywh
@@ -54,7 +55,7 @@ class LabeledPictures:
     name: str
     folder: Path
     file_names: tuple[str, ...]
-    sizes: Int[np.ndarray, "n 2"]
+    sizes: tuple[tuple[int, int], ...]
     starts: Int[np.ndarray, " n+1"]
     xywh: Float[np.ndarray, "m 4"]
     label: Int[np.ndarray, " m"]
@@ -78,7 +79,7 @@ class LabeledPictures:
             If the picture can't be read, or has another size than its record.
         """
         boxes = slice(self.starts[i], self.starts[i + 1])
-        width, height = (int(n) for n in self.sizes[i])
+        width, height = self.sizes[i]
         decoded = (None if s is None or not masks else decode(s, width, height) for s in self.segmentations[boxes])
         pixels = read_pixels(self.folder / self.file_names[i], (width, height))
         return Sample(pixels, self.xywh[boxes], self.label[boxes], tuple(decoded))
@@ -173,9 +174,8 @@ def check_pictures(
     with ThreadPoolExecutor(READERS) as pool:
         for source in sources:
             found: list[tuple[bytes, Bool[np.ndarray, "256"] | None]] = []
-            sizes = [(int(w), int(h)) for w, h in source.sizes]
             paths = [source.folder / name for name in source.file_names]
-            for one in pool.map(_hashes, paths, sizes):
+            for one in pool.map(_hashes, paths, source.sizes):
                 found.append(one)
                 done += 1
                 if progress is not None:
@@ -243,24 +243,20 @@ def _classes(coco: Mapping[str, Any]) -> list[str]:
 def _source(name: str, folder: Path, coco: Mapping[str, Any], classes: Sequence[str]) -> LabeledPictures:
     images = sorted(coco["images"], key=lambda image: str(image["file_name"]))
     names = {category["id"]: category["name"] for category in coco["categories"]}
-    boxes: dict[int, list[dict[str, Any]]] = {image["id"]: [] for image in images}
-    for annotation in sorted(coco["annotations"], key=lambda annotation: annotation["id"]):
-        if not annotation.get("iscrowd"):
-            boxes[annotation["image_id"]].append(annotation)
-    ordered = [annotation for image in images for annotation in boxes[image["id"]]]
-    counts = [len(boxes[image["id"]]) for image in images]
-    sizes = [(image["width"], image["height"]) for image in images]
+    by_id = sorted(coco["annotations"], key=lambda annotation: annotation["id"])
+    boxes = by_image(images, [annotation for annotation in by_id if not annotation.get("iscrowd")]).values()
+    ordered = list(chain(*boxes))
+    sizes = tuple((image["width"], image["height"]) for image in images)
     learned = [
         [image["file_name"], *size, [[a["bbox"], names[a["category_id"]], a.get("segmentation")] for a in records]]
-        for image, size in zip(images, sizes, strict=True)
-        for records in [boxes[image["id"]]]
+        for image, size, records in zip(images, sizes, boxes, strict=True)
     ]
     return LabeledPictures(
         name=name,
         folder=folder,
         file_names=tuple(str(image["file_name"]) for image in images),
-        sizes=np.array(sizes, dtype=np.int64).reshape(-1, 2),
-        starts=np.concatenate(([0], np.cumsum(counts, dtype=np.int64))),
+        sizes=sizes,
+        starts=np.concatenate(([0], np.cumsum([len(records) for records in boxes], dtype=np.int64))),
         xywh=np.array([a["bbox"] for a in ordered], dtype=np.float64).reshape(-1, 4),
         label=np.array([classes.index(names[a["category_id"]]) for a in ordered], dtype=np.int64),
         segmentations=tuple(a.get("segmentation") or None for a in ordered),
