@@ -145,7 +145,10 @@ def _report(arguments: argparse.Namespace) -> int:
         raise HulldownError("--features needs --beside, whose photographs the images are compared with")
     encode = None
     if arguments.features:
-        from hulldown.training.features import load_encoder
+        from hulldown.training.extra import require_extra
+
+        require_extra()
+        from hulldown.training.detectors.detr import load_encoder
 
         encode = load_encoder(arguments.features)
     comparison = report(

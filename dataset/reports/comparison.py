@@ -219,7 +219,7 @@ def compare(
     pixels
         Whether to compare pictures; not for a plan, which has only previews.
     encode
-        Features (n, d) of RGB pictures for `coverage`, such as `training.features.load_encoder` returns.
+        Features (n, d) of RGB pictures for `coverage`, such as `training.detectors.detr.load_encoder` returns.
 
     Raises
     ------

@@ -24,12 +24,21 @@ from torch.optim.lr_scheduler import LambdaLR
 from torch.utils.data import DataLoader
 from torchvision.transforms.functional import normalize
 
+from hulldown.dataset.reports.comparison import Encoder
 from hulldown.training.data import Example, network_pictures
 from hulldown.training.detectors.center_points import DEVIATION, MEAN
-from hulldown.training.detectors.detector import DAMAGED, Detections, DetectorError, first_line, read_weights
+from hulldown.training.detectors.detector import (
+    DAMAGED,
+    Detections,
+    DetectorError,
+    chosen_device,
+    first_line,
+    read_weights,
+)
 from hulldown.training.extra import quiet
 from hulldown.training.fitting import Training, seed_weights
-from hulldown.training.settings import Settings, rate_factor
+from hulldown.training.predict import weights_of
+from hulldown.training.settings import Settings, load_settings, rate_factor
 
 with quiet():  # its dependencies give deprecation warnings
     import rfdetr.config as rf_config
@@ -49,6 +58,7 @@ CONFIGS = {
     "medium": rf_config.RFDETRMediumConfig,
     "large": rf_config.RFDETRLargeConfig,
 }
+ENCODED = 8  # images that go through the encoder at once
 COCO_LOGITS = 91  # of the pre-trained heads, which number classes as COCO does
 
 
@@ -256,9 +266,12 @@ class DetrDetector:
     @torch.inference_mode()
     def features(self, images: Sequence[UInt8[np.ndarray, "_ _ 3"]]) -> Float[np.ndarray, "n d"]:
         """Mean of the DINOv2 encoder's last feature map over each RGB image, (n, d)."""
-        pictures = normalized(network_pictures(images, self._size).to(self._device))
-        maps = self._network.backbone[0].encoder(pictures)
-        return np.asarray(maps[-1].mean(dim=(2, 3)).cpu().double())
+        found = []
+        for start in range(0, len(images), ENCODED):
+            batch = network_pictures(images[start : start + ENCODED], self._size).to(self._device)
+            maps = self._network.backbone[0].encoder(normalized(batch))
+            found.append(maps[-1].mean(dim=(2, 3)).cpu().double().numpy())
+        return np.concatenate(found)
 
     def _detections(self, found: dict[str, Tensor]) -> Detections:
         label = found["labels"].cpu().numpy()
@@ -314,3 +327,23 @@ def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:
     else:
         named = dict(enumerate(list(names or [str(i) for i in range(logits - 1)])[: logits - 1]))
     return DetrDetector(context.model, context.postprocess, named, int(model.model_config.resolution), device)
+
+
+def load_encoder(weights: str) -> Encoder:
+    """Return a function from RGB images to features, for comparing renders with photographs: `DetrDetector.features`.
+
+    Parameters
+    ----------
+    weights
+        A model ("nano" to "large"), whose weights RF-DETR downloads; or a run folder or checkpoint of one.
+
+    Raises
+    ------
+    DetectorError
+        If the weights can't be downloaded or read, or they belong to another network.
+    """
+    path: Path | None = Path(weights)
+    if weights in CONFIGS and not Path(weights).exists():
+        path = starting_weights(load_settings(None, {"model": weights}))
+    assert path is not None
+    return load_checkpoint(weights_of(path), device=chosen_device("auto")).features
