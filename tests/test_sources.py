@@ -15,14 +15,9 @@ from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.augment import TABLE
 from hulldown.training.settings import Settings, load_settings, rate_factor
 from hulldown.training.sources import check_pictures, read_sources
+from hulldown.training.train import train
 
 ROOT = Path(__file__).parents[1]
-
-
-def train_with(data, out, changes):
-    from hulldown.training.train import train
-
-    return train(data, out, settings=changes, device="cpu")
 
 
 def sha256(sources):
@@ -136,14 +131,14 @@ def test_a_wrong_picture_or_setting_is_named_before_anything_is_written(tmp_path
     else:
         mistake(dataset / "images/0002.png")
     with pytest.raises(HulldownError, match=message):
-        train_with({"real": dataset}, tmp_path / "run", settings)
+        train({"real": dataset}, tmp_path / "run", settings=settings, device="cpu")
     assert not (tmp_path / "run").exists()
 
 
 def test_a_folder_with_other_content_is_not_trained_in(tmp_path):
     dataset = make_dataset(tmp_path / "set", 4)
     with pytest.raises(HulldownError, match=r"holds .* and no run; name a new or empty folder"):
-        train_with({"real": dataset}, dataset, {"model": "small", "budget": 4})
+        train({"real": dataset}, dataset, settings={"model": "small", "budget": 4}, device="cpu")
 
 
 def test_a_config_file_is_read_and_its_mistakes_are_named(tmp_path):
@@ -226,8 +221,6 @@ def test_a_subset_needs_no_extra():
 
 
 def test_run_json_describes_the_run(tmp_path):
-    from hulldown.training.train import train
-
     dataset = make_dataset(tmp_path / "set", 8)
     settings = {"model": "small", "resolution": 64, "budget": 9, "batch": 4}
     told = []
