@@ -173,20 +173,18 @@ def detr_configs(
 
 
 class DrawnData(RFDETRDataModule):
-    """RF-DETR's data module with draws in order; `loader` makes the loader from a collating function."""
+    """RF-DETR's data module with a training's draws, in order."""
 
-    def __init__(
-        self, model_config: Any, train_config: Any, loader: Callable[[Callable[[Any], Any]], DataLoader[Example]]
-    ) -> None:
+    def __init__(self, model_config: Any, train_config: Any, training: Training) -> None:
         super().__init__(model_config, train_config)
-        self._loader = loader
+        self._training = training
 
     def setup(self, stage: str) -> None:
         """Do nothing, since the draws are given."""
 
     def train_dataloader(self) -> DataLoader[Example]:
         """The draws, in order."""
-        return self._loader(partial(_collated, collate=self._collate_fn_train))
+        return self._training.loader(partial(_collated, collate=self._collate_fn_train))
 
 
 def _collated(batch: list[Example], *, collate: Callable[[Any], Any]) -> Any:
@@ -299,7 +297,7 @@ def fit_detr(training: Training) -> dict[str, Any]:
         partial(build_trainer, train_config, model_config),
         detector=lambda network: DetrDetector(network, module.postprocess, names, resolution, training.device),
         saved=partial(save_detr, module, training.classes),
-        datamodule=DrawnData(model_config, train_config, training.loader),
+        datamodule=DrawnData(model_config, train_config, training),
     )  # fmt: skip
 
 

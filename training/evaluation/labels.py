@@ -34,7 +34,7 @@ class Labels:
     class_names
         Of each.
     image, label
-        (g,) indices of each box's image and class.
+        (g,) indices of each box's image, ascending, and of its class.
     xywh
         (g, 4) pixels.
     area

@@ -125,15 +125,14 @@ def overlapping(labels: Labels, predictions: Predictions, *, at_least: float = 0
         records = zip(labels.annotations, labels.image.tolist(), strict=True)
         corners = [visible_corners(label, labels.images[image]) for label, image in records]
         found, true, iou_of = predictions.corners, np.reshape(corners, (-1, 4, 2)), oriented_overlaps
-    order = np.argsort(labels.image, kind="stable")
-    first = np.searchsorted(labels.image[order], np.arange(len(labels.images) + 1))
+    first = np.searchsorted(labels.image, np.arange(len(labels.images) + 1))
     counts = np.diff(first)[predictions.image]
     counts[~_leading(predictions)] = 0
     parts = []
     for start, stop in _chunks(np.cumsum(counts)):
         detection, within = numbered(counts[start:stop])
         detection += start
-        box = order[first[predictions.image[detection]] + within]
+        box = first[predictions.image[detection]] + within
         iou = iou_of(found[detection], true[box], labels.crowd[box])
         parts.append(Overlaps(detection, box, iou).where(iou >= at_least))
     return Overlaps(*(np.concatenate([getattr(part, key) for part in parts]) for key in ("detection", "box", "iou")))

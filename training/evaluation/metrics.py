@@ -133,9 +133,7 @@ class Curves:
 
     def best(self) -> float | None:
         """The highest threshold with the highest F1; None without detections."""
-        if not len(self.f1) or np.isnan(self.f1).all():
-            return None
-        return float(self.threshold[int(np.nanargmax(self.f1))])
+        return float(self.threshold[np.argmax(self.f1)]) if len(self.f1) else None
 
 
 def curves(matching: Matching, *, label: int | None = None) -> Curves:
