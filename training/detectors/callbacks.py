@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -79,21 +80,14 @@ def logger_of(kind: str, folder: Path) -> pl_loggers.Logger:
         If the package isn't installed.
     """
     key = hashlib.sha256(str(folder.resolve()).encode()).hexdigest()[:16]
-    made: dict[str, tuple[type[pl_loggers.Logger], dict[str, Any]]] = {
-        "tensorboard": (
-            pl_loggers.TensorBoardLogger,
-            {"save_dir": folder, "name": "tensorboard", "version": ""},
-        ),
-        "csv": (pl_loggers.CSVLogger, {"save_dir": folder, "name": "csv"}),
-        "wandb": (
-            pl_loggers.WandbLogger,
-            {"save_dir": folder, "project": "hulldown", "name": folder.name, "id": key},
-        ),
-        "mlflow": (pl_loggers.MLFlowLogger, {"save_dir": str(folder / "mlflow"), "run_name": folder.name}),
+    made: dict[str, Callable[[], pl_loggers.Logger]] = {
+        "tensorboard": partial(pl_loggers.TensorBoardLogger, save_dir=folder, name="tensorboard", version=""),
+        "csv": partial(pl_loggers.CSVLogger, save_dir=folder, name="csv"),
+        "wandb": partial(pl_loggers.WandbLogger, save_dir=folder, project="hulldown", name=folder.name, id=key),
+        "mlflow": partial(pl_loggers.MLFlowLogger, save_dir=str(folder / "mlflow"), run_name=folder.name),
     }
-    make, options = made[kind]
     try:
-        return make(**options)
+        return made[kind]()
     except ModuleNotFoundError as error:
         package = error.name or kind
         raise HulldownError(f"logger = {kind!r}: {package} isn't installed", remedy=f"pip install {kind}") from None
