@@ -241,9 +241,8 @@ def _pair(value: Option) -> tuple[Number, Number]:
     return value if isinstance(value, tuple) else (-value, value)
 
 
-def _whole(value: Option) -> tuple[int, int]:
-    low, high = _pair(value)
-    return round(low), round(high)
+def _whole(pair: tuple[Number, Number]) -> tuple[int, int]:
+    return round(pair[0]), round(pair[1])
 
 
 def _line(name: str, table: Table, height: int) -> Any:
@@ -257,33 +256,32 @@ def _line(name: str, table: Table, height: int) -> Any:
 
 
 def _transform(name: str, line: Change, height: int) -> Any:
-    p, o = line.probability, line.options
+    p, o = line.probability, {key: _pair(value) for key, value in line.options.items()}
     outside = {"fill": 0, "border_mode": cv2.BORDER_CONSTANT, "rotate_method": "ellipse"}
     match name:
         case "horizontal_flip":
             return A.HorizontalFlip(p=p)
         case "shift_scale_rotate":
-            shift = _pair(o["shift"])
+            shift = {"x": o["shift"], "y": o["shift"]}
             return A.Affine(
-                translate_percent={"x": shift, "y": shift}, scale=_pair(o["scale"]), keep_ratio=True,
-                rotate=_pair(o["rotate_deg"]), **outside, p=p,
-            )  # fmt: skip
+                translate_percent=shift, scale=o["scale"], keep_ratio=True, rotate=o["rotate_deg"], **outside, p=p
+            )
         case "shear":
-            return A.Affine(shear=_pair(o["shear_deg"]), **outside, p=p)
+            return A.Affine(shear=o["shear_deg"], **outside, p=p)
         case "brightness_contrast":
-            limits = {f"{key}_limit": _pair(o[key]) for key in ("brightness", "contrast")}
+            limits = {f"{key}_limit": o[key] for key in ("brightness", "contrast")}
             return A.RandomBrightnessContrast(**limits, p=p)
         case "gamma":
-            return A.RandomGamma(gamma_limit=tuple(100 * n for n in _pair(o["gamma"])), p=p)
+            return A.RandomGamma(gamma_limit=tuple(100 * n for n in o["gamma"]), p=p)
         case "clahe":
-            return A.CLAHE(clip_limit=_pair(o["clip_limit"]), tile_grid_size=(round(_pair(o["tiles"])[1]),) * 2, p=p)
+            return A.CLAHE(clip_limit=o["clip_limit"], tile_grid_size=(round(o["tiles"][1]),) * 2, p=p)
         case "hue_saturation_value":
             shorts = {"hue": "hue", "sat": "saturation", "val": "value"}
-            shifts = {f"{short}_shift_limit": _pair(o[key]) for short, key in shorts.items()}
+            shifts = {f"{short}_shift_limit": o[key] for short, key in shorts.items()}
             return A.HueSaturationValue(**shifts, p=p)
         case "color_jitter":
-            factors = {key: tuple(1 + n for n in _pair(o[key])) for key in ("brightness", "contrast", "saturation")}
-            return A.ColorJitter(**factors, hue=_pair(o["hue"]), p=p)
+            factors = {key: tuple(1 + n for n in o[key]) for key in ("brightness", "contrast", "saturation")}
+            return A.ColorJitter(**factors, hue=o["hue"], p=p)
         case "channel_shuffle":
             return A.ChannelShuffle(p=p)
         case "gaussian_blur":
@@ -293,18 +291,18 @@ def _transform(name: str, line: Change, height: int) -> Any:
         case "median_blur":
             return A.MedianBlur(blur_limit=_whole(o["kernel"]), p=p)
         case "gaussian_noise":
-            return A.GaussNoise(std_range=_pair(o["std"]), p=p)
+            return A.GaussNoise(std_range=o["std"], p=p)
         case "compression":
             return A.ImageCompression(quality_range=_whole(o["quality"]), p=p)
         case "downscale":
             smooth = {"downscale": cv2.INTER_AREA, "upscale": cv2.INTER_LINEAR}
-            return A.Downscale(scale_range=_pair(o["scale"]), interpolation_pair=smooth, p=p)
+            return A.Downscale(scale_range=o["scale"], interpolation_pair=smooth, p=p)
         case "shadow":
             return A.RandomShadow(
                 shadow_roi=(0, 0.3, 1, 1), num_shadows_limit=_whole(o["count"]),
-                shadow_intensity_range=_pair(o["darkness"]), p=p,
+                shadow_intensity_range=o["darkness"], p=p,
             )  # fmt: skip
         case "flare":
-            radius = max(2, round(float(_pair(o["radius"])[1]) * height))
+            radius = max(2, round(float(o["radius"][1]) * height))
             return A.RandomSunFlare(num_flare_circles_range=_whole(o["count"]), src_radius=radius, p=p)
     raise ValueError(f"table: expected the name of a change, got {name!r}")
