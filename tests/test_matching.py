@@ -18,12 +18,12 @@ def coco_of(labels, predictions):
     """The same data in pycocotools' form, with ids from 1, since it takes annotation 0 for unmatched."""
     truth = COCO()
     truth.dataset = {
-        "images": [{"id": int(i)} for i in labels.image_id],
+        "images": [{"id": image["id"]} for image in labels.images],
         "categories": [{"id": c + 1} for c in range(len(predictions.class_names))],
         "annotations": [
             {
                 "id": k + 1,
-                "image_id": int(labels.image_id[labels.image[k]]),
+                "image_id": labels.images[labels.image[k]]["id"],
                 "category_id": int(labels.label[k]) + 1,
                 "bbox": labels.xywh[k].tolist(),
                 "area": float(labels.area[k]),
@@ -34,7 +34,7 @@ def coco_of(labels, predictions):
     }
     found = [
         {
-            "image_id": int(labels.image_id[predictions.image[k]]),
+            "image_id": labels.images[predictions.image[k]]["id"],
             "category_id": int(predictions.label[k]) + 1,
             "bbox": predictions.xywh[k].tolist(),
             "score": float(predictions.score[k]),

@@ -27,8 +27,6 @@ class Labels:
         The dataset's path, for errors.
     folder
         Folder of its pictures.
-    image_id
-        (n,) ascending.
     class_id
         (c,) ascending.
     class_names
@@ -47,7 +45,6 @@ class Labels:
 
     path: Path
     folder: Path
-    image_id: Int[np.ndarray, " n"]
     class_id: Int[np.ndarray, " c"]
     class_names: tuple[str, ...]
     image: Int[np.ndarray, " g"]
@@ -130,7 +127,6 @@ def labels_of(coco: Mapping[str, Any], *, path: Path, folder: Path) -> Labels:
     return Labels(
         path=path,
         folder=folder,
-        image_id=np.array([image["id"] for image in images], dtype=np.int64),
         class_id=np.array([category["id"] for category in categories], dtype=np.int64),
         class_names=tuple(category["name"] for category in categories),
         image=np.array([index[record["image_id"]] for record in annotations], dtype=np.int64),

@@ -112,7 +112,7 @@ def predictions_of(
     DatasetError
         Naming the first detection that cannot be used.
     """
-    index = {image: i for i, image in enumerate(labels.image_id.tolist())}
+    index = {image["id"]: i for i, image in enumerate(labels.images)}
     try:
         rows = msgspec.convert(found, list[_Detection])
     except msgspec.ValidationError as error:
@@ -164,7 +164,7 @@ def _check_images(path: Path, listed: Any, labels: Labels) -> None:
     theirs = {one for one in found if isinstance(one, int)}
     if not all(isinstance(one, int) for one in found):
         raise DatasetError("'images' isn't a list of image ids", path=path, remedy="repair or remove it")
-    known = set(labels.image_id.tolist())
+    known = {image["id"] for image in labels.images}
     if lost := sorted(known - theirs):
         raise DatasetError(
             f"image {lost[0]} of {labels.path} is not among its images ({len(lost)} are missing)",
