@@ -21,6 +21,7 @@ from jaxtyping import Float, Int, UInt8
 from torch import Tensor, nn
 from torch.nn import functional
 from torchvision.models.resnet import BasicBlock, conv1x1
+from torchvision.ops import Conv2dNormActivation
 
 STEM = 16  # channels at stride 2
 WIDTHS = (24, 48, 96, 128)  # channels at strides 4, 8, 16, 32
@@ -93,12 +94,12 @@ class CenterNetwork(nn.Module):
 
     def __init__(self, classes: int) -> None:
         super().__init__()
-        self.stem = _convolved(3, STEM, stride=2)
+        self.stem = Conv2dNormActivation(3, STEM, stride=2)
         sides = zip((STEM, *WIDTHS[:-1]), WIDTHS, BLOCKS, strict=True)
         self.stages = nn.ModuleList(_stage(before, after, blocks) for before, after, blocks in sides)
         self.across = nn.ModuleList(nn.Conv2d(width, NECK, 1) for width in WIDTHS[SKIPPED:])
-        self.merged = nn.ModuleList(_convolved(NECK, NECK) for _ in WIDTHS[SKIPPED:-1])
-        self.head = _convolved(NECK, 2 * NECK)
+        self.merged = nn.ModuleList(Conv2dNormActivation(NECK, NECK) for _ in WIDTHS[SKIPPED:-1])
+        self.head = Conv2dNormActivation(NECK, 2 * NECK)
         self.heat, self.box = nn.Conv2d(2 * NECK, classes, 1), nn.Conv2d(2 * NECK, 4, 1)
         nn.init.constant_(self.heat.bias, float(torch.logit(torch.tensor(RARE))))
         nn.init.zeros_(self.box.weight)
@@ -121,12 +122,6 @@ class CenterNetwork(nn.Module):
             found = merged(across(level) + functional.interpolate(found, scale_factor=2.0)[..., :height, :width])
         found = self.head(found)
         return CenterMaps(self.heat(found).float(), self.box(found).float())
-
-
-def _convolved(before: int, after: int, *, stride: int = 1) -> nn.Module:
-    return nn.Sequential(
-        nn.Conv2d(before, after, 3, stride, 1, bias=False), nn.BatchNorm2d(after), nn.ReLU(inplace=True)
-    )
 
 
 def _stage(before: int, after: int, blocks: int) -> nn.Module:
