@@ -5,9 +5,10 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from hulldown.assets.naming import GROUND, GUN, HELPERS, TURRET, first_match, words
-from hulldown.geometry.transforms import apply, rigid, rotation_z
+from hulldown.geometry.transforms import rigid, rotation_z
 from hulldown.reading.roles import Link, Piece, vehicle_roles
 from hulldown.reading.vehicle.parts import find_parts
+from hulldown.reading.vehicle.solids import PlacedPieces, find_solids
 
 names = st.text(st.characters(codec="utf-8", exclude_categories=("Cs",)), max_size=20)
 coordinates = st.floats(-50, 50).map(lambda x: round(x, 3))
@@ -77,9 +78,10 @@ def test_parts_do_not_depend_on_the_vehicles_position_in_the_file(yaw: float, at
             pieces.append(Piece("m", (Link(name, (), "MESH", pose),), 0, pose, np.zeros((2, 3)), 12))
             stretch = np.array([4.0, 0.2, 0.2]) if name == "Gun" else np.ones(3)
             points.append(cube * stretch + spot + (np.array([2, 0, 0]) if name == "Gun" else 0))
-        found.append(find_parts(pieces, points, (), vehicle_from_file=np.linalg.inv(world)))
-    here, there = found
-    assert here.names == there.names == ("hull", "turret", "gun")
-    assert np.allclose(here.pivot, there.pivot, atol=1e-9)
-    assert np.allclose(here.axis, there.axis)
-    assert np.allclose(apply(np.eye(4), here.pivot)[1], spots["Turret"])
+        whole = PlacedPieces(pieces, points, find_solids((), ()), (), np.linalg.inv(world))
+        found.append(find_parts(whole).moving)
+    for here, there, name in zip(*found, ("Turret", "Gun"), strict=True):
+        assert here.name == there.name == name.lower()
+        assert np.allclose(here.pivot, there.pivot, atol=1e-9)
+        assert np.allclose(here.axis, there.axis)
+    assert np.allclose(found[0][0].pivot, spots["Turret"])

@@ -17,15 +17,15 @@ from hulldown.geometry.transforms import apply
 from hulldown.placement.footprint import contact_footprint, underside
 from hulldown.reading.evaluated import Evaluated
 from hulldown.reading.options import Options
-from hulldown.reading.report import PartRow
+from hulldown.reading.report import PartRow, xyz
 from hulldown.reading.roles import Link, Piece, PieceRole, is_wanted, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import removed_names, unmatched
 from hulldown.reading.scenery.shape import is_wide_and_level, level_share
 from hulldown.reading.vehicle.keypoints import known_points, marked_points
 from hulldown.reading.vehicle.nose import forward_said
-from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART
-from hulldown.reading.vehicle.parts import Parts, find_parts
-from hulldown.reading.vehicle.solids import MOST
+from hulldown.reading.vehicle.part_names import GUN_PART, HULL, TURRET_PART
+from hulldown.reading.vehicle.parts import find_parts
+from hulldown.reading.vehicle.solids import MOST, PlacedPieces
 from hulldown.reading.vehicle.stance import Upright, heading, vehicle_from_upright, with_solids_of
 from hulldown.reading.vehicle.strays import find_strays
 
@@ -72,14 +72,11 @@ def build_vehicle(
         ahead = vehicle_from_upright(forward.angle)
         vehicle_from_file = ahead @ upright.meters
         points = [apply(vehicle_from_file @ pieces[i].pose, meshes[pieces[i].mesh].vertices) for i in kept]
-        strays = find_strays(
-            [pieces[i] for i in kept],
-            points,
-            meshes,
-            wheels,
-            wheeled=set() if wheels is None else set(solids.piece[wheels.index].tolist()),
-            wanted=[k for k, i in enumerate(kept) if is_wanted(pieces[i], options.keep)],
+        whole = PlacedPieces(
+            [pieces[i] for i in kept], points, solids.turned(ahead[:3, :3]), markers, vehicle_from_file
         )
+        wanted = [k for k, piece in enumerate(whole.pieces) if is_wanted(piece, options.keep)]
+        strays = find_strays(whole, meshes, wheels, wanted=wanted)
         if not strays.out or len(strays.out) == len(kept):
             break
         left_out += strays.out_doubts
@@ -88,22 +85,16 @@ def build_vehicle(
         # Without them the nose, and so the protruding parts, may change.
         kept = [i for k, i in enumerate(kept) if k not in strays.out]
     try:
-        parts = find_parts(
-            [pieces[i] for i in kept],
-            points,
-            markers,
-            vehicle_from_file=vehicle_from_file,
-            options=options,
-            solids=solids.turned(ahead[:3, :3]),
-        )
+        parts = find_parts(whole, options)
     except ValueError as error:
         raise AssetError(str(error)) from None
+    names = (HULL, *(row.name for row in parts.moving))
     for key, part in ((options.turret, TURRET_PART), (options.gun, GUN_PART)):
-        if key and part not in parts.names:
-            there = ", ".join(sorted({repr(pieces[i].name) for i in kept})[:8])
+        if key and part not in names:
+            there = ", ".join(sorted({repr(piece.name) for piece in whole.pieces})[:8])
             raise AssetError(f"{part} = {key!r} matches nothing, or everything; it contains {there}")
     order = np.argsort(parts.piece_part, kind="stable")
-    placed = [_compact(meshes[pieces[kept[j]].mesh], points[j], pieces[kept[j]].name) for j in order]
+    placed = [_compact(meshes[whole.pieces[j].mesh], points[j], whole.pieces[j].name) for j in order]
     mesh, _ = merge(placed, name=name)
     low, high = mesh.bounds
     if not (np.ptp(contact_footprint(mesh.vertices), axis=0) > 0).all():
@@ -117,49 +108,31 @@ def build_vehicle(
             roles[i] = PieceRole("vehicle", why)
     piece_part = np.full(len(pieces), -1)
     piece_part[kept] = parts.piece_part
+    moving = [replace(row, pivot=xyz(np.array(row.pivot) - base)) for row in parts.moving]
     shape = VehicleShape(
         name=name,
         mesh=standing,
         vertex_part=np.repeat([parts.piece_part[j] for j in order], [len(m.vertices) for m in placed]),
-        part_names=parts.names,
-        part_parent=np.array(parts.parent),
-        part_pivot=np.concatenate([np.zeros((1, 3)), parts.pivot[1:] - base]),
-        part_axis=parts.axis,
-        part_limits=parts.limits,
+        part_names=names,
+        part_parent=np.array([-1, *(names.index(row.parent) for row in moving)]),
+        part_pivot=np.array([np.zeros(3), *(row.pivot for row in moving)]),
+        part_axis=np.array([(0.0, 0.0, 1.0), *(row.axis for row in moving)]),
+        part_limits=np.array([(0.0, 0.0), *(row.limits for row in moving)]),
         vehicle_from_file=to_base @ vehicle_from_file,
         underside=underside(standing).heights,
     )
-    shape = shape.with_keypoints(known_points(shape, solids.turned(ahead[:3, :3]), wheels, base))
-    marked = marked_points(markers, [pieces[i].chain for i in kept], parts.piece_part)
+    shape = shape.with_keypoints(known_points(shape, whole.solids, wheels, base))
+    marked = marked_points(markers, [piece.chain for piece in whole.pieces], parts.piece_part)
     from_file = shape.vehicle_from_file
     shape = shape.with_keypoints({key: (apply(from_file, at[None])[0], part) for key, (at, part) in marked.items()})
     doubts = [doubt for doubt in (upright.up.doubt, forward.doubt, *parts.doubts, *left_out, *strays.doubts) if doubt]
     axes = f"up is {upright.up.axis}, {upright.up.why}; ahead is {forward_said(forward.angle)}, {forward.why}"
-    return BuiltVehicle(shape, roles, piece_part.tolist(), _part_rows(shape, parts), axes, tuple(doubts))
+    return BuiltVehicle(shape, roles, piece_part.tolist(), tuple(moving), axes, tuple(doubts))
 
 
 def _compact(mesh: Mesh, points: Float[np.ndarray, "v 3"], name: str) -> Mesh:
     """Remove vertices without faces, which aren't rendered and must not widen boxes."""
     return replace(mesh.at(points).of_faces(np.arange(len(mesh.faces))), name=name)
-
-
-def _part_rows(shape: VehicleShape, parts: Parts) -> tuple[PartRow, ...]:
-    return tuple(
-        PartRow(
-            name=shape.part_names[i],
-            parent=shape.part_names[shape.part_parent[i]],
-            pivot=xyz(shape.part_pivot[i]),
-            axis=xyz(shape.part_axis[i]),
-            limits=(float(shape.part_limits[i, 0]), float(shape.part_limits[i, 1])),
-            why=parts.why[i],
-        )
-        for i in range(1, len(shape.part_names))
-    )
-
-
-def xyz(vector: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
-    """A vector for reports."""
-    return float(vector[0]), float(vector[1]), float(vector[2])
 
 
 def build_scenery(

@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 import msgspec
+import numpy as np
+from jaxtyping import Float
 from rich.markup import escape
 from rich.table import Table
 
@@ -91,6 +93,11 @@ def _together(family: Sequence[ObjectRow], name: str, why: str) -> ObjectRow:
     x, y, z = (max(lengths) for lengths in zip(*(row.size for row in family), strict=True))
     count, triangles = sum(row.count for row in family), max(row.triangles for row in family)
     return replace(family[0], name=name, why=why, count=count, triangles=triangles, size=(x, y, z))
+
+
+def xyz(vector: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
+    """A vector for reports."""
+    return float(vector[0]), float(vector[1]), float(vector[2])
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,8 @@ from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
 from hulldown.reading.options import Options
 from hulldown.reading.roles import Link, Piece, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
-from hulldown.reading.vehicle.parts import find_parts
+from hulldown.reading.vehicle.parts import Parts, find_parts
+from hulldown.reading.vehicle.solids import PlacedPieces, find_solids
 
 
 def link(name: str, *collections: str, kind: str = "MESH", at: tuple = (0.0, 0.0, 0.0)) -> Link:
@@ -189,42 +190,49 @@ def test_a_vehicle_listed_as_a_scenery_is_refused_by_its_names() -> None:
     assert refuse_wrong_kind("scenery", town, Options()) == ""
 
 
-def parts_of(*chains: tuple[Link, ...] | Link, markers: tuple = (), **names: str) -> tuple[dict[str, str], object]:
+def parts_in(pieces: list[Piece], points: list[np.ndarray], *, markers: tuple = (), **options: str) -> Parts:
+    """The parts of pieces with these vertices, without solids."""
+    return find_parts(PlacedPieces(pieces, points, find_solids((), ()), markers, np.eye(4)), Options(**options))
+
+
+def parts_of(*chains: tuple[Link, ...] | Link, **more: object) -> tuple[dict[str, str], Parts]:
     """The part of each object; each object is a small box at its origin."""
     pieces = [piece(*(c if isinstance(c, tuple) else (c,))) for c in chains]
     cube = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     points = [cube + p.chain[0].pose[:3, 3] for p in pieces]
-    found = find_parts(pieces, points, markers, vehicle_from_file=np.eye(4), options=Options(**names))
-    return {p.name: found.names[i] for p, i in zip(pieces, found.piece_part, strict=True)}, found
+    found = parts_in(pieces, points, **more)
+    names = ["hull", *(row.name for row in found.moving)]
+    return {p.name: names[i] for p, i in zip(pieces, found.piece_part, strict=True)}, found
 
 
 def test_children_of_a_turret_belong_to_it_and_carry_its_gun() -> None:
     turret, gun = link("Turret_01", kind="EMPTY", at=(1, 0, 2)), link("Gun.001", kind="EMPTY", at=(2, 0, 2.2))
     belongs, parts = parts_of(link("Hull"), (link("Dome"), turret), (link("Tube", at=(4, 0, 2.2)), gun, turret))
     assert belongs == {"Hull": "hull", "Dome": "turret", "Tube": "gun"}
-    assert parts.parent == (-1, 0, 1)
-    assert parts.pivot[1:].tolist() == [[1, 0, 2], [2, 0, 2.2]]
-    assert parts.axis.tolist() == [[0, 0, 1], [0, 0, 1], [0, -1, 0]]
+    assert [(row.parent, row.pivot, row.axis) for row in parts.moving] == [
+        ("hull", (1, 0, 2), (0, 0, 1)),
+        ("turret", (2, 0, 2.2), (0, -1, 0)),
+    ]
 
 
 @pytest.mark.parametrize(
     ("chains", "expected"),
     [
         # The vehicle's name isn't used for parts.
-        ((link("A", "SAM launcher"), link("B", "SAM launcher")), ("hull",)),
-        ((link("A", "x", "SPG gun"), link("Turret", "x", "SPG gun")), ("hull", "turret")),
+        ((link("A", "SAM launcher"), link("B", "SAM launcher")), ()),
+        ((link("A", "x", "SPG gun"), link("Turret", "x", "SPG gun")), ("turret",)),
         # A launcher is a turret only if there's no other turret, and a smoke launcher never is.
-        ((link("Hull"), link("Launcher")), ("hull", "turret")),
-        ((link("Hull"), link("Smoke_Launcher")), ("hull",)),
-        ((link("Hull"), link("Machine_Gun"), link("MG barrel"), link("Oil_barrel")), ("hull",)),
+        ((link("Hull"), link("Launcher")), ("turret",)),
+        ((link("Hull"), link("Smoke_Launcher")), ()),
+        ((link("Hull"), link("Machine_Gun"), link("MG barrel"), link("Oil_barrel")), ()),
         # Both words in one name.
-        ((link("Hull"), link("Gun_Turret")), ("hull", "turret")),
-        ((link("Hull"), link("Turret"), link("Turret_Gun")), ("hull", "turret", "gun")),
-        ((link("Only turret"),), ("hull",)),
+        ((link("Hull"), link("Gun_Turret")), ("turret",)),
+        ((link("Hull"), link("Turret"), link("Turret_Gun")), ("turret", "gun")),
+        ((link("Only turret"),), ()),
     ],
 )
 def test_misleading_names(chains: tuple, expected: tuple[str, ...]) -> None:
-    assert parts_of(*chains)[1].names == expected
+    assert tuple(row.name for row in parts_of(*chains)[1].moving) == expected
 
 
 @pytest.mark.parametrize(
@@ -249,17 +257,17 @@ def test_names_of_parts(chains: tuple, options: dict, expected: tuple[str, ...])
 def test_an_empty_without_children_can_be_a_pivot() -> None:
     marker = (link("Pivot", "Turret", kind="EMPTY", at=(0.3, 0.1, 0)),)
     _, parts = parts_of(link("Hull", "Rest"), link("a", "Turret"), link("b", "Turret"), markers=(marker,))
-    assert parts.pivot[1].tolist() == [0.3, 0.1, 0]
-    assert parts.why[1] == "origin of 'Pivot', named pivot"
+    assert parts.moving[0].pivot == (0.3, 0.1, 0)
+    assert parts.moving[0].why == "origin of 'Pivot', named pivot"
 
 
 def test_a_gun_does_not_turn_about_its_center() -> None:
     pieces = [piece("Hull"), piece("Barrel", at=(4, 0, 2))]
     tube = np.array([[x, y, z] for x in (2.0, 6.0) for y in (-0.1, 0.1) for z in (1.9, 2.1)])
     middle = Piece("m", (link("Barrel", at=(4, 0, 2)),), 0, np.eye(4), pieces[1].bounds, 12)
-    found = find_parts([pieces[0], middle], [np.zeros((1, 3)), tube], (), vehicle_from_file=np.eye(4))
-    assert found.pivot[1].tolist() == [2.0, 0.0, 2.0]
-    assert "is not where a gun turns" in found.why[1]
+    (gun,) = parts_in([pieces[0], middle], [np.zeros((1, 3)), tube]).moving
+    assert gun.pivot == (2.0, 0.0, 2.0)
+    assert "is not where a gun turns" in gun.why
 
 
 @pytest.mark.parametrize("yaw", [0.0, 90.0, 180.0, -90.0, 37.0])
@@ -268,5 +276,5 @@ def test_positive_angles_raise_a_gun_in_any_direction(yaw: float) -> None:
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     tube = np.array([[x, y, z] for x in (0.0, 4.0) for y in (-0.1, 0.1) for z in (1.9, 2.1)]) @ turn.T
     pieces = [piece("Hull"), Piece("m", (link("Gun", kind="EMPTY", at=(0, 0, 2)),), 0, np.eye(4), np.zeros((2, 3)), 12)]
-    found = find_parts(pieces, [np.zeros((1, 3)), tube], (), vehicle_from_file=np.eye(4))
-    assert np.allclose(found.axis[1], turn @ [0, -1, 0], atol=1e-6)
+    (gun,) = parts_in(pieces, [np.zeros((1, 3)), tube]).moving
+    assert np.allclose(gun.axis, turn @ [0, -1, 0], atol=1e-6)

@@ -26,7 +26,7 @@ from hulldown.reading.skies.backdrop import shows_land
 from hulldown.reading.skies.hdri import read_hdris
 from hulldown.reading.vehicle.paintable import parts_left_alone
 from hulldown.reading.vehicle.part_shapes import unnamed
-from hulldown.reading.vehicle.solids import find_solids
+from hulldown.reading.vehicle.solids import PlacedPieces, find_solids
 from hulldown.reading.wording import warnings_of
 from hulldown.tests.planning_assets import small_assets, small_config
 from hulldown.tests.shapes import surface
@@ -397,6 +397,5 @@ def test_a_lawn_as_wide_as_the_scenery_is_ground(read):
 def test_a_group_can_turn_unless_its_name_excludes_it(group, asked):
     pieces = [piece("lower", size=(6, 3, 1), at=(0, 0, 0.5))]
     pieces += [piece(name, group, size=(1, 1, 1), at=(0, 0, 2)) for name in ("left", "right")]
-    bounds = np.array([one.bounds for one in pieces])
-    doubts = unnamed(pieces, bounds, find_solids((), ()))
+    doubts = unnamed(PlacedPieces(pieces, [one.bounds for one in pieces], find_solids((), ()), (), np.eye(4)))
     assert sum(f"hang from {group!r}" in doubt for doubt in doubts) == asked

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 
 from hulldown.assets.naming import (
     GUN,
@@ -72,8 +72,11 @@ class Namer:
         The user's pattern instead of the built-in words; "" for none.
     no_gun
         Names of guns that aren't guns by their shape.
+
+    Attributes
+    ----------
     marked
-        Objects that are a part regardless of their names.
+        Objects that are a part regardless of their names: the part, and the reason.
     """
 
     def __init__(
@@ -83,12 +86,11 @@ class Namer:
         gun: str | None,
         *,
         no_gun: Collection[str] = (),
-        marked: Mapping[Key, tuple[str, str]] | None = None,
     ) -> None:
         all_names = [{n for link in c for n in (link.name, *link.collections)} for c in chains]
         # A name that covers the whole vehicle is the vehicle's, not a part's.
         self.whole = set.intersection(*all_names) if all_names else set()
-        self.no_gun, self.marked = frozenset(no_gun), dict(marked or {})
+        self.no_gun, self.marked = frozenset(no_gun), dict[Key, tuple[str, str]]()
         some = set().union(*all_names) - self.whole
         self.given = {TURRET_PART: turret, GUN_PART: gun}
         self.tier = {TURRET_PART: 0, GUN_PART: 0}

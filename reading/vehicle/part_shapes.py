@@ -8,11 +8,12 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.assets.naming import ARMED, BODY, FRONT, NO_TURRET, REAR, TURRET, VEHICLE, first_match
+from hulldown.reading.options import Options
 from hulldown.reading.roles import Link, Piece
 from hulldown.reading.vehicle.nose import gun_barrel, rising
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Namer, key_of
 from hulldown.reading.vehicle.pivots import RING
-from hulldown.reading.vehicle.solids import Solids
+from hulldown.reading.vehicle.solids import PlacedPieces, Solids
 
 STUBBY = 2.5  # times its width; shorter pieces have no direction
 SMALL = 0.2  # of the vehicle's length: a drum, not a gun
@@ -23,34 +24,28 @@ WHOLE = 0.7  # of a piece's length: then the piece is the barrel, and not a body
 PREFIXED = 2  # objects named turret: more of them, and the author has named all that belongs to it
 
 
-def screened(
-    chains: Sequence[tuple[Link, ...]], points: Sequence[Float[np.ndarray, "_ 3"]], turret: str | None, gun: str | None
-) -> tuple[Namer, set[str]]:
-    """A namer that doesn't call drum-shaped parts guns, and the names of those parts."""
+def screened(whole: PlacedPieces, options: Options) -> Namer:
+    """A namer that doesn't call drum-shaped parts guns."""
+    chains = [piece.chain for piece in whole.pieces]
     no_guns: set[str] = set()
     while True:
-        namer = Namer(chains, turret, gun, no_gun=no_guns)
-        if gun is not None:
-            return namer, no_guns
-        members = [i for i, chain in enumerate(chains) if namer.part_of(chain) == GUN_PART]
-        rest = [points[i] for i in range(len(chains)) if i not in set(members)]
-        if not members or not rest:
-            return namer, no_guns
-        body = np.concatenate(rest)
-        drums: set[str] = set()
-        for group in _clusters([points[i] for i in members]):
-            if _is_drum(np.concatenate([points[members[k]] for k in group]), body):
-                drums |= {namer.decided(chains[members[k]])[2] for k in group}
+        namer = Namer(chains, options.turret, options.gun, no_gun=no_guns)
+        is_gun = np.array([namer.part_of(chain) == GUN_PART for chain in chains], bool)
+        if options.gun is not None or not is_gun.any() or is_gun.all():
+            return namer
+        body = whole.where(~is_gun).cloud
+        groups = _clusters(whole.points, np.flatnonzero(is_gun).tolist())
+        drums = [group for group in groups if _is_drum(np.concatenate([whole.points[i] for i in group]), body)]
         if not drums:
-            return namer, no_guns
-        no_guns |= drums
+            return namer
+        no_guns |= {namer.decided(chains[i])[2] for group in drums for i in group}
 
 
-def _clusters(clouds: Sequence[Float[np.ndarray, "_ 3"]]) -> list[list[int]]:
+def _clusters(clouds: Sequence[Float[np.ndarray, "_ 3"]], among: Sequence[int]) -> list[list[int]]:
     """Clusters of pieces that are close to each other."""
     groups: list[list[int]] = []
-    for i, cloud in enumerate(clouds):
-        near = [g for g in groups if any(_touch(clouds[k], cloud) for k in g)]
+    for i in among:
+        near = [g for g in groups if any(_touch(clouds[k], clouds[i]) for k in g)]
         groups = [g for g in groups if g not in near] + [[k for g in near for k in g] + [i]]
     return groups
 
@@ -78,15 +73,10 @@ def _touch(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "m 3"]) -> bool:
 
 
 def by_shape(
-    pieces: Sequence[Piece],
-    points: Sequence[Float[np.ndarray, "_ 3"]],
-    solids: Solids,
-    part_of: Sequence[str | None],
-    *,
-    turret_asked: bool,
+    whole: PlacedPieces, part_of: Sequence[str | None], *, turret_asked: bool
 ) -> tuple[dict[Key, tuple[str, str]], list[str]]:
     """The gun, and the turret if none is named, by a barrel's shape and its parents; and doubts."""
-    bounds = np.array([[p.min(axis=0), p.max(axis=0)] for p in points])
+    pieces, solids, bounds = whole.pieces, whole.solids, whole.bounds
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     wide = np.ptp(bounds[:, :, 0], axis=1) < 0.9 * (high - low)[0]
     body = bounds[wide] if wide.any() else bounds
@@ -96,7 +86,7 @@ def by_shape(
         return {}, []
     piece = int(solids.piece[barrel])
     name = pieces[piece].name
-    one = float(np.ptp(points[piece], axis=0).max()) * WHOLE < float(solids.size[barrel, 0])
+    one = float(np.ptp(whole.points[piece], axis=0).max()) * WHOLE < float(solids.size[barrel, 0])
     if not one:
         doubt = f'{name!r} has a long barrel in it that cannot be raised; make it an object of its own, or set gun = ""'
         return {}, [doubt + ("" if TURRET_PART in part_of else ' and turret = ""')]
@@ -133,10 +123,9 @@ def _carried(pieces: Sequence[Piece]) -> dict[Key, list[int]]:
     return carried
 
 
-def riding(
-    chains: Sequence[tuple[Link, ...]], points: Sequence[Float[np.ndarray, "_ 3"]], part_of: Sequence[str | None]
-) -> list[int]:
+def riding(whole: PlacedPieces, part_of: Sequence[str | None]) -> list[int]:
     """Pieces on a turret without children, for files without a hierarchy."""
+    chains = [piece.chain for piece in whole.pieces]
     members = [i for i, part in enumerate(part_of) if part == TURRET_PART]
     if not members or any(len(chains[i]) > 1 and chains[i][1].kind == "MESH" for i in members):
         return []
@@ -145,14 +134,14 @@ def riding(
     named = sum(first_match(chains[i][0].name, TURRET) is not None for i in members)
     if len(roots) > 1 or len({parents[i] for i in members}) > 1 or named > PREFIXED:
         return []
-    turret = np.concatenate([points[i] for i in members])
-    low, high = turret.min(axis=0), turret.max(axis=0)
+    bounds = whole.bounds
+    low, high = bounds[members, 0].min(axis=0), bounds[members, 1].max(axis=0)
     slack = 0.15 * (high - low)
     found = []
     for i, part in enumerate(part_of):
         if part is not None or parents[i] != parents[members[0]]:
             continue
-        own_low, own_high = points[i].min(axis=0), points[i].max(axis=0)
+        own_low, own_high = bounds[i]
         middle = (own_low + own_high) / 2
         over = bool(((middle > low - slack) & (middle < high + slack))[:2].all()) and middle[2] > low[2] + slack[2]
         if over and own_low[2] > low[2] and (own_high - own_low)[1] < 1.3 * (high - low)[1]:
@@ -160,11 +149,12 @@ def riding(
     return found
 
 
-def unnamed(pieces: Sequence[Piece], bounds: Float[np.ndarray, "k 2 3"], solids: Solids) -> list[str]:
+def unnamed(whole: PlacedPieces) -> list[str]:
     """A doubt about possible aiming parts: by parents, by a name, or by shape if names are meaningless.
 
     The shapes are a ring and rising tubes; a truck of numbered objects has neither, so there is no doubt.
     """
+    pieces, bounds = whole.pieces, whole.bounds
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     carried = _carried(pieces)
     upper = [
@@ -183,7 +173,7 @@ def unnamed(pieces: Sequence[Piece], bounds: Float[np.ndarray, "k 2 3"], solids:
     if armed := next((p.name for p in pieces if first_match(p.name, ARMED)), None):
         return [f'{armed!r} is there, but nothing named turret or gun; set turret and gun, or turret = "" and gun = ""']
     known = any(first_match(n, KNOWN) for p in pieces for n in (p.name, p.data))
-    if len(pieces) > 1 and not known and _may_aim(solids, low, high):
+    if len(pieces) > 1 and not known and _may_aim(whole.solids, low, high):
         return ['its names name no part; set turret and gun if it has any, or turret = ""']
     return []
 

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.spatial.distance import pdist
 
 from hulldown.assets.naming import PIVOT, first_match, words
 from hulldown.geometry.transforms import apply
-from hulldown.reading.roles import Link, Piece
+from hulldown.reading.options import Options
+from hulldown.reading.roles import Link
 from hulldown.reading.vehicle.keypoints import keypoint_of
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Namer, key_of, pivot_named
-from hulldown.reading.vehicle.solids import Solids
+from hulldown.reading.vehicle.solids import PlacedPieces
 
 BELIEVED = 0.25  # a mesh object's origin may lie outside the part by this share of the part's longest side
 REAR = 0.4  # a gun's axis is in this rear share of it, not at the middle, a new cylinder's origin
@@ -28,6 +29,7 @@ TWIN = 3  # solids as long as the barrel; more are the tubes of a launcher
 ASIDE = 1.5  # times as wide as long: it points to a side
 PLATE = 0.3  # thickness of a plate that holds a gun, in its height
 BEARING = 0.25  # and how far below its top the bearing is
+PIVOT_KEYS = {TURRET_PART: "turret_pivot", GUN_PART: "gun_pivot"}
 MIDDLE = 0.01  # share of the longest side: an origin this close to its mesh's middle was set automatically
 
 
@@ -50,71 +52,57 @@ class Pivot:
     guessed: bool = False
 
 
-def nodes_of(
-    pieces: Sequence[Piece],
-    markers: Sequence[tuple[Link, ...]],
-    members: Bool[np.ndarray, " _"],
+def find_pivot(
+    whole: PlacedPieces,
     namer: Namer,
     part: str,
-) -> list[Node]:
-    """The objects of a part and their parents."""
-    links: dict[tuple[str, bytes], tuple[Link, bool]] = {}
-    faces: dict[tuple[str, bytes], int] = {}
-    carried = [(p.chain, p.faces) for p, m in zip(pieces, members, strict=True) if m]
-    for chain, count in [*carried, *((m, 0) for m in markers if keypoint_of(m[0].name) is None)]:
-        for i, link in enumerate(chain):
-            if namer.part_of(chain[i:]) != part:
-                break
-            key = key_of(link)
-            links.setdefault(key, (link, namer.part_of(chain[i + 1 :]) != part))
-            faces[key] = faces.get(key, 0) + count
-    return [
-        Node(link, topmost, namer.part_named(link.name) == part, faces[key]) for key, (link, topmost) in links.items()
-    ]
-
-
-def find_pivot(
-    nodes: list[Node],
-    own: Float[np.ndarray, "n 3"],
-    part: str,
     *,
-    guess: Pivot,
+    part_of: Sequence[str | None],
     behind: Float[np.ndarray, "3"],
-    middles: Mapping[Key, Float[np.ndarray, "3"]],
-    resting: Float[np.ndarray, "k 3"],
-    vehicle_from_file: Float[np.ndarray, "4 4"],
+    options: Options,
 ) -> Pivot:
-    """Find a part's pivot: an object named so, an empty, the part's mesh, or the guess.
+    """Find a part's pivot: the config's, an object named so, an empty, the part's mesh, or a guess by shape.
 
     Parameters
     ----------
-    nodes
-        The part's objects.
-    own
-        Its points.
+    whole
+        The vehicle's pieces.
+    namer, part_of
+        What names each object's part, and the part of each piece.
     part
-        "turret" or "gun".
-    guess
-        The estimate from shape.
+        "turret" or "gun", which some pieces are.
     behind
         A point behind a gun: the turret's pivot, or the vehicle's middle.
-    middles
-        Middles of objects' bounding boxes, where "set origin" puts origins.
-    resting
-        Origins of the hull's objects; one shared by most of them isn't a pivot.
-    vehicle_from_file
-        From the file to the frame of all other arguments.
-    """
-    size = float(np.ptp(own, axis=0).max())
-    low, high = own.min(axis=0), own.max(axis=0)
+    options
+        The config's pivots.
 
-    def origin(node: Node) -> Float[np.ndarray, "3"]:
-        return apply(vehicle_from_file, node.link.pose[:3, 3][None])[0]
+    Raises
+    ------
+    ValueError
+        If `options` name a missing object.
+    """
+    if asked := _asked(whole, part, options):
+        return asked
+    # Where "set origin" puts origins.
+    middles = {key_of(p.chain[0]): b.mean(axis=0) for p, b in zip(whole.pieces, whole.bounds, strict=True)}
+    # The middle of a helper mesh such as ``turretpivot`` or ``gun_axis`` counts, since its origin often stays at the
+    # file's. Empties are among a part's nodes.
+    for piece in whole.pieces:
+        if pivot_named(piece.name) == part:
+            return Pivot(middles[key_of(piece.chain[0])], f"the middle of {piece.name!r}, named as a pivot")
+    own = whole.where([its == part for its in part_of])
+    nodes, guess = _nodes(own, namer, part), _guess(whole, part_of, part, behind)
+    # One origin shared by most of the hull's objects isn't a pivot.
+    resting = np.array([whole.origin(p.chain[0]) for p, its in zip(whole.pieces, part_of, strict=True) if its is None])
+    low, high = own.cloud.min(axis=0), own.cloud.max(axis=0)
+    size = float((high - low).max())
+    scale = float(abs(np.linalg.det(whole.vehicle_from_file[:3, :3]))) ** (1 / 3)
 
     def believed(node: Node) -> bool:
         # Origins at the file's zero, or where those of the hull lie, were left there.
-        at_zero = not np.abs(node.link.pose[:3, 3]).max() > 1e-6 * size / max(_scale(vehicle_from_file), 1e-30)
-        near = np.linalg.norm(resting - origin(node), axis=1) < 1e-4 * size if len(resting) else np.zeros(0, bool)
+        at_zero = not np.abs(node.link.pose[:3, 3]).max() > 1e-6 * size / max(scale, 1e-30)
+        apart = np.linalg.norm(resting.reshape(-1, 3) - whole.origin(node.link), axis=1)
+        near = apart < 1e-4 * size
         return not ((at_zero and near.any()) or (len(near) > 2 and near.mean() > 0.5))
 
     def rank(node: Node) -> tuple[bool, bool, int]:
@@ -126,16 +114,16 @@ def find_pivot(
 
     helpers = [n for n in nodes if first_match(n.link.name, PIVOT) or pivot_named(n.link.name) == part]
     if node := first([n for n in helpers if believed(n)]):
-        return Pivot(origin(node), f"origin of {node.link.name!r}, named pivot")
+        return Pivot(whole.origin(node.link), f"origin of {node.link.name!r}, named pivot")
     if node := first([n for n in nodes if n.named and n.link.kind == "EMPTY" and believed(n)]):
-        return Pivot(origin(node), f"origin of the empty {node.link.name!r}")
+        return Pivot(whole.origin(node.link), f"origin of the empty {node.link.name!r}")
     total = sum(n.faces for n in nodes if n.topmost)
     node = (
         first([n for n in nodes if n.named])
         or first([n for n in nodes if n.link.kind == "EMPTY" and 2 * n.faces > total])
         or min(nodes, key=lambda n: (n.link.kind == "EMPTY", -n.faces))
     )
-    at = origin(node)
+    at = whole.origin(node.link)
     if node.link.kind == "EMPTY" and believed(node):
         return Pivot(at, f"origin of the empty {node.link.name!r}")
     slack = BELIEVED * size
@@ -143,7 +131,7 @@ def find_pivot(
     middle = middles.get(key_of(node.link))
     centered = middle is not None and bool(np.linalg.norm(at - middle) < MIDDLE * size)
     if part == GUN_PART:
-        rear, front = gun_ends(own, behind)
+        rear, front = gun_ends(own.cloud, behind)
         wrong |= float((at - rear) @ (front - rear)) / max(float((front - rear) @ (front - rear)), 1e-30) > REAR
     elif centered and guess.guessed and not wrong:
         return Pivot(at, f"origin of {node.link.name!r}, which is only the middle of its mesh", guessed=True)
@@ -155,40 +143,69 @@ def find_pivot(
     )
 
 
-def _scale(matrix: Float[np.ndarray, "4 4"]) -> float:
-    return float(abs(np.linalg.det(matrix[:3, :3]))) ** (1 / 3)
+def _asked(whole: PlacedPieces, part: str, options: Options) -> Pivot | None:
+    """The pivot that the config names, as a point of the file or as an object."""
+    key = PIVOT_KEYS[part]
+    wanted = getattr(options, key)
+    if wanted is None:
+        return None
+    if not isinstance(wanted, str):
+        return Pivot(apply(whole.vehicle_from_file, np.array(wanted, float)[None])[0], f"the config's {key}")
+    for chain in (*whole.markers, *(piece.chain for piece in whole.pieces)):
+        for link in chain:
+            if link.name == wanted:
+                return Pivot(whole.origin(link), f"origin of {wanted!r}, the config's {key}")
+    raise ValueError(f"{key} = {wanted!r} is no object or empty of the file")
 
 
-def turret_guess(
-    own: Float[np.ndarray, "n 3"],
-    hull: Float[np.ndarray, "m 3"],
-    part_solids: Solids,
-    others: Solids,
-    *,
-    trunnions: Float[np.ndarray, "3"] | None,
-) -> Pivot:
+def _nodes(own: PlacedPieces, namer: Namer, part: str) -> list[Node]:
+    """The objects of a part and their parents."""
+    links: dict[Key, tuple[Link, bool]] = {}
+    faces: dict[Key, int] = {}
+    carried = [(piece.chain, piece.faces) for piece in own.pieces]
+    for chain, count in [*carried, *((m, 0) for m in own.markers if keypoint_of(m[0].name) is None)]:
+        for i, link in enumerate(chain):
+            if namer.part_of(chain[i:]) != part:
+                break
+            key = key_of(link)
+            links.setdefault(key, (link, namer.part_of(chain[i + 1 :]) != part))
+            faces[key] = faces.get(key, 0) + count
+    return [
+        Node(link, topmost, namer.part_named(link.name) == part, faces[key]) for key, (link, topmost) in links.items()
+    ]
+
+
+def _guess(whole: PlacedPieces, part_of: Sequence[str | None], part: str, behind: Float[np.ndarray, "3"]) -> Pivot:
+    """Estimate a part's axis from shape."""
+    turret, gun, hull = (whole.where([its == name for its in part_of]) for name in (TURRET_PART, GUN_PART, None))
+    if not gun.pieces:
+        return turret_guess(turret, hull)
+    of_gun = gun_guess(gun, behind, held=cheeks(gun, turret if turret.pieces else hull))
+    return of_gun if part == GUN_PART else turret_guess(turret, hull, trunnions=of_gun.at)
+
+
+def turret_guess(turret: PlacedPieces, hull: PlacedPieces, *, trunnions: Float[np.ndarray, "3"] | None = None) -> Pivot:
     """Estimate a turret's axis from shape: the middle of its ring, or of the hull below.
 
     Parameters
     ----------
-    own, hull
-        Points of the turret and of the hull.
-    part_solids, others
-        Solids of the turret and of the hull.
+    turret, hull
+        Pieces of both.
     trunnions
         Trunnions of its gun; None if it has none.
     """
+    own, under = turret.cloud, hull.cloud[:, 1]
     low, high = own.min(axis=0), own.max(axis=0)
-    width = float(np.ptp(hull[:, 1])) if len(hull) else float(high[1] - low[1])
+    width = float(np.ptp(under)) if len(under) else float(high[1] - low[1])
     height = float(high[2] - low[2])
     for solids, base, what in (
-        (part_solids, low[2] + BASE * height, "its ring"),
-        (others, low[2] + 0.1 * height, "the ring that it stands on"),
+        (turret.solids, low[2] + BASE * height, "its ring"),
+        (hull.solids, low[2] + 0.1 * height, "the ring that it stands on"),
     ):
         if not len(solids):
             continue
         upright = (solids.round_about >= 0) & (np.abs(solids.axle[:, 2]) > 0.99)
-        level = solids.bounds[:, 0, 2] if solids is part_solids else np.abs(solids.bounds[:, 1, 2] - low[2]) + low[2]
+        level = solids.bounds[:, 0, 2] if solids is turret.solids else np.abs(solids.bounds[:, 1, 2] - low[2]) + low[2]
         inside = ((solids.center > low) & (solids.center < high))[:, :2].all(axis=1)
         rings = np.flatnonzero(upright & (level < base) & inside & (2 * solids.radius > RING * width))
         if len(rings):
@@ -198,35 +215,24 @@ def turret_guess(
                 f"the middle of {what}, a circle of {2 * solids.radius[ring]:.2f} m",
             )
     # Nothing round: the middle of its body, and a ring's radius behind the trunnions, which are over the ring's edge.
-    weight = part_solids.size.prod(axis=1)
-    body = (
-        (low + high) / 2
-        if not weight.sum() > 0
-        else np.average(part_solids.bounds.mean(axis=1), axis=0, weights=weight)
-    )
+    weight, body = turret.solids.size.prod(axis=1), (low + high) / 2
+    if weight.sum() > 0:
+        body = np.average(turret.solids.bounds.mean(axis=1), axis=0, weights=weight)
     at, why = np.array([body[0], body[1], low[2]]), "the middle of its body"
     if trunnions is not None and 0 < trunnions[0] - at[0] < width:
         at[0] = (at[0] + 2 * (trunnions[0] - RADIUS * width)) / 3
         why = "the middle of its body and the distance from its gun"
-    center = (hull[:, 1].min() + hull[:, 1].max()) / 2 if len(hull) else at[1]
+    center = (under.min() + under.max()) / 2 if len(under) else at[1]
     at[1] = center if abs(at[1] - center) < 0.05 * width else at[1]
     return Pivot(at, why, guessed=True)
 
 
-def cheeks(
-    own: Float[np.ndarray, "n 3"], mount: Float[np.ndarray, "m 3"], others: Solids
-) -> Float[np.ndarray, "3"] | None:
-    """The axis between two upright plates that hold a gun; None if there are none.
+def cheeks(gun: PlacedPieces, mount: PlacedPieces) -> Float[np.ndarray, "3"] | None:
+    """The axis between two upright plates of a mount that hold a gun; None if there are none.
 
     A bearing sits near the top of its plate, in the middle of what is level there.
-
-    Parameters
-    ----------
-    own
-        Points of the gun.
-    mount, others
-        Points and solids of its mount.
     """
+    own, points, others = gun.cloud, mount.cloud, mount.solids
     low, high = own.min(axis=0), own.max(axis=0)
     middle = (low + high) / 2
     plate = (others.size[:, 2] < PLATE * others.size[:, 1]) & (np.abs(others.axes[:, 2, 1]) > 0.97)
@@ -241,7 +247,7 @@ def cheeks(
         if not twin.any() or size[0] * size[1] <= largest:
             continue
         box = others.bounds[i]
-        inside = mount[((mount > box[0] - 1e-6) & (mount < box[1] + 1e-6)).all(axis=1)]
+        inside = points[((points > box[0] - 1e-6) & (points < box[1] + 1e-6)).all(axis=1)]
         tall = box[1, 2] - box[0, 2]
         top = inside[inside[:, 2] > box[1, 2] - BEARING * tall]
         if len(top):
@@ -251,25 +257,20 @@ def cheeks(
 
 
 def gun_guess(
-    own: Float[np.ndarray, "n 3"],
-    behind: Float[np.ndarray, "3"],
-    solids: Solids,
-    *,
-    held: Float[np.ndarray, "3"] | None = None,
+    gun: PlacedPieces, behind: Float[np.ndarray, "3"], *, held: Float[np.ndarray, "3"] | None = None
 ) -> Pivot:
     """Estimate a gun's axis from shape: its trunnions, its mantlet, or its rear end.
 
     Parameters
     ----------
-    own
-        Its points.
+    gun
+        Its pieces.
     behind
         A point behind it: the turret's pivot, or the vehicle's middle.
-    solids
-        Its solids.
     held
         The axis of the plates that hold it, if any.
     """
+    own, solids = gun.cloud, gun.solids
     rear, front = gun_ends(own, behind)
     length = float(np.linalg.norm(front - rear))
     if not len(solids) or length <= 0:
@@ -319,18 +320,3 @@ def gun_ends(
     forward = rear[axis] >= behind[axis] - 0.1 * (high - low)[axis]
     rear[axis], front[axis] = (low[axis], high[axis]) if forward else (high[axis], low[axis])
     return rear, front
-
-
-def helper_pivot(part: str, pieces: Sequence[Piece], middles: Mapping[Key, Float[np.ndarray, "3"]]) -> Pivot | None:
-    """The pivot of a helper mesh such as ``turretpivot`` or ``gun_axis``; None if there is none.
-
-    The middle of its box counts, since its origin often stays at the file's. Empties are among a part's nodes.
-    """
-    for piece in pieces:
-        link = piece.chain[0]
-        if pivot_named(link.name) == part:
-            return Pivot(middles[key_of(link)], f"the middle of {link.name!r}, named as a pivot")
-    return None
-
-
-PIVOT_KEYS = {TURRET_PART: "turret_pivot", GUN_PART: "gun_pivot"}

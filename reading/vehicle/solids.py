@@ -1,4 +1,4 @@
-"""The connected solids of a vehicle, and which of them are round."""
+"""A vehicle's pieces where they are, and their connected solids, some of which are round."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+
+from hulldown.geometry.transforms import apply
+from hulldown.reading.roles import Link, Piece
 
 MOST = 4000  # solids that are kept, largest first
 ALIKE = 0.12  # two second moments are equal, so that the solid is round about the third axis, up to this share
@@ -67,6 +70,56 @@ class Solids:
     def where(self, mask: Bool[np.ndarray, " n"] | Int[np.ndarray, " m"]) -> Solids:
         """Select solids."""
         return Solids(*(getattr(self, each.name)[mask] for each in fields(self)))
+
+    def of_pieces(self, kept: Sequence[int]) -> Solids:
+        """Select the solids of these ascending pieces, renumbered by their place among them."""
+        found = self.where(np.isin(self.piece, kept))
+        return replace(found, piece=np.searchsorted(kept, found.piece))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PlacedPieces:
+    """A vehicle's pieces in meters, x forward, z up.
+
+    Parameters
+    ----------
+    pieces
+        The pieces.
+    points
+        Vertices of each.
+    solids
+        Their solids; if there are none, shapes aren't judged.
+    markers
+        The chains of all empties of the file, any of which may be a part's pivot.
+    vehicle_from_file
+        (4, 4) from the world of the file.
+    """
+
+    pieces: Sequence[Piece]
+    points: Sequence[Float[np.ndarray, "_ 3"]]
+    solids: Solids
+    markers: Sequence[tuple[Link, ...]]
+    vehicle_from_file: Float[np.ndarray, "4 4"]
+
+    @property
+    def cloud(self) -> Float[np.ndarray, "n 3"]:
+        """All vertices."""
+        return np.concatenate([np.zeros((0, 3)), *self.points])
+
+    @property
+    def bounds(self) -> Float[np.ndarray, "k 2 3"]:
+        """Bounds of each piece."""
+        return np.array([[own.min(axis=0), own.max(axis=0)] for own in self.points])
+
+    def origin(self, link: Link) -> Float[np.ndarray, "3"]:
+        """Origin of an object."""
+        return apply(self.vehicle_from_file, link.pose[:3, 3][None])[0]
+
+    def where(self, mask: Sequence[bool]) -> PlacedPieces:
+        """Select pieces."""
+        kept = np.flatnonzero(mask).tolist()
+        pieces, points = [self.pieces[i] for i in kept], [self.points[i] for i in kept]
+        return replace(self, pieces=pieces, points=points, solids=self.solids.of_pieces(kept))
 
 
 def find_solids(points: Sequence[Float[np.ndarray, "_ 3"]], faces: Sequence[Int[np.ndarray, "_ 3"]]) -> Solids:

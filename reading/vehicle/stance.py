@@ -101,10 +101,7 @@ def heading(
     yaw_deg
         Degrees counterclockwise from there to the nose.
     """
-    place = np.full(len(upright.pieces), -1)
-    place[list(kept)] = np.arange(len(kept))
-    kept_solids = upright.solids.where(place[upright.solids.piece] >= 0)
-    solids = replace(kept_solids, piece=place[kept_solids.piece])
+    solids = upright.solids.of_pieces(kept)
     wheels = find_wheels(solids)
     if wheels is not None and wheels.up[2] < 0.9:
         wheels = None

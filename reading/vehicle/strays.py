@@ -12,6 +12,7 @@ from hulldown.assets.naming import FIGURES, STAGES, first_match, words
 from hulldown.geometry.meshes import Mesh
 from hulldown.reading.roles import MUCH_LARGER, UNDERSIDE, Piece
 from hulldown.reading.vehicle.axes import Wheels
+from hulldown.reading.vehicle.solids import PlacedPieces
 from hulldown.reading.wording import as_key, quoted
 
 BELOW = 0.03  # of the vehicle's height: a tire pressed into the ground
@@ -20,6 +21,7 @@ APART = 0.02  # of the rest's length: least gap around it
 BESIDE = (*STAGES, *FIGURES)  # without "plane", which armor plates are named too
 FAR = 0.08  # least gap if it can't belong to the rest
 SMALL = 0.75  # diagonal of a thing next to a vehicle over that of the rest; trailers are longer
+BULKY = 1.3  # a bulk is longer than the rest by this factor in two directions
 FLAT = 1e-4  # of its longest side: a sheet without thickness
 NAMES = 6  # that a sentence lists
 
@@ -34,13 +36,7 @@ class Strays:
 
 
 def find_strays(
-    pieces: Sequence[Piece],
-    points: Sequence[Float[np.ndarray, "_ 3"]],
-    meshes: Sequence[Mesh],
-    wheels: Wheels | None,
-    *,
-    wheeled: Collection[int],
-    wanted: Collection[int],
+    whole: PlacedPieces, meshes: Sequence[Mesh], wheels: Wheels | None, *, wanted: Collection[int]
 ) -> Strays:
     """Find pieces that don't belong to the vehicle, and pieces that might not.
 
@@ -49,31 +45,42 @@ def find_strays(
 
     Parameters
     ----------
-    pieces
+    whole
         The kept pieces.
-    points
-        Vertices of each, x forward, z up.
     meshes
         The file's unique meshes.
     wheels
-        Wheels in the same frame.
-    wheeled
-        Pieces with wheels, which are never strays.
+        Wheels among their solids; pieces with wheels are never strays.
     wanted
         Pieces that the config keeps.
     """
-    bounds = np.array([[p.min(axis=0), p.max(axis=0)] for p in points])
-    height = float(bounds[:, 1, 2].max() - bounds[:, 0, 2].min())
-    loose = [i for i in range(len(pieces)) if i not in wheeled]
-    beside = loose if len(pieces) > 1 else []  # compared with the rest
-    hidden = [i for i, p in enumerate(pieces) if p.hidden]
-    low = [] if wheels is None else [i for i, b in enumerate(bounds) if b[0, 2] < wheels.level - BELOW * height]
-    # If much is below the wheels, they aren't on the ground: tracks are around them, or skirts.
-    low = low if len(low) <= max(2, len(pieces) // 10) else []
-    regular = [i for i in loose if _is_regular(pieces[i], points[i])]
-    apart = [i for i in beside if not _near(i, bounds, APART)]
-    sheets = [i for i in beside if _is_sheet_beyond(i, bounds)]
-    beyond = [i for i in beside if i in sheets or _is_bulk(i, bounds)]
+    pieces, bounds, count = whole.pieces, whole.bounds, len(whole.pieces)
+    none = np.zeros(count, bool)
+    loose, low, under = ~none, none, none
+    if wheels is not None:
+        wheeled = np.unique(whole.solids.piece[wheels.index])
+        loose = ~np.isin(np.arange(count), wheeled)
+        slack = BELOW * float(bounds[:, 1, 2].max() - bounds[:, 0, 2].min())
+        low = bounds[:, 0, 2] < wheels.level - slack
+        # If much is below the wheels, they aren't on the ground: tracks are around them, or skirts.
+        low = low if low.sum() <= max(2, count // 10) else none
+        # What reaches beyond the wheels doesn't hang between them.
+        first, last = _around(bounds[wheeled])
+        beyond_wheels = ((bounds[:, 0] < first) & (bounds[:, 1] > last))[:, :2].all(axis=1)
+        under = loose & beyond_wheels & (bounds[:, 1, 2] < wheels.level + slack)
+    hidden = np.array([piece.hidden for piece in pieces], bool)
+    regular = loose & [_is_regular(piece, own) for piece, own in zip(pieces, whole.points, strict=True)]
+    apart = far = sheets = beyond = none
+    if count > 1:
+        rest = np.array([_around(np.delete(bounds, i, axis=0)) for i in range(count)])
+        size, extent = np.ptp(bounds, axis=1), np.ptp(rest, axis=1)
+        length = extent.max(axis=1)
+        sheets = loose & (size.min(axis=1) <= FLAT * size.max(axis=1))
+        sheets &= np.maximum(rest[:, 0] - bounds[:, 0], bounds[:, 1] - rest[:, 1]).max(axis=1) > OUT * length
+        beyond = sheets | (loose & ((size > BULKY * extent).sum(axis=1) >= 2))
+        apart = loose & [not _has_near(i, bounds, APART * length[i]) for i in range(count)]
+        small = np.linalg.norm(size, axis=1) < SMALL * np.linalg.norm(extent, axis=1)
+        far = np.array([at and not _has_near(i, bounds, FAR * length[i]) for i, at in enumerate(apart & small)])
     signs = {
         "hidden from the viewport, but rendered": hidden,
         "reaching below the wheels": low,
@@ -81,37 +88,36 @@ def find_strays(
         "not touching the rest": apart,
         "a flat sheet or a bulk that sticks out of the rest": beyond,
     }
-    told = {i for some in signs.values() for i in some}
-    backdrops = [i for i in beyond if _is_backdrop(i, points, meshes[pieces[i].mesh], bounds, told)]
-    out = dict.fromkeys(backdrops, "a sheet that lies under the rest and rises beside it")
-    out |= {
-        i: "named like a stage or a figure, and not touching the vehicle"
-        for i in apart
-        if first_match(pieces[i].name, BESIDE)
-    }
-    out |= {i: "hidden from the viewport, and a regular primitive" for i in regular if i in hidden}
-    out |= {i: "hidden from the viewport, and a sheet that sticks out" for i in sheets if i in hidden}
-    ground = None if wheels is None else wheels.level + BELOW * height
-    under = [i for i in loose if ground is not None and _is_under(bounds[i], bounds[sorted(wheeled)], ground)]
-    out |= dict.fromkeys(under, "under all of the wheels")
-    sure = set(out)
-    out |= {i: "far from the rest" for i in apart if _is_far(i, bounds) and i not in sure}
-    out |= {i: "a regular primitive that reaches below the wheels" for i in regular if i in low and i not in sure}
-    out |= {i: "a sheet that reaches below the wheels and out" for i in sheets if i in low and i not in sure}
-    out = {i: why for i, why in out.items() if i not in wanted}
+    sure_parts = bounds[~np.any(list(signs.values()), axis=0)]
+    backdrops = beyond & [
+        _is_backdrop(own, meshes[p.mesh], sure_parts) for p, own in zip(pieces, whole.points, strict=True)
+    ]
+    named = apart & [first_match(piece.name, BESIDE) is not None for piece in pieces]
+    sure = backdrops | named | (hidden & (regular | sheets)) | under
+    reasons = (
+        (backdrops, "a sheet that lies under the rest and rises beside it"),
+        (named, "named like a stage or a figure, and not touching the vehicle"),
+        (hidden & regular, "hidden from the viewport, and a regular primitive"),
+        (hidden & sheets, "hidden from the viewport, and a sheet that sticks out"),
+        (under, "under all of the wheels"),
+        (far & ~sure, "far from the rest"),
+        (regular & low & ~sure, "a regular primitive that reaches below the wheels"),
+        (sheets & low & ~sure, "a sheet that reaches below the wheels and out"),
+    )
+    out = {i: why for mask, why in reasons for i in np.flatnonzero(mask).tolist() if i not in wanted}
     out_doubts = tuple(
         f"{pieces[i].name!r}: {why}; left out, set keep = {as_key([pieces[i].name])} if it is part of it"
         for i, why in out.items()
-        if i not in sure
+        if not sure[i]
     )
     doubts = []
-    seen = set(out)
-    for what, some in signs.items():
-        if new := [i for i in some if i not in seen]:
-            names = [pieces[i].name for i in new]
+    seen = np.isin(np.arange(count), list(out))
+    for what, mask in signs.items():
+        if (mask & ~seen).any():
+            names = [pieces[i].name for i in np.flatnonzero(mask & ~seen)]
             listed = as_key(names, most=NAMES)
             doubts.append(f"{quoted(names, most=NAMES)}: {what}; set drop = {listed} if that isn't part of it")
-        seen |= set(some)
+        seen |= mask
     return Strays(out, out_doubts, tuple(doubts))
 
 
@@ -124,67 +130,30 @@ def _is_regular(piece: Piece, points: Float[np.ndarray, "v 3"]) -> bool:
     return alike and ((named == ["cube"] and len(points) in (8, 24)) or named in (["sphere"], ["icosphere"]))
 
 
-def _is_sheet_beyond(i: int, bounds: np.ndarray) -> bool:
-    """Whether it's a sheet without thickness that reaches beyond the rest."""
-    size = bounds[i, 1] - bounds[i, 0]
-    if size.min() > FLAT * size.max():
-        return False
-    low, high = _rest(i, bounds)
-    return bool(np.maximum(low - bounds[i, 0], bounds[i, 1] - high).max() > OUT * (high - low).max())
-
-
-def _is_bulk(i: int, bounds: np.ndarray) -> bool:
-    """Whether it's larger than the rest in two directions."""
-    low, high = _rest(i, bounds)
-    return int((bounds[i, 1] - bounds[i, 0] > 1.3 * (high - low)).sum()) >= 2
-
-
-def _is_backdrop(
-    i: int, points: Sequence[Float[np.ndarray, "_ 3"]], mesh: Mesh, bounds: np.ndarray, told: Collection[int]
-) -> bool:
-    """Whether it's a studio backdrop: level below the rest, wider on all sides, with nothing above the rest.
+def _is_backdrop(own: Float[np.ndarray, "v 3"], mesh: Mesh, sure: Float[np.ndarray, "n 2 3"]) -> bool:
+    """Whether it's a studio backdrop: level below the sure parts, wider on all sides, with nothing above them.
 
     A hull under a turret is wider too, but reaches lower than the turret does; a body around its seats has a roof.
     """
-    sure = [k for k in range(len(bounds)) if k not in told]
-    if not sure:
+    if not len(sure):
         return False
-    low, high = _around(bounds[sure])
+    low, high = _around(sure)
+    own_low, own_high = own.min(axis=0), own.max(axis=0)
     slack = UNDERSIDE * (high - low)[2]
-    wider = (bounds[i, 0] < low)[:2].all() and (bounds[i, 1] > high)[:2].all()
-    larger = np.prod((bounds[i, 1] - bounds[i, 0])[:2]) > MUCH_LARGER * np.prod((high - low)[:2])
-    if not (wider and larger and abs(bounds[i, 0, 2] - low[2]) < slack):
+    wider = (own_low < low)[:2].all() and (own_high > high)[:2].all()
+    larger = np.prod((own_high - own_low)[:2]) > MUCH_LARGER * np.prod((high - low)[:2])
+    if not (wider and larger and abs(own_low[2] - low[2]) < slack):
         return False
-    corners = points[i][mesh.faces]
+    corners = own[mesh.faces]
     near = ((corners.min(axis=1) < high) & (corners.max(axis=1) > low))[:, :2].all(axis=1)
     return bool(near.any() and (corners[near][..., 2] < low[2] + slack).all())
-
-
-def _is_under(own: Float[np.ndarray, "2 3"], wheels: Float[np.ndarray, "n 2 3"], ground: float) -> bool:
-    """Whether it's below all wheels and reaches beyond them, so it doesn't hang between them."""
-    low, high = _around(wheels)
-    return bool(own[1, 2] < ground and ((own[0] < low) & (own[1] > high))[:2].all())
-
-
-def _is_far(i: int, bounds: np.ndarray) -> bool:
-    """Whether it's much smaller than the rest and farther away than a slightly displaced part."""
-    low, high = _rest(i, bounds)
-    small = np.linalg.norm(bounds[i, 1] - bounds[i, 0]) < SMALL * np.linalg.norm(high - low)
-    return bool(small and not _near(i, bounds, FAR))
 
 
 def _around(bounds: Float[np.ndarray, "n 2 3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
     return bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
 
 
-def _rest(i: int, bounds: np.ndarray) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """The box around all others."""
-    return _around(np.delete(bounds, i, axis=0))
-
-
-def _near(i: int, bounds: np.ndarray, share: float) -> bool:
-    """Whether another box is closer than a share of the rest's length."""
-    low, high = _rest(i, bounds)
-    slack = share * float((high - low).max())
+def _has_near(i: int, bounds: Float[np.ndarray, "n 2 3"], slack: float) -> bool:
+    """Whether another box is closer than `slack`."""
     near = (bounds[:, 0] < bounds[i, 1] + slack) & (bounds[:, 1] > bounds[i, 0] - slack)
     return bool(near.all(axis=1).sum() > 1)
