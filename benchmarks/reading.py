@@ -25,7 +25,7 @@ from hulldown.reading.build import build_vehicle
 from hulldown.reading.doubts import vehicle_doubts
 from hulldown.reading.kinds import refuse_wrong_kind
 from hulldown.reading.options import Options
-from hulldown.reading.report import ObjectRow
+from hulldown.reading.report import FileReport, ObjectRow, xyz
 from hulldown.reading.vehicle.stance import stand_upright
 
 ROOT = Path(__file__).parents[1]
@@ -117,12 +117,11 @@ def _judged(opened: Any, drawn: Any) -> tuple[Any, list[str], list[str]]:
     built = build_vehicle("it", drawn.meshes, upright, drawn.markers, options=options)
     names = built.shape.part_names
     uses = [names[part] if part >= 0 else "dropped" for part in built.piece_part]
-    rows = [
+    rows = (
         ObjectRow(p.name, "", u, r.why, 1, p.faces) for p, u, r in zip(drawn.pieces, uses, built.roles, strict=True)
-    ]
-    length, width, height = built.shape.size_xyz.tolist()
-    sizes = vehicle_doubts((length, width, height), rows, (), materials=(), unit=opened.unit, options=options)
-    return built.shape, uses, [*built.doubts, *sizes, *opened.doubts]
+    )
+    report = FileReport("vehicle", "", xyz(built.shape.size_xyz), 0, opened.unit, upright.up.axis, rows=tuple(rows))
+    return built.shape, uses, [*built.doubts, *vehicle_doubts(report, options), *opened.doubts]
 
 
 def _compared(truth: Truth, drawn: Any, uses: list[str]) -> dict[str, str]:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 
 from hulldown.reading.options import Options
-from hulldown.reading.report import Missing, ObjectRow
+from hulldown.reading.report import FileReport, Missing, ObjectRow
 from hulldown.reading.roles import Piece, PieceRole
 from hulldown.reading.scenery.scenery_roles import is_water_name
 from hulldown.reading.scenery.shape import LEVEL, PUDDLE, canopies, enclosing, sheets_between
@@ -26,22 +26,13 @@ USUAL_LENGTH = 7.0
 USUAL_UNITS = (1.0, 0.01, 0.001, 0.0254, 0.3048, 100.0, 10.0, 0.1)
 
 
-def vehicle_doubts(
-    size: tuple[float, float, float],
-    rows: Sequence[ObjectRow],
-    missing: Sequence[Missing],
-    *,
-    materials: Sequence[MaterialRow],
-    unit: float,
-    options: Options,
-    pictures: Sequence[str] = (),
-) -> tuple[str, ...]:
+def vehicle_doubts(report: FileReport, options: Options, *, pictures: Sequence[str] = ()) -> tuple[str, ...]:
     """Doubts about a vehicle's size, look, dropped pieces, and unused `pictures` next to its file."""
     doubts = []
-    length, width, height = size
-    longest = max(size)
+    length, width, height = report.size
+    longest, rows, materials = max(report.size), report.rows, report.materials
     if not SHORTEST_VEHICLE <= longest <= LONGEST_VEHICLE:
-        hint = likely_scale(longest, unit)
+        hint = likely_scale(longest, report.unit)
         doubts.append(f"the vehicle is {length_said(longest)} long; set scale{hint} if that is wrong")
     if width > 1.2 * length and height <= width:
         across, along = length_said(width), length_said(length)
@@ -70,7 +61,7 @@ def vehicle_doubts(
             f"nearly all of it is white or light gray ({those}), as if without its textures{beside}; put them on its "
             "materials in Blender, or set paint"
         )
-    return (*doubts, *_missing(missing))
+    return (*doubts, *_missing(report.missing))
 
 
 def _volume(row: ObjectRow) -> float:
@@ -87,15 +78,12 @@ def _pale(row: MaterialRow) -> bool:
 
 
 def scenery_doubts(
-    size: tuple[float, float, float],
+    report: FileReport,
     pieces: Sequence[Piece],
     roles: Sequence[PieceRole],
-    missing: Sequence[Missing],
+    options: Options,
     *,
     wet: Sequence[str] = (),
-    unit: float,
-    up: str = "z",
-    options: Options,
 ) -> tuple[str, ...]:
     """Doubts about a scenery, missing ground first. Ground named in `wet` is partly water."""
     doubts = []
@@ -133,16 +121,19 @@ def scenery_doubts(
             f"{around.name!r} is around everything else and hides the HDRI; if it is a sky, set "
             f"drop = {as_key([around.name])}"
         )
-    across, height = max(size[:2]), size[2]
+    *sides, height = report.size
+    across = max(sides)
     if not SMALLEST_SCENERY <= across <= LARGEST_SCENERY:
-        doubts.append(f"the scenery is {length_said(across)} across; set scale if that is wrong (1 unit is {unit:g} m)")
-    other = "z" if up == "y" else "y"
+        doubts.append(
+            f"the scenery is {length_said(across)} across; set scale if that is wrong (1 unit is {report.unit:g} m)"
+        )
+    other = "z" if report.up == "y" else "y"
     if height > across and options.up is None:
         doubts.append(f'it is {height:.0f} m high and {across:.0f} m across; set up = "{other}" if it lies on its side')
-    elif min(size[:2]) < EDGE * min(across, height) and options.up is None:
-        seen = " x ".join(map(length_said, size[:2]))
+    elif min(sides) < EDGE * min(across, height) and options.up is None:
+        seen = " x ".join(map(length_said, sides))
         doubts.append(f'it stands on its edge: {seen} seen from above, {length_said(height)} high; set up = "{other}"')
-    return (*doubts, *_missing(missing))
+    return (*doubts, *_missing(report.missing))
 
 
 def _perhaps_water(used: Sequence[tuple[Piece, PieceRole]], wet: Sequence[str]) -> list[str]:

@@ -8,6 +8,7 @@ from hulldown.geometry.errors import AssetError
 from hulldown.reading.doubts import vehicle_doubts
 from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
 from hulldown.reading.options import Options
+from hulldown.reading.report import FileReport
 from hulldown.reading.roles import Link, Piece, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
 from hulldown.reading.vehicle.parts import Parts, find_parts
@@ -170,7 +171,7 @@ def test_a_tank_in_centimeters_is_not_a_scenery() -> None:
     tank = [piece("Hull", size=(600, 300, 100), at=(0, 0, 100)), piece("Track_L", size=(600, 60, 90), at=(0, 150, 45))]
     assert scenery_uses(*tank) == ["obstacle", "ground"]
     assert refuse_wrong_kind("vehicle", tank, Options()) == ""
-    (doubt,) = vehicle_doubts((600.0, 360.0, 150.0), (), (), materials=(), unit=1.0, options=Options())
+    (doubt,) = vehicle_doubts(FileReport("vehicle", "", (600.0, 360.0, 150.0), 0, 1.0, "z"), Options())
     assert doubt == "the vehicle is 600 m long; set scale = 0.01 (now 1) if that is wrong"
     with pytest.raises(AssetError, match=r"it contains ground \('Track_L'\)"):
         refuse_wrong_kind("vehicle", [piece("Slope", size=(600, 300, 100)), tank[1]], Options())

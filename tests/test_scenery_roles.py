@@ -9,6 +9,7 @@ from hulldown.reading.doubts import scenery_doubts
 from hulldown.reading.evaluated import Evaluated
 from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
 from hulldown.reading.options import Options
+from hulldown.reading.report import FileReport
 from hulldown.reading.roles import Piece
 from hulldown.reading.scenery.scenery_roles import VOLUME, matching, scenery_roles, unmatched
 from hulldown.tests.test_roles import link, piece
@@ -19,7 +20,8 @@ HOUSES = [piece(f"House.{i:03}", size=(9, 9, 6), at=(20 * i - 60, 30, 3), level=
 
 
 def doubts_about(*pieces: Piece, size: tuple = (200.0, 200.0, 30.0)) -> tuple[str, ...]:
-    return scenery_doubts(size, pieces, scenery_roles(pieces, Options()), (), unit=1.0, options=Options())
+    report = FileReport("scenery", "", size, 0, 1.0, "z")
+    return scenery_doubts(report, pieces, scenery_roles(pieces, Options()), Options())
 
 
 def lake(name: str, *, size: tuple = (60, 40, 0), level: float = 1.0, **more: object) -> Piece:

@@ -20,7 +20,7 @@ from hulldown.planning.write import write_plan
 from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
 from hulldown.reading.export import ask_reader, exported_by, job_for
 from hulldown.reading.options import Options
-from hulldown.reading.report import ObjectRow
+from hulldown.reading.report import FileReport, ObjectRow
 from hulldown.reading.roles import PieceRole
 from hulldown.reading.skies.backdrop import shows_land
 from hulldown.reading.skies.hdri import read_hdris
@@ -359,13 +359,15 @@ def test_a_vehicle_of_odd_size_or_without_textures_is_refused_unless_allowed(tmp
 
 def test_dropping_the_hull_is_a_doubt_and_many_pieces_get_a_pattern():
     base = ObjectRow("base", "MESH", "dropped", "the config drops it", 1, 12, (6.0, 3.0, 1.0))
-    rows = [base, ObjectRow("turret", "MESH", "hull", "", 1, 500, (2.0, 1.0, 1.0))]
-    doubts = vehicle_doubts((2.0, 1.0, 1.0), rows, (), materials=(), unit=1.0, options=Options(drop=("base",)))
+    rows = base, ObjectRow("turret", "MESH", "hull", "", 1, 500, (2.0, 1.0, 1.0))
+    report = FileReport("vehicle", "", (2.0, 1.0, 1.0), 512, 1.0, "z", rows=rows)
+    doubts = vehicle_doubts(report, Options(drop=("base",)))
     assert any("drops 'base', the largest piece" in doubt for doubt in doubts)
     tiles = [piece(f"TERR{i:04d}", size=(100, 100, 3), at=(100 * i, 0, 0), level=0.9) for i in range(40)]
     posts = [piece(f"POST{i}", size=(1, 1, 9), at=(50 * i, 0, 5)) for i in range(9)]
     roles = [PieceRole("obstacle", "by default")] * 49
-    doubts = scenery_doubts((4000.0, 100.0, 9.0), [*tiles, *posts], roles, (), unit=1.0, options=Options())
+    report = FileReport("scenery", "", (4000.0, 100.0, 9.0), 0, 1.0, "z")
+    doubts = scenery_doubts(report, [*tiles, *posts], roles, Options())
     assert 'ground = ["TERR*"]' in doubts[0]
 
 

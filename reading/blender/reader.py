@@ -107,23 +107,21 @@ def _write_vehicle(job: Job, keeper: Keeper, drawn: Evaluated, upright: Upright,
         unpainted=unpainted,
     )
     uses = [shape.part_names[part] if part >= 0 else "dropped" for part in vehicle.piece_part]
-    size, rows, missing = xyz(shape.size_xyz), _rows(drawn, uses, vehicle.roles), _missing(drawn, uses)
-    near = pictures_near(Path(job.path).resolve()) if is_pale(materials) else []
-    more = vehicle_doubts(size, rows, missing, materials=materials, unit=unit, options=job.options, pictures=near)
-    return FileReport(
+    report = FileReport(
         kind="vehicle",
         path=job.path,
-        size=size,
+        size=xyz(shape.size_xyz),
         triangles=len(shape.mesh.faces),
         unit=unit,
         up=upright.up.axis,
-        rows=rows,
+        rows=_rows(drawn, uses, vehicle.roles),
         parts=vehicle.parts,
-        missing=missing,
-        doubts=(*vehicle.doubts, *more),
+        missing=_missing(drawn, uses),
         axes=vehicle.axes,
         materials=materials,
     )
+    near = pictures_near(Path(job.path).resolve()) if is_pale(materials) else []
+    return replace(report, doubts=(*vehicle.doubts, *vehicle_doubts(report, job.options, pictures=near)))
 
 
 def _write_scenery(job: Job, keeper: Keeper, drawn: Evaluated, *, unit: float, up: str, crs: str) -> FileReport:
@@ -137,19 +135,18 @@ def _write_scenery(job: Job, keeper: Keeper, drawn: Evaluated, *, unit: float, u
     write_scenery(job.file("tidy.blend"), keeper, drawn.pieces, uses, scenery.scenery_from_file)
     solid = [(p, use) for p, use in zip(drawn.pieces, uses, strict=True) if use in ("ground", "water", "obstacle")]
     extent = [p.bounds for p, use in solid if use == "ground"] or [p.bounds for p, _ in solid]
-    size, missing = xyz(np.max(extent, axis=0)[1] - np.min(extent, axis=0)[0]), _missing(drawn, uses)
-    return FileReport(
+    report = FileReport(
         kind="scenery",
         path=job.path,
-        size=size,
+        size=xyz(np.max(extent, axis=0)[1] - np.min(extent, axis=0)[0]),
         triangles=sum(piece.faces for piece, _ in solid),
         unit=unit,
         up=up,
         origin=xyz(scenery.origin),
         rows=_rows(drawn, uses, roles),
-        missing=missing,
-        doubts=scenery_doubts(size, drawn.pieces, roles, missing, wet=wet, unit=unit, up=up, options=job.options),
+        missing=_missing(drawn, uses),
     )
+    return replace(report, doubts=scenery_doubts(report, drawn.pieces, roles, job.options, wet=wet))
 
 
 def _refuse_nothing(drawn: Evaluated, kind: str | None) -> None:
