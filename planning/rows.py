@@ -23,7 +23,7 @@ from hulldown.planning.search.instances import Instances
 from hulldown.planning.search.positions import Planned
 from hulldown.planning.search.stage import Site
 from hulldown.planning.search.views import Views
-from hulldown.reading.scenery.geotiff import longitude_latitude
+from hulldown.reading.scenery.geotiff import on_map
 
 LONGEST_CUT = 0.8  # default share of a labeled box that the frame may cut off, unless targets may lose more
 
@@ -209,7 +209,7 @@ def geo_in_rows(world_from_vehicle: Float[np.ndarray, "n 4 4"], site: Site) -> l
     if not site.crs:
         return [None] * len(world_from_vehicle)
     meters = np.round(world_from_vehicle[:, :2, 3] + site.origin[:2], 6)
-    degrees = np.round(longitude_latitude(site.crs, meters), 9)
+    degrees = np.round(on_map(meters, site.crs, "EPSG:4326"), 9)
     placed = np.isfinite(degrees).all(axis=1).tolist()
     keys = OnMap.__struct_fields__[1:]
     rows = np.concatenate([meters, degrees], axis=1).tolist()

@@ -11,7 +11,6 @@ from rasterio.vrt import WarpedVRT
 
 from hulldown.assets.bundle import load_scenery
 from hulldown.geometry.errors import AssetError, ConfigError
-from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.config.schema import Config
@@ -19,7 +18,7 @@ from hulldown.reading.export import export
 from hulldown.reading.formats import format_of
 from hulldown.reading.options import Options
 from hulldown.reading.scenery.buildings import USUAL, read_buildings
-from hulldown.reading.scenery.geotiff import longitude_latitude, read_elevations, read_orthophoto
+from hulldown.reading.scenery.geotiff import on_map, read_elevations, read_orthophoto
 
 UTM = "EPSG:32632"
 CORNER = 447000.0, 5412000.0
@@ -78,20 +77,16 @@ def test_heights_equal_those_of_rasterio(tmp_path, kind, holes, layout):
         x, y = (np.array(side) for side in rasterio.transform.xy(raster.transform, row.ravel(), column.ravel()))
         wanted = raster.read(1).ravel().astype(np.float64) * 0.25 - 10.0
         known = raster.read_masks(1).ravel() > 0
-    tops = Terrain(_mesh(read)).top_hits(np.stack([x, y], 1) - read.anchor[:2])
+    tops = Terrain(read.mesh).top_hits(np.stack([x, y], 1) - read.anchor[:2])
     assert np.array_equal(tops.hit, known)
     assert np.abs(tops.z + read.anchor[2] - wanted)[known].max() < 1e-9
     assert (_normals(read)[:, 2] > 0).all()
     # Two triangles at the hole's corners remain.
-    assert len(read.faces) == 2 * 39 * 49 - (2 * 5 * 4 - 2 if holes else 0)
-
-
-def _mesh(read):
-    return Mesh(read.vertices, read.faces)
+    assert len(read.mesh.faces) == 2 * 39 * 49 - (2 * 5 * 4 - 2 if holes else 0)
 
 
 def _normals(read):
-    return _mesh(read).normals(np.arange(len(read.faces)))
+    return read.mesh.normals(np.arange(len(read.mesh.faces)))
 
 
 @pytest.mark.parametrize(
@@ -106,7 +101,7 @@ def test_turned_and_flipped_rasters(tmp_path, transform, upright):
     path = write(tmp_path / "dem.tif", heights(), transform=transform)
     read = elevations(path)
     middle = np.array(rasterio.transform.xy(transform, 17, 31))
-    top = Terrain(_mesh(read)).top_hits((middle - read.anchor[:2])[None])
+    top = Terrain(read.mesh).top_hits((middle - read.anchor[:2])[None])
     assert top.z[0] + read.anchor[2] == pytest.approx(heights()[17, 31], abs=1e-6), upright
     assert (_normals(read)[:, 2] > 0).all()
 
@@ -122,11 +117,11 @@ def test_geographic_and_stretched_grids_are_projected_to_utm(tmp_path):
         path = write(tmp_path / "dem.tif", heights(), crs=crs, transform=transform)
         read = elevations(path)
         assert read.crs.startswith(("EPSG:326", "EPSG:327"))
-        points = read.vertices + read.anchor
+        points = read.mesh.vertices + read.anchor
         wanted = Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform(
             *(np.array(side) for side in rasterio.transform.xy(transform, [0, 39], [0, 49]))
         )
-        found = longitude_latitude(read.crs, points[[0, -1], :2]).T
+        found = on_map(points[[0, -1], :2], read.crs, "EPSG:4326").T
         assert np.abs((found - wanted + 180) % 360 - 180).max() < 1e-8
         assert points[-1, 2] == heights()[-1, -1]
 
@@ -135,21 +130,21 @@ def test_geographic_and_stretched_grids_are_projected_to_utm(tmp_path):
 def test_heights_are_converted_to_meters(tmp_path, unit, meters):
     path = write(tmp_path / "dem.tif", heights(), unit=unit)
     read = elevations(path)
-    assert read.vertices[0, 2] + read.anchor[2] == pytest.approx(heights()[0, 0] * meters, abs=1e-9)
+    assert read.mesh.vertices[0, 2] + read.anchor[2] == pytest.approx(heights()[0, 0] * meters, abs=1e-9)
     read = elevations(path, scale=2.0)
-    assert read.vertices[0, 2] + read.anchor[2] == 2.0 * heights()[0, 0]
+    assert read.mesh.vertices[0, 2] + read.anchor[2] == 2.0 * heights()[0, 0]
 
 
 def test_the_unit_of_heights_can_come_from_their_datum(tmp_path):
     read = elevations(write(tmp_path / "dem.tif", heights(), crs="EPSG:32612+6360"))  # NAVD88 height (ftUS)
-    assert read.vertices[0, 2] + read.anchor[2] == pytest.approx(heights()[0, 0] * 1200 / 3937, abs=1e-9)
+    assert read.mesh.vertices[0, 2] + read.anchor[2] == pytest.approx(heights()[0, 0] * 1200 / 3937, abs=1e-9)
 
 
 def test_an_area_selects_cells_by_their_centers(tmp_path):
     path = write(tmp_path / "dem.tif", heights())
     west, north = CORNER
     read = elevations(path, area=(west + 10, north - 40, west + 31, north - 20))
-    points = read.vertices + read.anchor
+    points = read.mesh.vertices + read.anchor
     assert points[:, :2].min(axis=0).tolist() == [west + 11, north - 39]
     assert points[:, :2].max(axis=0).tolist() == [west + 31, north - 21]
     assert np.array_equal(points[:, 2], heights()[10:20, 5:16].ravel())

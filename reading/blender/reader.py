@@ -71,7 +71,7 @@ def read(job: Job) -> dict[str, Any]:
     )
     if opened.terrain:
         (ground,) = (piece.mesh for piece in drawn.pieces if piece.name == NAME)
-        drawn.meshes[ground] = drawn.meshes[ground].at(opened.terrain.vertices)  # Blender has float32
+        drawn.meshes[ground] = drawn.meshes[ground].at(opened.terrain.mesh.vertices)  # Blender has float32
     _refuse_nothing(drawn, job.kind)
     if not drawn.dressed:
         drawn.doubts.append(BARE)

@@ -14,7 +14,6 @@ from jaxtyping import Float, UInt8
 from PIL import Image
 
 from hulldown.geometry.errors import AssetError
-from hulldown.geometry.meshes import Mesh
 from hulldown.placement.terrain import Terrain
 from hulldown.reading.blender.add_nodes import add_node, maths
 from hulldown.reading.confinement.landlock import asset_folders, is_inside
@@ -40,7 +39,7 @@ def open_terrain(path: Path, options: Options) -> tuple[Elevations, list[str]]:
     """
     terrain = read_elevations(path, area=options.area, scale=options.scale)
     mesh = bpy.data.meshes.new(NAME)
-    vertices, faces = terrain.vertices, terrain.faces
+    vertices, faces = terrain.mesh.vertices, terrain.mesh.faces
     mesh.vertices.add(len(vertices))
     mesh.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
     mesh.loops.add(faces.size)
@@ -88,7 +87,7 @@ def _add_buildings(buildings: Sequence[Building], terrain: Elevations) -> int:
 
     A height counts from the mean of the ground along the outline.
     """
-    ground = Terrain(Mesh(terrain.vertices, terrain.faces))
+    ground = Terrain(terrain.mesh)
     material = bpy.data.materials.new("building")
     shader = material.node_tree.nodes["Principled BSDF"]
     shader.inputs["Base Color"].default_value, shader.inputs["Roughness"].default_value = WALL, 0.9

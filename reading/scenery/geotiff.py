@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, UInt8
 
 from hulldown.geometry.errors import AssetError, HulldownError
+from hulldown.geometry.meshes import Mesh
 
 MOST_CELLS = 9_000_000  # reading takes about 0.7 KB of memory for each; docs/terrain.md
 LARGEST_PICTURE = 8192  # pixels of the longer side
@@ -30,20 +31,17 @@ class Elevations:
 
     Parameters
     ----------
-    vertices
-        (v, 3) float64, meters, x east, y north, relative to `anchor`.
-    faces
-        (f, 3) counterclockwise seen from above.
+    mesh
+        In meters, x east, y north, relative to `anchor`; counterclockwise seen from above.
     anchor
         (3,) whole kilometers.
     crs
-        Coordinate reference system of `anchor` and `vertices`: "EPSG:32632", or WKT; "" if unknown.
+        Coordinate reference system of `anchor` and `mesh`: "EPSG:32632", or WKT; "" if unknown.
     doubts
         Sentences for the user.
     """
 
-    vertices: Float[np.ndarray, "v 3"]
-    faces: Int[np.ndarray, "f 3"]
+    mesh: Mesh
     anchor: Float[np.ndarray, "3"]
     crs: str
     doubts: tuple[str, ...]
@@ -97,7 +95,7 @@ def read_elevations(path: Path, *, area: Sequence[float] | None, scale: float | 
         raise AssetError("has no elevations here, only nodata", path=path, remedy="give another `area`")
     vertices = np.stack([x[known], y[known], z[known]], axis=1)
     anchor = np.round((vertices.min(axis=0) + vertices.max(axis=0)) / 2 / KILOMETER) * KILOMETER + 0.0
-    return Elevations(vertices - anchor, faces[:, ::-1] if south_up else faces, anchor, crs, tuple(doubts))
+    return Elevations(Mesh(vertices - anchor, faces[:, ::-1] if south_up else faces), anchor, crs, tuple(doubts))
 
 
 def read_orthophoto(
@@ -150,17 +148,6 @@ def read_orthophoto(
         shown = np.clip((shown.astype(np.float64) - dark) / max(light - dark, 1e-9) * 255, 0, 255).astype(np.uint8)
     shown[3] = mask
     return np.moveaxis(shown, 0, -1)
-
-
-def longitude_latitude(crs: str, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-    """Degrees of longitude and latitude (WGS 84) of eastings and northings.
-
-    Raises
-    ------
-    HulldownError
-        If pyproj isn't installed.
-    """
-    return on_map(points, crs, "EPSG:4326")
 
 
 def on_map(points: Float[np.ndarray, "n 2"], crs: str, other: str) -> Float[np.ndarray, "n 2"]:
@@ -230,7 +217,7 @@ def _in_meters(
     if not wkt:
         doubts.append("has no coordinate reference system; its coordinates are taken for meters")
         return x, y, ""
-    crs = _horizontal(wkt)
+    crs = pyproj.CRS.from_wkt(wkt).to_2d()
     try:
         to_degrees = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
     except pyproj.exceptions.ProjError:
@@ -244,7 +231,8 @@ def _in_meters(
     if crs.is_projected and all(axis.unit_conversion_factor == 1.0 for axis in crs.axis_info):
         factors = pyproj.Proj(crs).get_factors(longitude, latitude)
         if abs(factors.areal_scale - 1.0) < STRETCHED:
-            return x, y, _text(crs)
+            authority = crs.to_authority()
+            return x, y, ":".join(authority) if authority else str(crs.to_wkt())
     spot = AreaOfInterest(longitude, latitude, longitude, latitude)
     zones = query_utm_crs_info(datum_name="WGS 84", area_of_interest=spot)
     if not zones:
@@ -252,20 +240,6 @@ def _in_meters(
     utm = f"EPSG:{zones[0].code}"
     x, y = pyproj.Transformer.from_crs(crs, utm, always_xy=True).transform(x, y)
     return x, y, utm
-
-
-def _horizontal(wkt: str) -> Any:
-    """A coordinate reference system without its heights."""
-    import pyproj
-
-    crs = pyproj.CRS.from_wkt(wkt)
-    return crs.sub_crs_list[0] if crs.is_compound else crs.to_2d()
-
-
-def _text(crs: Any) -> str:
-    """The shortest unambiguous name of a coordinate reference system."""
-    authority = crs.to_authority()
-    return ":".join(authority) if authority else str(crs.to_wkt())
 
 
 def _meters(unit: str | None, wkt: str, path: Path) -> float:
