@@ -19,6 +19,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import msgspec
 from filelock import FileLock
 
 from hulldown.assets.bundle import FORMAT
@@ -94,7 +95,7 @@ def _export_into(entry: Path, path: Path, kind: str, options: Options, limits: R
         exported = export(path, folder, kind=kind, options=options, limits=limits)
         note = {
             "path": str(path.resolve()),
-            "report": exported.report.to_json(),
+            "report": asdict(exported.report),
             "files": {file: _print_of(Path(file), path) for file in exported.files},
         }
         seal(folder, entry, note)
@@ -105,7 +106,7 @@ def _entry(entry: Path, path: Path) -> Exported | None:
     note = unseal(entry)
     if note is None:
         return None
-    report = FileReport.from_json({**note["report"], "path": str(path)})
+    report = msgspec.convert({**note["report"], "path": str(path)}, FileReport)
     files: Mapping[str, Any] = note["files"]
     # Relative paths of textures change their meaning in another folder.
     if (files or report.missing) and note["path"] != str(path.resolve()):

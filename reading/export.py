@@ -12,6 +12,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
 
+import msgspec
+
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.confinement.landlock import asset_folders, confined
 from hulldown.reading.confinement.references import refuse_odd_references
@@ -131,7 +133,7 @@ def exported_by(job: Job) -> Exported:
         If it failed.
     """
     answer = _answer(job)
-    report = FileReport.from_json(answer["report"])
+    report = msgspec.convert(answer["report"], FileReport)
     return Exported(report, job.file("bundle.npz"), job.file("tidy.blend"), tuple(answer["files"]))
 
 

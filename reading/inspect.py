@@ -17,13 +17,14 @@ from hulldown.annotate.sheets import save_sheet
 from hulldown.assets.bundle import load_scenery, load_vehicle
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
+from hulldown.camera.response import ALBEDO, metered
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import Kind, World, WorldHits
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.export import export
-from hulldown.reading.report import FileReport, refuse_missing
-from hulldown.reading.skies.sky_report import SkyReport
+from hulldown.reading.report import FileReport, SkyReport, refuse_missing
+from hulldown.reading.skies.hdri import read_hdris
 
 Report = TypeVar("Report", FileReport, SkyReport)
 # Colors that color-blind people tell apart: Okabe, Ito, Color universal design, 2008.
@@ -101,6 +102,25 @@ def inspect(
             load = load_vehicle if exported.report.kind == "vehicle" else load_scenery
             picture = draw(load(exported.bundle))
         return Inspected(Path(path).stem, exported.report, picture)
+
+
+def inspect_sky(
+    path: Path, *, progress: Callable[[str], None] | None = None, limits: ReadLimits = DEFAULT_LIMITS
+) -> Inspected[SkyReport]:
+    """Inspect an HDRI, read without the cache; see `inspect`.
+
+    Raises
+    ------
+    AssetError
+        If it's unusable.
+    """
+    with tempfile.TemporaryDirectory(prefix="hulldown-") as cache:
+        (hdri,) = read_hdris([path], Path(cache), limits=limits, progress=progress)
+    light = hdri.light
+    ev = float(metered(np.array([light.irradiance]) * (ALBEDO / np.pi))[0])
+    doubts = (*hdri.misfits, *hdri.doubts)
+    report = SkyReport(str(path), light.irradiance, round(ev, 4), light.horizon_deg, hdri.notes, doubts)
+    return Inspected(path.stem, report)
 
 
 def pages(path: Path, assets: int) -> list[Path]:

@@ -1,13 +1,12 @@
-"""The report about an asset file, as data that prints as a table or JSON."""
+"""The report about an asset file or an HDRI, as data that prints as a table or JSON."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any, Literal
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
-import msgspec
 import numpy as np
 from jaxtyping import Float
 from rich.markup import escape
@@ -200,14 +199,52 @@ class FileReport:
         # Names may break lines.
         return [line.replace("\n", "\\n") for line in (*lines, *(f"doubt: {doubt}" for doubt in self.doubts))]
 
-    def to_json(self) -> dict[str, Any]:
-        """The report as JSON values."""
-        return asdict(self)
 
-    @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> FileReport:
-        """The report that `to_json` gave."""
-        return msgspec.convert(data, cls)
+@dataclass(frozen=True, slots=True)
+class SkyReport:
+    """The report about an HDRI.
+
+    Parameters
+    ----------
+    path
+        The file.
+    irradiance
+        Of level ground, linear Rec. 709.
+    exposure_ev
+        Exposure at which a gray card on open land is mid-gray, at a strength of 1.
+    horizon_deg
+        Elevation up to which it shows something other than sky.
+    notes
+        Repairs, a sentence each.
+    doubts
+        Sentences about why it doesn't fit open land or has odd light, and what to do.
+    kind
+        "hdri", beside those of `FileReport`.
+    """
+
+    path: str
+    irradiance: tuple[float, float, float]
+    exposure_ev: float
+    horizon_deg: float
+    notes: tuple[str, ...]
+    doubts: tuple[str, ...]
+    kind: str = "hdri"
+
+    def table(self) -> Table:
+        """Its figures, for a terminal."""
+        table = Table(title=escape(f"{self.path}: HDRI"), title_justify="left", show_header=False)
+        red, green, blue = self.irradiance
+        for what, value in (
+            ("irradiance of level ground", f"{red:.4g}, {green:.4g}, {blue:.4g}"),
+            ("exposure for a gray card", f"{self.exposure_ev:+.2f} EV"),
+            ("only sky is seen above", f"{self.horizon_deg:.1f} degrees"),
+        ):
+            table.add_row(what, value)
+        return table
+
+    def lines(self) -> list[str]:
+        """Lines below the table."""
+        return [*self.notes, *(f"doubt: {doubt}" for doubt in self.doubts)]
 
 
 def _materials(rows: Sequence[MaterialRow]) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -88,7 +89,7 @@ def _inspect(arguments: argparse.Namespace) -> int:
     if output and drawn:
         say(f"wrote {', '.join(map(str, write_pictures(inspected, output)))}")
     if arguments.json:
-        print_json([one.report.to_json() for one in inspected])
+        print_json([asdict(one.report) for one in inspected])
     return DONE
 
 

@@ -20,7 +20,6 @@ from hulldown.reading.formats import HDRI_SUFFIXES, SUFFIXES
 from hulldown.reading.inspect import inspect
 from hulldown.reading.report import FileReport
 from hulldown.reading.skies.hdri import read_hdris
-from hulldown.reading.skies.sky_report import REMEDY
 
 # Folder names that tell the kind of the files in them; in other folders, the contents decide.
 KINDS = {
@@ -124,8 +123,8 @@ def read_found(
 def _hdri(folder: Path, path: Path, limits: ReadLimits) -> FoundFile:
     with tempfile.TemporaryDirectory(prefix="hulldown-") as cache:
         sky = read_hdris([folder / path], Path(cache), limits=limits)[0]
-    if sky.light.misfits:
-        return FoundFile(path, "", (f"shows no open land: {sky.light.misfits[0]}; {REMEDY}",))
+    if sky.misfits:
+        return FoundFile(path, "", (f"shows no open land: {sky.misfits[0]}",))
     if sky.doubts:
         return FoundFile(path, "", sky.doubts)
     return FoundFile(path, "hdri", sky.notes)

@@ -12,9 +12,8 @@ from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_library
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.formats import HDRI_SUFFIXES
-from hulldown.reading.inspect import Inspected, draw, inspect
-from hulldown.reading.report import FileReport
-from hulldown.reading.skies.sky_report import SkyReport, inspect_sky
+from hulldown.reading.inspect import Inspected, draw, inspect, inspect_sky
+from hulldown.reading.report import FileReport, SkyReport
 
 
 def drawn_assets(path: Path) -> int:
@@ -69,9 +68,7 @@ def inspect_file(
         listed += [(file.report, library.assets.sceneries[name]) for name, file in library.sceneries.items()]
         return [Inspected(asset.name, report, draw(asset) if pictures else None) for report, asset in listed]
     if _is_hdri(path):
-        if progress:
-            progress(str(path))
-        return [Inspected(path.stem, inspect_sky(path, limits=limits))]
+        return [inspect_sky(path, progress=progress, limits=limits)]
     return [inspect(path, kind=kind, strict=strict, pictures=pictures, progress=progress, limits=limits)]
 
 

@@ -29,7 +29,6 @@ from hulldown.reading.formats import HDRI_SUFFIXES
 from hulldown.reading.options import Options
 from hulldown.reading.report import FileReport, refuse_missing
 from hulldown.reading.skies.hdri import Hdri, read_hdris, refuse_no_hdri
-from hulldown.reading.skies.sky_report import REMEDY
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART
 
 USUAL_LENGTHS = {  # meters, up to the longest with gun or trailer
@@ -64,8 +63,7 @@ class Library:
         files = self.assets.hdri_files
         doubts = [(e.report.path, e.report.doubts) for e in (*self.models.values(), *self.sceneries.values())]
         for name, hdri in self.hdris.items():
-            misfits = [f"{misfit}; {REMEDY}" for misfit in hdri.light.misfits[:backdrop]]
-            doubts.append((files[name].path, (*hdri.notes, *hdri.doubts, *misfits)))
+            doubts.append((files[name].path, (*hdri.notes, *hdri.doubts, *hdri.misfits[:backdrop])))
         return {path: list(lines) for path, lines in doubts if lines}
 
 

@@ -10,7 +10,7 @@ import json
 import sys
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -88,7 +88,7 @@ def read(job: Job) -> dict[str, Any]:
     else:
         report = _write_scenery(job, keeper, drawn, unit=unit, up=up, crs=opened.terrain.crs if opened.terrain else "")
     doubts = (*([odd] if odd else []), *report.doubts, *opened.doubts, *drawn.doubts)
-    return {"report": replace(report, doubts=doubts, written_by=opened.written_by).to_json(), "files": files}
+    return {"report": asdict(replace(report, doubts=doubts, written_by=opened.written_by)), "files": files}
 
 
 def _write_vehicle(job: Job, keeper: Keeper, drawn: Evaluated, upright: Upright, *, unit: float) -> FileReport:

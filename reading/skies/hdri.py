@@ -29,6 +29,7 @@ FEW_PIXELS = 4  # of a small picture
 NEGATIVE = 0.25  # of all light may be negative: of a small sun, resampling leaves up to 0.11 in files that are in use
 MEAN = (1e-4, 1e5)  # of the mean over the sphere: darker is a black picture at any strength, brighter a white one
 TINTED = 0.035  # CIE 1976 u'v': a card in the shade of a clear sky's darkest blue is 0.031 off daylight
+REMEDY = '`light.backdrop` other than "hdri" hides it and keeps its light'
 BATCH = 16  # pictures that one process reads, one after the other
 
 
@@ -58,6 +59,11 @@ class Hdri:
     map_file: Path
     mended_sha256: str = ""
     notes: tuple[str, ...] = ()
+
+    @property
+    def misfits(self) -> tuple[str, ...]:
+        """Sentences for the user about why it doesn't fit open land, with a remedy."""
+        return tuple(f"{misfit}; {REMEDY}" for misfit in self.light.misfits)
 
     @property
     def doubts(self) -> tuple[str, ...]:
