@@ -22,7 +22,7 @@ from hulldown.reading.blender.evaluate import evaluate
 from hulldown.reading.blender.importers import Opened, open_file
 from hulldown.reading.blender.tidy import Keeper
 from hulldown.reading.build import build_vehicle
-from hulldown.reading.evaluated import Evaluated
+from hulldown.reading.roles import Evaluated
 from hulldown.reading.options import TEXTURE_SIZE, Options
 from hulldown.reading.vehicle.stance import meters_from_file, stand_upright
 

@@ -15,10 +15,9 @@ from hulldown.geometry.errors import AssetError
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.geometry.transforms import apply
 from hulldown.placement.footprint import contact_footprint, underside
-from hulldown.reading.evaluated import Evaluated
 from hulldown.reading.options import Options
 from hulldown.reading.report import PartRow, xyz
-from hulldown.reading.roles import Link, Piece, PieceRole, is_wanted, vehicle_roles
+from hulldown.reading.roles import Evaluated, Link, Piece, PieceRole, is_wanted, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import removed_names, unmatched
 from hulldown.reading.scenery.shape import is_wide_and_level, level_share
 from hulldown.reading.vehicle.keypoints import known_points, marked_points

@@ -1,17 +1,20 @@
-"""The pieces of a file, and which belong to the vehicle, by names, bounds, and counts.
+"""What Blender draws of a file, as plain arrays, and which pieces belong to a vehicle, by names, bounds, and counts.
 
 See `reading.scenery.scenery_roles` for sceneries.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from hulldown.assets.naming import FIGURES, HELPERS, PRIMITIVES, STAGES, first_match, words
+from hulldown.geometry.meshes import Mesh
+from hulldown.reading.report import ObjectRow
 
 FLAT = 0.02  # a sheet is thinner than this share of its longer side
 THIN = 0.1  # and so is what may be a stage although it is called "Plane" and nothing else
@@ -113,6 +116,37 @@ class Piece:
     def area(self) -> float:
         """Square meters of its bounds, seen from above."""
         return float(self.size[0] * self.size[1])
+
+
+@dataclass(eq=False, slots=True)
+class Evaluated:
+    """The evaluated contents of a scene.
+
+    Parameters
+    ----------
+    meshes
+        Unique evaluated meshes, each in its own frame and the file's units.
+    wet
+        By mesh index, the faces whose material is named like water, if only some are.
+    pieces
+        Every drawn mesh, where it is drawn; `bounds` after `meters_from_file`.
+    markers
+        Chains of all empties.
+    left
+        Rows of objects without a piece, and how often they're drawn.
+    doubts
+        Sentences about things that are rendered differently than read.
+    dressed
+        Whether anything of it has a material.
+    """
+
+    meshes: list[Mesh] = field(default_factory=list)
+    wet: dict[int, Bool[np.ndarray, " f"]] = field(default_factory=dict)
+    pieces: list[Piece] = field(default_factory=list)
+    markers: list[tuple[Link, ...]] = field(default_factory=list)
+    left: Counter[ObjectRow] = field(default_factory=Counter)
+    doubts: list[str] = field(default_factory=list)
+    dressed: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,9 +10,8 @@ from hulldown.geometry.errors import AssetError
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply, rigid, rotation_z
 from hulldown.reading.build import BuiltVehicle, build_vehicle
-from hulldown.reading.evaluated import Evaluated
 from hulldown.reading.options import Options
-from hulldown.reading.roles import Link, Piece
+from hulldown.reading.roles import Evaluated, Link, Piece
 from hulldown.reading.vehicle.axes import UPS, up_matrix
 from hulldown.reading.vehicle.solids import MOST
 from hulldown.reading.vehicle.stance import meters_from_file, stand_upright

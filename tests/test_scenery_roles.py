@@ -6,11 +6,10 @@ import pytest
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.build import build_scenery
 from hulldown.reading.doubts import scenery_doubts
-from hulldown.reading.evaluated import Evaluated
 from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
 from hulldown.reading.options import Options
 from hulldown.reading.report import FileReport
-from hulldown.reading.roles import Piece
+from hulldown.reading.roles import Evaluated, Piece
 from hulldown.reading.scenery.scenery_roles import VOLUME, matching, scenery_roles, unmatched
 from hulldown.tests.test_roles import link, piece
 from hulldown.tests.test_roles import scenery_uses as uses

@@ -24,9 +24,8 @@ from hulldown.reading.blender.strands import curves_mesh, strand_curves, strand_
 from hulldown.reading.blender.surfaces.cutouts import CutoutReader
 from hulldown.reading.blender.surfaces.shaders import is_clear, is_displaced, is_volume
 from hulldown.reading.blender.tidy import Keeper
-from hulldown.reading.evaluated import Evaluated
 from hulldown.reading.report import ObjectRow
-from hulldown.reading.roles import Link, Piece
+from hulldown.reading.roles import Evaluated, Link, Piece
 from hulldown.reading.scenery.scenery_roles import VOLUME, is_water_name
 from hulldown.reading.scenery.shape import level_share
 

@@ -30,11 +30,10 @@ from hulldown.reading.blender.terrain import NAME
 from hulldown.reading.blender.tidy import Keeper, write_scenery, write_vehicle
 from hulldown.reading.build import build_scenery, build_vehicle
 from hulldown.reading.doubts import is_pale, scenery_doubts, vehicle_doubts
-from hulldown.reading.evaluated import Evaluated
 from hulldown.reading.export import ANSWER, Job
 from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
 from hulldown.reading.report import FileReport, Missing, ObjectRow, gathered, xyz
-from hulldown.reading.roles import Piece, PieceRole
+from hulldown.reading.roles import Evaluated, Piece, PieceRole
 from hulldown.reading.scenery.scenery_roles import scenery_roles
 from hulldown.reading.vehicle.stance import Upright, meters_from_file, stand_upright
 

@@ -11,8 +11,7 @@ from jaxtyping import Float
 from hulldown.assets.naming import GUN, GUN_HINTS, NOT_GUN, first_match, hints
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply, rotation_z
-from hulldown.reading.evaluated import Evaluated
-from hulldown.reading.roles import Piece
+from hulldown.reading.roles import Evaluated, Piece
 from hulldown.reading.vehicle.axes import Up, Wheels, find_up, find_wheels, up_matrix
 from hulldown.reading.vehicle.nose import Forward, find_forward
 from hulldown.reading.vehicle.solids import Solids, find_solids
