@@ -13,8 +13,8 @@ import os
 import secrets
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,6 @@ from hulldown.reading.options import Options
 from hulldown.reading.report import FileReport
 
 EXPORTER = 24
-CHUNK = 1 << 20
 NOTE_NAME = "entry.json"
 LARGEST_NOTE = 1 << 26  # bytes
 KEY_BYTES = 32
@@ -98,7 +97,7 @@ def _export_into(entry: Path, path: Path, kind: str, options: Options, limits: R
             "report": asdict(exported.report),
             "files": {file: _print_of(Path(file), path) for file in exported.files},
         }
-        seal(folder, entry, note)
+        seal(Path(folder), entry, note)
 
 
 def _entry(entry: Path, path: Path) -> Exported | None:
@@ -145,14 +144,9 @@ def _locked(entry: Path) -> AbstractContextManager[object]:
         raise AssetError(f"cannot be opened ({error.strerror})", path=lock.lock_file, remedy="delete it") from None
 
 
-@contextmanager
-def new_folder(cache: Path) -> Iterator[Path]:
+def new_folder(cache: Path) -> tempfile.TemporaryDirectory[str]:
     """A temporary folder in the cache for a new entry, removed after the block unless it was sealed."""
-    folder = Path(tempfile.mkdtemp(prefix=".new-", dir=cache)).resolve()
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+    return tempfile.TemporaryDirectory(prefix=".new-", dir=cache.resolve(), ignore_cleanup_errors=True)
 
 
 def entry_name(*parts: object) -> str:
@@ -244,8 +238,5 @@ def sha256(path: Path) -> str:
     OSError
         If it cannot be read, or is no regular file.
     """
-    digest = hashlib.sha256()
     with open_regular(path) as file:
-        while chunk := file.read(CHUNK):
-            digest.update(chunk)
-    return digest.hexdigest()
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -145,25 +144,20 @@ def ask_reader(jobs: Sequence[Job], *, limits: ReadLimits = DEFAULT_LIMITS) -> l
     AssetError
         If the process refuses a file, or ends without an answer; the file is named.
     """
-    job_files = [job.file("job.json") for job in jobs]
-    for job, job_file in zip(jobs, job_files, strict=True):
-        job.file(ANSWER).unlink(missing_ok=True)
-        job_file.write_text(json.dumps(asdict(job)), encoding="utf-8")
-    temporary = Path(tempfile.mkdtemp(prefix="tmp-", dir=jobs[0].folder))
-    # -P: a folder `reading` in the working directory must not be imported. The matrices here are 4x4, for which
-    # OpenBLAS would wake all its threads each time.
-    command = [sys.executable, "-P", "-m", "hulldown.reading.blender.reader", *map(str, job_files)]
     readable = [folder for job in jobs for folder in asset_folders(Path(job.path))]
-    try:
+    with tempfile.TemporaryDirectory(prefix="tmp-", dir=jobs[0].folder, ignore_cleanup_errors=True) as temporary:
+        job_files = [Path(temporary, f"{number}.json") for number in range(len(jobs))]
+        for job, job_file in zip(jobs, job_files, strict=True):
+            job.file(ANSWER).unlink(missing_ok=True)
+            job_file.write_text(json.dumps(asdict(job)), encoding="utf-8")
+        # -P: a folder `reading` in the working directory must not be imported. The matrices here are 4x4, for which
+        # OpenBLAS would wake all its threads each time.
+        command = [sys.executable, "-P", "-m", "hulldown.reading.blender.reader", *map(str, job_files)]
         ended = watched(
             confined(command, read=readable, write=[job.folder for job in jobs]),
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "TMPDIR": str(temporary)},
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "TMPDIR": temporary},
             limits=limits,
         )
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-        for job_file in job_files:
-            job_file.unlink(missing_ok=True)
     for job in jobs:
         if not job.file(ANSWER).is_file():  # it was at this one when it ended
             _explain(ended, job.path)

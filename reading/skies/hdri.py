@@ -200,7 +200,7 @@ def _read(
 ) -> None:
     """Read pictures, and store the results."""
     with new_folder(cache) as folder:
-        jobs = [Job(str(path), str(folder / digest), "hdri") for digest, path in todo]
+        jobs = [Job(str(path), str(Path(folder, digest)), "hdri") for digest, path in todo]
         for job in jobs:
             if progress:
                 progress(job.path)
