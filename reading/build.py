@@ -67,7 +67,7 @@ def build_vehicle(
         upright = with_solids_of(upright, kept, meshes)
     left_out: list[str] = []
     while True:
-        forward, solids, wheels = heading(upright, kept, forward=options.forward, yaw_deg=options.yaw_deg)
+        forward, solids, wheels = heading(upright, kept, options)
         ahead = vehicle_from_upright(forward.angle)
         vehicle_from_file = ahead @ upright.meters
         points = [apply(vehicle_from_file @ pieces[i].pose, meshes[pieces[i].mesh].vertices) for i in kept]
@@ -174,7 +174,7 @@ def build_scenery(
             placed.append(_compact(mesh, apply(scenery_from_file @ pieces[i].pose, mesh.vertices), pieces[i].name))
         merged, _ = merge(placed, name=f"ground of {name}")
     instances = [*obstacles, *wet]
-    shapes = [(pieces[i].mesh, False) for i in obstacles] + [(pieces[i].mesh, True) for i in wet]
+    shapes = [(pieces[i].mesh, i in wet) for i in instances]
     unique = sorted(set(shapes))
     position = {shape: at for at, shape in enumerate(unique)}
     shown = [_part_of(number, drawn, wet=True) if part else meshes[number] for number, part in unique]
@@ -188,7 +188,7 @@ def build_scenery(
         world_from_instance=scenery_from_file @ np.array([pieces[i].pose for i in instances]).reshape(-1, 4, 4),
         instance_names=tuple(pieces[i].name for i in instances),
         instance_gives_way=np.array([pieces[i].hair for i in instances], bool),
-        instance_is_water=np.array([roles[i].use == "water" for i in obstacles] + [True] * len(wet), bool),
+        instance_is_water=np.array([i in wet or roles[i].use == "water" for i in instances], bool),
         removed_names=removed_names(pieces, roles, options),
         scenery_from_file=scenery_from_file,
     )
@@ -196,22 +196,11 @@ def build_scenery(
 
 
 def _is_partly_water(piece: Piece, drawn: Evaluated, meters: Float[np.ndarray, "4 4"]) -> bool:
-    """Whether faces with a material named like water are water: together wide and mostly level.
-
-    Parameters
-    ----------
-    piece
-        Ground.
-    drawn
-        Everything that the file draws.
-    meters
-        (4, 4) affine, the file's scale and up axis.
-    """
+    """Whether the faces of ground with a material named like water are water: together wide and mostly level."""
     if piece.mesh not in drawn.wet:
         return False
     part, meters_from_mesh = _part_of(piece.mesh, drawn, wet=True), meters @ piece.pose
-    seen = apply(meters_from_mesh, part.vertices)
-    bounds = np.stack([seen.min(axis=0), seen.max(axis=0)])
+    bounds = part.at(apply(meters_from_mesh, part.vertices)).bounds
     level, _ = level_share(part, meters_from_mesh)
     return is_wide_and_level(replace(piece, bounds=bounds, level=level), least=NARROWEST)
 

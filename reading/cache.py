@@ -83,21 +83,14 @@ def cached(
         if exported is None:
             if progress:
                 progress(str(path))
-            _export_into(entry, path, kind, options, limits)
+            with new_folder(cache) as folder:
+                made = export(path, folder, kind=kind, options=options, limits=limits)
+                files = {file: _print_of(Path(file), path) for file in made.files}
+                note = {"path": str(path.resolve()), "report": asdict(made.report), "files": files}
+                seal(Path(folder), entry, note)
             exported = _entry(entry, path)
             assert exported is not None, f"{entry}: an export just written cannot be read back"
     return exported, digest
-
-
-def _export_into(entry: Path, path: Path, kind: str, options: Options, limits: ReadLimits) -> None:
-    with new_folder(entry.parent) as folder:
-        exported = export(path, folder, kind=kind, options=options, limits=limits)
-        note = {
-            "path": str(path.resolve()),
-            "report": asdict(exported.report),
-            "files": {file: _print_of(Path(file), path) for file in exported.files},
-        }
-        seal(Path(folder), entry, note)
 
 
 def _entry(entry: Path, path: Path) -> Exported | None:

@@ -159,7 +159,17 @@ def read_hdris(
     named = dict(zip(digests, paths, strict=True))
     todo = [(digest, path) for digest, path in named.items() if _entry(path, digest, cache) is None]
     for start in range(0, len(todo), BATCH):
-        _read(todo[start : start + BATCH], cache, limits, progress)
+        batch = todo[start : start + BATCH]
+        with new_folder(cache) as folder:
+            jobs = [Job(str(path), str(Path(folder, digest)), "hdri") for digest, path in batch]
+            for job in jobs:
+                if progress:
+                    progress(job.path)
+                Path(job.folder).mkdir()
+            for (digest, _), job, answer in zip(batch, jobs, ask_reader(jobs, limits=limits), strict=True):
+                mended = sha256(job.file(MENDED_NAME)) if answer["notes"] else ""
+                note = {**answer, "path": job.path, "mended_sha256": mended}
+                seal(Path(job.folder), cache / entry_name("hdri", CHECKED, digest), note)
     read = []
     for path, digest in zip(paths, digests, strict=True):
         hdri = _entry(path, digest, cache)
@@ -193,19 +203,3 @@ def _entry(path: Path, digest: str, cache: Path) -> Hdri | None:
     light, mended = msgspec.convert(note["light"], SkyLight), note["mended_sha256"]
     rendered = entry / MENDED_NAME if mended else path
     return Hdri(rendered, digest, light, entry / MAP_NAME, mended, tuple(note["notes"]))
-
-
-def _read(
-    todo: Sequence[tuple[str, Path]], cache: Path, limits: ReadLimits, progress: Callable[[str], None] | None
-) -> None:
-    """Read pictures, and store the results."""
-    with new_folder(cache) as folder:
-        jobs = [Job(str(path), str(Path(folder, digest)), "hdri") for digest, path in todo]
-        for job in jobs:
-            if progress:
-                progress(job.path)
-            Path(job.folder).mkdir()
-        for (digest, _), job, answer in zip(todo, jobs, ask_reader(jobs, limits=limits), strict=True):
-            mended = sha256(job.file(MENDED_NAME)) if answer["notes"] else ""
-            note = {**answer, "path": job.path, "mended_sha256": mended}
-            seal(Path(job.folder), cache / entry_name("hdri", CHECKED, digest), note)

@@ -98,11 +98,7 @@ def left_alone_by_name(name: str) -> str:
 
 def matches(name: str, pattern: str) -> bool:
     """Whether a pattern matches a material's name, as `assets.naming.first_match` or as a whole."""
-    return _is_whole(name, pattern) or first_match(name, [pattern]) is not None
-
-
-def _is_whole(name: str, pattern: str) -> bool:
-    return name.lower() == pattern.lower()
+    return name.lower() == pattern.lower() or first_match(name, [pattern]) is not None
 
 
 def painted(materials: Sequence[MaterialRow], coats: Sequence[Sequence[str]]) -> dict[str, int]:
@@ -118,7 +114,7 @@ def painted(materials: Sequence[MaterialRow], coats: Sequence[Sequence[str]]) ->
     found = {}
     for row in materials:
         for k, patterns in enumerate(coats):
-            if any(_is_whole(row.name, p) or (not row.left_alone and matches(row.name, p)) for p in patterns):
+            if any(row.name.lower() == p.lower() or (not row.left_alone and matches(row.name, p)) for p in patterns):
                 found[row.name] = k
                 break
     return found

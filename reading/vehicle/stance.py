@@ -11,6 +11,7 @@ from jaxtyping import Float
 from hulldown.assets.naming import GUN, GUN_HINTS, NOT_GUN, first_match, hints
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply, rotation_z
+from hulldown.reading.options import Options
 from hulldown.reading.roles import Evaluated, Piece
 from hulldown.reading.vehicle.axes import Up, Wheels, find_up, find_wheels, up_matrix
 from hulldown.reading.vehicle.nose import Forward, find_forward
@@ -84,9 +85,7 @@ def meters_from_file(unit: float, up: str) -> Float[np.ndarray, "4 4"]:
     return np.diag([unit, unit, unit, 1.0]) @ up_matrix(up)
 
 
-def heading(
-    upright: Upright, kept: Sequence[int], *, forward: str | float | tuple[float, ...] | None, yaw_deg: float
-) -> tuple[Forward, Solids, Wheels | None]:
+def heading(upright: Upright, kept: Sequence[int], options: Options) -> tuple[Forward, Solids, Wheels | None]:
     """The nose of the kept pieces, their solids numbered as in `kept`, and their wheels; z up.
 
     Parameters
@@ -95,23 +94,21 @@ def heading(
         All pieces.
     kept
         Indices of the vehicle's pieces.
-    forward
-        The config's direction with z up: an axis, degrees from +x, or a vector; None: found by shape.
-    yaw_deg
-        Degrees counterclockwise from there to the nose.
+    options
+        The config's `forward` and `yaw_deg`.
     """
     solids = upright.solids.of_pieces(kept)
     wheels = find_wheels(solids)
     if wheels is not None and wheels.up[2] < 0.9:
         wheels = None
-    if forward is None:
+    if options.forward is None:
         names = [upright.pieces[i].name for i in kept]
         gun = [_named_gun(upright.pieces[i]) for i in kept]
         found = find_forward(solids, wheels, names, gun=gun)
     else:
-        found = Forward(_angle(forward), "as the config states")
-    if yaw_deg:
-        found = replace(found, angle=found.angle + np.radians(yaw_deg), why=f"{found.why}, and yaw_deg")
+        found = Forward(_angle(options.forward), "as the config states")
+    if options.yaw_deg:
+        found = replace(found, angle=found.angle + np.radians(options.yaw_deg), why=f"{found.why}, and yaw_deg")
     return found, solids, wheels
 
 
