@@ -5,30 +5,27 @@ import json
 import numpy as np
 import pytest
 import trimesh
+from numpy.typing import ArrayLike
 
 from hulldown.geometry.errors import AssetError
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.transforms import apply, rigid, rotation_z
+from hulldown.geometry.transforms import apply, rigid, rotation_about, rotation_z
 from hulldown.reading.build import BuiltVehicle, build_vehicle
 from hulldown.reading.options import Options
 from hulldown.reading.roles import Evaluated, Link, Piece
 from hulldown.reading.vehicle.axes import UPS, up_matrix
 from hulldown.reading.vehicle.solids import MOST
 from hulldown.reading.vehicle.stance import meters_from_file, stand_upright
-
-BOX = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-BOX_FACES = np.array(
-    [(0, 1, 3), (0, 3, 2), (4, 7, 5), (4, 6, 7), (0, 5, 1), (0, 4, 5), (2, 3, 7), (2, 7, 6), (0, 2, 6)]
-)
+from hulldown.tests.shapes import CORNERS, FACES, sheet
 
 
-def box(size: tuple, at: tuple) -> Mesh:
-    return Mesh(BOX * size + at, BOX_FACES)
+def box(size: ArrayLike, at: ArrayLike) -> Mesh:
+    return Mesh((CORNERS - 0.5) * size + at, FACES)
 
 
-def tube(start: tuple, end: tuple, radius: float) -> Mesh:
-    """A closed prism of 16 sides."""
-    mesh = trimesh.creation.cylinder(radius, sections=16, segment=(start, end))
+def tube(start: ArrayLike, end: ArrayLike, radius: float, *, sides: int = 16) -> Mesh:
+    """A closed prism."""
+    mesh = trimesh.creation.cylinder(radius, sections=sides, segment=(start, end))
     return Mesh(mesh.vertices, mesh.faces)
 
 
@@ -169,6 +166,12 @@ def test_objects_on_a_turret_without_children_turn_with_it() -> None:
     assert any("'Hatch' are on the turret" in d for d in built.doubts)
 
 
+def card(y: float, low: float) -> Mesh:
+    """An upright sheet along a vehicle."""
+    level = sheet((-5, low), (5, 5), y)
+    return level.at(level.vertices[:, [0, 2, 1]])
+
+
 @pytest.mark.parametrize(
     ("name", "mesh", "hidden", "what"),
     [
@@ -177,8 +180,7 @@ def test_objects_on_a_turret_without_children_turn_with_it() -> None:
         ('"Keel"\n', box((1, 1, 1), (0, 0, 0.2)), False, "reaching below the wheels"),
         ("Cube", box((2, 2, 2), (0, 0, 1.4)), False, "a new mesh of Blender's"),
         ("Block", box((0.4, 0.4, 1), (0, 1.9, 0.5)), False, "not touching the rest"),
-        ("Card", Mesh(np.array([[-5.0, 0, 0], [5, 0, 0], [5, 0, 5], [-5, 0, 5]]), np.array([[0, 1, 2], [0, 2, 3]])),
-         False, "sticks out of the rest"),
+        ("Card", card(0, 0), False, "sticks out of the rest"),
     ],
 )  # fmt: skip
 def test_pieces_that_may_not_belong_are_doubted_with_a_drop_pattern(
@@ -191,7 +193,6 @@ def test_pieces_that_may_not_belong_are_doubted_with_a_drop_pattern(
     assert f"set drop = {json.dumps([name])} if" in doubt
 
 
-SHEET = Mesh(np.array([[-5.0, 1, -1], [5, 1, -1], [5, 1, 5], [-5, 1, 5]]), np.array([[0, 1, 2], [0, 2, 3]]))
 STUDIO = Mesh(
     np.array([[x, y, z] for y in (-12.0, 12.0) for x, z in ((12.0, 0.0), (-9.0, 0.0), (-11.0, 2.0), (-11.0, 9.0))]),
     np.array([[k, k + 1, k + 4] for k in range(3)] + [[k + 1, k + 5, k + 4] for k in range(3)]),
@@ -203,8 +204,8 @@ STUDIO = Mesh(
     [
         ("Cube", box((2, 2, 2), (0, 0, 1.0)), True, ()),
         ("Cube", box((2, 2, 2), (0, 0, -0.2)), False, ("reaches below the wheels",)),
-        ("Blueprint", SHEET, True, ()),
-        ("Blueprint", SHEET, False, ("reaches below the wheels",)),
+        ("Blueprint", card(1, -1), True, ()),
+        ("Blueprint", card(1, -1), False, ("reaches below the wheels",)),
         ("Cyc", STUDIO, False, ()),
         ("Plinth", box((9, 4, 0.4), (0, 0, -0.2)), False, ()),
         ("Softbox", box((2, 2, 0.01), (0, 0, 5)), False, ("far from the rest",)),
@@ -226,7 +227,8 @@ def test_pieces_with_two_signs_of_not_belonging_are_left_out(
 
 
 def test_a_wide_hull_under_a_turret_is_not_a_backdrop() -> None:
-    open_below = Mesh(BOX * (8, 5, 1) + (0, 0, 1), BOX_FACES[[0, 1, 2, 3, 4, 5, 6, 7]])
+    hull = box((8, 5, 1), (0, 0, 1))
+    open_below = hull.of_faces(np.flatnonzero(hull.triangles[:, :, 2].max(axis=1) > 1.0))
     built = read(
         {"Hull": open_below, "Dome": box((1, 1, 0.6), (0, 0, 1.8)), "Hatch": box((0.3, 0.3, 0.1), (0, 0, 2.1))}
     )
@@ -234,10 +236,9 @@ def test_a_wide_hull_under_a_turret_is_not_a_backdrop() -> None:
 
 
 def test_launch_tubes_point_ahead_and_turn_at_the_top_of_their_plates() -> None:
-    rise = rotation_z(0.0)
-    rise[:3, :3] = [[np.cos(0.4), 0, -np.sin(0.4)], [0, 1, 0], [np.sin(0.4), 0, np.cos(0.4)]]
+    rise = rigid(rotation_about([0.0, -1.0, 0.0], 0.4), [-0.8, 0.0, 1.8])
     tubes = {f"Launch_Gun_{i}": tube((-3, y, 0.8), (2.0, y, 0.8), 0.3) for i, y in enumerate((-0.8, 0.0, 0.8))}
-    raised = {k: Mesh(m.vertices @ rise[:3, :3].T + (-0.8, 0, 1.8), m.faces) for k, m in tubes.items()}
+    raised = {k: m.at(apply(rise, m.vertices)) for k, m in tubes.items()}
     plates = {f"Turret_Plate_{s}": box((1.0, 0.1, 0.8), (-1.0, 0.9 * s, 2.0)) for s in (-1, 1)}
     base = {k: m for k, m in TANK.items() if k != "Gun" and k != "Turret"}
     for yaw in (0.0, 180.0):

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import trimesh
 from PIL import Image
 
 from hulldown.assets.bundle import load_scenery, load_vehicle
@@ -12,6 +11,8 @@ from hulldown.assets.skylight import SkyLight
 from hulldown.camera.weather.kinds import airlight
 from hulldown.geometry.color import LUMINANCE, linear_color
 from hulldown.geometry.errors import HulldownError
+from hulldown.geometry.meshes import Mesh, merge
+from hulldown.geometry.transforms import rotation_about
 from hulldown.planning.appearance.land import land_above_horizon
 from hulldown.planning.appearance.paint import PaintEntry, paint_doubts
 from hulldown.planning.config.schema import Config
@@ -30,6 +31,7 @@ from hulldown.reading.vehicle.solids import PlacedPieces, find_solids
 from hulldown.reading.wording import warnings_of
 from hulldown.tests.planning_assets import small_assets, small_config
 from hulldown.tests.shapes import surface
+from hulldown.tests.test_axes import box, tube
 from hulldown.tests.test_roles import piece
 
 MAX_MATERIAL = "newmtl body\n\tNi 1.5\n\td 1\n\tTr 0\n\tTf 1 1 1\n\tillum 2\n\tKd 0.3 0.32 0.2\n"
@@ -37,14 +39,8 @@ GLASS = "newmtl window\nTf 1 1 1\nillum 7\nd 1\n"
 MOVED = "newmtl body\nmap_Kd model://car/materials/textures/skin.png\nnewmtl tire\nmap_Kd C:\\art\\Tire.PNG\n"
 
 
-def box(size, at):
-    return trimesh.creation.box(size, trimesh.transformations.translation_matrix(at))
-
-
 def wheel(at):
-    turned = trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0])
-    turned[:3, 3] = at
-    return trimesh.creation.cylinder(0.5, 0.3, sections=24, transform=turned)
+    return tube(np.subtract(at, (0, 0.15, 0)), np.add(at, (0, 0.15, 0)), 0.5, sides=24)
 
 
 WHEELS = {f"wheel_{x}_{y}": wheel([x, y, 0.5]) for x in (-2, 0, 2) for y in (-1.2, 1.2)}
@@ -52,17 +48,13 @@ LORRY_WHEELS = {f"wheel_{x}_{y}": wheel([x, y, 0.5]) for x in (-3.4, -2.2, 2.8) 
 
 
 def barrel(at):
-    turned = trimesh.transformations.rotation_matrix(np.pi / 2, [0, 1, 0])
-    turned[:3, 3] = at
-    return trimesh.creation.cylinder(0.1, 4, sections=16, transform=turned)
+    return tube(np.subtract(at, (2, 0, 0)), np.add(at, (2, 0, 0)), 0.1)
 
 
 CAR = {"hull": box([6, 3, 1], [0, 0, 1]), "cabin": box([2, 2, 1], [1, 0, 2]), **WHEELS}
 
 
 HOUSES = [box([6, 6, 20], [x, y, 10]) for x in range(-24, 25, 12) for y in range(-24, 25, 12)]
-ON_EDGE = trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0])
-QUARTER = trimesh.transformations.rotation_matrix(np.pi / 2, [0, 0, 1])
 NAMELESS = {f"Mesh_{k}": mesh for k, mesh in enumerate(CAR.values())}
 ON_ATLAS = {name: (0.3, 0.5) if name == "Mesh_0" else (0.75, 0.5) for name in NAMELESS}
 ATLAS = "newmtl m\nillum 2\nmap_Kd atlas.png\n"
@@ -85,8 +77,12 @@ def write_obj(path, parts, materials, mtl, uv=None):
 
 def hills():
     x = np.linspace(-250, 250, 51)
-    land = surface(x, x, 2 * np.outer(np.sin(x / 60), np.cos(x / 50)))
-    return trimesh.Trimesh(land.vertices, land.faces, process=False)
+    return surface(x, x, 2 * np.outer(np.sin(x / 60), np.cos(x / 50)))
+
+
+def turned(mesh, axis):
+    """A mesh after a quarter turn."""
+    return mesh.at(mesh.vertices @ rotation_about(axis, np.pi / 2).T)
 
 
 def curb(half, width):
@@ -99,18 +95,17 @@ def curb(half, width):
         n = (k + 1) % 4
         for a, b, c, d in ((k, n, n + 4, k + 4), (k + 8, n + 8, n + 12, k + 12), (k, n, n + 8, k + 8)):
             faces += [(a, b, c), (a, c, d)]
-    return trimesh.Trimesh(vertices, faces, process=False)
+    return Mesh(vertices, np.array(faces))
 
 
 def shapes():
     """Vehicles of one material: meshes by name."""
-    tube = trimesh.creation.cylinder(0.12, 5.5, sections=12)
 
     def tubes(tilt):
+        along = 2.75 * np.array([np.sin(tilt), 0.0, np.cos(tilt)])
         for k in range(8):
-            pose = trimesh.transformations.rotation_matrix(tilt, [0, 1, 0])
-            pose[:3, 3] = [-1.5, 0.3 * (k % 4) - 0.45, 2.6 + 0.3 * (k // 4)]
-            yield f"cannon_{k}", tube.copy().apply_transform(pose)
+            at = np.array([-1.5, 0.3 * (k % 4) - 0.45, 2.6 + 0.3 * (k // 4)])
+            yield f"cannon_{k}", tube(at - along, at + along, 0.12, sides=12)
 
     truck = {"chassis": box([9, 2.5, 0.5], [0, 0, 1]), "body_a": box([1.8, 2.5, 1.6], [3.6, 0, 2]), **LORRY_WHEELS}
     glass, hook = box([0.05, 2.2, 0.7], [4.52, 0, 2.5]), box([0.3] * 3, [-4.6, 0, 1])
@@ -121,12 +116,12 @@ def shapes():
     tank = {"hull": CAR["hull"], "turret": box([2.5, 2, 0.8], [-0.4, 0, 1.9]), "gun": barrel([3, 0, 2]), **WHEELS}
     rims = {f"rim_{x}_{y}": wheel([x + 0.02, y * 1.03, 0.5]) for x in (-2, 2) for y in (-1.2, 1.2)}
     four = {name: part for name, part in CAR.items() if "_0_" not in name}
-    stub = trimesh.util.concatenate([box([1, 1.2, 1], [1.5, 0, 2]), box([2.6, 0.5, 0.5], [-1, 0, 2.1])])
+    stub, _ = merge([box([1, 1.2, 1], [1.5, 0, 2]), box([2.6, 0.5, 0.5], [-1, 0, 2.1])])
     howitzer = {"hull": CAR["hull"], "casemate": box([2, 2.6, 1], [1.8, 0, 2]), "Mesh_Canon": stub}
     howitzer |= {name: part for name, part in four.items() if name.startswith("wheel")}
     shown = {"body": CAR["hull"], "tower": box([2, 2, 1], [-0.4, 0, 2]), "gun": barrel([2.5, 0, 2])}
     shown |= {"crate": box([1.2, 2, 0.7], [2.2, 2, 0.65]), "mine": box([0.7, 0.4, 0.4], [-1.1, -2, 0.5])}
-    shown = {name: part.copy().apply_transform(QUARTER) for name, part in shown.items()}
+    shown = {name: turned(part, [0.0, 0.0, 1.0]) for name, part in shown.items()}
     shown |= {"Show_Platform": box([11, 11, 0.3], [0, 0, 0.15])}
     return {
         "howitzer": howitzer,
@@ -144,14 +139,14 @@ def read(tmp_path_factory):
     """The assets read from each file, by its name."""
     folder = tmp_path_factory.mktemp("strangers")
     tree = box([1, 1, 6], [100, 100, 3])
-    upright, village = hills().apply_transform(ON_EDGE), [box([60, 60, 0.1], [0, 0, 0]), *HOUSES]
+    village, _ = merge([box([60, 60, 0.1], [0, 0, 0]), *HOUSES])
     sceneries = {
         "sheet": {"Terrain": hills(), "Grass": box([500, 500, 0], [0, 0, 6])},
         "pit": {"Terrain": hills(), "Terrain_low": box([120, 120, 1], [0, 0, -194]), "tree": tree},
         "track": {"Terrain": hills(), "Object_7": curb(200, 0.8)},
         "lawn": {"stadium_dirt": curb(35, 4), "stadium_grass": box([82, 82, 0], [0, 0, -0.02])},
-        "upright": {"Terrain": upright},
-        "village": {"Ground": trimesh.util.concatenate(village)},
+        "upright": {"Terrain": turned(hills(), [1.0, 0.0, 0.0])},
+        "village": {"Ground": village},
     }
     # Meshes by name, then arguments of `write_obj`.
     made = {
@@ -341,7 +336,7 @@ def test_a_tire_and_its_rim_are_one_wheel(read):
     ],
 )
 def test_a_vehicle_of_odd_size_or_without_textures_is_refused_unless_allowed(tmp_path, entry, problem):
-    big = {name: part.copy().apply_scale(1000) for name, part in CAR.items()}
+    big = {name: part.at(1000 * part.vertices) for name, part in CAR.items()}
     write_obj(tmp_path / "cars/suv.obj", big, {"*": "tire"}, MOVED)
     write_obj(tmp_path / "land/land.obj", {"Terrain": hills()}, {"*": "body"}, "")
     pixels = np.full((32, 64, 4), (128, 128, 128, 128), dtype=np.uint8)
