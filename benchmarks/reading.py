@@ -120,7 +120,7 @@ def _judged(opened: Any, drawn: Any) -> tuple[Any, list[str], list[str]]:
     rows = (
         ObjectRow(p.name, "", u, r.why, 1, p.faces) for p, u, r in zip(drawn.pieces, uses, built.roles, strict=True)
     )
-    report = FileReport("vehicle", "", xyz(built.shape.size_xyz), 0, opened.unit, upright.up.axis, rows=tuple(rows))
+    report = FileReport("vehicle", "", xyz(built.shape.size_xyz), 0, opened.unit, upright.up.value, rows=tuple(rows))
     return built.shape, uses, [*built.doubts, *vehicle_doubts(report, options), *opened.doubts]
 
 

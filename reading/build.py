@@ -68,7 +68,7 @@ def build_vehicle(
     left_out: list[str] = []
     while True:
         forward, solids, wheels = heading(upright, kept, options)
-        ahead = vehicle_from_upright(forward.angle)
+        ahead = vehicle_from_upright(forward.value)
         vehicle_from_file = ahead @ upright.meters
         points = [apply(vehicle_from_file @ pieces[i].pose, meshes[pieces[i].mesh].vertices) for i in kept]
         whole = PlacedPieces(
@@ -125,7 +125,7 @@ def build_vehicle(
     from_file = shape.vehicle_from_file
     shape = shape.with_keypoints({key: (apply(from_file, at[None])[0], part) for key, (at, part) in marked.items()})
     doubts = [doubt for doubt in (upright.up.doubt, forward.doubt, *parts.doubts, *left_out, *strays.doubts) if doubt]
-    axes = f"up is {upright.up.axis}, {upright.up.why}; ahead is {forward_said(forward.angle)}, {forward.why}"
+    axes = f"up is {upright.up.value}, {upright.up.why}; ahead is {forward_said(forward.value)}, {forward.why}"
     return BuiltVehicle(shape, roles, piece_part.tolist(), tuple(moving), axes, tuple(doubts))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -12,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from hulldown.reading.vehicle.solids import Solids
 
+Value = TypeVar("Value", str, float)
 UPS = ("z", "-z", "y", "-y", "x", "-x")
 PARALLEL = float(np.cos(np.radians(4.0)))
 LEAST_WHEELS = 4
@@ -21,10 +23,13 @@ UPRIGHT = float(np.cos(np.radians(12.0)))  # up is the file's axis that is this 
 
 
 @dataclass(frozen=True, slots=True)
-class Up:
-    """The file's up axis ("z", "-y", ...), the reason, and the doubt about it, if any."""
+class Direction(Generic[Value]):
+    """A direction of a vehicle, the reason, and a sentence for the user; empty if it's sure.
 
-    axis: str
+    `value` is the file's up axis ("z", "-y", ...), or the nose's angle: radians counterclockwise from +x, with z up.
+    """
+
+    value: Value
     why: str
     doubt: str = ""
 
@@ -135,7 +140,7 @@ def _standing(
     return base * track * size, up, axle, keep
 
 
-def find_up(wheels: Wheels | None, stated: str) -> Up:
+def find_up(wheels: Wheels | None, stated: str) -> Direction[str]:
     """Find the file's up axis.
 
     Parameters
@@ -146,15 +151,15 @@ def find_up(wheels: Wheels | None, stated: str) -> Up:
         The file's stated up axis: "z", or "y" by convention in OBJ files, which needs no doubt.
     """
     if wheels is None:
-        return Up(stated, "as the file states")
+        return Direction(stated, "as the file states")
     up = up_matrix(stated)[:3, :3].T @ wheels.up
     axis = next((axis for axis in UPS if float(up_matrix(axis)[2, :3] @ up) > UPRIGHT), None)
     if axis is None:
         doubt = "its wheels stand askew to the axes; set up, or turn it upright in Blender"
-        return Up(stated, "as the file states", doubt)
+        return Direction(stated, "as the file states", doubt)
     if axis == stated:
-        return Up(stated, f"as the file states, and {wheels.places} wheels")
+        return Direction(stated, f"as the file states, and {wheels.places} wheels")
     why = f"{wheels.places} wheels lie below the rest of it"
     doubt = f'{axis} is taken to be up, since {why}; set up = "{stated}" if that is wrong'
     sure = stated != "z" or (wheels.places >= CERTAIN and axis != f"-{stated}")
-    return Up(axis, f"{why}, not {stated} as the file states", "" if sure else doubt)
+    return Direction(axis, f"{why}, not {stated} as the file states", "" if sure else doubt)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
 from hulldown.assets.naming import FRONT, REAR, first_match
-from hulldown.reading.vehicle.axes import PARALLEL, Wheels
+from hulldown.reading.vehicle.axes import PARALLEL, Direction, Wheels
 from hulldown.reading.vehicle.solids import Solids
 
 SNAP = np.radians(1.5)  # a nose this close to an axis of the file points along it
@@ -37,26 +36,9 @@ NO_LINE = "along x, as nothing tells"
 NOT_FOUND = "which end is its nose was not found"
 
 
-@dataclass(frozen=True, slots=True)
-class Forward:
-    """The direction of the nose, with z up.
-
-    Parameters
-    ----------
-    angle
-        Radians counterclockwise from +x.
-    why
-        The reason.
-    doubt
-        A sentence for the user; empty if it's sure.
-    """
-
-    angle: float
-    why: str
-    doubt: str = ""
-
-
-def find_forward(solids: Solids, wheels: Wheels | None, names: Sequence[str], *, gun: Sequence[bool]) -> Forward:
+def find_forward(
+    solids: Solids, wheels: Wheels | None, names: Sequence[str], *, gun: Sequence[bool]
+) -> Direction[float]:
     """Find the direction of the nose, in a frame with z up; without any sign, toward +x.
 
     Parameters
@@ -117,7 +99,7 @@ def find_forward(solids: Solids, wheels: Wheels | None, names: Sequence[str], *,
         doubt = (
             f"{doubt}; taken as forward = {stated}, set forward = {forward_said(angle + np.pi)} if it faces backwards"
         )
-    return Forward(angle, f"{why}, {why_sign}", doubt)
+    return Direction(angle, f"{why}, {why_sign}", doubt)
 
 
 def forward_said(angle: float) -> str:

@@ -13,8 +13,8 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply, rotation_z
 from hulldown.reading.options import Options
 from hulldown.reading.roles import Evaluated, Piece
-from hulldown.reading.vehicle.axes import Up, Wheels, find_up, find_wheels, up_matrix
-from hulldown.reading.vehicle.nose import Forward, find_forward
+from hulldown.reading.vehicle.axes import Direction, Wheels, find_up, find_wheels, up_matrix
+from hulldown.reading.vehicle.nose import find_forward
 from hulldown.reading.vehicle.solids import Solids, find_solids
 
 NOSE = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}
@@ -38,7 +38,7 @@ class Upright:
 
     pieces: list[Piece]
     meters: Float[np.ndarray, "4 4"]
-    up: Up
+    up: Direction[str]
     solids: Solids
 
 
@@ -59,10 +59,10 @@ def stand_upright(drawn: Evaluated, *, unit: float, stated_up: str, up: str | No
     meters = meters_from_file(unit, stated_up)
     points = [apply(meters @ p.pose, drawn.meshes[p.mesh].vertices) for p in drawn.pieces]
     solids = find_solids(points, [drawn.meshes[p.mesh].faces for p in drawn.pieces])
-    found = Up(up, "as the config states") if up else find_up(find_wheels(solids), stated_up)
-    if found.axis == stated_up:
+    found = Direction(up, "as the config states") if up else find_up(find_wheels(solids), stated_up)
+    if found.value == stated_up:
         return Upright(list(drawn.pieces), meters, found, solids)
-    upright = meters_from_file(unit, found.axis)
+    upright = meters_from_file(unit, found.value)
     turn = (upright @ np.linalg.inv(meters))[:3, :3]
     pieces = []
     for piece, own in zip(drawn.pieces, points, strict=True):
@@ -85,7 +85,7 @@ def meters_from_file(unit: float, up: str) -> Float[np.ndarray, "4 4"]:
     return np.diag([unit, unit, unit, 1.0]) @ up_matrix(up)
 
 
-def heading(upright: Upright, kept: Sequence[int], options: Options) -> tuple[Forward, Solids, Wheels | None]:
+def heading(upright: Upright, kept: Sequence[int], options: Options) -> tuple[Direction[float], Solids, Wheels | None]:
     """The nose of the kept pieces, their solids numbered as in `kept`, and their wheels; z up.
 
     Parameters
@@ -106,9 +106,9 @@ def heading(upright: Upright, kept: Sequence[int], options: Options) -> tuple[Fo
         gun = [_named_gun(upright.pieces[i]) for i in kept]
         found = find_forward(solids, wheels, names, gun=gun)
     else:
-        found = Forward(_angle(options.forward), "as the config states")
+        found = Direction(_angle(options.forward), "as the config states")
     if options.yaw_deg:
-        found = replace(found, angle=found.angle + np.radians(options.yaw_deg), why=f"{found.why}, and yaw_deg")
+        found = replace(found, value=found.value + np.radians(options.yaw_deg), why=f"{found.why}, and yaw_deg")
     return found, solids, wheels
 
 
