@@ -113,8 +113,8 @@ def _angle(a: Any, b: Any) -> float:
 def _judged(opened: Any, drawn: Any) -> tuple[Any, list[str], list[str]]:
     options = Options()
     upright = stand_upright(drawn, unit=opened.unit, stated_up=opened.up, up=None)
-    refuse_wrong_kind("vehicle", upright.pieces, options)
-    built = build_vehicle("it", drawn.meshes, upright, drawn.markers, options=options)
+    refuse_wrong_kind("vehicle", upright.drawn.pieces, options)
+    built = build_vehicle("it", upright, options)
     names = built.shape.part_names
     uses = [names[part] if part >= 0 else "dropped" for part in built.piece_part]
     rows = (

@@ -22,8 +22,8 @@ from hulldown.reading.blender.evaluate import evaluate
 from hulldown.reading.blender.importers import Opened, open_file
 from hulldown.reading.blender.tidy import Keeper
 from hulldown.reading.build import build_vehicle
-from hulldown.reading.roles import Evaluated
 from hulldown.reading.options import TEXTURE_SIZE, Options
+from hulldown.reading.roles import Evaluated
 from hulldown.reading.vehicle.stance import meters_from_file, stand_upright
 
 
@@ -58,7 +58,7 @@ def _base(path: Path) -> Model:
     meters = meters_from_file(opened.unit, "z")
     drawn = _drawn(opened, meters)
     upright = stand_upright(drawn, unit=opened.unit, stated_up="z", up="z")
-    built = build_vehicle(path.stem, drawn.meshes, upright, drawn.markers, options=Options(forward="+x"))
+    built = build_vehicle(path.stem, upright, Options(forward="+x"))
     names = built.shape.part_names
     shift = np.linalg.inv(built.shape.vehicle_from_file @ np.linalg.inv(meters))
     pivots = [

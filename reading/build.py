@@ -17,7 +17,7 @@ from hulldown.geometry.transforms import apply
 from hulldown.placement.footprint import contact_footprint, underside
 from hulldown.reading.options import Options
 from hulldown.reading.report import PartRow, xyz
-from hulldown.reading.roles import Evaluated, Link, Piece, PieceRole, is_wanted, vehicle_roles
+from hulldown.reading.roles import Evaluated, Piece, PieceRole, is_wanted, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import removed_names, unmatched
 from hulldown.reading.scenery.shape import is_wide_and_level, level_share
 from hulldown.reading.vehicle.keypoints import known_points, marked_points
@@ -47,9 +47,7 @@ class BuiltVehicle:
     doubts: tuple[str, ...]
 
 
-def build_vehicle(
-    name: str, meshes: Sequence[Mesh], upright: Upright, markers: Sequence[tuple[Link, ...]], *, options: Options
-) -> BuiltVehicle:
+def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle:
     """The vehicle among the pieces, its parts merged into one mesh (paper, section 2.1.3).
 
     Raises
@@ -57,14 +55,14 @@ def build_vehicle(
     AssetError
         If nothing is left of it, or the config names a turret, gun, or pivot that doesn't exist.
     """
-    pieces = upright.pieces
+    pieces, meshes, markers = upright.drawn.pieces, upright.drawn.meshes, upright.drawn.markers
     roles = vehicle_roles(pieces, keep=options.keep, drop=options.drop)
     kept = [i for i, role in enumerate(roles) if role.use == "vehicle"]
     if not kept:
         there = ", ".join(sorted({repr(p.name) for p in pieces})[:8]) or "nothing that is rendered"
         raise AssetError(f"nothing is left after clean-up; it contains {there}", remedy="name what to `keep`")
     if len(upright.solids) == MOST:
-        upright = with_solids_of(upright, kept, meshes)
+        upright = with_solids_of(upright, kept)
     left_out: list[str] = []
     while True:
         forward, solids, wheels = heading(upright, kept, options)

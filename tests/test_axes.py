@@ -60,7 +60,7 @@ def read(
         link = Link(name, (), "MESH", np.eye(4))
         found.pieces.append(Piece(name, (link,), i, np.eye(4), bounds, len(mesh.faces), hidden=name in hidden))
     upright = stand_upright(found, unit=1.0, stated_up=stated, up=given.up)
-    return build_vehicle("v", found.meshes, upright, found.markers, options=given)
+    return build_vehicle("v", upright, given)
 
 
 def turned(yaw_deg: float) -> np.ndarray:

@@ -78,23 +78,22 @@ def read(job: Job) -> dict[str, Any]:
     kind = job.kind or likely_kind(judged, options)
     if kind == "vehicle":  # of a scenery, every solid would be looked at
         upright = stand_upright(drawn, unit=unit, stated_up=opened.up, up=options.up)
-        judged = upright.pieces
+        judged = upright.drawn.pieces
         kind = job.kind or likely_kind(judged, options)
     odd = refuse_wrong_kind(job.kind, judged, options) if job.kind else ""
     if kind == "vehicle":
         assert upright is not None, "a vehicle is stood upright first"
-        report = _write_vehicle(job, keeper, drawn, upright, unit=unit)
+        report = _write_vehicle(job, keeper, upright, unit=unit)
     else:
         report = _write_scenery(job, keeper, drawn, unit=unit, up=up, crs=opened.terrain.crs if opened.terrain else "")
     doubts = (*([odd] if odd else []), *report.doubts, *opened.doubts, *drawn.doubts)
     return {"report": asdict(replace(report, doubts=doubts, written_by=opened.written_by)), "files": files}
 
 
-def _write_vehicle(job: Job, keeper: Keeper, drawn: Evaluated, upright: Upright, *, unit: float) -> FileReport:
+def _write_vehicle(job: Job, keeper: Keeper, upright: Upright, *, unit: float) -> FileReport:
     """Write bundle and tidy twin of a vehicle."""
-    drawn.pieces = upright.pieces
-    vehicle = build_vehicle(Path(job.path).stem, drawn.meshes, upright, drawn.markers, options=job.options)
-    shape = vehicle.shape
+    vehicle = build_vehicle(Path(job.path).stem, upright, job.options)
+    drawn, shape = upright.drawn, vehicle.shape
     save(job.file("bundle.npz"), shape)
     materials, unpainted = material_rows(keeper.meshes, drawn.pieces, vehicle.piece_part)
     write_vehicle(

@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.assets.naming import GUN, GUN_HINTS, NOT_GUN, first_match, hints
-from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply, rotation_z
 from hulldown.reading.options import Options
 from hulldown.reading.roles import Evaluated, Piece
@@ -22,12 +21,12 @@ NOSE = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Upright:
-    """Pieces in meters with z up.
+    """What a file draws, in meters with z up.
 
     Parameters
     ----------
-    pieces
-        The pieces, with bounds in that frame.
+    drawn
+        All of it, with bounds of pieces in that frame.
     meters
         (4, 4) from the file to it.
     up
@@ -36,7 +35,7 @@ class Upright:
         Solids of all pieces, in that frame.
     """
 
-    pieces: list[Piece]
+    drawn: Evaluated
     meters: Float[np.ndarray, "4 4"]
     up: Direction[str]
     solids: Solids
@@ -61,7 +60,7 @@ def stand_upright(drawn: Evaluated, *, unit: float, stated_up: str, up: str | No
     solids = find_solids(points, [drawn.meshes[p.mesh].faces for p in drawn.pieces])
     found = Direction(up, "as the config states") if up else find_up(find_wheels(solids), stated_up)
     if found.value == stated_up:
-        return Upright(list(drawn.pieces), meters, found, solids)
+        return Upright(drawn, meters, found, solids)
     upright = meters_from_file(unit, found.value)
     turn = (upright @ np.linalg.inv(meters))[:3, :3]
     pieces = []
@@ -69,12 +68,12 @@ def stand_upright(drawn: Evaluated, *, unit: float, stated_up: str, up: str | No
         used = np.unique(drawn.meshes[piece.mesh].faces)
         turned = own[used] @ turn.T
         pieces.append(replace(piece, bounds=np.stack([turned.min(axis=0), turned.max(axis=0)])))
-    return Upright(pieces, upright, found, solids.turned(turn))
+    return Upright(replace(drawn, pieces=pieces), upright, found, solids.turned(turn))
 
 
-def with_solids_of(upright: Upright, kept: Sequence[int], meshes: Sequence[Mesh]) -> Upright:
+def with_solids_of(upright: Upright, kept: Sequence[int]) -> Upright:
     """Look for solids in these pieces alone, so that `MOST` doesn't leave theirs out for larger ones of others."""
-    pieces = [upright.pieces[i] for i in kept]
+    pieces, meshes = [upright.drawn.pieces[i] for i in kept], upright.drawn.meshes
     points = [apply(upright.meters @ piece.pose, meshes[piece.mesh].vertices) for piece in pieces]
     solids = find_solids(points, [meshes[piece.mesh].faces for piece in pieces])
     return replace(upright, solids=replace(solids, piece=np.asarray(kept)[solids.piece]))
@@ -102,8 +101,8 @@ def heading(upright: Upright, kept: Sequence[int], options: Options) -> tuple[Di
     if wheels is not None and wheels.up[2] < 0.9:
         wheels = None
     if options.forward is None:
-        names = [upright.pieces[i].name for i in kept]
-        gun = [_named_gun(upright.pieces[i]) for i in kept]
+        names = [upright.drawn.pieces[i].name for i in kept]
+        gun = [_named_gun(upright.drawn.pieces[i]) for i in kept]
         found = find_forward(solids, wheels, names, gun=gun)
     else:
         found = Direction(_angle(options.forward), "as the config states")
