@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from numpy.typing import ArrayLike
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -115,7 +116,7 @@ class PlacedPieces:
         """Origin of an object."""
         return apply(self.vehicle_from_file, link.pose[:3, 3][None])[0]
 
-    def where(self, mask: Sequence[bool]) -> PlacedPieces:
+    def where(self, mask: ArrayLike) -> PlacedPieces:
         """Select pieces."""
         kept = np.flatnonzero(mask).tolist()
         pieces, points = [self.pieces[i] for i in kept], [self.points[i] for i in kept]
