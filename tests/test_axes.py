@@ -254,7 +254,7 @@ def test_launch_tubes_point_ahead_and_turn_at_the_top_of_their_plates() -> None:
 def test_a_vehicle_is_read_beside_thousands_of_larger_solids() -> None:
     # Fuzzing found it: all of the vehicle's solids were left out for the trees', and Blender's process ended.
     trees = {f"Tree{k}": box((9, 9, 9), (20 * (k % 70), 20 * (k // 70) + 20, 0)) for k in range(MOST)}
-    built = read(TANK | trees, turned(120), drop=["Tree*"])
+    built = read(TANK | trees, turned(120), drop=("Tree*",))
     assert np.allclose(built.shape.size_xyz, read(TANK).shape.size_xyz, atol=1e-6)
     assert built.shape.part_names == ("hull", "turret", "gun")
 
