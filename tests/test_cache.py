@@ -87,10 +87,6 @@ def read(exporter: Exporter, blend: Path, tmp_path: Path) -> Callable[..., bool]
     return run
 
 
-def test_a_file_is_exported_once(read: Callable[..., bool]) -> None:
-    assert [read(), read(), read()] == [True, False, False]
-
-
 def test_other_content_options_and_kind_give_other_entries(read: Callable[..., bool], blend: Path) -> None:
     assert [read(), read(scale=0.01), read(keep=("a",)), read(kind="scenery")] == [True] * 4
     blend.write_bytes(BLEND + b" altered")

@@ -69,13 +69,6 @@ def test_scenery_ground_and_obstacles(messy: Messy) -> None:
     assert sum(row.count for row in messy.exported["scattered"].report.rows if row.name == "Oak") == 15
 
 
-def test_ground_with_a_meaningless_name_is_found_and_reported(messy: Messy) -> None:
-    assert len(messy.asset("unnamed").ground_names) == 1
-    doubts = messy.exported["unnamed"].report.doubts
-    assert [d for d in doubts if d.startswith("taken as ground: ") and ", by shape" in d]
-    assert not [d for d in doubts if d.startswith("NO GROUND")]
-
-
 def test_map_coordinates_in_the_object_keep_its_children_exact(messy: Messy) -> None:
     scenery = messy.asset("map_in_object")
     assert scenery.origin.tolist() == [500_000.0, 5_400_000.0, 0.0]

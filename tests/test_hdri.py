@@ -124,9 +124,6 @@ def test_a_repaired_sky_is_rendered_and_has_its_own_hash(files: Path, tmp_path: 
         ("nan", "has 2 pixels that are NaN"),
         ("half", "(crashed reading it|cannot read this picture|not a number|the same everywhere)"),
         ("start", "(crashed reading it|cannot read this picture)"),
-        ("folder", "is a folder, not a file"),
-        ("fifo", "is a FIFO, not a file"),
-        ("loop", "cannot be read"),
         ("zero", "is a device, not a file"),
     ],
 )
@@ -134,9 +131,6 @@ def test_an_unusable_sky_is_a_one_line_error(files: Path, tmp_path: Path, name: 
     whole = (files / "sky.exr").read_bytes()
     (tmp_path / "half.exr").write_bytes(whole[: len(whole) // 2])
     (tmp_path / "start.exr").write_bytes(whole[:100])
-    (tmp_path / "folder.exr").mkdir()
-    os.mkfifo(tmp_path / "fifo.exr")
-    (tmp_path / "loop.exr").symlink_to("loop.exr")
     (tmp_path / "zero.exr").symlink_to("/dev/zero")
     path = next(p for p in (tmp_path / f"{name}.exr", files / f"{name}.exr") if os.path.lexists(p))
     with pytest.raises(AssetError, match=rf"{name}\.exr: .*{problem}") as caught:

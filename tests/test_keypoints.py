@@ -18,12 +18,12 @@ from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.errors import ConfigError, DatasetError
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
-from hulldown.reading.roles import Link
 from hulldown.reading.vehicle.keypoints import marked_points
 from hulldown.tests.editing import append, edit
 from hulldown.tests.planning_assets import small_assets
 from hulldown.tests.shapes import FACES
 from hulldown.tests.test_masks import CAMERA, CUBE, SHAPE
+from hulldown.tests.test_roles import link
 
 # In the center of each face of the cube, and in front of the camera but outside the picture.
 POINTS = {
@@ -153,21 +153,18 @@ def test_other_keypoints_of_a_category_are_refused(dataset, tmp_path):
 
 
 def test_empties_mark_points_of_their_parents_part():
-    def link(name, x, kind="EMPTY"):
-        pose = np.eye(4)
-        pose[0, 3] = x
-        return Link(name, (), kind, pose)
-
-    root, turret, gun = link("root", 0.0), link("Turret node", 1.0), link("barrel", 2.0, "MESH")
-    chains = [(link("hull", 0.5, "MESH"), root), (link("roof", 1.5, "MESH"), turret, root), (gun, turret, root)]
-    markers = [
-        (link("kp_muzzle", 5.0), gun, turret, root),
-        (link("Keypoint-hatch", 6.0), link("roof", 1.5, "MESH"), turret, root),
-        (link("KP_free", 7.0), root),
-        (link("kp_muzzle", 8.0),),
-        (link("keypoint", 9.0),),
-        (link("pivot", 9.0), root),
-    ]
+    hull, roof, gun = (link(name, at=(x, 0, 0)) for name, x in (("hull", 0.5), ("roof", 1.5), ("barrel", 2.0)))
+    root, turret = link("root", kind="EMPTY"), link("Turret node", kind="EMPTY", at=(1, 0, 0))
+    chains = [(hull, root), (roof, turret, root), (gun, turret, root)]
+    above = {
+        ("kp_muzzle", 5.0): (gun, turret, root),
+        ("Keypoint-hatch", 6.0): (roof, turret, root),
+        ("KP_free", 7.0): (root,),
+        ("kp_muzzle", 8.0): (),
+        ("keypoint", 9.0): (),
+        ("pivot", 9.0): (root,),
+    }
+    markers = [(link(name, kind="EMPTY", at=(x, 0, 0)), *chain) for (name, x), chain in above.items()]
     found = marked_points(markers, chains, [0, 1, 2])
     assert {name: (at[0], part) for name, (at, part) in found.items()} == {
         "muzzle": (5.0, 2),
