@@ -5,7 +5,9 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from hulldown.reading.blender.add_nodes import add_node
 from hulldown.tests.messy_parts import box, case, collection, empty, layer, link, scatter, sheet
+from hulldown.tests.node_trees import material_of
 
 MAP = (500_000.0, 5_400_000.0, 200.0)
 
@@ -32,7 +34,9 @@ def scattered():
     for lod in (1, 2):
         sheet(f"Terrain_LOD{lod}", 60, 2).hide_render = True
     fog = box("Volume", (80, 80, 40))
-    fog.data.materials.append(volume_material())
+    fog.data.materials.append(
+        material_of("fog", lambda tree: add_node(tree, "VolumePrincipled").outputs[0], socket="Volume")
+    )
     sky = box("Skydome", (400, 400, 400))
     return {"hide": [fog.name, sky.name], "kind": "scenery", "distance": 75.0}
 
@@ -82,16 +86,6 @@ def hair(name, *, thick):
         radius = np.tile(thick * np.array([1.0, 0.8, 0.3]), 4).astype(np.float32)
         curves.attributes.new("radius", "FLOAT", "POINT").data.foreach_set("value", radius)
     return link(bpy.data.objects.new(name, curves))
-
-
-def volume_material():
-    material = bpy.data.materials.new("fog")
-    tree = material.node_tree
-    output = tree.get_output_node("CYCLES")
-    for old in list(output.inputs["Surface"].links):
-        tree.links.remove(old)
-    tree.links.new(tree.nodes.new("ShaderNodeVolumePrincipled").outputs[0], output.inputs["Volume"])
-    return material
 
 
 @case

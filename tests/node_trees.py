@@ -58,11 +58,11 @@ def textured(name, image, **inputs):
     return material
 
 
-def material_of(name, build):
+def material_of(name, build, socket="Surface"):
     """A material with the shader whose output `build(tree)` returns."""
     material = bpy.data.materials.new(name)
     material.node_tree.nodes.clear()
-    add_node(material.node_tree, "OutputMaterial", {"Surface": build(material.node_tree)})
+    add_node(material.node_tree, "OutputMaterial", {socket: build(material.node_tree)})
     return material
 
 

@@ -17,6 +17,8 @@ from hulldown.tests.test_backdrops import assert_what_is_planned_is_rendered
 
 MADE = """
 import bpy, sys, math
+from hulldown.reading.blender.add_nodes import add_node
+from hulldown.tests.node_trees import material_of, principled
 folder = sys.argv[1]
 
 def plane(name, size, at=(0, 0, 0), rot=(0, 0, 0), cells=1, wave=0.0):
@@ -31,17 +33,6 @@ def cube(name, size, at):
     bpy.ops.mesh.primitive_cube_add(size=size, location=at)
     bpy.context.object.name = name
     return bpy.context.object
-
-def material(name, made, node="ShaderNodeBsdfPrincipled", socket="Surface", **inputs):
-    given = bpy.data.materials.new(name)
-    tree = given.node_tree
-    tree.nodes.clear()
-    shader, output = tree.nodes.new(node), tree.nodes.new("ShaderNodeOutputMaterial")
-    tree.links.new(shader.outputs[0], output.inputs[socket])
-    for key, value in inputs.items():
-        shader.inputs[key.replace("_", " ")].default_value = value
-    made.data.materials.append(given)
-    return given
 
 def begin():
     bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -73,17 +64,20 @@ bpy.ops.wm.save_as_mainfile(filepath=f"{folder}/named.blend")
 
 # By material.
 begin()
-material("M1", plane("Flat.001", 150, (0, 0, -1)), Transmission_Weight=1.0)
+gray = 0.5, 0.5, 0.5
+plane("Flat.001", 150, (0, 0, -1)).data.materials.append(principled("M1", gray, Transmission_Weight=1.0))
 sea = plane("Upright", 60, (0, 0, 2), rot=(math.pi / 2, 0, 0))
 sea.data.transform(__import__("mathutils").Matrix.Rotation(-math.pi / 2, 4, "X"))  # modeled upright, turned level
-material("M2", sea, "ShaderNodeBsdfGlass")
-tree = material("M4", plane("Leaf mat", 30, (0, 0, 8)), "ShaderNodeMixShader").node_tree
-for i, kind in enumerate(("Transparent", "Principled"), start=1):
-    tree.links.new(tree.nodes.new(f"ShaderNodeBsdf{kind}").outputs[0], tree.nodes["Mix Shader"].inputs[i])
+sea.data.materials.append(material_of("M2", lambda tree: add_node(tree, "BsdfGlass").outputs[0]))
+def leafy(tree):
+    clear, leaf = (add_node(tree, kind).outputs[0] for kind in ("BsdfTransparent", "BsdfPrincipled"))
+    return add_node(tree, "MixShader", {1: clear, 2: leaf}).outputs[0]
+plane("Leaf mat", 30, (0, 0, 8)).data.materials.append(material_of("M4", leafy))
 deep = cube("Ocean", 40, (0, 0, -9))
 deep.scale.z = 0.4
-murk = material("M5", deep, "ShaderNodeVolumeAbsorption", "Volume")
-cube("Mist", 90, (0, 0, 0)).data.materials.append(murk)
+murk = material_of("M5", lambda tree: add_node(tree, "VolumeAbsorption").outputs[0], socket="Volume")
+for wet in (deep, cube("Mist", 90, (0, 0, 0))):
+    wet.data.materials.append(murk)
 bpy.ops.wm.save_as_mainfile(filepath=f"{folder}/dressed.blend")
 
 # glTF: KHR_materials_transmission; without the wide flat sheet of murk, which it cannot hold.
@@ -95,14 +89,14 @@ bpy.ops.export_scene.gltf(filepath=f"{folder}/dressed.glb", export_apply=True)
 terrain = begin()
 terrain.name = "Terrain"
 terrain.modifiers.new("t", "TRIANGULATE")
-material("Grass", terrain)
-material("Lake water", terrain)
+for name in ("Grass", "Lake water"):
+    terrain.data.materials.append(principled(name, gray))
 for face in terrain.data.polygons:
     x, y, _ = face.center
     face.material_index = 7 if x > 20 and y > 0 else 0  # beyond the last slot, as the last is worn
 cliff = plane("North terrain", 40, (0, -60, 9), cells=4)
-material("Grass", cliff)
-material("Falling water", cliff)
+for name in ("Grass", "Falling water"):
+    cliff.data.materials.append(principled(name, gray))
 for vertex in cliff.data.vertices:
     vertex.co.z = 4 * vertex.co.x if vertex.co.x > 9 else 0
 for face in cliff.data.polygons:
