@@ -175,18 +175,15 @@ def vehicle_roles(pieces: Sequence[Piece], *, keep: Sequence[str] = (), drop: Se
     doubtful.sort(key=lambda i: pieces[i].area)
     sure = set(open_) - set(doubtful)
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for bounds in [p.bounds for i, p in enumerate(pieces) if i in sure or _kept(roles[i])]:
-        low, high = np.minimum(low, bounds[0]), np.maximum(high, bounds[1])
+    for i, (piece, role) in enumerate(zip(pieces, roles, strict=True)):
+        if i in sure or (role is not None and role.use == "vehicle"):
+            low, high = np.minimum(low, piece.bounds[0]), np.maximum(high, piece.bounds[1])
     for i in doubtful:
         # Where all is doubtful the smallest thing is a vehicle if anything is.
         roles[i] = _vehicle_by_place(pieces[i], low, high) if (low <= high).all() else None
         if roles[i] is None:
             low, high = np.minimum(low, pieces[i].bounds[0]), np.maximum(high, pieces[i].bounds[1])
     return [role or PieceRole("vehicle", "by default") for role in roles]
-
-
-def _kept(role: PieceRole | None) -> bool:
-    return role is not None and role.use == "vehicle"
 
 
 def _vehicle_by_name(piece: Piece, keep: Sequence[str], drop: Sequence[str]) -> PieceRole | None:

@@ -10,7 +10,6 @@ from hulldown.reading.options import Options
 from hulldown.reading.roles import Piece, PieceRole
 from hulldown.reading.scenery.shape import ground_by_shape, is_wide_and_level, lawns, sheets_between, sunken
 
-LEVELS = ("object", "mesh", "collection", "material")
 VOLUME = "has volume shaders only"
 # The scenery's own keys in the order in which they are asked, then those of the table [ground] for all sceneries.
 ASKED = (
@@ -109,7 +108,7 @@ def matching(piece: Piece, patterns: Sequence[str]) -> tuple[str, str, str] | No
         if _is(piece.name, pattern):
             return "object", piece.name, pattern
         level, colon, rest = pattern.partition(":")
-        if colon and level in LEVELS:
+        if colon and level in names:
             for name in names[level]:
                 if _is(name, rest):
                     return level, name, pattern

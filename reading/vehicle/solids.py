@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -78,7 +79,7 @@ class Solids:
         return replace(found, piece=np.searchsorted(kept, found.piece))
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False)
 class PlacedPieces:
     """A vehicle's pieces in meters, x forward, z up.
 
@@ -102,12 +103,12 @@ class PlacedPieces:
     markers: Sequence[tuple[Link, ...]]
     vehicle_from_file: Float[np.ndarray, "4 4"]
 
-    @property
+    @cached_property
     def cloud(self) -> Float[np.ndarray, "n 3"]:
         """All vertices."""
         return np.concatenate([np.zeros((0, 3)), *self.points])
 
-    @property
+    @cached_property
     def bounds(self) -> Float[np.ndarray, "k 2 3"]:
         """Bounds of each piece."""
         return np.array([[own.min(axis=0), own.max(axis=0)] for own in self.points])
