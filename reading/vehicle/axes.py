@@ -7,9 +7,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.cluster.hierarchy import fclusterdata
 
 from hulldown.reading.vehicle.solids import Solids
 
@@ -104,10 +102,8 @@ def find_wheels(solids: Solids) -> Wheels | None:
         up = -up
     level = float((solids.center[index] @ up - solids.radius[index]).min())
     # A tire and its rim are one wheel.
-    near = cKDTree(solids.center[index]).query_pairs(0.7 * float(solids.radius[index].mean()), output_type="ndarray")
-    joined = coo_matrix((np.ones(len(near)), near.T), shape=(len(index), len(index)))
-    places = int(connected_components(joined, directed=False)[0])
-    return Wheels(index, up, across, level, places)
+    joined = fclusterdata(solids.center[index], 0.7 * float(solids.radius[index].mean()), criterion="distance")
+    return Wheels(index, up, across, level, places=int(joined.max()))
 
 
 def _standing(
