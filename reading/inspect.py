@@ -6,7 +6,6 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -23,10 +22,10 @@ from hulldown.camera.world import Kind, World, WorldHits
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.export import export
+from hulldown.reading.formats import HDRI_SUFFIXES
 from hulldown.reading.report import FileReport, SkyReport, refuse_missing
 from hulldown.reading.skies.hdri import read_hdris
 
-Report = TypeVar("Report", FileReport, SkyReport)
 # Colors that color-blind people tell apart: Okabe, Ito, Color universal design, 2008.
 COLORS = np.array([(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float)
 OBSTACLE = np.array([150.0, 150.0, 150.0])
@@ -42,7 +41,7 @@ VIEWS = (
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Inspected(Generic[Report]):
+class Inspected:
     """An inspected file.
 
     Parameters
@@ -56,7 +55,7 @@ class Inspected(Generic[Report]):
     """
 
     name: str
-    report: Report
+    report: FileReport | SkyReport
     picture: Image.Image | None = None
 
 
@@ -68,19 +67,19 @@ def inspect(
     pictures: bool = False,
     progress: Callable[[str], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
-) -> Inspected[FileReport]:
-    """Inspect an asset file, read without cache and options.
+) -> Inspected:
+    """Inspect an asset or an HDRI, read without cache and options.
 
     Parameters
     ----------
     path
-        A .blend, .glb, .gltf, .fbx or .obj file.
+        A .blend, .glb, .gltf, .fbx, .obj, .exr, or .hdr file.
     kind
-        "vehicle" or "scenery"; None to judge by the contents.
+        "vehicle" or "scenery"; None to judge by the asset's contents.
     strict
-        Refuse a file whose textures or libraries are missing.
+        Refuse an asset whose textures or libraries are missing.
     pictures
-        Whether to draw them too.
+        Whether to draw the asset too.
     progress
         Called with a file's path before it is read.
     limits
@@ -91,6 +90,9 @@ def inspect(
     AssetError
         If the file cannot be read.
     """
+    path = Path(path)
+    if path.suffix.lower() in HDRI_SUFFIXES:
+        return Inspected(path.stem, _sky_report(path, progress, limits))
     if progress:
         progress(str(path))
     with tempfile.TemporaryDirectory(prefix="hulldown-") as folder:
@@ -101,26 +103,16 @@ def inspect(
         if pictures:
             load = load_vehicle if exported.report.kind == "vehicle" else load_scenery
             picture = draw(load(exported.bundle))
-        return Inspected(Path(path).stem, exported.report, picture)
+        return Inspected(path.stem, exported.report, picture)
 
 
-def inspect_sky(
-    path: Path, *, progress: Callable[[str], None] | None = None, limits: ReadLimits = DEFAULT_LIMITS
-) -> Inspected[SkyReport]:
-    """Inspect an HDRI, read without the cache; see `inspect`.
-
-    Raises
-    ------
-    AssetError
-        If it's unusable.
-    """
+def _sky_report(path: Path, progress: Callable[[str], None] | None, limits: ReadLimits) -> SkyReport:
     with tempfile.TemporaryDirectory(prefix="hulldown-") as cache:
         (hdri,) = read_hdris([path], Path(cache), limits=limits, progress=progress)
     light = hdri.light
     ev = float(metered(np.array([light.irradiance]) * (ALBEDO / np.pi))[0])
     doubts = (*hdri.misfits, *hdri.doubts)
-    report = SkyReport(str(path), light.irradiance, round(ev, 4), light.horizon_deg, hdri.notes, doubts)
-    return Inspected(path.stem, report)
+    return SkyReport(str(path), light.irradiance, round(ev, 4), light.horizon_deg, hdri.notes, doubts)
 
 
 def pages(path: Path, assets: int) -> list[Path]:
@@ -135,7 +127,7 @@ def pages(path: Path, assets: int) -> list[Path]:
     return [path, *(path.with_name(f"{path.stem}-{number}{path.suffix}") for number in range(2, count + 1))]
 
 
-def write_pictures(inspected: Sequence[Inspected[Any]], path: Path) -> list[Path]:
+def write_pictures(inspected: Sequence[Inspected], path: Path) -> list[Path]:
     """Write the pictures as pages and return their names; several side by side, each under its name.
 
     Raises

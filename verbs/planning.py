@@ -75,7 +75,7 @@ def _inspect(arguments: argparse.Namespace) -> int:
     for page in pages(output, drawn) if output else ():
         make_room_for_picture(page)
     limits = read_limits(arguments)
-    inspected: list[Inspected[Any]] = []
+    inspected: list[Inspected] = []
     for path in arguments.files:
         with reading_status() as progress:
             new = inspect_file(

@@ -16,8 +16,8 @@ from typing import Any
 from hulldown.geometry.errors import AssetError
 from hulldown.planning.config.template import config_text
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.reading.export import export
 from hulldown.reading.formats import HDRI_SUFFIXES, SUFFIXES
-from hulldown.reading.inspect import inspect
 from hulldown.reading.report import FileReport
 from hulldown.reading.skies.hdri import read_hdris
 
@@ -132,9 +132,9 @@ def _hdri(folder: Path, path: Path, limits: ReadLimits) -> FoundFile:
 
 def _model(folder: Path, path: Path, limits: ReadLimits) -> FoundFile:
     folder_kind = next((KINDS[name.lower()] for name in reversed(path.parent.parts) if name.lower() in KINDS), None)
-    report = inspect(
-        folder / path, kind="vehicle" if folder_kind == "distractor" else folder_kind, limits=limits
-    ).report
+    kind = "vehicle" if folder_kind == "distractor" else folder_kind
+    with tempfile.TemporaryDirectory(prefix="hulldown-") as out:
+        report = export(folder / path, out, kind=kind, limits=limits).report
     return FoundFile(path, folder_kind or report.kind, (*report.lines(), *_ground(report)))
 
 

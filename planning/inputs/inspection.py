@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,8 +12,8 @@ from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_library
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.formats import HDRI_SUFFIXES
-from hulldown.reading.inspect import Inspected, draw, inspect, inspect_sky
-from hulldown.reading.report import FileReport, SkyReport
+from hulldown.reading.inspect import Inspected, draw, inspect
+from hulldown.reading.report import FileReport
 
 
 def drawn_assets(path: Path) -> int:
@@ -24,7 +24,7 @@ def drawn_assets(path: Path) -> int:
     ConfigError
         If the file is a config with a mistake.
     """
-    return len(Config.read(path).assets.entries) if _is_config(path) else int(not _is_hdri(path))
+    return len(Config.read(path).assets.entries) if _is_config(path) else int(path.suffix.lower() not in HDRI_SUFFIXES)
 
 
 def inspect_file(
@@ -35,7 +35,7 @@ def inspect_file(
     pictures: bool = False,
     progress: Callable[[str], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
-) -> Sequence[Inspected[FileReport] | Inspected[SkyReport]]:
+) -> list[Inspected]:
     """Inspect an asset or an HDRI, read without a cache, or the vehicles and sceneries of a config, in its order.
 
     Parameters
@@ -67,8 +67,6 @@ def inspect_file(
         listed = [(_with_limits(file.report, models[name]), models[name]) for name, file in library.models.items()]
         listed += [(file.report, library.assets.sceneries[name]) for name, file in library.sceneries.items()]
         return [Inspected(asset.name, report, draw(asset) if pictures else None) for report, asset in listed]
-    if _is_hdri(path):
-        return [inspect_sky(path, progress=progress, limits=limits)]
     return [inspect(path, kind=kind, strict=strict, pictures=pictures, progress=progress, limits=limits)]
 
 
@@ -81,7 +79,3 @@ def _with_limits(report: FileReport, shape: VehicleShape) -> FileReport:
 
 def _is_config(path: Path) -> bool:
     return path.suffix.lower() == ".toml"
-
-
-def _is_hdri(path: Path) -> bool:
-    return path.suffix.lower() in HDRI_SUFFIXES
