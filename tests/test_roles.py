@@ -6,7 +6,7 @@ import pytest
 from hulldown.assets.naming import GROUND, GUN, GUN_HINTS, HELPERS, TURRET_HINTS, first_match, hints
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.doubts import vehicle_doubts
-from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
+from hulldown.reading.kinds import refuse_wrong_kind
 from hulldown.reading.options import Options
 from hulldown.reading.report import FileReport
 from hulldown.reading.roles import Link, Piece, vehicle_roles
@@ -147,14 +147,6 @@ def test_the_config_overrides_the_rules_and_keep_overrides_drop() -> None:
 )
 def test_ground_by_name_of_object_then_mesh_then_collection(thing: Piece, use: str) -> None:
     assert scenery_uses(thing) == [use]
-
-
-def test_a_file_with_ground_and_other_objects_is_a_scenery() -> None:
-    ground, far = piece("Terrain", size=(200, 200, 1)), piece("Tree", at=(60, 0, 2))
-    assert likely_kind([ground, HULL, far], Options()) == "scenery"
-    assert likely_kind([ground, HULL], Options()) == "vehicle"
-    assert likely_kind([HULL], Options()) == "vehicle"
-    assert likely_kind([piece("Grid", size=(24, 120, 0))], Options()) == "scenery"
 
 
 def test_a_scenery_listed_as_a_vehicle_is_refused_unless_options_are_given() -> None:
