@@ -117,10 +117,11 @@ def _pairs(
     order, size = np.lexsort((nearest, view)), max(1, RAYS // camera_rays.count)
     for batch in rounds(view[order]):
         for block in (order[batch[i : i + size]] for i in range(0, len(batch), size)):
+            pair, ray = camera_rays.through(box[block], view[block])
+            pair = block[pair]
             # From the near plane to a box it's at least the box's depth less the plane's; once more, for rounding.
-            ahead = far[view[block]] > (nearest[block] - 2.0 * NEAR)[:, None]
-            pair, ray = np.nonzero(camera_rays.inside(box[block], view[block]) & ahead)
-            yield view[block][pair] * camera_rays.count + ray, instance[block][pair]
+            ahead = far[view[pair], ray] > nearest[pair] - 2.0 * NEAR
+            yield view[pair[ahead]] * camera_rays.count + ray[ahead], instance[pair[ahead]]
 
 
 def _touched(

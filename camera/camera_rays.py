@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from hulldown.camera.projection import NEAR
 from hulldown.geometry.transforms import rotate
@@ -71,13 +71,13 @@ class CameraRays:
         low, across, down = np.moveaxis(rotate(frame_from_camera[:, :3, :3], self._rows), 1, 0)
         return np.stack([low, low + across, low + across + down, low + down], 1)
 
-    def overlap(self, box: Float[np.ndarray, "p 2 2"], view: Int[np.ndarray, " p"]) -> Bool[np.ndarray, " p"]:
-        """Which boxes, low and high corners at unit depth, overlap their camera's window."""
+    def through(
+        self, box: Float[np.ndarray, "p 2 2"], view: Int[np.ndarray, " p"]
+    ) -> tuple[Int[np.ndarray, " q"], Int[np.ndarray, " q"]]:
+        """All pairs of a box, low and high corner at unit depth, and a ray of its camera that goes through it."""
         low = self.low[view]
-        return ((box[:, 1] >= low) & (box[:, 0] <= low + self.extent[view])).all(axis=1)
-
-    def inside(self, box: Float[np.ndarray, "p 2 2"], view: Int[np.ndarray, " p"]) -> Bool[np.ndarray, "p r"]:
-        """Which rays of a box's camera go through it; low and high corners, at unit depth."""
+        near = np.flatnonzero(((box[:, 1] >= low) & (box[:, 0] <= low + self.extent[view])).all(axis=1))
+        box, view = box[near], view[near]
         with np.errstate(divide="ignore", invalid="ignore"):
             at = (box - self.low[view, None]) / self.extent[view, None]
         u, v = self._of(view)
@@ -85,7 +85,8 @@ class CameraRays:
         inside &= u <= at[:, 1, :1]
         inside &= v >= at[:, 0, 1:]
         inside &= v <= at[:, 1, 1:]
-        return inside
+        pair, ray = np.nonzero(inside)
+        return near[pair], ray
 
     def _of(self, cameras: slice | Int[np.ndarray, " m"]) -> tuple[np.ndarray, np.ndarray]:
         """The pattern of some cameras."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import HalfspaceIntersection, QhullError
 
 from hulldown.assets.vehicle import Articulation, VehicleShape
+from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
 from hulldown.geometry.arrays import joined
 from hulldown.geometry.cutouts import CutoutCaster, caster_of
 from hulldown.geometry.hulls import extreme_points
@@ -19,6 +20,9 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster, RayHits
 from hulldown.geometry.transforms import apply, compose, invert_rigid, rotate
 
+# Rays through one pinhole are coherent as they come: batches below this size are not sorted again by RayCaster, and
+# stay in cache.
+BATCH = 4095
 FEW = 64  # hull vertices up to which the hull isn't simplified
 
 
@@ -102,6 +106,11 @@ class PosedVehicle:
     articulation: Articulation | Sequence[Articulation] | Float[np.ndarray, "k p"]
     row: Int[np.ndarray, " k"] | None = None
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.articulation, Mapping) and len(self.articulation) != len(self.world_from_vehicle):
+            expected = len(self.world_from_vehicle)
+            raise ValueError(f"articulation: expected one or {expected}, got {len(self.articulation)}")
+
     def rows(self, index: Int[np.ndarray, " c"]) -> PosedVehicle:
         """Select cameras, which become cameras 0, 1, ..."""
         kept, row = index, None
@@ -143,18 +152,14 @@ class PosedVehicle:
             (n,) ascending: the camera of each ray, which meets the poses of that camera. None: all are of camera 0.
         """
         start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
-        reach = np.broadcast_to(max_distance, len(start))
-        distance, face = np.full(len(start), np.inf), np.full(len(start), -1)
+        reach, hits = np.broadcast_to(max_distance, len(start)), _missed(len(start))
         pose, ray = self._pairs(row, len(start))
-        for part, world_from_part in self._parts():
+        for part, world_from_part in self.target.placed(self.world_from_vehicle, self.articulation):
             some, rays = _into(part, world_from_part, pose, start[ray], along[ray])
             at = ray[some]
-            met = part.caster.cast(*rays, max_distance=np.minimum(reach, distance)[at])
-            # Farthest first, so that of several poses the nearest is written last.
-            order = np.argsort(-met.distance, kind="stable")
-            order = order[met.distance[order] < distance[at[order]]]
-            distance[at[order]], face[at[order]] = met.distance[order], part.face[met.face[order]]
-        return RayHits(distance, face)
+            met = part.caster.cast(*rays, max_distance=np.minimum(reach, hits.distance)[at])
+            _keep_nearest(hits, at, met.distance, part.face[met.face])
+        return hits
 
     def occluded(
         self,
@@ -165,17 +170,40 @@ class PosedVehicle:
         max_distance: ArrayLike = np.inf,
     ) -> Bool[np.ndarray, " n"]:
         """Whether the vehicle lies along each ray in the world; arguments as for `cast`."""
-        start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
-        reach = np.broadcast_to(max_distance, len(start))
-        blocked = np.zeros(len(start), dtype=bool)
-        pose, ray = self._pairs(row, len(start))
-        for part, world_from_part in self._parts():
-            left = ~blocked[ray]
-            pose, ray = pose[left], ray[left]
-            some, rays = _into(part, world_from_part, pose, start[ray], along[ray])
-            met = part.caster.occluded(*rays, max_distance=reach[ray[some]])
-            blocked[ray[some[met]]] = True
-        return blocked
+        return self.cast(origins, directions, row=row, max_distance=max_distance).hit
+
+    def first_hits(
+        self,
+        camera_rays: CameraRays,
+        world_from_camera: Float[np.ndarray, "n 4 4"],
+        asked: Bool[np.ndarray, " k"],
+    ) -> RayHits:
+        """The first face of the shape's mesh along each of n cameras' rays that is asked for."""
+        hits = _missed(len(asked))
+        for part, at, rays in self.through(camera_rays, world_from_camera, asked):
+            met = part.caster.cast(*rays)
+            _keep_nearest(hits, at, met.distance, part.face[met.face])
+        return hits
+
+    def through(
+        self,
+        camera_rays: CameraRays,
+        world_from_camera: Float[np.ndarray, "n 4 4"],
+        asked: Bool[np.ndarray, " k"],
+    ) -> Iterator[tuple[TargetPart, Int[np.ndarray, " q"], tuple[Float[np.ndarray, "q 3"], Float[np.ndarray, "q 3"]]]]:
+        """For each part, in batches, the asked rays of n cameras that may meet it, and these in the part's frame.
+
+        `asked` may change between batches.
+        """
+        camera, parts = self.seen_from(world_from_camera)
+        for part, camera_from_part in parts:
+            pose, ray = camera_rays.through(box_at_unit_depth(apply(camera_from_part, part.around)), camera)
+            part_from_camera = invert_rigid(camera_from_part)
+            kept = np.flatnonzero(asked[camera[pose] * camera_rays.count + ray])
+            for i in range(0, len(kept), BATCH):
+                some = pose[kept[i : i + BATCH]], ray[kept[i : i + BATCH]]
+                rays = camera_rays.rays(part_from_camera, some[0] * camera_rays.count + some[1], camera)
+                yield part, camera[some[0]] * camera_rays.count + some[1], rays
 
     def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
         """Unit normals, in the world, of faces of the shape's mesh in the one pose; nan for faces without area."""
@@ -195,8 +223,18 @@ class PosedVehicle:
             row = np.zeros(rays, dtype=np.int64)
         return joined(np.zeros(1, dtype=np.int64) if self.row is None else self.row, row)
 
-    def _parts(self) -> list[tuple[TargetPart, Float[np.ndarray, "k 4 4"]]]:
-        return self.target.placed(self.world_from_vehicle, self.articulation)
+
+def _missed(n: int) -> RayHits:
+    return RayHits(np.full(n, np.inf), np.full(n, -1))
+
+
+def _keep_nearest(
+    hits: RayHits, at: Int[np.ndarray, " q"], distance: Float[np.ndarray, " q"], face: Int[np.ndarray, " q"]
+) -> None:
+    """Update hits by others of the rays `at`."""
+    order = np.argsort(-distance, kind="stable")  # farthest first, so that of several poses the nearest is written last
+    order = order[distance[order] < hits.distance[at[order]]]
+    hits.distance[at[order]], hits.face[at[order]] = distance[order], face[order]
 
 
 def _into(

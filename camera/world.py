@@ -13,18 +13,14 @@ from numpy.typing import ArrayLike
 
 from hulldown.assets.scenery import Scenery
 from hulldown.camera.beams import nearest_in_beams, passed_in_beams
-from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
+from hulldown.camera.camera_rays import CameraRays
 from hulldown.camera.lenses import lenses
 from hulldown.camera.projection import NEAR, Camera
-from hulldown.camera.target import PosedVehicle
+from hulldown.camera.target import BATCH, PosedVehicle
 from hulldown.geometry.cutouts import CutoutCaster, caster_of
 from hulldown.geometry.instances import InstancedScene, InstanceHits
 from hulldown.geometry.rays import RayCaster, RayHits, WorkerThreads
-from hulldown.geometry.transforms import apply, invert_rigid
 
-# Rays through one pinhole are coherent as they come: batches below this size are not sorted again by RayCaster, and
-# stay in cache.
-BATCH = 4095
 TILE = 64  # pixels, each way, that are traced together
 
 
@@ -201,7 +197,7 @@ class World:
                 case InstancedScene():
                     return nearest_in_beams(thing, camera_rays, world_from_camera, reach=reach)
                 case PosedVehicle():
-                    return _met_in_beams(thing, camera_rays, world_from_camera, reach)
+                    return thing.first_hits(camera_rays, world_from_camera, np.ones(len(reach), dtype=bool))
             return thing.cast(start, along, max_distance=reach)
 
         return self._first(along, cast)
@@ -297,9 +293,15 @@ class World:
         left = np.flatnonzero(passed[:, 0])
         through = passed_in_beams(self.obstacles, camera_rays, world_from_camera, which=which[left], reach=reach[left])
         passed[left, 1:] *= through[:, None]
+        place = np.zeros(len(world_from_camera) * camera_rays.count, dtype=np.int64)
+        place[which] = np.arange(len(which))
+        asked = np.zeros(len(place), dtype=bool)
+        asked[which] = passed[:, 2] > 0.0
         for vehicle in self.vehicles:
-            left = np.flatnonzero(passed[:, 2])
-            passed[left, 2] *= _passed_by(vehicle, camera_rays, world_from_camera, which=which[left], reach=reach[left])
+            for part, at, rays in vehicle.through(camera_rays, world_from_camera, asked):
+                through = part.caster.transmittance(*rays, max_distance=reach[place[at]])
+                np.multiply.at(passed[:, 2], place[at], through)
+                asked[at] = passed[place[at], 2] > 0.0
         return passed
 
     def _things(self) -> Iterator[tuple[Kind, int, Thing]]:
@@ -308,52 +310,3 @@ class World:
         yield Kind.OBSTACLE, 0, self.obstacles
         for i, vehicle in enumerate(self.vehicles):
             yield Kind.VEHICLE, i, vehicle
-
-
-def _met_in_beams(
-    vehicle: PosedVehicle,
-    camera_rays: CameraRays,
-    world_from_camera: Float[np.ndarray, "n 4 4"],
-    reach: Float[np.ndarray, " k"],
-) -> RayHits:
-    """The first face of a vehicle that all rays of n cameras meet."""
-    distance, face = reach.copy(), np.full(len(reach), -1)
-    camera, parts = vehicle.seen_from(world_from_camera)
-    for part, camera_from_part in parts:
-        box = box_at_unit_depth(apply(camera_from_part, part.around))
-        seen = np.flatnonzero(camera_rays.overlap(box, camera))
-        pose, ray = np.nonzero(camera_rays.inside(box[seen], camera[seen]))
-        pose = seen[pose]
-        at = camera[pose] * camera_rays.count + ray
-        rays = camera_rays.rays(invert_rigid(camera_from_part), pose * camera_rays.count + ray, camera)
-        met = part.caster.cast(*rays, max_distance=distance[at])
-        nearer = met.distance < distance[at]
-        distance[at[nearer]], face[at[nearer]] = met.distance[nearer], part.face[met.face[nearer]]
-    return RayHits(np.where(face >= 0, distance, np.inf), face)
-
-
-def _passed_by(
-    vehicle: PosedVehicle,
-    camera_rays: CameraRays,
-    world_from_camera: Float[np.ndarray, "n 4 4"],
-    *,
-    which: Int[np.ndarray, " k"],
-    reach: Float[np.ndarray, " k"],
-) -> Float[np.ndarray, " k"]:
-    n, r = len(world_from_camera), camera_rays.count
-    place = np.full(n * r, -1)
-    place[which] = np.arange(len(which))
-    passed = np.ones(len(which))
-    camera, parts = vehicle.seen_from(world_from_camera)
-    for part, camera_from_part in parts:
-        box = box_at_unit_depth(apply(camera_from_part, part.around))
-        pose, ray = np.nonzero(camera_rays.inside(box, camera))
-        asked = place[camera[pose] * r + ray]
-        on = asked >= 0
-        on[on] = passed[asked[on]] > 0.0
-        asked = asked[on]
-        if len(asked):
-            rays = camera_rays.rays(invert_rigid(camera_from_part), (pose * r + ray)[on], camera)
-            through = part.caster.transmittance(*rays, max_distance=reach[asked])
-            np.multiply.at(passed, asked, through)
-    return passed

@@ -10,6 +10,7 @@ from hulldown.camera.beams import passed_in_beams
 from hulldown.camera.camera_rays import CameraRays
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
+from hulldown.camera.target import PosedVehicle
 from hulldown.camera.visibility import visible_fraction
 from hulldown.camera.world import Plane, World
 from hulldown.geometry.instances import InstancedScene
@@ -48,9 +49,8 @@ def test_on_an_open_plane_everything_in_the_frame_is_visible(
     lens: Intrinsics, seed: int, elevation: float, turn: float
 ) -> None:
     # The target is a millimeter above the plane, since rays at the seam may go either way.
-    seen = visible_fraction(
-        TANK, HERE, cameras(seed, elevation), intrinsics=lens, articulation={"turret": turn}, world=World(Plane(-1e-3))
-    )
+    target, world = PosedVehicle(TANK, HERE, {"turret": turn}), World(Plane(-1e-3))
+    seen = visible_fraction([target], cameras(seed, elevation), intrinsics=lens, world=world)
     assert (seen.fraction == 1).all()
     assert (seen.hits > 0).all()
 
@@ -65,11 +65,9 @@ def test_behind_a_wall_nothing_is_visible(lens: Intrinsics, seed: int, elevation
     walls[:, :3, :3] = poses[:, :3, :3] * np.array([1000.0, 1000.0, 0.01])
     for i in range(n):
         seen = visible_fraction(
-            TANK,
-            HERE,
+            [PosedVehicle(TANK, HERE, {"turret": turn})],
             poses[i : i + 1],
             intrinsics=lens,
-            articulation={"turret": turn},
             world=World(obstacles=InstancedScene([CUBE], [0], walls[i : i + 1])),
         )
         assert seen.fraction[0] == 0
@@ -82,12 +80,12 @@ def test_an_added_occluder_never_raises_the_fraction(
 ) -> None:
     scene = boulders(np.random.default_rng(seed), k)
     fewer = InstancedScene([CUBE], scene.instance_mesh[:-1], scene.world_from_instance[:-1])
-    options = {"intrinsics": lens, "articulation": {"turret": turn}, "rays": 64}
-    poses = cameras(seed, elevation)
-    free = visible_fraction(TANK, HERE, poses, **options)
-    some = visible_fraction(TANK, HERE, poses, world=World(obstacles=fewer), **options)
-    more = visible_fraction(TANK, HERE, poses, world=World(obstacles=scene), **options)
-    most = visible_fraction(TANK, HERE, poses, world=World(Plane(0.2), scene), **options)
+    options = {"intrinsics": lens, "rays": 64}
+    target, poses = [PosedVehicle(TANK, HERE, {"turret": turn})], cameras(seed, elevation)
+    free = visible_fraction(target, poses, **options)
+    some = visible_fraction(target, poses, world=World(obstacles=fewer), **options)
+    more = visible_fraction(target, poses, world=World(obstacles=scene), **options)
+    most = visible_fraction(target, poses, world=World(Plane(0.2), scene), **options)
     for above, below in [(free, some), (some, more), (more, most)]:
         np.testing.assert_array_equal(above.hits, below.hits)
         assert (below.fraction <= above.fraction).all()
@@ -115,7 +113,9 @@ def test_moving_the_world_changes_almost_nothing(seed: int, elevation: float) ->
     scene = boulders(np.random.default_rng(seed), 8)
     moved = InstancedScene([CUBE], scene.instance_mesh, shift @ scene.world_from_instance)
     poses, lens = cameras(seed, elevation), Intrinsics(320, 240, 0.8)
-    here = visible_fraction(TANK, HERE, poses, intrinsics=lens, world=World(Plane(0.1), scene))
-    there = visible_fraction(TANK, shift[None], shift @ poses, intrinsics=lens, world=World(Plane(50.1), moved))
+    here = visible_fraction([PosedVehicle(TANK, HERE, {})], poses, intrinsics=lens, world=World(Plane(0.1), scene))
+    there = visible_fraction(
+        [PosedVehicle(TANK, shift[None], {})], shift @ poses, intrinsics=lens, world=World(Plane(50.1), moved)
+    )
     np.testing.assert_allclose(here.hits, there.hits, atol=2)
     np.testing.assert_allclose(here.fraction, there.fraction, atol=0.04)

@@ -111,10 +111,10 @@ def test_a_vehicles_boxes_are_those_of_its_surface(name):
 
 def test_the_visible_share_counts_pixels():
     intrinsics = Intrinsics.calibrated(1920, 1080, (1000.0, 1000.0, 960.0, 540.0), LENSES["barrel"])
-    target = VehicleTarget(vehicle("t72"))
+    target = PosedVehicle(VehicleTarget(vehicle("t72")), np.eye(4)[None], {})
     pose = camera_pose([0, 0, 1.0], 9.0, 0.4, 0.3)[None]
-    seen = visible_fraction(target, np.eye(4)[None], pose, intrinsics=intrinsics, rays=40_000)
-    mask = vehicle_mask(PosedVehicle(target, np.eye(4)[None], {}), Camera(intrinsics, pose[0]))
+    seen = visible_fraction([target], pose, intrinsics=intrinsics, rays=40_000)
+    mask = vehicle_mask(target, Camera(intrinsics, pose[0]))
     assert seen.fraction[0] == 1.0
     assert seen.area[0] == pytest.approx(mask.sum(), rel=0.01)
 

@@ -9,7 +9,7 @@ from hulldown.assets.library import Assets
 from hulldown.camera.clearance import CameraRoom
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
-from hulldown.camera.target import VehicleTarget
+from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.visibility import visible_fraction
 from hulldown.camera.world import World
 from hulldown.geometry.instances import InstancedScene
@@ -114,7 +114,9 @@ def test_water_hides_submerged_parts_like_an_opaque_surface():
     ford, lens = with_water(bare("ford"), sheet((-50, -50), (50, 50), 1.0)), Intrinsics(640, 480, 0.7)
     camera = camera_pose([0.0, 0.0, 1.0], 30.0, 0.0, 0.1)[None]
     for world, low, high in ((World.of(ford), 0.4, 0.8), (World(), 0.0, 0.0)):
-        seen = visible_fraction(VehicleTarget(TANK), np.eye(4)[None], camera, intrinsics=lens, world=world, rays=900)
+        seen = visible_fraction(
+            [PosedVehicle(VehicleTarget(TANK), np.eye(4)[None], {})], camera, intrinsics=lens, world=world, rays=900
+        )
         assert low <= seen.by_obstacles[0] <= high
         assert seen.fraction[0] == pytest.approx(1.0 - seen.by_obstacles[0])
 

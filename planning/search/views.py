@@ -12,7 +12,7 @@ from hulldown.annotate.boxes import Boxes
 from hulldown.annotate.masks import show_pixels
 from hulldown.camera.lenses import Lenses
 from hulldown.camera.shell import camera_pose
-from hulldown.camera.visibility import visibility_of
+from hulldown.camera.visibility import visible_fraction
 from hulldown.camera.weather.extinction import air_contrast
 from hulldown.placement.rejection import Rejection
 from hulldown.planning.config.schema import Config
@@ -214,7 +214,7 @@ def visible_shares(
     if not len(rows):
         return np.zeros(0)
     world, subject = site.world.with_vehicles(others.beside(rows)[0].posed()), subjects.take(rows).posed()
-    seen = visibility_of(
+    seen = visible_fraction(
         subject, views.world_from_camera[rows], intrinsics=views.lens.rows(rows), world=world, rays=rays
     )
     # nan is a vehicle that no ray met, since it is thinner than the distance of the rays.
