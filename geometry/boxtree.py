@@ -1,8 +1,9 @@
 """A bounding volume hierarchy over axis-aligned boxes, in NumPy and float64.
 
 Embree finds the nearest triangle only. Here thousands of queries go down the tree together, one array operation a
-level, and find every instance whose box a ray crosses, or every triangle near a vehicle. Neighboring rays go as one
-query.
+level, and find every instance whose box a ray crosses, every triangle near a vehicle, or every face that may lie under
+a point. Neighboring rays go as one query. A node's box has the very minima and maxima of its boxes, and comparisons are
+exact: whatever touches a box reaches it, without an epsilon.
 """
 
 from __future__ import annotations
@@ -28,24 +29,24 @@ class BoxTree:
     Parameters
     ----------
     bounds
-        (k, 2, 3) lowest and highest corners; k = 0 is legal.
+        (k, 2, d) lowest and highest corners in d dimensions; k = 0 is legal.
     """
 
-    def __init__(self, bounds: Float[np.ndarray, "k 2 3"]) -> None:
-        self._bounds = bounds
+    def __init__(self, bounds: Float[np.ndarray, "k 2 d"]) -> None:
         self._order = _morton_order(bounds)
-        self._levels: list[Float[np.ndarray, "g 6 f"]] = []
-        boxes = bounds[self._order].reshape(-1, 6)
+        self._size = np.ptp(bounds, axis=1).mean(axis=0) if len(bounds) else np.zeros(0)
+        self._levels: list[Float[np.ndarray, "g 2*d f"]] = []
+        d = bounds.shape[2]
+        boxes = bounds[self._order].reshape(-1, 2 * d)
         while len(boxes):
             groups = -(-len(boxes) // FANOUT)
-            padded = np.full((groups * FANOUT, 6), np.inf)  # boxes at infinity are touched by nothing
+            padded = np.repeat([[np.inf] * d + [-np.inf] * d], groups * FANOUT, axis=0)  # touched by nothing
             padded[: len(boxes)] = boxes
-            level = padded.reshape(groups, FANOUT, 6).transpose(0, 2, 1)
-            self._levels.insert(0, np.ascontiguousarray(level))
+            level = np.ascontiguousarray(padded.reshape(groups, FANOUT, 2 * d).transpose(0, 2, 1))
+            self._levels.insert(0, level)
             if groups == 1:
                 break
-            filled = np.where(np.isinf(level), np.nan, level)
-            boxes = np.concatenate([np.nanmin(filled[:, :3], axis=2), np.nanmax(filled[:, 3:], axis=2)], axis=1)
+            boxes = np.concatenate([level[:, :d].min(axis=2), level[:, d:].max(axis=2)], axis=1)
 
     def crossed(
         self,
@@ -89,13 +90,15 @@ class BoxTree:
                     np.minimum(leave, np.where(away, np.inf, at), out=leave)
             return (enter <= leave * (1 + SLACK)) & (enter < np.inf)
 
-        packet, box = self._descend(len(first), touch)
+        packet, place = self._descend(len(first), touch)
         blocks = []
         for i in range(0, max(len(packet), 1), VISITS):
             some = packet[i : i + VISITS]
             pair, number = numbered(count[some])
-            ray, boxes = first[some][pair] + number, box[i : i + VISITS][pair]
-            blocks.append(_entries(self._bounds, origins, directions, max_distance, ray, boxes))
+            ray, places = first[some][pair] + number, place[i : i + VISITS][pair]
+            bounds = self._levels[-1][places // FANOUT, :, places % FANOUT] if self._levels else np.zeros((0, 6))
+            crossed, entry = _entries(bounds, origins[ray], directions[ray], max_distance[ray])
+            blocks.append((ray[crossed], self._order[places[crossed]], entry))
         rays, boxes, entry = (np.concatenate(part) for part in zip(*blocks, strict=True))
         return rays, boxes, entry
 
@@ -105,29 +108,31 @@ class BoxTree:
         """The first ray of each packet: rays side by side that go much the same way, or one ray alone."""
         block = np.arange(0, len(origins), PACKET)
         alone = np.ones(len(block), dtype=bool)
-        if len(block) and len(self._bounds):
+        if len(block) and len(self._size):
             wide, turned = (
                 np.maximum.reduceat(rays, block) - np.minimum.reduceat(rays, block) for rays in (origins, directions)
             )
-            alone = (wide > np.ptp(self._bounds, axis=1).mean(axis=0)).any(axis=1) | (turned > SPREAD).any(axis=1)
+            alone = (wide > self._size).any(axis=1) | (turned > SPREAD).any(axis=1)
         ray = np.arange(len(origins))
         return ray[alone[ray // PACKET] | (ray % PACKET == 0)]
 
     def overlapping(
-        self, low: Float[np.ndarray, "n 3"], high: Float[np.ndarray, "n 3"]
+        self, low: Float[np.ndarray, "n d"], high: Float[np.ndarray, "n d"]
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
         """All pairs (query, box) where the query's own box touches the box; every pair once."""
+        d = low.shape[1]
 
         def touch(query: np.ndarray, boxes: np.ndarray) -> np.ndarray:
-            apart = (boxes[:, :3] > high[query][:, :, None]) | (boxes[:, 3:] < low[query][:, :, None])
+            apart = (boxes[:, :d] > high[query][:, :, None]) | (boxes[:, d:] < low[query][:, :, None])
             return ~apart.any(axis=1)
 
-        return self._descend(len(low), touch)
+        query, place = self._descend(len(low), touch)
+        return query, self._order[place]
 
     def _descend(
         self, n: int, touch: Callable[[np.ndarray, np.ndarray], Bool[np.ndarray, "v f"]]
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
-        """Walks all queries down; returns the pairs of query and box that touch."""
+        """Walks all queries down; returns the pairs of query and box that touch, boxes by their place in the order."""
         pairs = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))]
         waiting = [(0, np.arange(n), np.zeros(n, dtype=np.int64))] if self._levels else []
         while waiting:
@@ -140,50 +145,45 @@ class BoxTree:
             if level + 1 < len(self._levels):
                 waiting.append((level + 1, query[row], child))
             else:
-                pairs.append((query[row], self._order[child]))
-        query, box = (np.concatenate(part) for part in zip(*pairs, strict=True))
-        return query, box
+                pairs.append((query[row], child))
+        query, place = (np.concatenate(part) for part in zip(*pairs, strict=True))
+        return query, place
 
 
 def _entries(
-    bounds: Float[np.ndarray, "k 2 3"],
-    origins: Float[np.ndarray, "n 3"],
-    directions: Float[np.ndarray, "n 3"],
-    max_distance: Float[np.ndarray, " n"],
-    ray: Int[np.ndarray, " p"],
-    box: Int[np.ndarray, " p"],
-) -> tuple[Int[np.ndarray, " q"], Int[np.ndarray, " q"], Float[np.ndarray, " q"]]:
-    """Those pairs whose ray crosses the box within its distance, and the distance to the box."""
-    entry, leave = np.zeros(len(ray)), max_distance[ray]
+    bounds: Float[np.ndarray, "p 6"],
+    start: Float[np.ndarray, "p 3"],
+    along: Float[np.ndarray, "p 3"],
+    reach: Float[np.ndarray, " p"],
+) -> tuple[Int[np.ndarray, " q"], Float[np.ndarray, " q"]]:
+    """Which rays cross their boxes within their reach, and the distance to the box."""
+    entry, leave = np.zeros(len(start)), reach
     for axis in range(3):
-        start, along = origins[ray, axis], directions[ray, axis]
-        low, high = bounds[box, 0, axis] - start, bounds[box, 1, axis] - start
-        parallel = np.abs(along) < PARALLEL
-        inverse = 1.0 / np.where(parallel, 1.0, along)
+        speed = along[:, axis]
+        low, high = bounds[:, axis] - start[:, axis], bounds[:, 3 + axis] - start[:, axis]
+        parallel = np.abs(speed) < PARALLEL
+        inverse = 1.0 / np.where(parallel, 1.0, speed)
         a, b = low * inverse, high * inverse
         near, far = np.minimum(a, b), np.maximum(a, b)
         if parallel.any():
             # Such a ray is between the two sides for ever or never.
             near[parallel] = -np.inf
             far[parallel] = np.where((low <= 0.0) & (high >= 0.0), np.inf, -np.inf)[parallel]
-        np.maximum(entry, near, out=entry)
-        np.minimum(leave, far, out=leave)
-    crossed = (entry <= leave * (1 + SLACK)) & (entry < np.inf)
-    return ray[crossed], box[crossed], entry[crossed]
+        entry, leave = np.maximum(entry, near), np.minimum(leave, far)
+    crossed = np.flatnonzero((entry <= leave * (1 + SLACK)) & (entry < np.inf))
+    return crossed, entry[crossed]
 
 
-def _morton_order(bounds: Float[np.ndarray, "k 2 3"]) -> Int[np.ndarray, " k"]:
+def _morton_order(bounds: Float[np.ndarray, "k 2 d"]) -> Int[np.ndarray, " k"]:
     """Boxes along a Morton curve through their centers, in cubes of a 1024th of the widest axis.
 
     Cubes, so that an axis of little extent (the height of trees in a wood) does not scatter neighbors along the curve.
     """
     if not len(bounds):
-        return np.zeros(0, dtype=np.int64)
+        return np.zeros(0, dtype=np.int32)
     center = bounds.mean(axis=1)
     extent = np.ptp(center, axis=0).max()
     cell = ((center - center.min(axis=0)) * (1023.0 / (extent if extent > 0 else 1.0))).astype(np.int64)
-    key = np.zeros(len(bounds), dtype=np.int64)
-    for axis in range(3):
-        for bit in range(10):
-            key |= (cell[:, axis] >> bit & 1) << (3 * bit + axis)
-    return np.argsort(key, kind="stable")
+    for shift, kept in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
+        cell = (cell | cell << shift) & kept  # until each bit is followed by two zeros
+    return np.argsort(cell @ 2 ** np.arange(cell.shape[1]), kind="stable").astype(np.int32)

@@ -7,17 +7,20 @@ cross-multiplied integers, so equal heights of different triangulations tie exac
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int8, Shaped
 
+from hulldown.geometry.boxtree import BoxTree
 from hulldown.geometry.meshes import first_alike
 from hulldown.geometry.predicates import heights as exact_heights
 from hulldown.geometry.predicates import normals as exact_normals
 from hulldown.geometry.predicates import orient
-from hulldown.placement.face_index import FaceIndex
 from hulldown.placement.ground import Ground, Hits, upward
+
+_POINTS = 1 << 11  # points looked at together, so that intermediate arrays stay in cache
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -37,52 +40,45 @@ class ExactGround:
 
     def __init__(self, ground: Ground, low: Float[np.ndarray, "2 f"], high: Float[np.ndarray, "2 f"]) -> None:
         self._ground = ground
-        self._index = FaceIndex(low, high)
+        self._boxes = BoxTree(np.stack([low.T, high.T], axis=1))
 
     def count(
         self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
     ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
         """How many faces contain each point, and whether it is strictly inside all of them."""
         faces, on_edge = np.zeros(len(x), dtype=np.intp), np.zeros(len(x), dtype=bool)
-        for batch, point, face in self._index.candidates(x, y):
-            over = self._containing(x[batch], y[batch], point, face)
+        for batch, over in self._containing(x, y):
             n = batch.stop - batch.start
             faces[batch] = np.bincount(over.point, minlength=n)
             on_edge[batch] = np.bincount(over.point[(over.sides == 0).any(axis=1)], minlength=n) > 0
         return faces, ~on_edge
 
     def tops(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> Hits:
-        """The highest ground face at each point within the ground's bounds; ties go to the lowest face."""
+        """The highest ground face at each point; ties go to the lowest face."""
         n = len(x)
         tops = Hits(np.full(n, np.nan), np.full((n, 3), np.nan), np.full(n, -1, np.int32))
-        for batch, point, face in self._index.candidates(x, y):
+        for batch, over in self._containing(x, y):
             here = x[batch], y[batch]
-            over = self._highest(here, self._containing(*here, point, face))
+            over = self._highest(here, over)
             row = over.point + batch.start
             tops.face[row] = over.face
             tops.z[row] = self._heights(here, over)
             tops.normal[row] = self._normals(over.face)
         return tops
 
-    def _containing(
-        self,
-        x: Float[np.ndarray, " n"],
-        y: Float[np.ndarray, " n"],
-        point: Int[np.ndarray, " k"],
-        face: Int[np.ndarray, " k"],
-    ) -> _Over:
+    def _containing(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> Iterator[tuple[slice, _Over]]:
+        """Batches of points, and the faces that contain them."""
         g = self._ground
-        for vertices, points in ((g.x, x), (g.y, y)):
-            a, b, c = (vertices[corner[face]] for corner in g.corners)
-            p = points[point]
-            near = np.flatnonzero((np.minimum(np.minimum(a, b), c) <= p) & (np.maximum(np.maximum(a, b), c) >= p))
-            point, face = point[near], face[near]
-        over = _Over(point, face, np.empty((len(point), 3), dtype=np.int8))
-        for i in range(3):
-            a, b = g.corners[(i + 1) % 3][over.face], g.corners[(i + 2) % 3][over.face]
-            over.sides[:, i] = orient(g.x[a], g.y[a], g.x[b], g.y[b], x[over.point], y[over.point])
-            over = over[np.flatnonzero(over.sides[:, i] >= 0)]
-        return over[np.lexsort((over.face, over.point))]
+        for begin in range(0, len(x), _POINTS):
+            batch = slice(begin, min(begin + _POINTS, len(x)))
+            at = np.stack([x[batch], y[batch]], axis=1)
+            point, face = self._boxes.overlapping(at, at)
+            over = _Over(point, face, np.empty((len(point), 3), dtype=np.int8))
+            for i in range(3):
+                a, b = g.corners[(i + 1) % 3][over.face], g.corners[(i + 2) % 3][over.face]
+                over.sides[:, i] = orient(g.x[a], g.y[a], g.x[b], g.y[b], *at[over.point].T)
+                over = over[np.flatnonzero(over.sides[:, i] >= 0)]
+            yield batch, over[np.lexsort((over.face, over.point))]
 
     def _highest(self, at: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]], over: _Over) -> _Over:
         """One pair a point."""
