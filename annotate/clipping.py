@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from hulldown.camera.frustum import BOTTOM_BIT, LEFT_BIT, RIGHT_BIT, TOP_BIT, Frustum
+from hulldown.camera.frustum import Frustum, distance_from
 
 EMPTY = np.array([np.inf, np.inf, -np.inf, -np.inf])
 
@@ -31,21 +31,18 @@ def extremes_of_mesh(points: Float[np.ndarray, "3 v"], faces: np.ndarray, frustu
     seen[inside.ravel()] = True
     straddling = faces[touched & ((a & b & c) == 0)]
     whole = extremes_of_points(frustum.project(points[:, seen]))
-    points, _, on = clipped(points[:, straddling], frustum)
+    points, _, on = clipped(points[:, straddling], frustum.planes)
     pixels = frustum.project(points)
-    u, v = pixels
     # A corner cut by an edge of the image is exactly on it.
-    u[on & LEFT_BIT != 0] = 0.0
-    u[on & RIGHT_BIT != 0] = frustum.size[0]
-    v[on & TOP_BIT != 0] = 0.0
-    v[on & BOTTOM_BIT != 0] = frustum.size[1]
+    for bit, (axis, side) in enumerate(((0, 0.0), (0, frustum.size[0]), (1, 0.0), (1, frustum.size[1])), start=1):
+        pixels[axis, on >> bit & 1 == 1] = side
     return union(whole, extremes_of_points(pixels))
 
 
 def clipped(
-    triangles: Float[np.ndarray, "3 f 3"], frustum: Frustum
+    triangles: Float[np.ndarray, "3 f 3"], planes: Float[np.ndarray, "k 4"]
 ) -> tuple[Float[np.ndarray, "3 n"], Int[np.ndarray, " n"], UInt8[np.ndarray, " n"]]:
-    """Corners of clipped triangles, which polygon each is of, and as bits the planes that it was cut by.
+    """Corners of triangles clipped by planes, which polygon each is of, and as bits the planes that it was cut by.
 
     References
     ----------
@@ -56,10 +53,10 @@ def clipped(
     points = triangles.reshape(3, -1)
     polygon = np.repeat(np.arange(count), 3)
     on = np.zeros(len(polygon), dtype=np.uint8)
-    for bit in frustum.bits:
+    for i, plane in enumerate(planes):
         if not len(polygon):
             break
-        distance = frustum.distance(bit, points)
+        distance = distance_from(plane, points)
         inside = distance >= 0.0
         if inside.all():
             continue
@@ -75,7 +72,7 @@ def clipped(
         kept_points[:, crossing, 1] = start + share * (end - start)
         flags = np.empty((len(polygon), 2), dtype=np.uint8)
         flags[:, 0] = on
-        flags[:, 1] = (on & on[following]) | np.uint8(bit)
+        flags[:, 1] = (on & on[following]) | np.uint8(1 << i)
         points, on = kept_points[:, kept], flags[kept]
         polygon = np.repeat(polygon, kept.sum(axis=1))
     return points, polygon, on

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -13,11 +13,9 @@ from hulldown.annotate.curves import CurvedView, extremes_of_curved
 from hulldown.annotate.posing import PosedParts, move, slices
 from hulldown.camera.frustum import Frustum
 from hulldown.camera.projection import NEAR
-from hulldown.geometry.arrays import numbered
 
 SMALL = 30_000  # triangles: clipping up to so many takes less time than choosing among them
 LEAF = 64  # triangles in a cluster: fewer cost more bounds, more cost more clipping
-GROUP = 32  # clusters in a group, whose bounds are compared first
 ROUND = 4  # clusters looked at for each side at first; twice as many in every round that follows
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64).T
 SLACK = 1e-12  # of a cluster's distance and size: what bounds may be off by their rounding
@@ -34,26 +32,10 @@ class ClusteredSurface:
 
     def __init__(self, parts: PosedParts) -> None:
         self._parts = parts
-        self._made = False
 
-    def _make(self) -> None:
-        """Group the triangles into clusters, on first use."""
-        if self._made:
-            return
-        self._made, parts = True, self._parts
-        clusters = [_clusters(parts.vertices, parts.faces[place]) for place in parts.face_slices]
-        self._faces: Int[np.ndarray, "k leaf 3"] = np.concatenate(clusters)
-        counts = [len(c) for c in clusters]
-        corners = parts.vertices[:, self._faces.reshape(len(self._faces), -1)]
-        low, high = corners.min(axis=2), corners.max(axis=2)
-        self._leaves = _Bounds(low, high, counts)
-        starts = np.concatenate([np.arange(a, b, GROUP) for a, b in pairwise(self._leaves.ends)])
-        self._members = np.append(starts, len(self._faces))
-        self._groups = _Bounds(
-            np.minimum.reduceat(low, starts, axis=1),
-            np.maximum.reduceat(high, starts, axis=1),
-            [-(-count // GROUP) for count in counts],
-        )
+    @cached_property
+    def _clusters(self) -> _Clusters:
+        return _Clusters(self._parts)
 
     def extremes(self, camera_from_parts: Float[np.ndarray, "p 3 4"], frustum: Frustum) -> Float[np.ndarray, "4"]:
         """Lowest u, lowest v, highest u, highest v of the surface inside the frustum; empty if there is none.
@@ -70,56 +52,55 @@ class ClusteredSurface:
         if len(parts.faces) <= SMALL:
             points = move(parts.vertices, parts.vertex_slices, camera_from_parts[None])[:, 0]
             return extremes_of_mesh(points, parts.faces, frustum)
-        self._make()
-        groups = self._groups.within(frustum, best, camera_from_parts, np.arange(len(self._groups)))
-        left = _ranges(self._members[groups], self._members[groups + 1])
-        left = self._leaves.within(frustum, best, camera_from_parts, left)
+        clusters = self._clusters
+        left = clusters.within(frustum, best, camera_from_parts, np.arange(len(clusters.faces)))
         count = ROUND
         while len(left):
             chosen = np.ones(len(left), dtype=bool)
             if len(left) > 4 * count:
                 # Clusters far beyond a side are likely to move it most, and so to rule out others.
-                depth = self._leaves.reach(np.array([[0.0, 0.0, 1.0, 0.0]]), camera_from_parts, left)
-                gain = self._leaves.gain(best, frustum, camera_from_parts, left) / np.maximum(depth, NEAR)
+                depth = clusters.reach(np.array([[0.0, 0.0, 1.0, 0.0]]), camera_from_parts, left)
+                gain = clusters.gain(best, frustum, camera_from_parts, left) / np.maximum(depth, NEAR)
                 chosen[:] = False
                 chosen[np.argpartition(gain, -count, axis=1)[:, -count:]] = True
-            best = union(best, extremes_of_mesh(*self._mesh(left[chosen], camera_from_parts), frustum))
-            left, count = self._leaves.within(frustum, best, camera_from_parts, left[~chosen]), 2 * count
+            best = union(best, extremes_of_mesh(*clusters.mesh(left[chosen], camera_from_parts), frustum))
+            left, count = clusters.within(frustum, best, camera_from_parts, left[~chosen]), 2 * count
         return best
 
     def curved_extremes(
         self, camera_from_parts: Float[np.ndarray, "p 3 4"], view: CurvedView
     ) -> Float[np.ndarray, "4"]:
         """`extremes` through a distorting lens, from clusters that may reach beyond the hull's vertices."""
-        self._make()
         first = move(self._parts.extreme, self._parts.extreme_slices, camera_from_parts[None])[:, 0]
         if (first[2] < NEAR).all():
             return EMPTY
         best = view.seen(first)
-        left = np.flatnonzero(view.may_widen(best, *self._leaves.rectangles(camera_from_parts)))
-        return extremes_of_curved(*self._mesh(left, camera_from_parts), view, best)
-
-    def _mesh(
-        self, clusters: Int[np.ndarray, " m"], camera_from_parts: Float[np.ndarray, "p 3 4"]
-    ) -> tuple[Float[np.ndarray, "3 n"], Int[np.ndarray, "f 3"]]:
-        """The triangles of some clusters in the camera's frame, which share no points."""
-        corners = self._parts.vertices[:, self._faces[clusters].reshape(-1)]
-        ends = np.searchsorted(clusters, self._leaves.ends) * self._faces[0].size
-        points = move(corners, slices(ends), camera_from_parts[None])[:, 0]
-        return points, np.arange(points.shape[1]).reshape(-1, 3)
+        clusters = self._clusters
+        left = np.flatnonzero(view.may_widen(best, *clusters.rectangles(camera_from_parts)))
+        return extremes_of_curved(*clusters.mesh(left, camera_from_parts), view, best)
 
 
-class _Bounds:
-    """Boxes in the frames of parts, those of one part together."""
+class _Clusters:
+    """Triangles in groups of neighbors, those of one part together, with boxes around them in the frames of parts."""
 
-    def __init__(self, low: Float[np.ndarray, "3 k"], high: Float[np.ndarray, "3 k"], counts: list[int]) -> None:
-        self.ends = np.cumsum([0, *counts])
-        self._center = (low + high) / 2.0
-        self._half = (high - low) / 2.0
+    def __init__(self, parts: PosedParts) -> None:
+        self._vertices = parts.vertices
+        faces = [_neighbors(parts.vertices, parts.faces[place]) for place in parts.face_slices]
+        self.faces: Int[np.ndarray, "k leaf 3"] = np.concatenate(faces)
+        self._ends = np.cumsum([0, *map(len, faces)])
+        corners = parts.vertices[:, self.faces.reshape(len(self.faces), -1)]
+        low, high = corners.min(axis=2), corners.max(axis=2)
+        self._center, self._half = (low + high) / 2.0, (high - low) / 2.0
         self._size = np.abs([low, high]).max(initial=0.0)
 
-    def __len__(self) -> int:
-        return int(self.ends[-1])
+    def mesh(
+        self, which: Int[np.ndarray, " m"], camera_from_parts: Float[np.ndarray, "p 3 4"]
+    ) -> tuple[Float[np.ndarray, "3 n"], Int[np.ndarray, "f 3"]]:
+        """The triangles of some clusters in the camera's frame, which share no points."""
+        corners = self._vertices[:, self.faces[which].reshape(-1)]
+        ends = np.searchsorted(which, self._ends) * self.faces[0].size
+        points = move(corners, slices(ends), camera_from_parts[None])[:, 0]
+        return points, np.arange(points.shape[1]).reshape(-1, 3)
 
     def within(
         self,
@@ -153,7 +134,7 @@ class _Bounds:
     ) -> tuple[Float[np.ndarray, "k 2"], Float[np.ndarray, "k 2"]]:
         """Lowest and highest corner at unit depth of what holds each box; nan if it isn't all beyond the near plane."""
         boxes = self._center[:, :, None] + self._half[:, :, None] * _CORNERS[:, None]
-        x, y, z = move(boxes.reshape(3, -1), slices(8 * self.ends), camera_from_parts[None]).reshape(3, -1, 8)
+        x, y, z = move(boxes.reshape(3, -1), slices(8 * self._ends), camera_from_parts[None]).reshape(3, -1, 8)
         z = np.where((z >= NEAR).all(axis=1)[:, None], z, np.nan)
         at = np.stack([x / z, y / z], 2)
         room = SLACK * (1.0 + np.abs(at))  # for the rounding of both
@@ -171,7 +152,7 @@ class _Bounds:
         """
         greatest = np.empty((len(functions), len(which)))
         normals, offsets = functions[:, :3], functions[:, 3]
-        for pose, place in zip(camera_from_parts, slices(np.searchsorted(which, self.ends)), strict=True):
+        for pose, place in zip(camera_from_parts, slices(np.searchsorted(which, self._ends)), strict=True):
             turned, apart = normals @ pose[:, :3], normals @ pose[:, 3] + offsets
             rounding = np.abs(normals) @ (self._size + np.abs(pose[:, 3])) + np.abs(offsets)
             # Not a matrix product: one this small and wide is handed to threads, which cost more than they save.
@@ -181,16 +162,10 @@ class _Bounds:
         return greatest
 
 
-def _clusters(vertices: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "k leaf 3"]:
+def _neighbors(vertices: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "k leaf 3"]:
     """Faces in groups of neighbors; the last group is filled up with its last face."""
     if not len(faces):
         return np.empty((0, LEAF, 3), dtype=np.int64)
     order = KDTree(vertices[:, faces].mean(axis=2).T, leafsize=LEAF).indices
     count = -(-len(faces) // LEAF)
     return faces[order[np.minimum(np.arange(count * LEAF), len(faces) - 1)]].reshape(count, LEAF, 3)
-
-
-def _ranges(starts: Int[np.ndarray, " n"], ends: Int[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:
-    """All integers of the half-open ranges, one range after the other."""
-    group, number = numbered(ends - starts)
-    return starts[group] + number

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 
 from hulldown.annotate.clipping import clipped, extremes_of_points, next_corner, union
 from hulldown.camera.distortion import bend, distorted, jacobian
-from hulldown.camera.frustum import Frustum
+from hulldown.camera.frustum import NEAR_PLANE
 from hulldown.camera.lenses import Lenses
 from hulldown.camera.projection import NEAR
 from hulldown.geometry.portable import sin_cos
@@ -105,7 +105,7 @@ def extremes_of_curved(
     # Edges that leave the disk, and those of triangles that the near plane cuts, are shortened first.
     leaving = [unit[start[~both]], unit[end[~both]]]
     if cut.any():
-        corners, polygon, _ = clipped(points[:, faces[cut]], Frustum((1.0, 1.0), (0.0, 0.0), (0.0, 0.0), frame=False))
+        corners, polygon, _ = clipped(points[:, faces[cut]], NEAR_PLANE)
         flat = (corners[:2] / corners[2]).T
         leaving = [np.concatenate(pair) for pair in zip(leaving, (flat, flat[next_corner(polygon)]), strict=True)]
     short = _within(leaving[0], leaving[1], radius)

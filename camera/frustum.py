@@ -10,8 +10,7 @@ from jaxtyping import Float, UInt8
 from hulldown.camera.lenses import Lenses
 from hulldown.camera.projection import NEAR
 
-# Which planes a point is outside of, or lies on, as bits.
-NEAR_BIT, LEFT_BIT, RIGHT_BIT, TOP_BIT, BOTTOM_BIT = 1, 2, 4, 8, 16
+NEAR_PLANE = np.array([[0.0, 0.0, 1.0, -NEAR]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,46 +37,19 @@ class Frustum:
         return cls(focal, center, size, frame)
 
     @property
-    def _sides(self) -> tuple[float, float, float, float]:
-        """Pixels from the principal point to the left, right, upper, and lower side of the image."""
-        (cx, cy), (width, height) = self.center, self.size
-        return cx, width - cx, cy, height - cy
-
-    @property
-    def bits(self) -> tuple[int, ...]:
-        """The planes of this frustum, in the order of `planes`."""
-        return (NEAR_BIT, LEFT_BIT, RIGHT_BIT, TOP_BIT, BOTTOM_BIT) if self.frame else (NEAR_BIT,)
-
-    @property
     def planes(self) -> Float[np.ndarray, "k 4"]:
-        """Rows (a, b, c, d) with a x + b y + c z + d >= 0 inside."""
-        (fx, fy), (left, right, top, bottom) = self.focal, self._sides
-        near = [0.0, 0.0, 1.0, -NEAR]
+        """Rows (a, b, c, d) with a x + b y + c z + d >= 0 inside: near, then left, right, upper, and lower side."""
         if not self.frame:
-            return np.array([near])
-        return np.array(
-            [near, [fx, 0.0, left, 0.0], [-fx, 0.0, right, 0.0], [0.0, fy, top, 0.0], [0.0, -fy, bottom, 0.0]]
-        )
-
-    def distance(self, bit: int, points: Float[np.ndarray, "3 *n"]) -> Float[np.ndarray, "*n"]:
-        """Signed distance of points to one plane, scaled; not negative inside."""
-        x, y, z = points
-        (fx, fy), (left, right, top, bottom) = self.focal, self._sides
-        if bit == NEAR_BIT:
-            return z - NEAR
-        if bit == LEFT_BIT:
-            return fx * x + left * z
-        if bit == RIGHT_BIT:
-            return right * z - fx * x
-        if bit == TOP_BIT:
-            return fy * y + top * z
-        return bottom * z - fy * y
+            return NEAR_PLANE
+        (fx, fy), (cx, cy), (width, height) = self.focal, self.center, self.size
+        sides = [[fx, 0.0, cx, 0.0], [-fx, 0.0, width - cx, 0.0], [0.0, fy, cy, 0.0], [0.0, -fy, height - cy, 0.0]]
+        return np.concatenate([NEAR_PLANE, sides])
 
     def outside(self, points: Float[np.ndarray, "3 *n"]) -> UInt8[np.ndarray, "*n"]:
-        """For each point the bits of the planes that it is outside of."""
+        """For each point as bits, in the order of `planes`, which planes it is outside of."""
         code = np.zeros(points.shape[1:], dtype=np.uint8)
-        for bit in self.bits:
-            code |= (self.distance(bit, points) < 0.0).astype(np.uint8) * np.uint8(bit)
+        for i, plane in enumerate(self.planes):
+            code |= (distance_from(plane, points) < 0.0).astype(np.uint8) << i
         return code
 
     def project(self, points: Float[np.ndarray, "3 *n"]) -> Float[np.ndarray, "2 *n"]:
@@ -103,3 +75,9 @@ class Frustum:
         if self.frame:
             rows[[u0 <= 0.0, v0 <= 0.0, u1 >= width, v1 >= height]] = 0.0
         return rows
+
+
+def distance_from(plane: Float[np.ndarray, "4"], points: Float[np.ndarray, "3 *n"]) -> Float[np.ndarray, "*n"]:
+    """Signed distance of points from a plane, scaled; not negative inside."""
+    terms = [factor * x for factor, x in zip(plane.tolist(), (*points, 1.0), strict=True) if factor]
+    return sum(terms[1:], start=terms[0])

@@ -181,11 +181,11 @@ def test_the_fast_box_equals_clipping(seed: int, frame: bool) -> None:
     assert_is_the_rule(found, shape, pose, camera, articulation, frame=frame)
 
 
-@given(st.integers(0, 2**32), st.integers(1, 8), st.integers(1, 4), st.integers(1, 4))
-def test_branch_and_bound_equals_clipping(seed: int, leaf: int, group: int, count: int) -> None:
+@given(st.integers(0, 2**32), st.integers(1, 8), st.integers(1, 4))
+def test_branch_and_bound_equals_clipping(seed: int, leaf: int, count: int) -> None:
     rng = np.random.default_rng(seed)
     shape, pose, camera, articulation = random_view(seed)
-    with mock.patch.multiple(hulldown.annotate.clusters, SMALL=0, LEAF=leaf, GROUP=group, ROUND=count):
+    with mock.patch.multiple(hulldown.annotate.clusters, SMALL=0, LEAF=leaf, ROUND=count):
         boxes = VehicleBoxes(shape)
         for _ in range(6):
             for frame in (True, False):
