@@ -7,8 +7,7 @@ import pytest
 
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.response import displayed
-from hulldown.camera.weather.fog import DUST_ALBEDO, even_sky, extinction
-from hulldown.camera.weather.kinds import KINDS, Weather, air_layers, airlight
+from hulldown.camera.weather.kinds import DUST_ALBEDO, KINDS, Weather, air_layers, airlight, even_sky, extinction
 from hulldown.camera.weather.precipitation import drops_in_view, rain_sizes, rng_of, view_of
 from hulldown.render.messages import CameraInput, CyclesSettings, LightInput, RenderJob, SceneryInput, to_json
 from hulldown.render.process import Blender

@@ -201,8 +201,8 @@ def test_workers_that_cannot_render_are_named_and_the_others_continue(folder, no
     other = tmp_path / "other" / "hulldown"
     ignored = shutil.ignore_patterns(".*", "tests", "docs", "benchmarks")
     shutil.copytree(ROOT, other, ignore=ignored)
-    fog = other / "camera" / "weather" / "fog.py"
-    fog.write_text(fog.read_text() + "\nOTHER = 1\n")
+    kinds = other / "camera" / "weather" / "kinds.py"
+    kinds.write_text(kinds.read_text() + "\nOTHER = 1\n")
     bad = [
         nodes.add(python=(sys.executable, "-P", "-S"), environment=environment),
         nodes.add(environment={"PYTHONPATH": str(other.parent)}),

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from hulldown.camera.weather.fog import CONTRAST_THRESHOLD, extinction
+from hulldown.camera.weather.kinds import CONTRAST_THRESHOLD, extinction
 from hulldown.geometry.portable import exp, log
 
 GHOST = 0.05  # share of contrast: the World Meteorological Organization's limit of visibility by day

@@ -21,7 +21,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.weather.fog import extinction
 
 EFFICIENCY = 2.0  # of extinction: drops and flakes are far larger than a wavelength of light
 RAIN_MM = (0.3, 6.0)  # diameters: smaller drops are never seen, larger ones break up
@@ -143,19 +142,19 @@ def rain_sizes(rate_mm_h: float) -> Sizes:
     return Sizes(edges / 1000.0, number, 9.65 - 10.3 * np.exp(-0.6 * middle), 0.0)  # Atlas, Srivastava and Sekhon
 
 
-def snow_sizes(visibility_m: float) -> Sizes:
-    """Flakes of snow: as many as give the visibility, falling as Locatelli and Hobbs' aggregates.
+def snow_sizes(extinction: float) -> Sizes:
+    """Flakes of snow: as many as give the extinction, falling as Locatelli and Hobbs' aggregates.
 
     Parameters
     ----------
-    visibility_m
-        Meteorological visibility in meters.
+    extinction
+        In 1/m.
     """
     edges = np.linspace(*SNOW_MM, CLASSES + 1)
     middle = (edges[1:] + edges[:-1]) / 2.0
     share = -np.diff(np.exp(-edges / FLAKE_MM))
     area = np.pi / 4.0 * (middle / 1000.0) ** 2
-    number = share * extinction(visibility_m) / (EFFICIENCY * share @ area)
+    number = share * extinction / (EFFICIENCY * share @ area)
     return Sizes(edges / 1000.0, number, 0.8 * middle**0.16, FLUTTER)
 
 

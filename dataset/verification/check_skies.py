@@ -19,8 +19,7 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.camera.response import displayed, white_balance
 from hulldown.camera.sensor import Sensor
-from hulldown.camera.weather import fog
-from hulldown.camera.weather.kinds import air_layers, airlight
+from hulldown.camera.weather.kinds import air_layers, airlight, even_sky
 from hulldown.camera.world import World
 from hulldown.dataset.records import Finding
 from hulldown.dataset.store.runs import Run, find_run, plan_key
@@ -202,7 +201,7 @@ def radiance(
             sides = np.stack([layer.reach / np.abs(x), layer.reach / np.abs(y), down / np.abs(z)])
         depth += layer.extinction * sides.min(axis=0)
     clear = np.exp(-depth)[..., None]
-    return clear * seen + (1.0 - clear) * airlight(kind, fog.even_sky(sky)) * strength
+    return clear * seen + (1.0 - clear) * airlight(kind, even_sky(sky)) * strength
 
 
 def deviation(

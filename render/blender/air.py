@@ -19,7 +19,7 @@ from hulldown.render.blender.light import HdriWorld
 class Fog:
     """A flat box of air around the camera that absorbs light and emits the sky's.
 
-    Koschmieder's law (`camera.weather.fog`): the radiance through `d` meters of air is
+    Koschmieder's law (`camera.weather.kinds`): the radiance through `d` meters of air is
     ``radiance * exp(-extinction d) + airlight * (1 - exp(-extinction d))``. Absorption and emission have that closed
     form, so fog adds no noise; scattering, simulated, needs many bounces, turns the ground black when it gets few, and
     in a world volume hides the sky, which is infinitely far away.

@@ -15,7 +15,7 @@ import bpy
 import numpy as np
 
 from hulldown.camera.backdrop import HIGH, even_color, fade
-from hulldown.camera.weather.fog import DUST_LAYERS, AirLayer, even_sky
+from hulldown.camera.weather.kinds import DUST_LAYERS, AirLayer, even_sky
 from hulldown.reading.blender.add_nodes import add_node, maths
 from hulldown.reading.blender.arrays import pixels
 from hulldown.render.messages import LightInput
