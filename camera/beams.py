@@ -15,7 +15,7 @@ from hulldown.geometry.instances import InstancedScene, InstanceHits
 from hulldown.geometry.transforms import apply, invert_rigid
 
 # Parts of a beam along its length: their boxes enclose less empty space than one box.
-LENGTHS = 4
+LENGTHS = 8
 RAYS = 1 << 18  # pairs of ray and instance in memory at a time
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 
@@ -108,7 +108,14 @@ def _pairs(
     low, high = scene.bounds[:, 0].min(axis=0), scene.bounds[:, 1].max(axis=0)
     end = np.linalg.norm(np.maximum(np.abs(apex - low), np.abs(apex - high)), axis=1)
     length = np.clip(far.max(axis=1), 0.0, end) + np.linalg.norm(edges, axis=2).max(axis=1)
-    view, instance = _touched(scene, apex, edges, length=length)
+    rims = (
+        apex[:, None, None] + edges[:, None] * (length[:, None] * np.linspace(0.0, 1.0, LENGTHS + 1))[..., None, None]
+    )
+    low, high = rims.min(axis=2), rims.max(axis=2)
+    low, high = np.minimum(low[:, :-1], low[:, 1:]), np.maximum(high[:, :-1], high[:, 1:])
+    part, instance = scene.overlapping(low.reshape(-1, 3), high.reshape(-1, 3))
+    k = len(scene.bounds)
+    view, instance = np.divmod(np.unique(part // LENGTHS * k + instance), k)
     corners = np.where(_CORNERS, scene.bounds[instance, None, 1], scene.bounds[instance, None, 0])
     pad = 1e-5 * np.ptp(scene.bounds[instance], axis=1) + 1e-9
     corners = corners + np.where(_CORNERS, 1.0, -1.0) * pad[:, None]
@@ -122,31 +129,3 @@ def _pairs(
             # From the near plane to a box it's at least the box's depth less the plane's; once more, for rounding.
             ahead = far[view[pair], ray] > nearest[pair] - 2.0 * NEAR
             yield view[pair[ahead]] * camera_rays.count + ray[ahead], instance[pair[ahead]]
-
-
-def _touched(
-    scene: InstancedScene,
-    apex: Float[np.ndarray, "n 3"],
-    edges: Float[np.ndarray, "n 4 3"],
-    *,
-    length: Float[np.ndarray, " n"],
-) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
-    """Pairs of beam and instance that may meet, with all that do."""
-    stops = np.linspace(0.0, 1.0, LENGTHS + 1)
-    rims = apex[:, None, None] + edges[:, None] * (length[:, None] * stops)[..., None, None]
-    low, high = rims.min(axis=2), rims.max(axis=2)
-    low, high = np.minimum(low[:, :-1], low[:, 1:]), np.maximum(high[:, :-1], high[:, 1:])
-    query, instance = scene.overlapping(low.reshape(-1, 3), high.reshape(-1, 3))
-    k = len(scene.bounds)
-    pairs = np.unique(query // LENGTHS * k + instance)
-    beam, instance = pairs // k, pairs % k
-    # A box is out if it lies wholly beyond one of the four sides.
-    sides = np.cross(edges, np.roll(edges, -1, axis=1))
-    inward = np.einsum("nij,nj->ni", sides, edges.sum(axis=1))
-    sides *= np.where(inward > 0, -1.0, 1.0)[..., None]
-    bounds = scene.bounds[instance]
-    middle, half = bounds.mean(axis=1), (bounds[:, 1] - bounds[:, 0]) * (0.5 + 1e-5) + 1e-9
-    outward = np.einsum("pij,pj->pi", sides[beam], middle - apex[beam])
-    width = np.einsum("pij,pj->pi", np.abs(sides)[beam], half)
-    kept = (outward <= width).all(axis=1)
-    return beam[kept], instance[kept]
