@@ -17,14 +17,13 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore import EmbreeDevice
 from embreex.rtcore_scene import EmbreeScene
-from jaxtyping import Bool, Float, Float32, Int, UInt16
+from jaxtyping import Bool, Float, Float32, Int
 from numpy.typing import ArrayLike
 
 from hulldown.geometry.arrays import checked
@@ -235,12 +234,11 @@ class _Rays:
 _DOWN = np.array([[0, 0, -1]], dtype=np.float32)
 
 
-def coherent_blocks(points: Float[np.ndarray, "n d"], pool: WorkerThreads) -> Iterator[Int[np.ndarray, " k"]]:
+def coherent_blocks(points: Float[np.ndarray, "n d"]) -> Iterator[Int[np.ndarray, " k"]]:
     """Indices of all points, in blocks that are compact in space and in an order that keeps neighbors together.
 
     A Morton curve over a 256 x 256 raster of the two widest axes: 16-bit keys, which NumPy sorts by radix in a
-    hundredth of the time that tracing takes, and that give most of what a finer curve would. Each thread sorts its own
-    share; a block takes the same stretch of the curve from every share, so nothing has to be merged.
+    hundredth of the time that tracing takes, and that give most of what a finer curve would.
 
     References
     ----------
@@ -250,43 +248,20 @@ def coherent_blocks(points: Float[np.ndarray, "n d"], pool: WorkerThreads) -> It
     if n < _WORTH_SORTING:
         yield np.arange(n)
         return
-    low = np.array([column.min() for column in points.T])
-    with np.errstate(over="ignore"):
+    key = np.zeros(n, dtype=np.uint16)
+    with np.errstate(over="ignore", invalid="ignore"):  # any key is as right as another
+        low = np.array([column.min() for column in points.T])
         extent = np.array([column.max() for column in points.T]) - low
-    axes = [a for a in np.sort(np.argsort(extent)[-2:]) if extent[a] > 0]
-
-    def sort(share: slice) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, "65537"]]:
-        key = np.zeros(share.stop - share.start, dtype=np.uint16)
-        with np.errstate(over="ignore", invalid="ignore"):  # any key is as right as another
-            for shift, axis in enumerate(axes):
-                cell = points[share, axis] - low[axis]
+        for shift, axis in enumerate(np.sort(np.argsort(extent)[-2:])):
+            if extent[axis] > 0:
+                cell = points[:, axis] - low[axis]
                 cell *= 255.0 / extent[axis]
-                key |= _DILATED[shift].take(cell.astype(np.uint8))
-        order = np.argsort(key, kind="stable")
-        order += share.start
-        cuts = np.zeros(65537, dtype=np.intp)  # where each key begins
-        if n > BLOCK:
-            np.cumsum(np.bincount(key, minlength=65536), out=cuts[1:])
-        return order, cuts
-
-    ends = np.linspace(0, n, pool.threads + 1).astype(int)
-    shares = list(pool.map(sort, [slice(a, b) for a, b in pairwise(ends)]))
-    if n <= BLOCK:
-        yield from (order for order, _ in shares)
-        return
-    total = np.sum([cuts for _, cuts in shares], axis=0)
-    steps = np.unique(np.searchsorted(total, np.arange(0, n + BLOCK, BLOCK)).clip(0, 65536))
-    for a, b in pairwise(steps):
-        yield np.concatenate([order[cuts[a] : cuts[b]] for order, cuts in shares])
-
-
-def _dilated(shift: int) -> UInt16[np.ndarray, "256"]:
-    """The bits of 0..255, each followed by a zero bit, moved up by `shift`."""
-    byte = np.arange(256)
-    return (np.sum([(byte >> b & 1) << 2 * b for b in range(8)], axis=0) << shift).astype(np.uint16)
-
-
-_DILATED = (_dilated(0), _dilated(1))
+                bits = cell.astype(np.uint8).astype(np.uint16)
+                for apart, kept in ((4, 0x0F0F), (2, 0x3333), (1, 0x5555)):
+                    bits = (bits | bits << apart) & kept  # until each bit is followed by a zero
+                key |= bits << shift
+    order = np.argsort(key, kind="stable")
+    yield from (order[i : i + BLOCK] for i in range(0, n, BLOCK))
 
 
 class WorkerThreads:
@@ -295,7 +270,6 @@ class WorkerThreads:
     def __init__(self, threads: int) -> None:
         if threads < 1:
             raise ValueError(f"threads: expected at least 1, got {threads}")
-        self.threads = threads
         self._executor = ThreadPoolExecutor(threads) if threads > 1 else None
 
     def __enter__(self) -> WorkerThreads:
@@ -315,5 +289,5 @@ def in_coherent_blocks(
 ) -> None:
     """Call `work` with the indices of all points, in spatially compact blocks, on some threads."""
     with WorkerThreads(threads if len(points) > BLOCK else min(threads, 1)) as pool:
-        for _ in pool.map(work, coherent_blocks(points, pool)):
+        for _ in pool.map(work, coherent_blocks(points)):
             pass

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.rays import BLOCK, RayCaster, WorkerThreads, coherent_blocks
+from hulldown.geometry.rays import BLOCK, RayCaster, coherent_blocks
 
 # A floor of 2 m by 2 m and, 1 m above a quarter of it, a roof.
 FLOOR = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
@@ -84,12 +84,9 @@ def test_coordinates_of_extreme_size_are_refused():
 
 
 @pytest.mark.parametrize("n", [0, 1, 5000, 3 * BLOCK])
-@pytest.mark.parametrize("threads", [1, 3])
-def test_blocks_contain_every_point_once_and_neighbors_together(n, threads):
+def test_blocks_contain_every_point_once_and_neighbors_together(n):
     points = np.random.default_rng(4).uniform(0, 100, (n, 2))
-    with WorkerThreads(threads) as pool:
-        blocks = list(coherent_blocks(points, pool))
-    order = np.concatenate(blocks)
+    order = np.concatenate(list(coherent_blocks(points)))
     assert np.sort(order).tolist() == list(range(n))
     if n > 4096:
         step = np.abs(np.diff(points[order], axis=0)).sum(axis=1)
