@@ -45,7 +45,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from hulldown.annotate.clipping import EMPTY, extremes_of_mesh
@@ -221,11 +221,15 @@ class VehicleBoxes:
                 for i, pose in enumerate(camera_from_parts, start=start):
                     xywh[i], amodal[i] = self._curved_boxes(pose, each.rows(np.array(i)))
                 continue
-            hull = self._hull(camera_from_parts, each.rows(np.arange(n)[rows]))
-            boxes = np.concatenate([hull.extremes[:, :2], hull.extremes[:, 2:] - hull.extremes[:, :2]], axis=1)
-            xywh[rows][hull.framed], amodal[rows][hull.in_front] = boxes[hull.framed], boxes[hull.in_front]
-            for out, frame, known in ((xywh, True, hull.framed | hull.out), (amodal, False, hull.in_front)):
-                for i in np.flatnonzero(~known & ~hull.behind).tolist():
+            hull, nearest, farthest = self._hull(camera_from_parts, each.rows(np.arange(n)[rows]))
+            low, high = hull[:, 0], hull[:, 1]
+            boxes, size = np.concatenate([low, high - low], axis=1), each.size[rows]
+            in_front = nearest >= NEAR  # wholly; so are the others
+            framed = in_front & (low >= 0.0).all(axis=1) & (high <= size).all(axis=1)
+            out_of_frame = in_front & ((high < -CLEAR) | (low > size + CLEAR)).any(axis=1)
+            xywh[rows][framed], amodal[rows][in_front] = boxes[framed], boxes[in_front]
+            for out, frame, known in ((xywh, True, framed | out_of_frame), (amodal, False, in_front)):
+                for i in np.flatnonzero(~known & (farthest >= NEAR)).tolist():
                     frustum = Frustum.of(each.rows(np.array(start + i)), frame=frame)
                     box = _xywh(self._surface.extremes(camera_from_parts[i], frustum))
                     out[start + i] = np.nan if box is None else box
@@ -252,8 +256,10 @@ class VehicleBoxes:
     ) -> Float[np.ndarray, "4"] | None:
         return _xywh(np.clip(self._surface.curved_extremes(camera_from_parts, CurvedView(lens, frame)), -FAR, FAR))
 
-    def _hull(self, camera_from_parts: Float[np.ndarray, "n p 3 4"], lens: Lenses) -> _Hull:
-        width, height = lens.size.T
+    def _hull(
+        self, camera_from_parts: Float[np.ndarray, "n p 3 4"], lens: Lenses
+    ) -> tuple[Float[np.ndarray, "n 2 2"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Low and high corners in pixels of n convex hulls, valid for those in front; least and largest depth."""
         n = len(camera_from_parts)
         nearest, farthest, extremes = np.empty(n), np.empty(n), np.empty((n, 4))
         step = max(1, BLOCK // self._parts.extreme.shape[1])
@@ -267,27 +273,7 @@ class VehicleBoxes:
             # Scaling to pixels is monotone, rounding included: the extremes may be taken first.
             for column, extreme in enumerate((x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1))):
                 extremes[rows, column] = extreme
-        extremes = lens.pixels(extremes.reshape(n, 2, 2)).reshape(n, 4)
-        u0, v0, u1, v1 = extremes.T
-        in_front = nearest >= NEAR
-        return _Hull(
-            extremes,
-            behind=farthest < NEAR,
-            in_front=in_front,
-            framed=in_front & (u0 >= 0.0) & (v0 >= 0.0) & (u1 <= width) & (v1 <= height),
-            out=in_front & ((u1 < -CLEAR) | (v1 < -CLEAR) | (u0 > width + CLEAR) | (v0 > height + CLEAR)),
-        )
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class _Hull:
-    """Convex hulls of n poses relative to the camera; extremes in pixels are valid for those in front."""
-
-    extremes: Float[np.ndarray, "n 4"]
-    behind: Bool[np.ndarray, " n"]  # wholly behind the near plane
-    in_front: Bool[np.ndarray, " n"]  # wholly in front of it
-    framed: Bool[np.ndarray, " n"]  # wholly in the image
-    out: Bool[np.ndarray, " n"]  # wholly beside the image
+        return lens.pixels(extremes.reshape(n, 2, 2)), nearest, farthest
 
 
 def truncated_fraction(xywh: ArrayLike, amodal: ArrayLike) -> Float[np.ndarray, "..."]:
