@@ -190,14 +190,6 @@ class Intrinsics:
         -------
         (...) meters along the optical axis; the leading axes broadcast.
         """
-        return filling_distance(self.focal[1], self.height, size, target_fraction)
+        from hulldown.camera.lenses import lenses  # needs more than numpy
 
-
-def filling_distance(
-    focal_y: float | np.ndarray, height: int | np.ndarray, size: ArrayLike, target_fraction: ArrayLike
-) -> np.ndarray:
-    """The distance of `Intrinsics.distance_for`, from focal lengths and heights of images in pixels."""
-    from hulldown.geometry.arrays import positive  # needs more than numpy
-
-    fraction = positive(target_fraction, "target_fraction")
-    return np.asarray(positive(size, "size") * focal_y / (height * fraction))
+        return lenses(self).distance_for(size, target_fraction)

@@ -10,7 +10,8 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.camera.distortion import distorted, frame_bounds, seen_radius, undistorted
-from hulldown.camera.intrinsics import Intrinsics, filling_distance
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.geometry.arrays import positive
 from hulldown.geometry.portable import arctan2, hypot, sin_cos
 
 ALONG = 8  # parts of a window's side at whose ends its image is measured
@@ -67,7 +68,8 @@ class Lenses:
 
     def distance_for(self, size: ArrayLike, target_fraction: ArrayLike) -> Float[np.ndarray, "..."]:
         """As `Intrinsics.distance_for`, for each camera; sizes and shares broadcast against the m cameras."""
-        return filling_distance(self.focal[..., 1], self.size[..., 1], size, target_fraction)
+        fraction = positive(target_fraction, "target_fraction")
+        return np.asarray(positive(size, "size") * self.focal[..., 1] / (self.size[..., 1] * fraction))
 
     @property
     def distorted(self) -> bool:
