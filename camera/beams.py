@@ -25,7 +25,6 @@ def passed_in_beams(
     camera_rays: CameraRays,
     world_from_camera: Float[np.ndarray, "n 4 4"],
     *,
-    which: Int[np.ndarray, " k"],
     reach: Float[np.ndarray, " k"],
 ) -> Float[np.ndarray, " k"]:
     """Return each ray's transmittance: 0 or 1 as by `scene.occluded`, or a share behind alpha textures.
@@ -35,32 +34,23 @@ def passed_in_beams(
     scene
         The obstacles.
     camera_rays
-        The rays of n cameras.
+        The rays of n cameras, r each.
     world_from_camera
         (n, 4, 4) their poses.
-    which
-        (k,) ascending indices of the rays to cast.
     reach
-        (k,) how far each looks, in meters from the near plane.
+        (n * r,) how far each looks, in meters from the near plane; -inf: it isn't cast.
     """
-    n, r = len(world_from_camera), camera_rays.count
-    passed = np.ones(len(which))
-    if not len(which) or not len(scene.bounds):
+    passed, far = np.ones(len(reach)), reach.copy()
+    if not len(scene.bounds):
         return passed
-    origins, along = camera_rays.rays(world_from_camera, which)
-    # Index in `which` of each ray, and its reach; -inf for rays that aren't in `which` or are blocked.
-    place = np.zeros(n * r, dtype=np.int64)
-    place[which] = np.arange(len(which))
-    far = np.full((n, r), -np.inf)
-    far.flat[which] = reach
-    for flat, instance in _pairs(scene, camera_rays, world_from_camera, far):
-        rays, index = np.unique(place[flat], return_inverse=True)
+    origins, along = camera_rays.rays(world_from_camera, np.arange(len(reach)))
+    for flat, instance in _pairs(scene, camera_rays, world_from_camera, far.reshape(-1, camera_rays.count)):
+        rays, index = np.unique(flat, return_inverse=True)
         passed[rays] *= scene.transmittance_by(
             origins[rays], along[rays], index, instance=instance, max_distance=reach[rays]
         )
         blocked = rays[passed[rays] < PASSED]
-        passed[blocked] = 0.0
-        far.flat[which[blocked]] = -np.inf
+        passed[blocked], far[blocked] = 0.0, -np.inf
     return passed
 
 

@@ -143,7 +143,8 @@ def _count(
     for subject in subjects:
         distance = np.minimum(distance, subject.first_hits(camera_rays, world_from_camera, asked).distance)
     met = np.flatnonzero(np.isfinite(distance))
-    passed = world.passed(camera_rays, world_from_camera, which=met, reach=distance[met] - TOUCHING)
+    reach = np.where(np.isfinite(distance), distance - TOUCHING, -np.inf)
+    passed = world.passed(camera_rays, world_from_camera, reach=reach)[met]
     shares = np.column_stack([passed[:, 2], -np.diff(passed, axis=1, prepend=1.0)])
     counts = [np.bincount(met // r, weights=w, minlength=n) for w in (np.ones(len(met)), *shares.T)]
     return np.stack(counts, axis=1, dtype=np.float64), area

@@ -265,7 +265,6 @@ class World:
         camera_rays: CameraRays,
         world_from_camera: Float[np.ndarray, "n 4 4"],
         *,
-        which: Int[np.ndarray, " k"],
         reach: Float[np.ndarray, " k"],
     ) -> Float[np.ndarray, "k 3"]:
         """Transmittance of rays of n cameras past the ground, then obstacles too, then vehicles too.
@@ -276,32 +275,24 @@ class World:
         Parameters
         ----------
         camera_rays
-            The rays of n cameras.
+            The rays of n cameras, r each.
         world_from_camera
             (n, 4, 4) their poses.
-        which
-            (k,) ascending indices of the rays to cast.
         reach
-            (k,) how far each looks, in meters from the near plane.
+            (n * r,) how far each looks, in meters from the near plane; -inf: it isn't cast.
         """
-        passed = np.ones((len(which), len(_HIDERS)))
+        passed, cast = np.ones((len(reach), len(_HIDERS))), np.flatnonzero(reach > -np.inf)
         if self.ground is not None:
-            for i in range(0, len(which), BATCH):
-                some = slice(i, i + BATCH)
-                rays = camera_rays.rays(world_from_camera, which[some])
+            for some in (cast[i : i + BATCH] for i in range(0, len(cast), BATCH)):
+                rays = camera_rays.rays(world_from_camera, some)
                 passed[some] = self.ground.transmittance(*rays, max_distance=reach[some])[:, None]
-        left = np.flatnonzero(passed[:, 0])
-        through = passed_in_beams(self.obstacles, camera_rays, world_from_camera, which=which[left], reach=reach[left])
-        passed[left, 1:] *= through[:, None]
-        place = np.zeros(len(world_from_camera) * camera_rays.count, dtype=np.int64)
-        place[which] = np.arange(len(which))
-        asked = np.zeros(len(place), dtype=bool)
-        asked[which] = passed[:, 2] > 0.0
+        left = np.where(passed[:, 0] > 0.0, reach, -np.inf)
+        passed[:, 1:] *= passed_in_beams(self.obstacles, camera_rays, world_from_camera, reach=left)[:, None]
+        asked = (passed[:, 2] > 0.0) & (reach > -np.inf)
         for vehicle in self.vehicles:
             for part, at, rays in vehicle.through(camera_rays, world_from_camera, asked):
-                through = part.caster.transmittance(*rays, max_distance=reach[place[at]])
-                np.multiply.at(passed[:, 2], place[at], through)
-                asked[at] = passed[place[at], 2] > 0.0
+                np.multiply.at(passed[:, 2], at, part.caster.transmittance(*rays, max_distance=reach[at]))
+                asked[at] = passed[at, 2] > 0.0
         return passed
 
     def _things(self) -> Iterator[tuple[Kind, int, Thing]]:

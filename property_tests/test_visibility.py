@@ -102,9 +102,10 @@ def test_a_beam_finds_the_hits_of_its_single_rays(seed: int, k: int, fov: float)
     asked = rng.random((n, r)) < 0.8
     asked[2] = False
     which = np.flatnonzero(asked)
-    reach = rng.uniform(-1, 60, len(which))
-    passed = passed_in_beams(scene, camera_rays, poses, which=which, reach=reach)
-    np.testing.assert_array_equal(passed == 0.0, scene.occluded(*camera_rays.rays(poses, which), max_distance=reach))
+    reach = np.where(asked.ravel(), rng.uniform(-1, 60, n * r), -np.inf)
+    passed = passed_in_beams(scene, camera_rays, poses, reach=reach)
+    hidden = scene.occluded(*camera_rays.rays(poses, which), max_distance=reach[which])
+    np.testing.assert_array_equal(passed[which] == 0.0, hidden)
 
 
 @given(seeds, st.floats(0.05, 0.8))

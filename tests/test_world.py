@@ -87,12 +87,12 @@ def test_camera_rays_are_hidden_like_single_rays():
     pattern = np.random.default_rng(0).random((400, 2))
     camera_rays = CameraRays(np.full((2, 2), -0.4), np.full((2, 2), 0.8), pattern)
     which = np.flatnonzero(np.random.default_rng(1).random(800) < 0.9)
-    reach = np.random.default_rng(2).uniform(5.0, 30.0, len(which))
-    passed = WORLD.passed(camera_rays, cameras, which=which, reach=reach)
+    reach = np.full(800, -np.inf)
+    reach[which] = np.random.default_rng(2).uniform(5.0, 30.0, len(which))
+    passed = WORLD.passed(camera_rays, cameras, reach=reach)
     assert np.unique(passed, axis=0).tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1]]
-    np.testing.assert_array_equal(
-        passed[:, 2] == 0.0, WORLD.occluded(*camera_rays.rays(cameras, which), max_distance=reach)
-    )
+    hidden = WORLD.occluded(*camera_rays.rays(cameras, which), max_distance=reach[which])
+    np.testing.assert_array_equal(passed[which, 2] == 0.0, hidden)
 
 
 @pytest.mark.parametrize(
