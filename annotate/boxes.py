@@ -122,7 +122,7 @@ def surface_box(
     lens = lenses(camera.intrinsics)
     if lens.distorted:
         return _xywh(np.clip(extremes_of_curved(points, triangles, CurvedView(lens, frame), EMPTY), -FAR, FAR))
-    return _xywh(extremes_of_mesh(points, triangles, Frustum.of(lens, frame=frame)))
+    return _xywh(extremes_of_mesh(points, triangles, Frustum(lens, frame=frame)))
 
 
 class VehicleBoxes:
@@ -230,7 +230,7 @@ class VehicleBoxes:
             xywh[rows][framed], amodal[rows][in_front] = boxes[framed], boxes[in_front]
             for out, frame, known in ((xywh, True, framed | out_of_frame), (amodal, False, in_front)):
                 for i in np.flatnonzero(~known & (farthest >= NEAR)).tolist():
-                    frustum = Frustum.of(each.rows(np.array(start + i)), frame=frame)
+                    frustum = Frustum(each.rows(np.array(start + i)), frame=frame)
                     box = _xywh(self._surface.extremes(camera_from_parts[i], frustum))
                     out[start + i] = np.nan if box is None else box
         return Boxes(xywh, amodal, truncated_fraction(xywh, amodal))

@@ -13,35 +13,31 @@ from hulldown.camera.projection import NEAR
 NEAR_PLANE = np.array([[0.0, 0.0, 1.0, -NEAR]])
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False, slots=True)
 class Frustum:
     """A view frustum as half-spaces in the camera's frame.
 
     Parameters
     ----------
-    focal, center, size
-        Focal lengths, principal point, and image size in pixels.
+    lens
+        One camera, without distortion.
     frame
         Whether the image's edges are among the half-spaces, or the near plane alone.
     """
 
-    focal: tuple[float, float]
-    center: tuple[float, float]
-    size: tuple[float, float]
+    lens: Lenses
     frame: bool
 
-    @classmethod
-    def of(cls, lens: Lenses, *, frame: bool) -> Frustum:
-        """The frustum of one camera."""
-        focal, center, size = (tuple(each.tolist()) for each in (lens.focal, lens.center, lens.size))
-        return cls(focal, center, size, frame)
+    @property
+    def _numbers(self) -> tuple[list[float], list[float], list[float]]:
+        return self.lens.focal.tolist(), self.lens.center.tolist(), self.lens.size.tolist()
 
     @property
     def planes(self) -> Float[np.ndarray, "k 4"]:
         """Rows (a, b, c, d) with a x + b y + c z + d >= 0 inside: near, then left, right, upper, and lower side."""
         if not self.frame:
             return NEAR_PLANE
-        (fx, fy), (cx, cy), (width, height) = self.focal, self.center, self.size
+        (fx, fy), (cx, cy), (width, height) = self._numbers
         sides = [[fx, 0.0, cx, 0.0], [-fx, 0.0, width - cx, 0.0], [0.0, fy, cy, 0.0], [0.0, -fy, height - cy, 0.0]]
         return np.concatenate([NEAR_PLANE, sides])
 
@@ -54,12 +50,12 @@ class Frustum:
 
     def project(self, points: Float[np.ndarray, "3 *n"]) -> Float[np.ndarray, "2 *n"]:
         """Continuous pixels of points inside the frustum, clamped to the image against rounding."""
-        x, y, z = points
-        u = x / z * self.focal[0] + self.center[0]
-        v = y / z * self.focal[1] + self.center[1]
+        (x, y, z), (focal, center, size) = points, self._numbers
+        u = x / z * focal[0] + center[0]
+        v = y / z * focal[1] + center[1]
         if self.frame:
-            np.clip(u, 0.0, self.size[0], out=u)
-            np.clip(v, 0.0, self.size[1], out=v)
+            np.clip(u, 0.0, size[0], out=u)
+            np.clip(v, 0.0, size[1], out=v)
         return np.stack([u, v])
 
     def beyond(self, box: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4 4"]:
@@ -67,7 +63,7 @@ class Frustum:
 
         Zero for sides that the image's edge has closed. Of an empty box everything in the image lies beyond.
         """
-        (fx, fy), (cx, cy), (width, height) = self.focal, self.center, self.size
+        (fx, fy), (cx, cy), (width, height) = self._numbers
         u0, v0, u1, v1 = [width, height, 0.0, 0.0] if np.isinf(box).any() else box.tolist()
         rows = np.array(
             [[-fx, 0.0, u0 - cx, 0.0], [0.0, -fy, v0 - cy, 0.0], [fx, 0.0, cx - u1, 0.0], [0.0, fy, cy - v1, 0.0]]

@@ -66,10 +66,9 @@ def sin(angle: ArrayLike) -> Float[np.ndarray, "..."]:
 
 
 def tan(angle: float) -> float:
-    """Tangent of one angle in radians, by Python floats, which are fastest for one number."""
-    turns = float(round(angle * (2.0 / math.pi)))
-    sine, cosine = _around_zero(angle, turns)
-    return float(-cosine / sine if turns % 2.0 else sine / cosine)
+    """Tangent of one angle in radians."""
+    sine, cosine = sin_cos(angle)
+    return float(sine / cosine)
 
 
 def arctan2(y: ArrayLike, x: ArrayLike) -> Float[np.ndarray, "..."]:

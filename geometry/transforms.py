@@ -13,8 +13,6 @@ from numpy.typing import ArrayLike
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.portable import sin_cos
 
-_FEW = 1 << 12  # numbers below which NumPy's calls cost more than what they compute
-
 
 def apply(b_from_a: ArrayLike, points_a: ArrayLike) -> Float[np.ndarray, "... n 3"]:
     """Points of frame a in frame b.
@@ -37,11 +35,6 @@ def rotate(
     b_from_a: Float[np.ndarray, "... 3 3"], vectors_a: Float[np.ndarray, "... n 3"]
 ) -> Float[np.ndarray, "... n 3"]:
     """Vectors of frame a in frame b: `vectors_a @ b_from_a.T`, for inner loops, without checks."""
-    if vectors_a.size < _FEW:
-        x, y, z = (vectors_a[..., i, None] for i in range(3))
-        columns = b_from_a[..., None, :, :]
-        return x * columns[..., 0] + y * columns[..., 1] + z * columns[..., 2]
-    # The same sums by rows: more calls, each over longer arrays.
     lead = np.broadcast_shapes(b_from_a.shape[:-2], vectors_a.shape[:-2])
     turned = np.empty((*lead, *vectors_a.shape[-2:]))
     x, y, z = (vectors_a[..., i] for i in range(3))
