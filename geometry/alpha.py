@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -68,14 +68,14 @@ class AlphaMap:
         at = np.asarray(uv, dtype=np.float64) * self.texels.shape[::-1]
         if not self.smooth:
             column, row = np.floor(at).T
-            return self._graded(self._values(column, row))
+            return self.graded(self._values(column, row))
         at = at - 0.5
         low = np.floor(at)
         column, row = low.T
         u, v = (at - low).astype(np.float32).T
         lower = self._values(column, row) * (1 - u) + self._values(column + 1, row) * u
         upper = self._values(column, row + 1) * (1 - u) + self._values(column + 1, row + 1) * u
-        return self._graded(lower * (1 - v) + upper * v)
+        return self.graded(lower * (1 - v) + upper * v)
 
     def _values(self, column: Float[np.ndarray, " n"], row: Float[np.ndarray, " n"]) -> Float32[np.ndarray, " n"]:
         height, width = self.texels.shape
@@ -90,18 +90,15 @@ class AlphaMap:
             values = np.where(inside, values, np.float32(0.0))
         return values
 
-    def _graded(self, values: Float32[np.ndarray, "..."]) -> Float32[np.ndarray, "..."]:
+    def graded(self, values: Float32[np.ndarray, "..."]) -> Float32[np.ndarray, "..."]:
+        """Opacity at interpolated values of texels."""
         if self.curve is None:
             return np.clip(values, np.float32(0.0), np.float32(1.0))
         return np.interp(values, GRADES, self.curve).astype(np.float32)
 
     def graded_texels(self) -> Float32[np.ndarray, "h w"]:
         """Opacity at the middle of every texel."""
-        return self._graded(_unit(self.texels))
-
-    def graded_outside(self) -> float:
-        """Opacity beyond the edges of an image that is clipped there."""
-        return float(self._graded(np.zeros(1, dtype=np.float32))[0])
+        return self.graded(_unit(self.texels))
 
 
 def fewer_texels(alpha: AlphaMap, longest: int) -> UInt8[np.ndarray, "h w"]:
@@ -136,18 +133,17 @@ class Footprints:
     ----------
     alpha
         The map.
-    marked
-        (h, w) which texels count.
-    outside
-        Whether what is beyond the edges of a clipped image counts.
+    marks
+        Which opacities count, also beyond the edges of a clipped image.
 
     References
     ----------
     Crow, Summed-area tables for texture mapping, SIGGRAPH 1984.
     """
 
-    def __init__(self, alpha: AlphaMap, marked: Bool[np.ndarray, "h w"], *, outside: bool) -> None:
-        self._alpha, self._outside = alpha, outside
+    def __init__(self, alpha: AlphaMap, marks: Callable[[np.ndarray], Bool[np.ndarray, "..."]]) -> None:
+        self._alpha, marked = alpha, marks(alpha.graded_texels())
+        self._outside = marks(alpha.graded(np.zeros(1, dtype=np.float32)))[0]
         height, width = marked.shape
         self._sums = np.zeros((height + 1, width + 1), dtype=np.int64)
         self._sums[1:, 1:] = np.cumsum(np.cumsum(marked, axis=0, dtype=np.int64), axis=1)
@@ -224,13 +220,12 @@ class Cutouts:
             map_faces = np.flatnonzero(self.face_map == number)
             if not len(map_faces):
                 continue
-            opacity, beyond = alpha.graded_texels(), alpha.graded_outside()
-            for cut, marked, outside in (
-                (Cut.OPAQUE, opacity >= 1.0 - NEGLIGIBLE, beyond >= 1.0 - NEGLIGIBLE),
-                (Cut.CLEAR, opacity <= NEGLIGIBLE, beyond <= NEGLIGIBLE),
+            for cut, marks in (
+                (Cut.OPAQUE, lambda opacity: opacity >= 1.0 - NEGLIGIBLE),
+                (Cut.CLEAR, lambda opacity: opacity <= NEGLIGIBLE),
             ):
-                marked_texels, total = Footprints(alpha, marked, outside=outside).count(low[map_faces], high[map_faces])
-                cuts[map_faces[marked_texels == total]] = cut
+                marked, total = Footprints(alpha, marks).count(low[map_faces], high[map_faces])
+                cuts[map_faces[marked == total]] = cut
         return cuts
 
 

@@ -205,10 +205,7 @@ class Solidity:
         self._place[cutouts.face] = np.arange(len(cutouts.face))
         self._texture = _Textured(mesh.triangles[cutouts.face], cutouts.uv)
         self._map = cutouts.face_map
-        self._hiding = [
-            Footprints(alpha, alpha.graded_texels() >= HIDES, outside=alpha.graded_outside() >= HIDES)
-            for alpha in cutouts.maps
-        ]
+        self._hiding = [Footprints(alpha, lambda opacity: opacity >= HIDES) for alpha in cutouts.maps]
 
     def solid(
         self,
