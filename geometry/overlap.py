@@ -132,11 +132,8 @@ class Obstacles:
 
     def __init__(self, scene: InstancedScene, *, solid: Bool[np.ndarray, " k"] | None = None) -> None:
         self._scene = scene
-        self._solid = np.arange(len(scene.bounds)) if solid is None else np.flatnonzero(solid)
-        self._instances = BoxTree(scene.bounds[self._solid])
-        self._trees: dict[int, BoxTree] = {}
-        self._corners: dict[int, Float[np.ndarray, "3 3 f"]] = {}
-        self._solidity: dict[int, Solidity | None] = {}
+        self._solid = np.ones(len(scene.bounds), dtype=bool) if solid is None else solid
+        self._triangles: dict[int, tuple[BoxTree, Float[np.ndarray, "3 3 f"], Solidity | None]] = {}
 
     def touched(
         self, half: Float[np.ndarray, "n 3"], world_from_box: Float[np.ndarray, "n 4 4"]
@@ -151,8 +148,8 @@ class Obstacles:
         """
         center = world_from_box[:, :3, 3]
         reach = np.einsum("nij,nj->ni", np.abs(world_from_box[:, :3, :3]), half)
-        box, found = self._instances.overlapping(center - reach, center + reach)
-        instance = self._solid[found]
+        box, instance = self._scene.overlapping(center - reach, center + reach)
+        box, instance = box[self._solid[instance]], instance[self._solid[instance]]
         touched = np.zeros(len(half), dtype=bool)
         bounds = self._scene.bounds[instance]
         for traced in np.unique(self._scene.traced[instance]):
@@ -193,15 +190,15 @@ class Obstacles:
         touched: Bool[np.ndarray, " n"],
     ) -> None:
         mesh = self._scene.traced_meshes[traced]
-        if traced not in self._trees:
+        if traced not in self._triangles:
             corners = mesh.triangles
-            self._trees[traced] = BoxTree(np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1))
-            self._corners[traced] = np.ascontiguousarray(corners.transpose(1, 2, 0))
-            self._solidity[traced] = None if mesh.cutouts is None else Solidity(mesh)
-        solidity = self._solidity[traced]
+            tree = BoxTree(np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1))
+            solidity = None if mesh.cutouts is None else Solidity(mesh)
+            self._triangles[traced] = tree, np.ascontiguousarray(corners.transpose(1, 2, 0)), solidity
+        tree, triangles, solidity = self._triangles[traced]
         mesh_from_box = compose(self._scene.traced_from_world[instance], world_from_box[box])
         corners = apply(mesh_from_box, _CORNERS * half[box][:, None])
-        pair, face = self._trees[traced].overlapping(corners.min(axis=1), corners.max(axis=1))
+        pair, face = tree.overlapping(corners.min(axis=1), corners.max(axis=1))
         box_from_mesh = compose(invert_rigid(world_from_box[box]), self._scene.world_from_traced[instance])
         moves = np.ascontiguousarray(np.moveaxis(box_from_mesh[:, :3], 0, 2))
         sizes = np.ascontiguousarray(half.T)
@@ -215,7 +212,7 @@ class Obstacles:
                 into = moves[:, :, which]
                 moved = [
                     [row[0] * x + row[1] * y + row[2] * z + row[3] for row in into]
-                    for x, y, z in self._corners[traced][:, :, faces]
+                    for x, y, z in triangles[:, :, faces]
                 ]
                 touching = triangles_touch_box(moved, list(sizes[:, box[which]]))
                 if solidity is not None:
@@ -231,7 +228,7 @@ class Obstacles:
         for axis in ([0.0, 0, 1], [1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0]):
             directions = rotate(world_from_box[left, :3, :3], np.array([axis]))[:, 0]
             met = self._scene.cast(world_from_box[left, :3, 3], directions, max_distance=ROOM).instance
-            kept = np.isin(met, self._solid) & ((around[left] < 0) | (met == around[left]))
+            kept = (met >= 0) & self._solid[met] & ((around[left] < 0) | (met == around[left]))
             left = left[kept]
             around[left] = met[kept]
         shut_in = np.zeros(len(world_from_box), dtype=bool)
