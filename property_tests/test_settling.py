@@ -83,20 +83,6 @@ def test_poses_are_rigid_keep_position_and_heading_and_are_upright(seed, rule, n
     np.testing.assert_allclose(np.arccos(rotation[:, 2, 2]), settled.tilt[known], atol=1e-7)
 
 
-@given(seed=st.integers(0, 2**32))
-def test_the_averaged_rule_is_the_mean_of_heights_and_normals(seed):
-    mesh = rough_mesh(seed)
-    terrain = Terrain(mesh)
-    xy, yaw = candidates_on(mesh, seed)
-    settled = settle(terrain, SIZE, xy, yaw, rules=SettleRules(rule="averaged", max_slope=1.4, min_share=1.0))
-    grid = np.stack(np.meshgrid(np.linspace(-3.5, 3.5, 5), np.linspace(-1.75, 1.75, 5)), -1).reshape(-1, 2)
-    for i in np.flatnonzero(settled.ok):
-        hits = terrain.top_hits(xy[i] + grid @ rotation_z(yaw[i])[:2, :2].T)
-        mean = hits.normal.mean(axis=0)
-        np.testing.assert_allclose(settled.world_from_vehicle[i, :3, 2], mean / np.linalg.norm(mean), atol=CLOSE)
-        np.testing.assert_allclose(settled.world_from_vehicle[i, 2, 3], hits.z.mean(), atol=CLOSE * 50)
-
-
 @given(
     gradient=vectors(-1, 1, 2), z=finite(-100, 100), rule=RULES, n=st.integers(2, 6), seed=st.integers(0, 99)
 )  # fmt: skip
