@@ -45,7 +45,7 @@ class Frustum:
         """For each point as bits, in the order of `planes`, which planes it is outside of."""
         code = np.zeros(points.shape[1:], dtype=np.uint8)
         for i, plane in enumerate(self.planes):
-            code |= (distance_from(plane, points) < 0.0).astype(np.uint8) << i
+            code |= (distance_from(plane, points) < 0.0).astype(np.uint8) << np.uint8(i)
         return code
 
     def project(self, points: Float[np.ndarray, "3 *n"]) -> Float[np.ndarray, "2 *n"]:
