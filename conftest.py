@@ -35,7 +35,7 @@ CHECKED = {
     "all": [f"hulldown.{name.removesuffix('.py')}" for name in PACKAGES if name not in ("__init__.py", "py.typed")],
     "off": [],
 }
-install_import_hook(CHECKED[os.environ.get("HULLDOWN_SHAPES", "entry")], "beartype.beartype")
+install_import_hook(CHECKED[os.environ.get("HULLDOWN_SHAPES", "entry")], "hulldown.tests.shape_checks.checked")
 
 STARTED = pytest.StashKey[float]()
 

@@ -38,7 +38,7 @@ class Lenses:
     size: Float[np.ndarray, "... 2"]
     distortion: Float[np.ndarray, "... 5"]
 
-    def rows(self, index: Int[np.ndarray, " k"] | Bool[np.ndarray, " m"]) -> Lenses:
+    def rows(self, index: Int[np.ndarray, "*k"] | Bool[np.ndarray, " m"]) -> Lenses:
         """Select cameras; unchanged if there is one for all."""
         if self.focal.ndim == 1:
             return self

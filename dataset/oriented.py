@@ -67,4 +67,4 @@ def ground_corners(label: Mapping[str, Any], image: Mapping[str, Any]) -> Float[
 
 def is_rectangle(value: Any) -> TypeGuard[list[float]]:
     """Whether this is [center x, center y, width, height, angle], finite and with an area."""
-    return is_list_of_numbers(value) and len(value) == 5 and min(value[2:4]) > 0
+    return is_list_of_numbers(value) and len(value) == 5 and bool(min(value[2:4]) > 0)

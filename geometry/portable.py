@@ -75,7 +75,7 @@ def arctan2(y: ArrayLike, x: ArrayLike) -> Float[np.ndarray, "..."]:
     """Angle in radians, -pi to pi, of the direction (x, y); 0 of (0, 0)."""
     down, across = np.abs(y), np.abs(x)
     larger = np.maximum(down, across)
-    ratio = np.minimum(down, across) / np.where(larger > 0.0, larger, 1.0)
+    ratio = np.asarray(np.minimum(down, across) / np.where(larger > 0.0, larger, 1.0))
     angle = _arctan_to_one(ratio)
     angle = np.where(down > across, math.pi / 2 - (angle - _PI_2_REST), angle)
     angle = np.where(np.asarray(x) < 0.0, math.pi - (angle - 2.0 * _PI_2_REST), angle)

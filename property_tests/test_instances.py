@@ -129,7 +129,9 @@ def test_triangles_touch_a_box_where_clipping_leaves_something(seed, size):
     triangles = rng.normal(0, 1.5, (60, 1, 3)) + rng.normal(0, size, (60, 3, 3))
     half = rng.uniform(0.2, 1.5, (60, 3))
     expected = [len(_clipped(t, h)) > 0 for t, h in zip(triangles, half, strict=True)]
-    np.testing.assert_array_equal(triangles_touch_box(np.moveaxis(triangles, 0, 2), half.T), expected)
+    np.testing.assert_array_equal(
+        triangles_touch_box([*map(list, np.moveaxis(triangles, 0, 2))], list(half.T)), expected
+    )
 
 
 def _clipped(polygon, half):

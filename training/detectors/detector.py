@@ -10,7 +10,7 @@ import types
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -57,6 +57,7 @@ class Detections:
     label: Int[np.ndarray, " k"]
 
 
+@runtime_checkable
 class Detector(Protocol):
     """A trained network; `classes` are the names of its classes."""
 

@@ -84,7 +84,7 @@ def sums_by(
     weights = (np.where(counted, value, 0.0) for counted, value in means)
     tp, fp, *rest = totals(of_detection, predictions.image, seen.true, seen.false, *weights)
     fn = totals(of_label, labels.image, seen.missed)
-    return np.stack([tp, fp, *fn, *rest], axis=1).reshape(labels.positions, bins, len(SUMS))
+    return np.stack([tp, fp, *fn, *rest], axis=1, dtype=np.float64).reshape(labels.positions, bins, len(SUMS))
 
 
 def figures(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np.ndarray, "*batch"]]:
@@ -107,7 +107,8 @@ def figures(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np.ndarray, 
 def denominators(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np.ndarray, "*batch"]]:
     """Denominators of `FIGURES`."""
     tp, fp, fn = np.moveaxis(np.asarray(sums, dtype=np.float64), -1, 0)[:3]
-    return dict(zip(FIGURES, (tp + fp, tp + fn, 2.0 * tp + fp + fn, tp, tp + fp, tp, fp), strict=True))
+    each = map(np.asarray, (tp + fp, tp + fn, 2.0 * tp + fp + fn, tp, tp + fp, tp, fp))
+    return dict(zip(FIGURES, each, strict=True))
 
 
 def ratio(part: ArrayLike, whole: ArrayLike) -> Float[np.ndarray, "..."]:
