@@ -149,7 +149,7 @@ def test_pycocotools_reads_coco(exported, labels, capsys, within, overlap):
 @pytest.mark.parametrize("within", [None, 0.0])
 def test_rfdetr_reads_yolo(exported, labels, within):
     yolo = package("rfdetr.datasets.yolo")
-    out, found = exported("rfdetr-yolo", within), []
+    out, found, contents, masks = exported("rfdetr-yolo", within), [], list(labels), 0
     assert yolo.is_valid_yolo_dataset(str(out))
     for split in ("train", "valid", "test"):
         data = yolo.YoloDetection(
@@ -162,12 +162,15 @@ def test_rfdetr_reads_yolo(exported, labels, within):
         assert list(data.sv_dataset.classes) == NAMES
         for path, _, detections in (data.sv_dataset[i] for i in range(len(data.sv_dataset))):
             content, names = Path(path).read_bytes(), [NAMES[k] for k in detections.class_id]
-            if within is None:
-                found.append((content, list(zip(names, detections.xyxy, strict=True))))
-            else:
-                assert names == [name for name, _, crowd in labels[content] if not crowd]
-    if within is None:
-        compare(labels, found, crowds=False)
+            found.append((content, list(zip(names, detections.xyxy, strict=True))))
+            if within is not None and names and (i := contents.index(content)) < 30:
+                shown, true = detections.mask[0], mask_of(i % 3)
+                # It rounds corners to whole pixels and fills polygons with their outline, up to a pixel more.
+                assert (true & shown).sum() / true.sum() > 0.98
+                assert (true & shown).sum() / (true | shown).sum() > 0.75
+                masks += 1
+    compare(labels, found, crowds=False, atol=1e-3 if within is None else 1.0)
+    assert (masks > 10) == (within is not None)
 
 
 def test_rfdetr_reads_coco(exported):
@@ -176,26 +179,6 @@ def test_rfdetr_reads_coco(exported):
     assert datasets.is_valid_coco_dataset(str(out))
     data = datasets.CocoDetection(out / "train", out / "train" / "_annotations.coco.json", transforms=None)
     assert len(data) > 10
-
-
-@pytest.mark.parametrize("layout", ["yolo", "rfdetr-yolo"])
-def test_supervision_reads_yolo_with_masks(exported, dataset, layout):
-    supervision = package("supervision")
-    out = exported(layout, 0.0)
-    pictures, texts = ("images/train", "labels/train") if layout == "yolo" else ("train/images", "train/labels")
-    data = supervision.DetectionDataset.from_yolo(str(out / pictures), str(out / texts), str(out / "data.yaml"))
-    assert data.classes == NAMES
-    by_bytes = {(dataset / f"images/a.{i:03d}.png").read_bytes(): i for i in range(30)}
-    seen = 0
-    for path, _, detections in data:
-        i = by_bytes.get(Path(path).read_bytes())
-        if i is not None and len(detections):
-            shown, true = detections.mask[0], mask_of(i % 3)
-            # It rounds corners to whole pixels and fills polygons with their outline, up to a pixel more.
-            assert (true & shown).sum() / true.sum() > 0.98
-            assert (true & shown).sum() / (true | shown).sum() > 0.75
-            seen += 1
-    assert seen > 10
 
 
 def test_yolo_has_ultralytics_format(exported, labels):
