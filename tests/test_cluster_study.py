@@ -11,12 +11,11 @@ import pytest
 
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.tests.clusters import cluster
-from hulldown.tests.test_study import SMALL, tree, written
+from hulldown.tests.test_study import SMALL, settled, tree
 from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.study import elsewhere
-from hulldown.training.study.config import load_study
 from hulldown.training.study.elsewhere import NANNYS, TrainingOrder, run_here, unseen
-from hulldown.training.study.manifest import settle, write_manifest
+from hulldown.training.study.manifest import write_manifest
 from hulldown.training.study.report import write_report
 from hulldown.training.study.runs import RunOptions, run_study
 from hulldown.verbs.cluster import training_workers
@@ -26,23 +25,12 @@ AS_A_NANNY_DOES = dict.fromkeys(NANNYS, "1")
 
 
 @pytest.fixture(scope="module")
-def pictures(tmp_path_factory):
+def study(tmp_path_factory):
+    """A study of two runs."""
     folder = tmp_path_factory.mktemp("pictures")
     for seed, name in enumerate(("real", "synthetic", "test")):
         make_dataset(folder / name, 4, seed=seed)
-    return folder
-
-
-def settled(pictures, fractions):
-    return settle(
-        load_study(written(pictures, pictures / "study.toml", fractions=fractions, train=SMALL | {"budget": 8}))
-    )
-
-
-@pytest.fixture(scope="module")
-def study(pictures):
-    """A study of two runs."""
-    return settled(pictures, [1.0])
+    return settled(folder, folder, fractions=[1.0], train=SMALL | {"budget": 8})
 
 
 def report_of(out):

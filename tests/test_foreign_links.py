@@ -1,6 +1,5 @@
 """Links in other people's datasets: followed inside, and outside only where the user allows it."""
 
-import json
 import os
 
 import pytest
@@ -9,18 +8,17 @@ from PIL import Image
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.join import join
 from hulldown.geometry.errors import DatasetError
+from hulldown.tests.editing import write_dataset
 
 
 @pytest.fixture
 def foreign(tmp_path):
     """Somebody's dataset, with a file of the user next to it."""
     folder = tmp_path / "theirs"
-    (folder / "images").mkdir(parents=True)
-    Image.new("RGB", (8, 6)).save(folder / "images/0.png")
-    image = {"id": 1, "file_name": "images/1.png", "width": 8, "height": 6}
-    (folder / "annotations.json").write_text(json.dumps({"images": [image], "categories": [], "annotations": []}))
+    write_dataset(folder, [{"file_name": "images/1.png"}])
+    (folder / "images/1.png").rename(folder / "images/0.png")
     (tmp_path / "mine").mkdir()
-    Image.new("RGB", (8, 6), (9, 9, 9)).save(tmp_path / "mine/secret.png")
+    Image.new("RGB", (32, 24), (9, 9, 9)).save(tmp_path / "mine/secret.png")
     return folder
 
 

@@ -8,6 +8,7 @@ from hulldown.camera.distortion import seen_radius
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.lenses import lenses
 from hulldown.camera.projection import NEAR
+from hulldown.tests.oracles.nearest import nearest_triangle
 
 LENSES = {
     "barrel": (-0.3, 0.1, 0.0, 0.0, 0.0),
@@ -95,12 +96,4 @@ def _ahead(triangle):
 
 def _met(triangles, points):
     """Whether the rays through points at unit depth hit any triangle in front of the near plane."""
-    rays, met = np.c_[points, np.ones(len(points))], np.zeros(len(points), dtype=bool)
-    for a, b, c in triangles:
-        normal = np.cross(b - a, c - a)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            depth = normal @ a / (rays @ normal)
-            at = rays * depth[:, None]
-            sides = [np.cross(q - p, at - p) @ normal for p, q in ((a, b), (b, c), (c, a))]
-            met |= (np.min(sides, axis=0) >= 0) & (depth >= NEAR)
-    return met
+    return nearest_triangle(np.zeros(3), np.c_[points, np.ones(len(points))], triangles, after=NEAR)[1] >= 0

@@ -3,7 +3,9 @@
 import numpy as np
 
 
-def nearest_triangle(origin: np.ndarray, along: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def nearest_triangle(
+    origin: np.ndarray, along: np.ndarray, triangles: np.ndarray, *, after: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Distance and index of the first triangle along each ray, from one origin or one a ray; inf and -1 for a miss."""
     nearest, index = np.full(len(along), np.inf), np.full(len(along), -1)
     for k, (a, b, c) in enumerate(triangles):
@@ -12,6 +14,6 @@ def nearest_triangle(origin: np.ndarray, along: np.ndarray, triangles: np.ndarra
             t = ((a - origin) @ normal) / (along @ normal)
         at = origin + np.where(np.isfinite(t), t, 0)[:, None] * along
         inside = np.all([np.cross(q - p, at - p) @ normal >= 0 for p, q in ((a, b), (b, c), (c, a))], axis=0)
-        closer = inside & (t > 0) & (t < nearest)
+        closer = inside & (t > after) & (t < nearest)
         nearest[closer], index[closer] = t[closer], k
     return nearest, index
