@@ -45,12 +45,16 @@ def python_code():
     return code
 
 
-def hulldown(words, folder):
+def python(words, folder):
+    """Run Python in a folder."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     return subprocess.run(
-        [sys.executable, "-P", "-m", "hulldown.cli", *words],
-        cwd=folder, env=environment, capture_output=True, text=True, timeout=900,
-    )  # fmt: skip
+        [sys.executable, "-P", *words], cwd=folder, env=environment, capture_output=True, text=True, timeout=900
+    )
+
+
+def hulldown(command, folder):
+    return python(["-m", "hulldown.cli", *shlex.split(command, comments=True)[1:]], folder)
 
 
 def shrink(config):
@@ -72,7 +76,7 @@ def reader(tmp_path_factory):
     folder = tmp_path_factory.mktemp("reader")
     answers = {}
     for command in commands(ROOT / "README.md"):
-        answers[command] = hulldown(shlex.split(command, comments=True)[1:], folder)
+        answers[command] = hulldown(command, folder)
         if command.startswith("hulldown init"):
             shrink(folder / "project" / "hulldown.toml")
     return folder, answers
@@ -82,15 +86,8 @@ def reader(tmp_path_factory):
 @pytest.mark.thorough
 def test_every_command_of_the_readme_works(reader):
     _, answers = reader
-    assert {command.split()[1] for command in answers} >= {
-        "init",
-        "inspect",
-        "plan",
-        "preview",
-        "render",
-        "verify",
-        "export",
-    }
+    verbs = {command.split()[1] for command in answers}
+    assert verbs >= {"init", "inspect", "plan", "preview", "render", "verify", "export"}
     assert {c: (a.returncode, a.stderr[-500:]) for c, a in answers.items() if a.returncode} == {}
 
 
@@ -112,9 +109,8 @@ def test_following_the_readme_makes_a_dataset(reader):
 def test_every_command_of_a_page_works_in_that_project(page, reader):
     folder, _ = reader
     for command in commands(page):
-        words = shlex.split(command, comments=True)[1:]
-        if words[:1] != ["init"]:
-            answer = hulldown(words, folder)
+        if not command.startswith("hulldown init"):
+            answer = hulldown(command, folder)
             assert answer.returncode == 0, f"{command}: {answer.stderr[-500:]}"
 
 
@@ -122,11 +118,7 @@ def test_every_command_of_a_page_works_in_that_project(page, reader):
 @pytest.mark.thorough
 def test_the_code_of_the_python_page_runs_in_that_project(reader):
     folder, _ = reader
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    ran = subprocess.run(
-        [sys.executable, "-P", "-c", "\n".join(python_code())],
-        cwd=folder, env=environment, capture_output=True, text=True, timeout=900,
-    )  # fmt: skip
+    ran = python(["-c", "\n".join(python_code())], folder)
     assert ran.returncode == 0, ran.stderr[-500:]
     with Image.open(folder / "labeled.png") as labeled, Image.open(folder / "bare.png") as bare:
         assert labeled.size == bare.size
