@@ -10,6 +10,8 @@ from PIL import Image
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
 
+PLAN = "a" * 64  # the key of a plan
+
 
 def write_dataset(
     folder: Path, images: Iterable[Mapping], labels: Iterable[Mapping] = (), *, names: Sequence[str] = ("tank",)
@@ -39,6 +41,19 @@ def append(
     picture.save(path)
     seals = {PICTURE_KEY: digest(path.read_bytes())} if seal else {}
     dataset.append({"file_name": name, "width": picture.width, "height": picture.height, **seals, **more}, labels)
+
+
+def render(folder: Path, indices: Iterable[int], *, key: str = PLAN, seal: bool = False) -> Path:
+    """Add these images of a plan of six, with two annotations each, to a dataset."""
+    with CocoDataset.open(folder, categories=["tank", "truck"]) as dataset:
+        run = dataset.run(key, images=6, annotations=12)
+        for i in indices:
+            labels = [
+                {"id": run.annotation_offset + 2 * i + k, "category": "tank", "bbox": [0, 0, k, 3.5]} for k in (1, 2)
+            ]
+            name, picture = run.file_name(f"images/{i + 1:08d}.png"), Image.new("RGB", (8, 6), (i, ord(key[0]), 7))
+            append(dataset, name, picture, labels, seal=seal, id=run.image_offset + i + 1, shot=i)
+    return folder
 
 
 def edit(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:

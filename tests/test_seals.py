@@ -2,11 +2,9 @@
 
 import json
 import os
-import random
 
 import orjson
 import pytest
-from PIL import Image
 
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export
@@ -15,22 +13,12 @@ from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, digest, seal_of
 from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.errors import DatasetError
-from hulldown.tests.editing import append, edit
-
-PLAN = "c" * 64
+from hulldown.tests.editing import edit, render
 
 
-def fill(folder, n=3, *, seals=True, key=PLAN):
-    """A rendered dataset, with noise as pictures."""
-    with CocoDataset.open(folder, categories=["tank", "truck"]) as dataset:
-        run = dataset.run(key, images=n, annotations=n)
-        for i in range(n):
-            name = run.file_name(f"images/{i + 1:08d}.png")
-            noise = random.Random(f"{key} {i}").randbytes(32 * 24 * 3)
-            box = {"id": run.annotation_offset + i + 1, "category": "tank", "bbox": [5.0, 4.0, 10.25, 6.5]}
-            picture = Image.frombytes("RGB", (32, 24), noise)
-            append(dataset, name, picture, [box], seal=seals, id=run.image_offset + i + 1)
-    return folder
+def fill(folder, n=3, **more):
+    """A dataset of the first images of a plan."""
+    return render(folder, range(n), **{"seal": True, **more})
 
 
 def errors(folder, **options):
@@ -60,7 +48,7 @@ def test_swapped_pictures_of_equal_size_are_found(tmp_path):
 @pytest.mark.parametrize(
     "change",
     [
-        lambda c: c["annotations"][1]["bbox"].__setitem__(0, 5.5),
+        lambda c: c["annotations"][1]["bbox"].__setitem__(0, 0.5),
         lambda c: c["annotations"][1].update(category_id=2),
         lambda c: c["images"][1].update(hdri="noon"),
         lambda c: c["images"][1].update({PICTURE_KEY: "0" * 64}),
@@ -85,7 +73,7 @@ def test_a_record_without_a_seal_is_a_warning(tmp_path):
 
 
 def test_old_datasets_and_photographs_need_no_seals(tmp_path):
-    fill(tmp_path, seals=False)
+    fill(tmp_path, seal=False)
     journal = tmp_path / "journal.jsonl"
     old = [json.loads(line) for line in journal.read_text().splitlines()]
     for line in old:
@@ -134,7 +122,7 @@ def test_join_keeps_seals_and_refuses_records_that_do_not_match(tmp_path):
 
 def test_an_export_has_matching_seals(tmp_path):
     fill(tmp_path / "all")
-    edit(tmp_path / "all", lambda c: c["images"][1].update(width=31))
+    edit(tmp_path / "all", lambda c: c["images"][1].update(width=7))
     export(tmp_path / "all", tmp_path / "out", fractions=(1.0, 0.0, 0.0))
     coco = json.loads((tmp_path / "out/train/_annotations.coco.json").read_text())
     assert [image[RECORD_KEY] == seal_of(image) for image in coco["images"]] == [True, False, True]
@@ -168,6 +156,6 @@ def test_a_name_of_a_megabyte_is_abbreviated(tmp_path):
 @pytest.mark.parametrize("name", ["images/./00000001.png", "images//00000001.png", "./images/00000001.png"])
 def test_two_spellings_of_one_path_are_one_name(tmp_path, name):
     with CocoDataset.open(fill(tmp_path, 1)) as target, pytest.raises(ValueError, match="is in the dataset already"):
-        target.append({"file_name": name, "width": 32, "height": 24}, [])
+        target.append({"file_name": name, "width": 8, "height": 6}, [])
     edit(tmp_path, lambda c: c["images"].append({**c["images"][0], "id": 9, "file_name": name}))
     assert "error: images/00000001.png: belongs to 2 image records" in errors(tmp_path)
