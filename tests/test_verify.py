@@ -36,18 +36,8 @@ def dataset(tmp_path):
     with CocoDataset.open(tmp_path, categories=["tank", "truck"]) as dataset:
         dataset.run("p" * 64, images=3, annotations=3)
         for i in range(3):
-            annotation = {
-                "id": i + 1,
-                "category": "tank",
-                "bbox": [5.0, 4.0, 10.0, 6.0],
-                "bbox_amodal": [5.0, 4.0, 10.0, 7.0],
-                "visible_fraction": 0.75,
-                "truncated_fraction": 1 / 7,
-                "segmentation": encode(MASK),
-                "area": 60,
-                "world_from_vehicle": POSE,
-            }
-            append(dataset, f"images/{i}.png", Image.new("RGB", (32, 24), (i, 0, 0)), [annotation], id=i + 1)
+            label = recorded(VEHICLE, VEHICLE) | {"id": i + 1, "segmentation": encode(MASK), "area": 60}
+            append(dataset, f"images/{i}.png", Image.new("RGB", (32, 24), (i, 0, 0)), [label], id=i + 1)
     return tmp_path
 
 
