@@ -19,7 +19,6 @@ from hulldown.demo.project import create_project
 from hulldown.planning.write import write_plan
 from hulldown.tests.editing import append
 from hulldown.tests.planning_assets import small_assets, small_config
-from hulldown.training.settings import load_settings
 
 NOTEBOOK = Path(__file__).parents[1] / "docs" / "first_dataset.ipynb"
 
@@ -145,12 +144,6 @@ def test_files_are_named_by_strings_too(dataset, plan, tmp_path, monkeypatch):
 def test_a_threshold_out_of_range_is_refused(dataset, wrong):
     with pytest.raises(ValueError, match=f"^{next(iter(wrong))}: expected a number"):
         hd.evaluate(dataset, "found.json", "report", **wrong)
-
-
-def test_training_settings_are_validated_by_key():
-    with pytest.raises(hd.HulldownError, match="budgt"):
-        hd.train({}, "run", settings={"budgt": 5})
-    assert load_settings(None, {"budget": 5}).budget == 5
 
 
 @pytest.mark.blender

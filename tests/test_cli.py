@@ -15,6 +15,7 @@ import hulldown.verbs.rendering
 from hulldown import cli
 from hulldown.dataset.coco import CocoDataset
 from hulldown.geometry.errors import HulldownError
+from hulldown.tests.editing import render
 
 ROOT = Path(__file__).parents[1]
 VERBS = ["init", "inspect", "plan", "check", "preview", "render", "join", "verify", "export", "doctor", "demo"]
@@ -127,14 +128,10 @@ def test_the_time_limit_of_a_picture_reaches_the_pool(monkeypatch):
 
 
 def test_join_reports_its_result(run, tmp_path):
-    for part in ("a", "b"):
-        with CocoDataset.open(tmp_path / part, categories=["tank"]) as dataset:
-            dataset.run("p" * 64, images=3, annotations=0)
-            (tmp_path / part / "images").mkdir()
-            (tmp_path / part / "images" / f"{part}.png").touch()
-            dataset.append({"id": 1 + (part == "b"), "file_name": f"images/{part}.png", "width": 4, "height": 3}, [])
+    for i, part in enumerate(("a", "b")):
+        render(tmp_path / part, [i])
     words = ("join", "a", "b", "-o", "joined", "--json")
-    assert json.loads(run(*words).stdout) == {"added": 2, "already": 0, "failed": 0, "missing": 1}
+    assert json.loads(run(*words).stdout) == {"added": 2, "already": 0, "failed": 0, "missing": 4}
     assert json.loads(run(*words).stdout)["already"] == 2
 
 
