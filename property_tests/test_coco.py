@@ -87,7 +87,6 @@ def test_cutting_the_journal_at_any_byte_loses_only_later_lines(batch: list, dat
         assert (folder / "annotations.json").read_bytes() == (fresh / "annotations.json").read_bytes()
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="kills real processes, made by fork")
 @given(st.integers(0, 2**32))
 @settings(max_examples=1)
 def test_fifty_kills_lose_and_double_nothing(seed: int) -> None:
@@ -149,7 +148,6 @@ def render_share(folder: Path, total: int, indices: Iterable[int] | None = None,
                 os.write(tell, b"%d\n" % i)
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="kills real processes, made by fork")
 def test_a_killed_join_loses_and_doubles_nothing() -> None:
     rng = random.Random(0)
     total = 150
