@@ -3,7 +3,6 @@
 import importlib
 import io
 import json
-import shutil
 import subprocess
 import sys
 import warnings
@@ -148,27 +147,7 @@ def test_a_threshold_out_of_range_is_refused(dataset, wrong):
 
 @pytest.mark.blender
 @pytest.mark.thorough
-def test_a_project_from_config_to_dataset(tmp_path):
-    """Plan, preview, render half, continue, verify: as in docs/python.md, with the smallest sizes."""
-    config = str(create_project(tmp_path, small=True))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        plan = hd.plan(config, tmp_path / "plan.jsonl", workers=1, cache=str(tmp_path / ".hulldown-cache"))
-    assert (tmp_path / "plan.jsonl.summary.png").exists()
-    assert np.ptp(np.asarray(plan.preview([0, 1], width=64).convert("L"))) > 100
-    assert "<img" in plan._repr_html_()
-    from hulldown.render.supervisor import Part
-
-    half = hd.render(plan, tmp_path / "dataset", part=Part(limit=1), device="cpu")
-    assert len(half) == 1
-    shutil.copytree(tmp_path / "dataset", tmp_path / "one")
-    assert len(hd.render(plan, tmp_path / "dataset", part=Part(limit=2), device="cpu")) == 2
-    assert [one for one in hd.verify(tmp_path / "one", plan) if one.severity == "error"] == []
-
-
-@pytest.mark.blender
-@pytest.mark.thorough
-def test_the_example_notebook_runs_in_a_project(tmp_path, monkeypatch):
+def test_the_example_notebook_runs_and_its_plan_can_be_displayed_and_rendered_in_parts(tmp_path, monkeypatch):
     create_project(tmp_path / "project", small=True)
     monkeypatch.chdir(tmp_path)
     cells = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
@@ -178,5 +157,14 @@ def test_the_example_notebook_runs_in_a_project(tmp_path, monkeypatch):
         for cell in cells:
             if cell["cell_type"] == "code":
                 exec("".join(cell["source"]), shared)
-    assert len(shared["dataset"]) == len(shared["plan"]) > 0
+    plan = shared["plan"]
+    assert len(shared["dataset"]) == len(plan) > 2
     assert not [finding for finding in shared["findings"] if finding.severity == "error"]
+    assert (tmp_path / "project" / "small.jsonl.summary.png").exists()
+    assert np.ptp(np.asarray(plan.preview([0, 1], width=64).convert("L"))) > 100
+    assert "<img" in plan._repr_html_()
+    from hulldown.render.supervisor import Part
+
+    for limit in (1, 2):
+        assert len(hd.render(plan, tmp_path / "parts", part=Part(limit=limit), device="cpu")) == limit
+        assert [one for one in hd.verify(tmp_path / "parts", plan) if one.severity == "error"] == []
