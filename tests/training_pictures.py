@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from hulldown.annotate.masks import encode
+from hulldown.tests.editing import write_dataset
 
 CLASSES = ("square", "disc")
 
@@ -45,7 +45,4 @@ def make_dataset(
             annotations.append(record)
         images.append(image)
         Image.fromarray(picture).save(folder / image["file_name"])
-    categories = [{"id": i + 1, "name": name} for i, name in enumerate(classes)]
-    coco = {"images": images, "annotations": annotations, "categories": categories}
-    (folder / "annotations.json").write_text(json.dumps(coco))
-    return folder
+    return write_dataset(folder, images, annotations, names=classes)
