@@ -12,7 +12,6 @@ import signal
 import site
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import psutil
@@ -30,6 +29,7 @@ from hulldown.tests.blender_plans import IMAGES, make_worlds, plan_in
 from hulldown.tests.certificates import certificates, needs_openssl
 from hulldown.tests.clusters import HIDDEN, PYTHONPATH, ROOT, blenders, cluster, rendering
 from hulldown.tests.oracles.resuming import differences
+from hulldown.tests.test_render_resuming import wait_for
 
 pytestmark = pytest.mark.blender
 
@@ -154,10 +154,7 @@ def test_the_tasks_of_a_harmed_worker_are_done(folder, nodes, tmp_path, harm):
 @pytest.mark.thorough
 def test_a_run_continues_after_its_client_was_killed(folder, nodes, tmp_path):
     client = rendering(folder / "plan.jsonl", tmp_path / "d", nodes.file)
-    images = tmp_path / "d" / "images"
-    while not images.is_dir() or len(list(images.iterdir())) < 3:
-        assert client.poll() is None
-        time.sleep(0.01)
+    wait_for(client, tmp_path / "d", 3)
     client.kill()
     client.communicate()
     course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address)
