@@ -12,8 +12,10 @@ import tomllib
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import pytest
+from beartype import BeartypeConf, beartype
 from hypothesis import HealthCheck, settings
 from jaxtyping import install_import_hook
 
@@ -35,7 +37,10 @@ CHECKED = {
     "all": [f"hulldown.{name.removesuffix('.py')}" for name in PACKAGES if name not in ("__init__.py", "py.typed")],
     "off": [],
 }
-install_import_hook(CHECKED[os.environ.get("HULLDOWN_SHAPES", "entry")], "hulldown.tests.shape_checks.checked")
+# For the hook, which imports its checker by name: an int is a float, as for mypy (PEP 484).
+sys.modules["shape_checker"] = checker = ModuleType("shape_checker")
+checker.check = beartype(conf=BeartypeConf(is_pep484_tower=True))
+install_import_hook(CHECKED[os.environ.get("HULLDOWN_SHAPES", "entry")], "shape_checker.check")
 
 STARTED = pytest.StashKey[float]()
 
