@@ -122,10 +122,13 @@ def test_join_keeps_seals_and_refuses_records_that_do_not_match(tmp_path):
 
 def test_an_export_has_matching_seals(tmp_path):
     fill(tmp_path / "all")
-    edit(tmp_path / "all", lambda c: c["images"][1].update(width=7))
+    edit(tmp_path / "all", lambda c: c["images"][1].update(license=7))
     export(tmp_path / "all", tmp_path / "out", fractions=(1.0, 0.0, 0.0))
     coco = json.loads((tmp_path / "out/train/_annotations.coco.json").read_text())
     assert [image[RECORD_KEY] == seal_of(image) for image in coco["images"]] == [True, False, True]
+    edit(tmp_path / "all", lambda c: c["images"][1].update(width=7))
+    with pytest.raises(DatasetError, match="its record has 7 x "):
+        export(tmp_path / "all", tmp_path / "again", fractions=(1.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize("name", ["annotations.json", "journal.jsonl", "failures.jsonl", "provenance.json"])

@@ -11,7 +11,7 @@ from typing import Any
 
 from hulldown.dataset.exports.clipping import refuse_all
 from hulldown.dataset.exports.split import SPLITS
-from hulldown.dataset.picture_files import DECODERS, read_pixels
+from hulldown.dataset.picture_files import DECODERS, read_picture, size_problem
 from hulldown.dataset.store.pictures import LinkError, link_or_copy, own_picture
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.geometry.errors import DatasetError
@@ -121,16 +121,15 @@ def check_sound(folder: Path, images: Sequence[Mapping[str, Any]], allowed: Sequ
         name = image["file_name"]
         try:
             path, recorded = own_picture(folder, name, allowed), image.get(PICTURE_KEY)
-            if recorded is not None and digest(path.read_bytes()) == recorded:
-                return None
-            read_pixels(path, (image["width"], image["height"]))
+            known = recorded is not None and digest(path.read_bytes()) == recorded
+            picture, stated = read_picture(path, largest=0 if known else None), (image["width"], image["height"])
         except LinkError:
             raise
         except DatasetError as error:
             return f"{name} {error.problem}"
         except OSError as error:
             return f"{name} cannot be read ({error.strerror})"
-        return None
+        return None if picture.size == stated else f"{name} {size_problem(picture, stated)}"
 
     with ThreadPoolExecutor(DECODERS) as pool:
         wrong = [message for message in pool.map(problem, images) if message is not None]
