@@ -145,7 +145,7 @@ def combined_error(
     first, second = np.asarray(tests, dtype=np.float64) ** 2, np.asarray(seeds, dtype=np.float64) ** 2
     both = first + second
     shrink = ratio(first**2, test_freedom) + np.where(second > 0, ratio(second**2, seed_freedom), 0.0)
-    return np.sqrt(both), np.where(shrink > 0, ratio(both**2, shrink), test_freedom)
+    return np.asarray(np.sqrt(both)), np.where(shrink > 0, ratio(both**2, shrink), test_freedom)
 
 
 def figure_intervals(
