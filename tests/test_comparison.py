@@ -140,6 +140,6 @@ def test_whole_images_are_compared_by_features_of_an_encoder(tmp_path, capsys):
     torch.save(small_weights(), tmp_path / "small.pt")
     code, _, err = run(photographs, tmp_path / "small.pt")
     assert code == 2
-    assert "no DINOv2 encoder" in err
+    assert "has no weights of RF-DETR" in err
     assert main(["report", str(own), "-o", str(tmp_path / "page.html"), "--features", str(weights)]) == 2
     assert "--features needs --beside" in capsys.readouterr().err
