@@ -50,8 +50,9 @@ def test_the_template_has_every_key():
             else:
                 yield section, name
 
+    text = bare_text()
     for section, name in keys(Config):
-        part = bare_text().split(f"[{section}]\n")[-1] if section else bare_text()
+        part = text.split(f"[{section}]\n")[-1] if section else text
         assert re.search(rf"(?m)^(# )?(\[\[assets\.)?{name}( =|\]\])", part), f"{section}.{name}"
 
 
