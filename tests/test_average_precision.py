@@ -1,14 +1,10 @@
 """Average precision compared with pycocotools, on random sets with crowds, ties, areas, and empty classes."""
 
-import contextlib
-import io
-
 import numpy as np
 import pytest
-from pycocotools.cocoeval import COCOeval
 
 from hulldown.tests.detections import loaded, random_case
-from hulldown.tests.test_matching import coco_of
+from hulldown.tests.test_matching import pycocotools_evaluation
 from hulldown.training.evaluation.average_precision import average_precision
 
 
@@ -27,13 +23,7 @@ def case(seed):
 
 
 def reference(labels, predictions):
-    truth, found = coco_of(labels, predictions)
-    with contextlib.redirect_stdout(io.StringIO()):
-        truth.createIndex()
-        evaluation = COCOeval(truth, truth.loadRes(found), "bbox")
-        evaluation.evaluate()
-        evaluation.accumulate()
-        evaluation.summarize()
+    evaluation = pycocotools_evaluation(labels, predictions)
     precision = evaluation.eval["precision"][:, :, :, 0, -1]
     each = np.where(precision < 0, np.nan, precision).mean(axis=1)
     return evaluation.stats, np.stack([each.mean(axis=0), each[0], each[5]], axis=1)

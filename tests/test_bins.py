@@ -189,17 +189,10 @@ def scene(tmp_path):
     return labels_of(dataset(records, images=2), path=tmp_path, folder=tmp_path)
 
 
-def test_contrast_is_the_difference_from_the_surroundings_of_a_target(scene):
+def test_contrast_is_the_difference_from_the_surroundings_of_a_target_unless_stored(scene):
     assert measured_contrast(scene) == pytest.approx([51 / 255, 26 / 255, np.nan, np.nan], abs=0.005, nan_ok=True)
-
-
-def test_a_stored_contrast_overrides_the_measured_one(scene):
     scene.annotations[0]["contrast"] = 0.9
     predictions = predictions_of([], scene, path=scene.path, name="none")
     contrast = next(field for field in fields(scene, predictions) if field.name == "contrast")
-    assert [contrast.bins[k] if k >= 0 else None for k in contrast.of_label] == [
-        "0.4 and more",
-        "0.1 to 0.2",
-        None,
-        None,
-    ]
+    assert contrast.bins == ("0.1 to 0.2", "0.4 and more")
+    assert contrast.of_label.tolist() == [1, 0, -1, -1]

@@ -14,51 +14,34 @@ from hulldown.training.evaluation.matching import Overlaps, match, overlapping
 IOUS = (0.1, 0.5, 0.75, 0.95)
 
 
-def coco_of(labels, predictions):
-    """The same data in pycocotools' form, with ids from 1, since it takes annotation 0 for unmatched."""
+def pycocotools_evaluation(labels, predictions, **params):
+    """pycocotools' evaluation of the same data, numbered from 1, since it takes annotation 0 for unmatched."""
+    more = [{"area": area, "iscrowd": crowd} for area, crowd in zip(labels.area, labels.crowd, strict=True)]
+    boxes = zip(labels.image + 1, labels.label + 1, labels.xywh, more, strict=True)
+    found = zip(predictions.image + 1, predictions.label + 1, predictions.xywh, predictions.score, strict=True)
     truth = COCO()
-    truth.dataset = {
-        "images": [{"id": image["id"]} for image in labels.images],
-        "categories": [{"id": c + 1} for c in range(len(predictions.class_names))],
-        "annotations": [
-            {
-                "id": k + 1,
-                "image_id": labels.images[labels.image[k]]["id"],
-                "category_id": int(labels.label[k]) + 1,
-                "bbox": labels.xywh[k].tolist(),
-                "area": float(labels.area[k]),
-                "iscrowd": int(labels.crowd[k]),
-            }
-            for k in range(len(labels.image))
-        ],
-    }
-    found = [
-        {
-            "image_id": labels.images[predictions.image[k]]["id"],
-            "category_id": int(predictions.label[k]) + 1,
-            "bbox": predictions.xywh[k].tolist(),
-            "score": float(predictions.score[k]),
-        }
-        for k in range(len(predictions.image))
-    ]
-    return truth, found
-
-
-def official(labels, predictions, ious=IOUS):
-    """pycocotools' decisions: by IoU, detection -> label, and ignored detections, as indices."""
-    truth, found = coco_of(labels, predictions)
+    truth.dataset = dataset(boxes, images=len(labels.images), classes=predictions.class_names)
     with contextlib.redirect_stdout(io.StringIO()):
         truth.createIndex()
-        if not found:
-            return {iou: ({}, set(), set()) for iou in ious}
-        evaluation = COCOeval(truth, truth.loadRes(found), "bbox")
-        evaluation.params.iouThrs = np.array(ious)
-        evaluation.params.areaRng, evaluation.params.areaRngLbl = [[0, 1e10]], ["all"]
+        evaluation = COCOeval(truth, truth.loadRes(results(found)), "bbox")
+        vars(evaluation.params).update(params)
         evaluation.evaluate()
+        evaluation.accumulate()
+        evaluation.summarize()
+    return evaluation
+
+
+def official(labels, predictions):
+    """pycocotools' decisions: by IoU, detection -> label, and ignored detections, as indices."""
+    if not len(predictions.score):
+        return {iou: ({}, set(), set()) for iou in IOUS}
+    evaluation = pycocotools_evaluation(labels, predictions, iouThrs=np.array(IOUS))
     answers = {}
-    for t, iou in enumerate(ious):
+    for t, iou in enumerate(IOUS):
         matches, ignored, seen = {}, set(), set()
-        for image in filter(None, evaluation.evalImgs):
+        for image in evaluation.evalImgs:
+            if image is None or image["aRng"] != evaluation.params.areaRng[0]:
+                continue
             ids = [i - 1 for i in image["dtIds"]]
             seen |= set(ids)
             matches |= {d: int(g) - 1 for d, g in zip(ids, image["dtMatches"][t], strict=True) if g > 0}

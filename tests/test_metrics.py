@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from scipy.stats import binomtest
 
 from hulldown.tests.detections import by_position, dataset, loaded, matched, random_case, results, total
-from hulldown.tests.test_matching import official as official_matching
 from hulldown.training.evaluation.average_precision import IOUS, RECALLS, resampled_averages, weighted_averages
 from hulldown.training.evaluation.average_precision import average_precision as official
 from hulldown.training.evaluation.bootstrap import (
@@ -35,20 +35,6 @@ def test_the_counts_of_the_papers_figure_9_give_its_percentages(counts, expected
     assert tuple(round(100 * float(figures(sums)[key]), 1) for key in ("precision", "recall", "f1")) == expected
 
 
-@pytest.mark.parametrize(("seed", "threshold"), [(0, 0.0), (1, 0.3), (2, 0.5), (3, 0.5)])
-def test_counts_above_a_threshold_equal_pycocotools(seed, threshold):
-    matching = matched(*random_case(seed))
-    labels, predictions, seen = matching.labels, matching.predictions, outcomes(matching, threshold)
-    above = predictions.take(predictions.score >= threshold)
-    matches, ignored, used = official_matching(labels, above)[0.5]
-    found_labels = {g for d, g in matches.items() if d not in ignored}
-    sums = total(seen)
-    assert sums[0] == len(found_labels)
-    assert sums[1] == len(used - ignored - set(matches))
-    assert sums[2] == (~labels.crowd).sum() - len(found_labels)
-    assert set(np.flatnonzero(seen.found)) == found_labels
-
-
 def test_means_are_over_matches_and_over_counted_labels():
     boxes = [(1, 1, (0, 0, 10, 10)), (1, 1, (100, 0, 10, 10))]
     found = [
@@ -64,14 +50,6 @@ def test_means_are_over_matches_and_over_counted_labels():
     assert figure["mean_confidence_fp"] == pytest.approx(0.7)
 
 
-def test_undefined_figures_are_nan():
-    figure = figures(np.zeros(6))
-    assert all(np.isnan(value) for value in figure.values())
-    none_found = figures(np.array([0.0, 0, 3, 0, 0, 0]))
-    assert (none_found["recall"], none_found["f1"]) == (0, 0)
-    assert np.isnan(none_found["precision"])
-
-
 def test_curves_go_through_the_operating_points():
     matching = matched(*random_case(2))
     curve = curves(matching)
@@ -82,10 +60,6 @@ def test_curves_go_through_the_operating_points():
             figure[key] for key in ("precision", "recall", "f1")
         ]
     assert curve.f1[curve.threshold == curve.best()] == curve.f1.max()
-
-
-def test_there_is_no_best_threshold_without_detections():
-    assert curves(matched(dataset([(1, 1, (0, 0, 9, 9))]), [])).best() is None
 
 
 def test_confusion_counts_every_label_and_every_detection_once():
@@ -229,13 +203,6 @@ def recall_interval(sums):
     return figure_intervals(sums, resampled_sums(sums))["recall"]
 
 
-def test_the_interval_of_recall_has_its_theoretical_width():
-    """1,079 independent labels, 64 % found: a standard error of 0.0146."""
-    low, high = recall_interval(counted(np.arange(1079) < 688))
-    assert (high - low) / (2 * 1.96) == pytest.approx(0.0146, rel=0.06)
-    assert low < 688 / 1079 < high
-
-
 def test_five_found_labels_give_a_wide_interval():
     low, high = recall_interval(counted(np.ones(5)))
     assert (low, high) == (pytest.approx(0.39, abs=0.01), 1.0)
@@ -249,8 +216,6 @@ def test_with_full_agreement_positions_count_instead_of_labels():
 
 
 def test_a_share_counts_no_more_than_its_trials():
-    from scipy.stats import binomtest
-
     expected = binomtest(20, 40).proportion_ci(method="wilson")
     found = share_interval(0.5, 0.001, freedom=10_000, trials=40)
     assert found == pytest.approx([expected.low, expected.high], abs=1e-3)
@@ -267,14 +232,12 @@ def test_four_positions_are_too_few_for_an_interval():
     assert all(np.isnan(ends).all() for ends in figure_intervals(sums, resampled_sums(sums)).values())
 
 
-@pytest.mark.parametrize(("part", "whole"), [(3, 17), (50, 80), (12, 400)])
+@pytest.mark.parametrize(("part", "whole"), [(3, 17), (50, 80), (12, 400), (688, 1079)])
 def test_for_independent_labels_the_interval_is_wilsons_with_students_quantile(part, whole):
-    from scipy.stats import binomtest
-
     low, high = recall_interval(counted(np.arange(whole) < part))
     expected = binomtest(part, whole).proportion_ci(method="wilson")
     assert (low, high) == (pytest.approx(expected.low, abs=0.02), pytest.approx(expected.high, abs=0.03))
-    assert high - low >= 0.97 * (expected.high - expected.low)
+    assert 0.97 <= (high - low) / (expected.high - expected.low) <= 1 + 2 / whole**0.5
 
 
 def test_images_of_one_position_widen_the_interval():

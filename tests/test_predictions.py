@@ -93,23 +93,19 @@ def test_labels_are_read_from_a_dataset_a_split_or_a_file(tmp_path, name):
     assert labels.folder == tmp_path
 
 
-def damaged(**more):
-    return {**dataset([(1, 1, (0, 0, 9, 9))]), **more}
+ONE = dataset([(1, 1, (0, 0, 9, 9))])
 
 
 @pytest.mark.parametrize(
     ("coco", "words"),
     [
-        (damaged(images=[{"id": 1, "file_name": "a", "width": 9, "height": 9}] * 2), "image 1 is given twice"),
-        (damaged(categories=[{"id": 1, "name": "a"}] * 2), "category 1 is given twice"),
-        (damaged(annotations=[{"id": 5, "image_id": 9, "category_id": 1, "bbox": [0, 0, 1, 1]}]), "image 9 does"),
-        (damaged(annotations=[{"id": 5, "image_id": 1, "category_id": 8, "bbox": [0, 0, 1, 1]}]), "category 8 does"),
-        (damaged(annotations=[{"id": 5, "image_id": 1, "category_id": 1, "bbox": [0, 0, 1]}]), "annotation 5: bbox"),
-        (
-            damaged(annotations=[{"id": 5, "image_id": 1, "category_id": 1, "bbox": [0, 0, 1, 1], "area": "big"}]),
-            "annotation 5: area 'big' is no number",
-        ),
-        (damaged(annotations=[{"image_id": 1}]), "annotation"),
+        ({**ONE, "images": ONE["images"] * 2}, "image 1 is given twice"),
+        ({**ONE, "categories": ONE["categories"] * 2}, "category 1 is given twice"),
+        (dataset([(9, 1, (0, 0, 1, 1), {"id": 5})]), "annotation 5: image 9 does"),
+        (dataset([(1, 8, (0, 0, 1, 1), {"id": 5})]), "annotation 5: category 8 does"),
+        (dataset([(1, 1, (0, 0, 1), {"id": 5})]), "annotation 5: bbox"),
+        (dataset([(1, 1, (0, 0, 1, 1), {"id": 5, "area": "big"})]), "annotation 5: area 'big' is no number"),
+        ({**ONE, "annotations": [{"image_id": 1}]}, "annotation"),
         ([], "isn't a COCO object"),
     ],
 )  # fmt: skip
