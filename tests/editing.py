@@ -14,7 +14,12 @@ PLAN = "a" * 64  # the key of a plan
 
 
 def write_dataset(
-    folder: Path, images: Iterable[Mapping], labels: Iterable[Mapping] = (), *, names: Sequence[str] = ("tank",)
+    folder: Path,
+    images: Iterable[Mapping],
+    labels: Iterable[Mapping] = (),
+    *,
+    names: Sequence[str] = ("tank",),
+    pictures: bool = True,
 ) -> Path:
     """Write records with ids from 1, 32 x 24 pixels, and the first class unless stated, and plain missing pictures."""
     coco = {
@@ -23,7 +28,7 @@ def write_dataset(
         "categories": [{"id": number, "name": name} for number, name in enumerate(names, start=1)],
     }
     folder.mkdir(parents=True, exist_ok=True)
-    for image in coco["images"]:
+    for image in coco["images"] if pictures else ():
         path = folder / image["file_name"]
         path.parent.mkdir(parents=True, exist_ok=True)
         if not path.exists():

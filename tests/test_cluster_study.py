@@ -12,7 +12,7 @@ import pytest
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.tests.clusters import cluster
 from hulldown.tests.test_study import SMALL, settled, tree
-from hulldown.tests.training_pictures import make_dataset
+from hulldown.tests.training_pictures import make_datasets
 from hulldown.training.study import elsewhere
 from hulldown.training.study.elsewhere import NANNYS, TrainingOrder, run_here, unseen
 from hulldown.training.study.manifest import write_manifest
@@ -27,9 +27,7 @@ AS_A_NANNY_DOES = dict.fromkeys(NANNYS, "1")
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
     """A study of two runs."""
-    folder = tmp_path_factory.mktemp("pictures")
-    for seed, name in enumerate(("real", "synthetic", "test")):
-        make_dataset(folder / name, 4, seed=seed)
+    folder = make_datasets(tmp_path_factory.mktemp("pictures"), real=4, synthetic=4, test=4)
     return settled(folder, folder, fractions=[1.0], train=SMALL | {"budget": 8})
 
 

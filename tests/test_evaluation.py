@@ -13,6 +13,7 @@ from selenium.webdriver.support.ui import Select
 from hulldown.cli import main
 from hulldown.geometry.errors import HulldownError
 from hulldown.tests.detections import dataset, random_case, results
+from hulldown.tests.editing import write_dataset
 from hulldown.training.evaluation.report import evaluate_files
 
 METRICS = {"tp", "fp", "fn", "precision", "recall", "f1", "mean_iou", "mean_confidence", "ap", "ap50", "ap75"}
@@ -20,10 +21,8 @@ METRICS = {"tp", "fp", "fn", "precision", "recall", "f1", "mean_iou", "mean_conf
 
 def stored(folder, coco, **found):
     """A dataset with its pictures, and files of detections."""
-    (folder / "images").mkdir(parents=True)
-    (folder / "annotations.json").write_text(json.dumps(coco))
-    for k, image in enumerate(coco["images"]):
-        Image.new("RGB", (image["width"], image["height"]), (40 + 5 * k, 90, 60)).save(folder / image["file_name"])
+    names = [category["name"] for category in coco["categories"]]
+    write_dataset(folder, coco["images"], coco["annotations"], names=names)
     for name, records in found.items():
         (folder / f"{name}.json").write_text(json.dumps(records))
     return folder

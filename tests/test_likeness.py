@@ -1,6 +1,5 @@
 """Plans that follow photographs: sizes, positions, and shapes of boxes, within the limits of the config."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +13,7 @@ from hulldown.planning.plan_file import read_plan
 from hulldown.planning.search.likeness import Likeness
 from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
+from hulldown.tests.editing import write_dataset
 from hulldown.tests.planning_assets import bare, plan, small_assets, small_config
 
 WIDTH, HEIGHT = 1600, 1200  # of the photographs; renders are 1920 x 1080
@@ -25,16 +25,13 @@ ROUNDED_PX = 2e-6  # boxes in plans
 
 def photographed(folder, boxes, names=("tank",)):
     """The assets of a plan, with one photograph for each list of boxes (class, left, top, width, height)."""
-    images = [{"id": i, "file_name": f"{i}.jpg", "width": WIDTH, "height": HEIGHT} for i in range(len(boxes))]
-    annotations = [
-        {"id": 0, "image_id": i, "category_id": names.index(name), "bbox": box}
-        for i, of_image in enumerate(boxes)
+    images = [{"file_name": f"{i}.jpg", "width": WIDTH, "height": HEIGHT} for i in range(len(boxes))]
+    labels = [
+        {"image_id": i, "category_id": names.index(name) + 1, "bbox": box}
+        for i, of_image in enumerate(boxes, start=1)
         for name, *box in of_image
     ]
-    categories = [{"id": i, "name": name} for i, name in enumerate(names)]
-    (folder / "annotations.json").write_text(
-        json.dumps({"images": images, "annotations": annotations, "categories": categories})
-    )
+    write_dataset(folder, images, labels, names=names, pictures=False)
     return replace(small_assets(bare("bare")), photographs=read_photographs(folder))
 
 

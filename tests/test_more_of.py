@@ -14,6 +14,7 @@ from hulldown.planning.inputs.more_of import MOST, kept, read_more_of
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.row import MoreOf
 from hulldown.planning.write import write_plan
+from hulldown.tests.editing import write_dataset
 from hulldown.tests.planning_assets import small_assets, small_config
 from hulldown.training.evaluation.report import evaluate_files
 
@@ -125,17 +126,14 @@ def test_reports_without_weights_are_refused(tmp_path, content, problem):
 def test_the_report_of_an_evaluation_is_accepted(tmp_path, plans):
     """A detector that misses vehicles seen from behind."""
     dataset = Dataset.of_plan(plans["plain"], lambda i: None)
-    coco = {"images": [image.record for image in dataset.images], "annotations": [], "categories": [
-        {"id": number, "name": name} for number, name in dataset.categories.items()
-    ]}  # fmt: skip
-    results = []
+    labels, results = [], []
     for image, row in zip(dataset.images, plans["plain"], strict=True):
         for label in image.labels:
             found = {"image_id": image.id, "category_id": label.record["category_id"], "bbox": label.bbox.tolist()}
-            coco["annotations"].append({**label.record, **found, "id": len(coco["annotations"]) + 1})
+            labels.append({**label.record, **found})
             results += [{**found, "score": 0.9}] if side(row) != "rear" else []
-    (tmp_path / "data").mkdir()
-    (tmp_path / "data" / "annotations.json").write_text(json.dumps(coco))
+    records = [image.record for image in dataset.images]
+    write_dataset(tmp_path / "data", records, labels, names=list(dataset.categories.values()), pictures=False)
     (tmp_path / "found.json").write_text(json.dumps(results))
     evaluate_files(tmp_path / "data", tmp_path / "found.json", tmp_path / "report")
     found = read_more_of(tmp_path / "report" / "report.json")

@@ -119,12 +119,3 @@ def test_unusable_labels_are_named(tmp_path, coco, words):
 def test_a_folder_without_a_dataset_is_refused(tmp_path):
     with pytest.raises(DatasetError, match=r"no annotations\.json and no .* here"):
         read_labels(tmp_path)
-
-
-def test_images_of_one_position_share_it():
-    coco = dataset([], images=4)
-    for image, position in zip(coco["images"], (7, 7, 8, None), strict=True):
-        image |= {"scenery": "hills"} | ({} if position is None else {"position": position})
-    position = loaded(coco, [])[0].position
-    assert position[0] == position[1]
-    assert len(set(position.tolist())) == 3

@@ -19,7 +19,7 @@ from hulldown.cli import main
 from hulldown.geometry.errors import HulldownError
 from hulldown.tests.editing import edit
 from hulldown.tests.test_train import in_child
-from hulldown.tests.training_pictures import make_dataset
+from hulldown.tests.training_pictures import make_dataset, make_datasets
 from hulldown.training.study.arms import SOURCES, arm_draws, study_runs
 from hulldown.training.study.config import load_study
 from hulldown.training.study.manifest import read_manifest, settle, write_manifest
@@ -32,10 +32,7 @@ NANO = {"model": "nano", "resolution": 64, "budget": 4, "batch": 1, "weights": "
 
 @pytest.fixture(scope="module")
 def pictures(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("pictures")
-    for seed, (name, count) in enumerate({"real": 16, "synthetic": 12, "test": 8, "valid": 4}.items()):
-        make_dataset(folder / name, count, seed=seed)
-    return folder
+    return make_datasets(tmp_path_factory.mktemp("pictures"), real=16, synthetic=12, test=8, valid=4)
 
 
 def written(folder, path, *, train=SMALL, **keys):

@@ -11,7 +11,7 @@ from hulldown.cli import main
 from hulldown.dataset.reports.charts import svg
 from hulldown.geometry.errors import HulldownError
 from hulldown.tests.test_study import pretend, settled
-from hulldown.tests.training_pictures import make_dataset
+from hulldown.tests.training_pictures import make_dataset, make_datasets
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.study.manifest import write_manifest
 from hulldown.training.study.page import PAPER, PAPER_FIGURES, beside, over_photographs, page, png
@@ -55,10 +55,7 @@ def finished_study(pictures, folder, *, skill=SKILL, **keys):
 
 @pytest.fixture(scope="module")
 def pictures(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("pictures")
-    for seed, (name, count) in enumerate({"real": 16, "synthetic": 12, "test": 80}.items()):
-        make_dataset(folder / name, count, seed=seed)
-    return folder
+    return make_datasets(tmp_path_factory.mktemp("pictures"), real=16, synthetic=12, test=80)
 
 
 @pytest.fixture(scope="module")

@@ -46,3 +46,10 @@ def make_dataset(
         images.append(image)
         Image.fromarray(picture).save(folder / image["file_name"])
     return write_dataset(folder, images, annotations, names=classes)
+
+
+def make_datasets(folder: Path, **counts: int) -> Path:
+    """A folder with a dataset of this name and number of pictures for each argument."""
+    for seed, (name, count) in enumerate(counts.items()):
+        make_dataset(folder / name, count, seed=seed)
+    return folder
