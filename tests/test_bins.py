@@ -91,10 +91,6 @@ def test_every_value_has_its_bin(field, image, label, name):
     assert of(image, label)[field] == name
 
 
-def test_photographs_have_size_and_class_only():
-    assert of({}, {}) == {"class": "tank", "box_size": "16 to 32 px"}
-
-
 def test_other_formats_of_poses_are_left_out():
     boxes = [
         (1, 1, (0, 0, 9, 9), {"world_from_vehicle": pose})

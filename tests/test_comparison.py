@@ -10,11 +10,7 @@ from PIL import Image
 
 from hulldown.assets.photographs import read_photographs
 from hulldown.cli import main
-from hulldown.dataset.reports.comparison import (
-    compare,
-    looks,
-    spectral_slope,
-)
+from hulldown.dataset.reports.comparison import compare, looks, spectral_slope
 from hulldown.dataset.reports.coverage import coverage_of
 from hulldown.dataset.reports.report import report
 from hulldown.dataset.table import Dataset

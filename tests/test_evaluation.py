@@ -11,7 +11,6 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import Select
 
 from hulldown.cli import main
-from hulldown.geometry.errors import HulldownError
 from hulldown.tests.detections import dataset, random_case, results
 from hulldown.tests.editing import write_dataset
 from hulldown.training.evaluation.report import evaluate_files
@@ -216,17 +215,6 @@ def test_a_threshold_chosen_on_the_test_set_is_reported(scene, tmp_path):
     assert "chosen on the test set itself" in (tmp_path / "report.html").read_text()
 
 
-def test_without_detections_there_is_no_best_threshold(scene, tmp_path):
-    with pytest.raises(HulldownError, match="none: has nothing to choose a threshold from; give one with --threshold"):
-        evaluate_files(scene, [scene / "none.json"], tmp_path / "r", threshold="best")
-    assert not (tmp_path / "r").exists()
-
-
-def test_validation_needs_the_detections_of_each_detector(scene, tmp_path):
-    with pytest.raises(HulldownError, match="names 0 files of detections where 1 are evaluated"):
-        evaluate_files(scene, [scene / "weak.json"], tmp_path / "r", validation=[scene])
-
-
 def test_the_command_writes_and_prints_the_report(scene, tmp_path, capsys):
     words = ["evaluate", str(scene), str(scene / "weak.json"), "-o", str(tmp_path / "r"), "--json"]
     assert main([*words, "--threshold", "0.65", "--iou", "0.75"]) == 0
@@ -238,14 +226,17 @@ def test_the_command_writes_and_prints_the_report(scene, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    ("name", "options", "words"),
     [
-        ("nowhere.json", "nowhere.json: cannot be read"),
-        ("annotations.json", "detection 0: it is wrong: Object missing"),
+        ("nowhere.json", (), "nowhere.json: cannot be read"),
+        ("annotations.json", (), "detection 0: it is wrong: Object missing"),
+        ("none.json", ("--threshold", "best"), "none: has nothing to choose a threshold from; give one with --thresh"),
+        ("weak.json", ("--validation", "."), "names 0 files of detections where 1 are evaluated"),
     ],
 )
-def test_a_mistake_is_a_one_line_error_and_leaves_nothing(scene, tmp_path, capsys, name, words):
-    assert main(["evaluate", str(scene), str(scene / name), "-o", str(tmp_path / "r")]) == 2
+def test_a_mistake_is_a_one_line_error_and_leaves_nothing(scene, tmp_path, monkeypatch, capsys, name, options, words):
+    monkeypatch.chdir(scene)
+    assert main(["evaluate", ".", name, *options, "-o", str(tmp_path / "r")]) == 2
     printed = capsys.readouterr().err
     assert words in printed
     assert printed.count("\n") == 1

@@ -11,8 +11,7 @@ from PIL import Image
 
 from hulldown.cli import main
 from hulldown.geometry.errors import DatasetError, HulldownError
-from hulldown.tests.detections import dataset
-from hulldown.tests.editing import edit
+from hulldown.tests.editing import edit, write_dataset
 from hulldown.tests.networks import small_weights
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.evaluation.predictions import read_predictions
@@ -33,15 +32,13 @@ def run(tmp_path_factory):
 @pytest.fixture
 def data(tmp_path):
     """Five pictures of two sizes; the last one is black."""
-    folder = tmp_path / "data"
-    (folder / "images").mkdir(parents=True)
-    coco = dataset([(1, 1, (0, 0, 9, 9))], images=5)
     rng = np.random.default_rng(0)
-    for k, image in enumerate(coco["images"]):
-        image |= {"width": 96 - 16 * (k % 2), "height": 54}
-        pixels = rng.integers(0, 255, (54, image["width"], 3), dtype=np.uint8) * (k < 4)
-        Image.fromarray(pixels.astype(np.uint8)).save(folder / image["file_name"])
-    (folder / "annotations.json").write_text(json.dumps(coco))
+    images = [{"file_name": f"images/{k + 1}.png", "width": 96 - 16 * (k % 2), "height": 54} for k in range(5)]
+    folder = write_dataset(tmp_path / "data", images, names=("tank", "truck"))
+    for image in images[:4]:
+        pixels = rng.integers(0, 255, (54, image["width"], 3), dtype=np.uint8)
+        Image.fromarray(pixels).save(folder / image["file_name"])
+    Image.new("RGB", (96, 54)).save(folder / images[4]["file_name"])
     return folder
 
 
@@ -95,18 +92,19 @@ def test_a_dataset_with_other_classes_is_refused_with_both_lists(run, data, tmp_
     assert list(tmp_path.iterdir()) == [data]
 
 
-def test_a_folder_without_a_run_is_a_one_line_error(data, tmp_path, capsys):
-    assert main(["predict", str(tmp_path), str(data), "-o", str(tmp_path / "found.json")]) == 2
-    assert "no run.json here" in (printed := capsys.readouterr().err)
-    assert printed.count("\n") == 1
-
-
-@pytest.mark.parametrize(("model", "named"), [("small", "none"), ("huge", "model = 'huge'")])
-def test_a_mistake_in_train_is_a_one_line_error(tmp_path, monkeypatch, capsys, model, named):
+@pytest.mark.parametrize(
+    ("command", "named"),
+    [
+        ("train --data real=none -o run --model small", "none"),
+        ("train --data real=none -o run --model huge", "model = 'huge'"),
+        ("predict . data -o found.json", "no run.json here"),
+    ],
+)
+def test_a_mistake_is_a_one_line_error(data, tmp_path, monkeypatch, capsys, command, named):
     monkeypatch.chdir(tmp_path)
-    assert main(["train", "--data", "real=none", "-o", "run", "--model", model]) == 2
+    assert main(command.split()) == 2
     shown = capsys.readouterr()
-    assert (shown.out, shown.err.count("\n"), list(tmp_path.iterdir())) == ("", 1, [])
+    assert (shown.out, shown.err.count("\n"), list(tmp_path.iterdir())) == ("", 1, [data])
     assert named in shown.err
 
 

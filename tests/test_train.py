@@ -63,6 +63,11 @@ def weights(run: Path) -> dict:
     return torch.load(run / "weights.pt", weights_only=True)
 
 
+def rows(path: Path) -> list[list[str]]:
+    """The fields of each line of a CSV file after its first."""
+    return [line.split(",") for line in path.read_text().splitlines()[1:]]
+
+
 @pytest.mark.parametrize(
     ("settings", "kills"),
     [
@@ -84,15 +89,13 @@ def test_a_killed_run_ends_like_an_undisturbed_one(pictures, tmp_path, settings,
     assert alone["model"].keys() == killed["model"].keys()
     for key, value in alone["model"].items():
         assert torch.equal(value, killed["model"][key]), key
-    tables = [(tmp_path / name / "metrics.csv").read_text().splitlines() for name in ("alone", "killed")]
-    losses = [[line.split(",")[:3] for line in table] for table in tables]
+    losses = [[row[:3] for row in rows(tmp_path / name / "metrics.csv")] for name in ("alone", "killed")]
     assert losses[0] == losses[1]
-    curve = (tmp_path / "killed" / "validation.csv").read_text().splitlines()
-    assert len(curve) == (7 if settings.budget == 12 else 11)
-    assert int(curve[-1].split(",")[0]) == len(losses[0]) - 1
+    curve = rows(tmp_path / "killed" / "validation.csv")
+    assert len(curve) == (6 if settings.budget == 12 else 10)
+    assert int(curve[-1][0]) == len(losses[0])
     run = json.loads((tmp_path / "killed" / "run.json").read_text())
-    assert run["status"] == "finished"
-    assert run["steps"] == len(losses[0]) - 1
+    assert (run["status"], run["steps"]) == ("finished", len(losses[0]))
     assert sum(source["drawn"] for source in run["sources"].values()) == settings.budget
     assert not list((tmp_path / "killed").glob("*.ckpt"))
     detector = load_detector(tmp_path / "killed", "cpu")
@@ -141,9 +144,8 @@ def test_a_finished_run_is_extended(pictures, tmp_path):
     assert extended["status"] == "finished"
     assert (run / "before-63" / "run.json").exists()
     assert whole["budget"] == 71
-    parts = [(run / name / "draws.csv").read_text().splitlines() for name in ("before-47", "before-63", ".")]
-    drawn = [line.split(",")[1:] for part in parts for line in part[1:]]
-    assert drawn == [line.split(",")[1:] for line in (tmp_path / "whole" / "draws.csv").read_text().splitlines()[1:]]
+    drawn = [row[1:] for name in ("before-47", "before-63", ".") for row in rows(run / name / "draws.csv")]
+    assert drawn == [row[1:] for row in rows(tmp_path / "whole" / "draws.csv")]
 
 
 def test_the_best_weights_are_kept_and_figures_logged(pictures, tmp_path):
@@ -153,16 +155,14 @@ def test_the_best_weights_are_kept_and_figures_logged(pictures, tmp_path):
     worse = {"budget": 60, "weights": str(tmp_path / "good" / "weights.pt"), "learning_rate": 0.03, "warmup": 0.5}
     settings = good.model_copy(update={**worse, "keep": "best", "logger": "tensorboard"})
     run = train(data, tmp_path / "run", settings=settings, valid=valid, workers=0, device="cpu")
-    rows = [
-        list(map(float, line.split(","))) for line in (tmp_path / "run" / "validation.csv").read_text().splitlines()[1:]
-    ]
-    assert run["figures"]["valid"]["ap50"] == pytest.approx(max(row[2] for row in rows), abs=1e-5)
+    curve = rows(tmp_path / "run" / "validation.csv")
+    assert run["figures"]["valid"]["ap50"] == pytest.approx(max(float(row[2]) for row in curve), abs=1e-5)
     assert run["figures"]["valid"]["step"] < run["steps"]
     again = validation_figures(load_detector(tmp_path / "run", "cpu"), read_labels(valid))
     assert again["ap50"] == pytest.approx(run["figures"]["valid"]["ap50"], abs=1e-9)
     logged = EventAccumulator(str(tmp_path / "run" / "tensorboard")).Reload()
     assert len(logged.Scalars("train/loss")) == run["steps"]
-    assert [event.step for event in logged.Scalars("valid/ap50")] == [int(row[0]) for row in rows]
+    assert [event.step for event in logged.Scalars("valid/ap50")] == [int(row[0]) for row in curve]
     with pytest.raises(HulldownError, match="--valid"):
         train({"demo": pictures}, tmp_path / "other", settings=settings, workers=0)
 
