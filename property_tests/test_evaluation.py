@@ -3,14 +3,13 @@
 import copy
 
 import numpy as np
-from hypothesis import assume, example, given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from hulldown.tests.detections import matched, random_case, total
 from hulldown.tests.test_matching import assert_official
-from hulldown.training.evaluation.average_precision import average_precision
 from hulldown.training.evaluation.bootstrap import share_interval
-from hulldown.training.evaluation.metrics import confusion, figures, outcomes
+from hulldown.training.evaluation.metrics import confusion, outcomes
 from hulldown.training.evaluation.tide import errors
 
 CASES = st.builds(
@@ -54,21 +53,6 @@ def test_counts_agree_with_labels_detections_and_confusion(case, threshold):
     assert tp + fp == (~matching.ignored & (matching.predictions.score >= threshold)).sum()
     matrix = confusion(outcomes(matching, threshold))
     assert (np.trace(matrix), matrix[:, :-1].sum(), matrix[:-1].sum()) == (tp, tp + fp, tp + fn)
-
-
-@given(CASES)
-def test_detections_equal_to_labels_are_perfect(case):
-    coco, _ = case
-    for k, label in enumerate(coco["annotations"]):
-        label |= {"bbox": [100.0 * k, 0.0, 50.0, 40.0], "iscrowd": 0}
-    assume(coco["annotations"])
-    keys = ("image_id", "category_id", "bbox")
-    found = [{key: label[key] for key in keys} | {"score": 0.9} for label in coco["annotations"]]
-    matching = matched(coco, found)
-    figure = figures(sums(coco, found, 0.5))
-    assert {float(figure[key]) for key in ("precision", "recall", "f1", "mean_iou")} == {1.0}
-    assert set(errors(matching).loss.values()) == {0.0}
-    assert np.isclose(average_precision(matching.labels, matching.predictions).summary["ap"], 1.0)
 
 
 @given(CASES)

@@ -13,17 +13,15 @@ from hulldown.tests.editing import write_dataset
 CLASSES = ("square", "disc")
 
 
-def make_dataset(
-    folder: Path, count: int, *, seed: int = 0, size=(96, 54), classes=CLASSES, masks=True, first=1
-) -> Path:
-    """`count` pictures with a shape each, except every fourth. Ids begin at `first`."""
+def make_dataset(folder: Path, count: int, *, seed: int = 0, classes=CLASSES, masks=True) -> Path:
+    """`count` pictures of 96 x 54 with a shape each, except every fourth."""
     (folder / "images").mkdir(parents=True)
     rng = np.random.default_rng(seed)
-    width, height = size
+    width, height = 96, 54
     images, annotations = [], []
     for i in range(count):
         picture = rng.integers(0, 60, (height, width, 3), dtype=np.uint8)
-        image = {"id": first + i, "file_name": f"images/{i:04}.png", "width": width, "height": height}
+        image = {"file_name": f"images/{i:04}.png", "width": width, "height": height}
         if i % 4 != 3:
             label, side = i % 2, int(rng.integers(height // 4, height // 2))
             x, y = int(rng.integers(0, width - side)), int(rng.integers(0, height - side))
@@ -34,8 +32,8 @@ def make_dataset(
                 mask = np.hypot(columns + 0.5 - x - side / 2, rows + 0.5 - y - side / 2) <= side / 2
             picture[mask] = (220, 60, 40) if label == 0 else (40, 200, 230)
             record = {
-                "id": first + i,
-                "image_id": first + i,
+                "id": i + 1,
+                "image_id": i + 1,
                 "category_id": label + 1,
                 "bbox": [x, y, side, side],
                 "area": int(mask.sum()),
