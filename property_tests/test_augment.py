@@ -4,6 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hulldown.tests.test_augment import corners, mask_corners
 from hulldown.training.augment import TABLE, Augmenter, Sample, changed_table
 from hulldown.training.data import at_work_size, example
 
@@ -38,17 +39,15 @@ def sample_of(scene):
 def test_a_box_stays_in_the_picture_and_agrees_with_its_mask(scene, seed):
     sample = sample_of(scene)
     found = FULL(sample, seed)
-    low, high = found.xywh[:, :2], found.xywh[:, :2] + found.xywh[:, 2:]
-    assert (low >= -1e-4).all()  # Albumentations computes boxes in float32
-    assert (high <= [WIDTH + 1e-4, HEIGHT + 1e-4]).all()
+    boxes = corners(found.xywh)
+    assert (boxes >= -1e-4).all()  # Albumentations computes boxes in float32
+    assert (boxes <= np.array([WIDTH, HEIGHT] * 2) + 1e-4).all()
     assert (found.xywh[:, 2:] > 0).all()
     assert len(set(found.label.tolist())) == len(found.label)
-    for a, b, label, mask in zip(low, high, found.label, found.masks, strict=True):
+    for box, label, mask in zip(boxes, found.label, found.masks, strict=True):
         assert (mask is None) == (sample.masks[label] is None)
         if mask is not None:
-            rows, columns = np.nonzero(mask)
-            seen = [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
-            assert np.abs(np.concatenate((a, b)) - seen).max() <= 1.0 + 1e-3
+            assert np.abs(box - mask_corners(mask)).max() <= 1.0 + 1e-3
 
 
 @given(SCENES, SEEDS)
@@ -68,6 +67,5 @@ def test_boxes_scale_with_their_picture(scene, width, height):
     sample = sample_of(scene)
     seen = example(at_work_size(sample, (width, height)), (width, height))
     assert tuple(seen.picture.shape) == (3, height, width)
-    corners = np.concatenate((sample.xywh[:, :2], sample.xywh[:, :2] + sample.xywh[:, 2:]), axis=1)
     scale = [width / WIDTH, height / HEIGHT] * 2
-    np.testing.assert_allclose(seen.xyxy.numpy(), corners * scale, rtol=1e-5, atol=1e-4)
+    np.testing.assert_allclose(seen.xyxy.numpy(), corners(sample.xywh) * scale, rtol=1e-5, atol=1e-4)

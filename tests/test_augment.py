@@ -31,7 +31,7 @@ def mask_corners(mask):
 
 
 def corners(xywh):
-    return np.concatenate((xywh[:2], xywh[:2] + xywh[2:]))
+    return np.concatenate((xywh[..., :2], xywh[..., :2] + xywh[..., 2:]), axis=-1)
 
 
 @pytest.mark.parametrize("masked", [True, False])

@@ -162,27 +162,28 @@ def test_one_error_of_each_kind_has_its_name(cause):
     assert found.loss == pytest.approx({name: float(name == repair) for name in CAUSES})
 
 
-def test_the_cost_of_an_error_is_the_gain_of_fixing_it():
-    """Two labels of one class: a false positive before the first match; the second label is confused and missed."""
-    boxes = [(1, 1, BOX), (1, 1, (200, 0, 100, 100))]
-    found = [(1, 1, (500, 0, 100, 100), 0.9), (1, 1, BOX, 0.8), (1, 2, (200, 0, 100, 100), 0.7)]
-    lost = errors_of(boxes, found).loss
-    half = 51 / 101  # of the 101 recalls, those up to 0.5
-    assert lost["background"] == pytest.approx(half - 0.5 * half)
-    assert lost["class"] == pytest.approx(2 / 3 - 0.5 * half)
-    assert lost["missed"] == lost["duplicate"] == lost["localization"] == lost["both"] == 0
+HALF = 51 / 101  # of the 101 recalls, those up to 0.5
+COSTS = {
+    "a false positive before the first match; a label that is confused and missed": (
+        [BOX, (200, 0, 100, 100)],
+        [(1, 1, (500, 0, 100, 100), 0.9), (1, 1, BOX, 0.8), (1, 2, (200, 0, 100, 100), 0.7)],
+        {"background": HALF - 0.5 * HALF, "class": 2 / 3 - 0.5 * HALF},
+    ),
+    "two errors for one label, of which fixing keeps the more confident": (
+        [BOX], [(1, 1, (60, 0, 100, 100), 0.9), (1, 1, (0, 60, 100, 100), 0.8)], {"localization": 1.0},
+    ),
+    "a misplaced duplicate of a found label": (
+        [BOX, (400, 0, 100, 100)],
+        [(1, 1, (60, 0, 100, 100), 0.9), (1, 1, BOX, 0.8)],
+        {"localization": HALF - 0.5 * HALF, "missed": 0.5 - 0.5 * HALF},
+    ),
+}  # fmt: skip
 
 
-def test_of_two_errors_for_one_label_fixing_keeps_the_more_confident():
-    found = [(1, 1, (60, 0, 100, 100), 0.9), (1, 1, (0, 60, 100, 100), 0.8)]
-    assert errors_of([(1, 1, BOX)], found).loss["localization"] == pytest.approx(1.0)
-
-
-def test_fixing_removes_a_misplaced_duplicate_of_a_found_label():
-    boxes = [(1, 1, BOX), (1, 1, (400, 0, 100, 100))]
-    found = [(1, 1, (60, 0, 100, 100), 0.9), (1, 1, BOX, 0.8)]
-    half = 51 / 101
-    assert errors_of(boxes, found).loss["localization"] == pytest.approx(half - 0.5 * half)
+@pytest.mark.parametrize("case", COSTS)
+def test_the_cost_of_an_error_is_the_gain_of_fixing_it(case):
+    boxes, found, cost = COSTS[case]
+    assert errors_of([(1, 1, box) for box in boxes], found).loss == pytest.approx(dict.fromkeys(CAUSES, 0.0) | cost)
 
 
 def test_a_duplicate_that_also_touches_another_label_is_a_duplicate():
@@ -206,10 +207,7 @@ def test_five_found_labels_give_a_wide_interval():
     assert (low, high) == (pytest.approx(0.39, abs=0.01), 1.0)
     low, high = recall_interval(counted(np.zeros(5)))
     assert (low, high) == (0.0, pytest.approx(0.61, abs=0.01))
-
-
-def test_with_full_agreement_positions_count_instead_of_labels():
-    """Five positions of four labels, all found, count as five trials."""
+    # Positions of four labels, all found, count as one trial each.
     assert recall_interval(4 * counted(np.ones(5)))[0] == pytest.approx(recall_interval(counted(np.ones(5)))[0])
 
 
@@ -223,11 +221,6 @@ def test_the_error_of_few_groups_is_that_of_their_mean():
     values = np.array([0.0, 1.0, 0.0, 1.0, 1.0])
     found = standard_error(resampled_sums(values[:, None], times=20_000)[:, 0] / 5, 5)
     assert found == pytest.approx(values.std(ddof=1) / np.sqrt(5), rel=0.03)
-
-
-def test_four_positions_are_too_few_for_an_interval():
-    sums = counted([1, 1, 0, 1])
-    assert all(np.isnan(ends).all() for ends in figure_intervals(sums, resampled_sums(sums)).values())
 
 
 @pytest.mark.parametrize(("part", "whole"), [(3, 17), (50, 80), (12, 400), (688, 1079)])
@@ -298,6 +291,8 @@ def test_resamples_have_the_size_of_the_sample(monkeypatch):
     assert np.concatenate(drawn).shape == (50, 7)
 
 
-def test_an_error_without_data_is_nan():
+def test_without_data_or_five_positions_there_is_no_interval():
+    sums = counted([1, 1, 0, 1])
+    assert all(np.isnan(ends).all() for ends in figure_intervals(sums, resampled_sums(sums)).values())
     assert np.isnan(standard_error(np.full((10, 2), np.nan), 20)).all()
     assert np.isnan(share_interval(np.nan, np.nan, freedom=5)).all()
