@@ -176,10 +176,7 @@ def test_a_perfect_detector_has_1_and_0_everywhere(tmp_path):
     # Labels far apart, since either of two overlapping ones could match.
     for k, box in enumerate(coco["annotations"]):
         box["bbox"] = [100.0 * k, 0.0, 50.0, 40.0]
-    found = [
-        {"image_id": a["image_id"], "category_id": a["category_id"], "bbox": a["bbox"], "score": 1.0}
-        for a in coco["annotations"]
-    ]
+    found = results([(a["image_id"], a["category_id"], a["bbox"], 1.0) for a in coco["annotations"]])
     folder = stored(tmp_path / "d", coco, found=found)
     got = evaluate_files(folder, [folder / "found.json"], tmp_path / "r")
     for one in (got["overall"], *got["per_class"].values()):

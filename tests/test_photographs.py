@@ -7,6 +7,7 @@ import pytest
 
 from hulldown.assets.photographs import read_photographs
 from hulldown.geometry.errors import DatasetError
+from hulldown.tests.detections import dataset
 
 IMAGES = [
     {"id": 7, "file_name": "b.jpg", "width": 400, "height": 200},
@@ -16,8 +17,7 @@ IMAGES = [
 
 
 def coco(*boxes, images=IMAGES):
-    annotations = [{"id": i, "image_id": image, "category_id": 1, "bbox": box} for i, (image, box) in enumerate(boxes)]
-    return {"images": images, "annotations": annotations, "categories": [{"id": 1, "name": "tank"}]}
+    return {**dataset([(image, 1, box) for image, box in boxes]), "images": images}
 
 
 def read(folder, content, name="_annotations.coco.json"):
