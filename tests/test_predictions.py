@@ -93,19 +93,19 @@ def test_labels_are_read_from_a_dataset_a_split_or_a_file(tmp_path, name):
     assert labels.folder == tmp_path
 
 
-ONE = dataset([(1, 1, (0, 0, 9, 9))])
+ONE_LABEL = dataset([(1, 1, (0, 0, 9, 9))])
 
 
 @pytest.mark.parametrize(
     ("coco", "words"),
     [
-        ({**ONE, "images": ONE["images"] * 2}, "image 1 is given twice"),
-        ({**ONE, "categories": ONE["categories"] * 2}, "category 1 is given twice"),
+        ({**ONE_LABEL, "images": ONE_LABEL["images"] * 2}, "image 1 is given twice"),
+        ({**ONE_LABEL, "categories": ONE_LABEL["categories"] * 2}, "category 1 is given twice"),
         (dataset([(9, 1, (0, 0, 1, 1), {"id": 5})]), "annotation 5: image 9 does"),
         (dataset([(1, 8, (0, 0, 1, 1), {"id": 5})]), "annotation 5: category 8 does"),
         (dataset([(1, 1, (0, 0, 1), {"id": 5})]), "annotation 5: bbox"),
         (dataset([(1, 1, (0, 0, 1, 1), {"id": 5, "area": "big"})]), "annotation 5: area 'big' is no number"),
-        ({**ONE, "annotations": [{"image_id": 1}]}, "annotation"),
+        ({**ONE_LABEL, "annotations": [{"image_id": 1}]}, "annotation"),
         ([], "isn't a COCO object"),
     ],
 )  # fmt: skip
