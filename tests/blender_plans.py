@@ -18,15 +18,17 @@ from hulldown.render.process import Allowance, Blender, Limits
 IMAGES = 12
 
 
-def make_worlds(folder, script="render_worlds.py"):
-    """Run a script of this folder in Blender, which writes files into another folder."""
-    run_script(script, folder)
-
-
 def run_script(name, *arguments, check=True):
-    """Run a script of this folder, which may import bpy, with these arguments; return the process."""
-    command = [sys.executable, "-P", str(Path(__file__).with_name(name)), *map(str, arguments)]
-    return subprocess.run(command, check=check, capture_output=True, text=True, errors="replace")
+    """Run a script of this folder, which may import bpy, with these arguments; return its stdout."""
+    return run_python(Path(__file__).with_name(name), *arguments, check=check)
+
+
+def run_python(*arguments, check=True, cwd=None):
+    """Run Python with these arguments; return its stdout."""
+    command = [sys.executable, "-P", *map(str, arguments)]
+    ran = subprocess.run(command, capture_output=True, text=True, errors="replace", cwd=cwd)
+    assert ran.returncode == 0 or not check, ran.stdout[-3000:] + ran.stderr[-3000:]
+    return ran.stdout
 
 
 def copied(worlds, folder):

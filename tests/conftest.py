@@ -6,6 +6,7 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -46,13 +47,22 @@ def messy(tmp_path_factory: pytest.TempPathFactory) -> Messy:
 @pytest.fixture(scope="session")
 def worlds(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The files of render_worlds.py, with tank, field, and gray sky in the cache; tests that write copy them."""
-    from hulldown.tests.blender_plans import make_worlds, plan_in
+    from hulldown.tests.blender_plans import plan_in, run_script
 
     def make(folder: Path) -> None:
-        make_worlds(folder)
+        run_script("render_worlds.py", folder)
         plan_in(folder, images=1).unlink()
 
     return made_once(tmp_path_factory, "worlds", make)
+
+
+@pytest.fixture(scope="module")
+def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder that the script SCRIPT of the module, which imports bpy, has written into."""
+    from hulldown.tests.blender_plans import run_script
+
+    script = request.module.SCRIPT
+    return made_once(tmp_path_factory, Path(script).stem, partial(run_script, script))
 
 
 @pytest.fixture(scope="session")

@@ -2,8 +2,6 @@
 
 import json
 import math
-import subprocess
-import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -19,8 +17,8 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.reading.export import Exported, Job, exported_by, job_for
 from hulldown.reading.options import Options
+from hulldown.tests.blender_plans import run_python, run_script
 
-HERE = Path(__file__).resolve().parent
 SIZE, FOV = 160, math.radians(40)  # as in messy_blends.py
 VEHICLES = [
     *("modifiers", "clutter", "instances", "keyframes", "keyframes_turned", "collections", "no_origins", "surfaces"),
@@ -62,16 +60,9 @@ def alpha(path: Path) -> np.ndarray:
         return np.asarray(image)[..., 3] > 127
 
 
-def _python(*arguments: str) -> None:
-    command = [sys.executable, *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
-    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
-
-
 def build(folder: Path) -> None:
     """Build the messy files, export them, and render their tidy twins, in three Blender processes."""
-    builder = str(HERE / "messy_blends.py")
-    _python(builder, str(folder), "build")
+    run_script("messy_blends.py", folder, "build")
     for name, content in _damaged((folder / "malicious.blend").read_bytes()).items():
         (folder / f"{name}.blend").write_bytes(content)
     jobs = _jobs(folder)
@@ -79,7 +70,7 @@ def build(folder: Path) -> None:
         (folder / f"out_{name}").mkdir()
         (folder / f"{name}.job").write_text(json.dumps(asdict(job)))
     # One process for all files, which starts Blender once; users get one process each.
-    _python("-m", "hulldown.reading.blender.reader", *(str(folder / f"{name}.job") for name in jobs))
+    run_python("-m", "hulldown.reading.blender.reader", *(folder / f"{name}.job" for name in jobs))
     made = load(folder)
     twins = {
         name: {
@@ -91,7 +82,7 @@ def build(folder: Path) -> None:
         for name in [*VEHICLES, *SCENERIES, "hairy", "furry", "map_in_mesh", "map_in_object"]
     }
     (folder / "tidy.json").write_text(json.dumps(twins))
-    _python(builder, str(folder), "tidy")
+    run_script("messy_blends.py", folder, "tidy")
 
 
 def load(folder: Path) -> Messy:

@@ -1,8 +1,6 @@
 """A file's sky object isn't rendered, in any format; objects that the config makes ground or obstacles are."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +11,7 @@ from hulldown.assets.scenery import Scenery
 from hulldown.reading.export import Exported, export
 from hulldown.reading.options import Options
 from hulldown.render.jobs import SceneryFile
+from hulldown.tests.blender_plans import run_python
 
 MADE = """
 import bpy, sys
@@ -57,9 +56,8 @@ def assert_what_is_planned_is_rendered(file: Path, exported: Exported, scenery: 
     planned = sorted(name.partition(".")[0] for name in (*scenery.ground_names, *scenery.instance_names))
     standing = SceneryFile(file, np.eye(4), scenery).standing
     for path, removed in ((file, list(scenery.removed_names)), (exported.tidy, [])):
-        command = [sys.executable, "-c", SHOWN, str(path), json.dumps([standing, removed])]
-        ran = subprocess.run(command, check=True, capture_output=True, text=True, cwd=Path(__file__).parents[1])
-        assert json.loads(ran.stdout.rpartition("shown ")[2]) == planned
+        shown = run_python("-c", SHOWN, path, json.dumps([standing, removed]))
+        assert json.loads(shown.rpartition("shown ")[2]) == planned
 
 
 @pytest.mark.blender
@@ -72,7 +70,7 @@ def assert_what_is_planned_is_rendered(file: Path, exported: Exported, scenery: 
 )
 def test_rendered_objects_are_the_planned_ones(tmp_path: Path, options: Options, expected: list[str]) -> None:
     made = tmp_path / "sky.blend"
-    subprocess.run([sys.executable, "-c", MADE, str(made)], check=True, capture_output=True)
+    run_python("-c", MADE, made)
     exported = export(made, tmp_path, kind="scenery", options=options)
     scenery = load_scenery(exported.bundle)
     assert sorted([*scenery.ground_names, *scenery.instance_names]) == sorted([*expected, "Inner rock", "Rock"])

@@ -10,7 +10,6 @@ import resource
 import shutil
 import signal
 import site
-import subprocess
 import sys
 from pathlib import Path
 
@@ -25,7 +24,7 @@ from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.engine import Engine
 from hulldown.render.process import Limits
 from hulldown.render.supervisor import render_plan
-from hulldown.tests.blender_plans import IMAGES, make_worlds, plan_in
+from hulldown.tests.blender_plans import IMAGES, plan_in, run_python, run_script
 from hulldown.tests.certificates import certificates, needs_openssl
 from hulldown.tests.clusters import HIDDEN, PYTHONPATH, ROOT, blenders, cluster, rendering
 from hulldown.tests.oracles.resuming import differences
@@ -38,7 +37,7 @@ pytestmark = pytest.mark.blender
 def folder(tmp_path_factory):
     """A plan, and its dataset by a run on this machine, in `whole`."""
     made = tmp_path_factory.mktemp("cluster")
-    make_worlds(made)
+    run_script("render_worlds.py", made)
     plan_in(made)
     render_plan(made / "plan.jsonl", made / "whole", engine=Engine(device="cpu"))
     return made
@@ -230,7 +229,7 @@ def test_libraries_and_textures_are_sent_too(tmp_path):
     """A scenery that links two .blend files, and an OBJ file, each with textures, in a hidden folder."""
     made = tmp_path / "client"
     made.mkdir()
-    make_worlds(made, "linked_worlds.py")
+    run_script("linked_worlds.py", made)
     plan = plan_in(made, vehicle="vehicles/tank.obj", scenery="sceneries/field.blend")
     render_plan(plan, tmp_path / "whole", engine=Engine(device="cpu"))
     with cluster(tmp_path / "nodes") as nodes:
@@ -304,8 +303,7 @@ def test_a_texture_outside_the_asset_folders_is_missing_as_on_one_machine(folder
         made.mkdir(parents=True)
     for name in ("tank.blend", "gray.exr"):
         shutil.copy(folder / name, client / name)
-    command = [sys.executable, "-c", SECRET, str(folder / "field.blend"), str(secret), str(client / "field.blend")]
-    subprocess.run(command, check=True, capture_output=True)
+    run_python("-c", SECRET, folder / "field.blend", secret, client / "field.blend")
     plan = plan_in(client, images=2)
     render_plan(plan, tmp_path / "whole", engine=Engine(device="cpu"))
     with cluster(tmp_path / "nodes") as nodes:

@@ -12,8 +12,8 @@ from hulldown.assets.bundle import load_scenery
 from hulldown.geometry.instances import InstancedScene
 from hulldown.reading.export import export
 from hulldown.reading.report import FileReport
-from hulldown.tests.blender_plans import make_worlds
 
+SCRIPT = "cutout_blends.py"
 STEP, PIXELS = 1.2, 50  # as in cutout_blends.py
 # Lookups are exact; baked opacity, and the luminance of colors between texels, differ a little.
 LOOSE = {
@@ -31,12 +31,10 @@ BY_CHANCE = ("principled alpha",)  # half opaque Principled shaders let a random
 
 
 @pytest.fixture(scope="module")
-def cards(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], FileReport]:
+def cards(written: Path) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], FileReport]:
     """For each card the picture and its planned transmittance; the report."""
-    folder = tmp_path_factory.mktemp("cards")
-    make_worlds(folder, "cutout_blends.py")
-    shown, names = np.load(folder / "shown.npy"), json.loads((folder / "cards.json").read_text())
-    exported = export(folder / "cards.blend", folder, kind="scenery")
+    shown, names = np.load(written / "shown.npy"), json.loads((written / "cards.json").read_text())
+    exported = export(written / "cards.blend", written, kind="scenery")
     scenery = load_scenery(exported.bundle)
     height, width = shown.shape
     x, z = np.meshgrid((np.arange(width) + 0.5) / PIXELS, (np.arange(height) + 0.5) / PIXELS)

@@ -1,8 +1,6 @@
 """The demo assets: content, interpretation, and reproducibility by seed."""
 
 import json
-import subprocess
-import sys
 import tomllib
 from collections.abc import Callable
 from functools import cache
@@ -31,9 +29,8 @@ from hulldown.planning.search.budget import make_budget
 from hulldown.reading.export import export
 from hulldown.reading.options import Options
 from hulldown.reading.report import FileReport
+from hulldown.tests.blender_plans import run_python
 from hulldown.tests.parameters import few
-
-ROOT = Path(__file__).resolve().parent.parent
 
 # Prints hashes of the pose and the evaluated points of each object, without rounding.
 FINGERPRINT = """
@@ -58,21 +55,13 @@ for path in sys.argv[1:]:
 """
 
 
-def _child(*arguments: object) -> str:
-    ran = subprocess.run(
-        [sys.executable, *map(str, arguments)], cwd=ROOT, capture_output=True, text=True, timeout=300, check=False
-    )
-    assert ran.returncode == 0, ran.stdout[-2000:] + ran.stderr[-2000:]
-    return ran.stdout
-
-
 def _build(folder: Path, *names: str, seed: int = 0) -> Path:
-    _child("-m", "hulldown.demo", folder, "--seed", seed, "--only", *names)
+    run_python("-m", "hulldown.demo", folder, "--seed", seed, "--only", *names)
     return folder
 
 
 def _fingerprints(*paths: Path) -> list[dict]:
-    lines = _child("-c", FINGERPRINT, *paths).splitlines()
+    lines = run_python("-c", FINGERPRINT, *paths).splitlines()
     return [json.loads(line[5:]) for line in lines if line.startswith("FILE ")]
 
 
@@ -222,7 +211,8 @@ for name in sys.argv[2:]:
 """
     names = ("sky_noon", "sky_evening")
     assert set(names) < set(SKIES)
-    lights = [json.loads(line[4:]) for line in _child("-c", code, tmp_path, *names).splitlines() if line[:4] == "SKY "]
+    lines = run_python("-c", code, tmp_path, *names).splitlines()
+    lights = [json.loads(line[4:]) for line in lines if line[:4] == "SKY "]
     assert len(lights) == len(names)
     for light, rise, column, wanted_light, wanted_rise in lights:
         assert light == pytest.approx(wanted_light, rel=0.02)

@@ -1,7 +1,5 @@
 """`hulldown init DIR --from FOLDER`: a config for the user's files."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -11,6 +9,7 @@ from hulldown.geometry.errors import AssetError
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.found_assets import FoundFile, asset_files, found_config, missing_kinds, read_found
 from hulldown.planning.inputs.loading import hdri_paths
+from hulldown.tests.blender_plans import run_python
 
 # Code for Blender that begins with an empty scene.
 CUBES = """
@@ -47,7 +46,7 @@ def test_a_folder_becomes_a_config_with_findings_as_comments(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    subprocess.run([sys.executable, "-c", FILES], check=True, capture_output=True)
+    run_python("-c", FILES)
     (tmp_path / "mine/trucks/scene.fbx").parent.mkdir()
     (tmp_path / "mine/trucks/scene.fbx").write_bytes(b"no FBX at all")
     (tmp_path / "mine/tanks/one/scene.obj").write_text("v 0 0 0\n")

@@ -1,8 +1,6 @@
 """Checks of HDRIs: repaired where that is sound, refused otherwise."""
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +8,8 @@ import pytest
 
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.skies.hdri import BRIGHTEST, mean_luminance, mend, read_hdris, sky_map
+
+SCRIPT = "hdri_files.py"
 
 
 def sky(height: int = 32) -> np.ndarray:
@@ -71,17 +71,9 @@ def test_mean_luminance_weighs_pixels_by_solid_angle() -> None:
     assert mean_luminance(cap) == pytest.approx(0.7152 * (1 - np.cos(np.pi / 4)) / 2, rel=1e-4)
 
 
-@pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("hdris")
-    script = Path(__file__).with_name("hdri_files.py")
-    subprocess.run([sys.executable, "-P", str(script), str(folder)], check=True, capture_output=True)
-    return folder
-
-
 @pytest.mark.blender
-def test_every_compression_of_blender_and_radiance_is_read(files: Path, tmp_path: Path) -> None:
-    paths = sorted(files.glob("sky*"))
+def test_every_compression_of_blender_and_radiance_is_read(written: Path, tmp_path: Path) -> None:
+    paths = sorted(written.glob("sky*"))
     assert len(paths) > 15
     lines: list[str] = []
     read = read_hdris(paths, tmp_path / "cache", progress=lines.append)
@@ -93,28 +85,28 @@ def test_every_compression_of_blender_and_radiance_is_read(files: Path, tmp_path
 
 
 @pytest.mark.blender
-def test_a_sky_is_read_in_the_color_space_of_its_file(files: Path, tmp_path: Path) -> None:
-    one, two = read_hdris([files / "rec709.exr", files / "acescg.exr"], tmp_path)
+def test_a_sky_is_read_in_the_color_space_of_its_file(written: Path, tmp_path: Path) -> None:
+    one, two = read_hdris([written / "rec709.exr", written / "acescg.exr"], tmp_path)
     assert one.sha256 != two.sha256
     assert two.light.irradiance == pytest.approx(one.light.irradiance, rel=1e-4)
     np.testing.assert_allclose(sky_map(two), sky_map(one), rtol=1e-4)
 
 
 @pytest.mark.blender
-def test_a_repaired_sky_is_rendered_and_has_its_own_hash(files: Path, tmp_path: Path) -> None:
-    sun, again = (read_hdris([files / "sun.exr"], tmp_path / "cache")[0] for _ in range(2))
+def test_a_repaired_sky_is_rendered_and_has_its_own_hash(written: Path, tmp_path: Path) -> None:
+    sun, again = (read_hdris([written / "sun.exr"], tmp_path / "cache")[0] for _ in range(2))
     assert sun == again
     assert sun.notes == ("2 pixels without end are as bright as its brightest finite one, 5000",)
-    assert sun.path != files / "sun.exr"
+    assert sun.path != written / "sun.exr"
     assert sun.sha256 != sun.mended_sha256
     assert sky_map(sun).max() <= 5000.0, "pictures are compared with the rendered sky"
     sound = read_hdris([sun.path], tmp_path / "cache")[0]
     assert (sound.path, sound.notes) == (sun.path, ())
     np.testing.assert_allclose(sky_map(sound), sky_map(sun), rtol=2e-3)  # half floats
-    elsewhere = read_hdris([files / "sun.exr"], tmp_path / "another")[0]
+    elsewhere = read_hdris([written / "sun.exr"], tmp_path / "another")[0]
     assert elsewhere.mended_sha256 == sun.mended_sha256, "the same bytes wherever it is repaired"
     sun.path.write_bytes(b"\x76\x2f\x31\x01")
-    assert read_hdris([files / "sun.exr"], tmp_path / "cache")[0] == sun, "repaired again if the copy is damaged"
+    assert read_hdris([written / "sun.exr"], tmp_path / "cache")[0] == sun, "repaired again if the copy is damaged"
 
 
 @pytest.mark.blender
@@ -127,13 +119,13 @@ def test_a_repaired_sky_is_rendered_and_has_its_own_hash(files: Path, tmp_path: 
         ("zero", "is a device, not a file"),
     ],
 )
-def test_an_unusable_sky_is_a_one_line_error(files: Path, tmp_path: Path, name: str, problem: str) -> None:
-    whole = (files / "sky.exr").read_bytes()
+def test_an_unusable_sky_is_a_one_line_error(written: Path, tmp_path: Path, name: str, problem: str) -> None:
+    whole = (written / "sky.exr").read_bytes()
     (tmp_path / "half.exr").write_bytes(whole[: len(whole) // 2])
     (tmp_path / "start.exr").write_bytes(whole[:100])
     (tmp_path / "zero.exr").symlink_to("/dev/zero")
-    path = next(p for p in (tmp_path / f"{name}.exr", files / f"{name}.exr") if os.path.lexists(p))
+    path = next(p for p in (tmp_path / f"{name}.exr", written / f"{name}.exr") if os.path.lexists(p))
     with pytest.raises(AssetError, match=rf"{name}\.exr: .*{problem}") as caught:
-        read_hdris([files / "sky.exr", path], tmp_path / "cache")
+        read_hdris([written / "sky.exr", path], tmp_path / "cache")
     assert "\n" not in str(caught.value)
     assert not list((tmp_path / "cache").glob(".new-*"))

@@ -1,7 +1,5 @@
 """Output and pictures of `hulldown inspect`."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +9,7 @@ from PIL import Image
 from hulldown.geometry.errors import AssetError, HulldownError
 from hulldown.reading.inspect import COLORS, PAGE, Inspected, draw, inspect, write_pictures
 from hulldown.reading.report import FileReport
+from hulldown.tests.blender_plans import run_python
 from hulldown.tests.shapes import box, scenery_of, vehicle_of
 from hulldown.tests.test_found_assets import CUBES
 
@@ -70,7 +69,7 @@ def test_a_scenery_is_drawn(ground: bool) -> None:
 @pytest.mark.blender
 def test_a_file_is_inspected(tmp_path: Path) -> None:
     path = tmp_path / "tiny.blend"
-    subprocess.run([sys.executable, "-c", FILE], cwd=tmp_path, check=True, capture_output=True)
+    run_python("-c", FILE, cwd=tmp_path)
     inspected = inspect(path, pictures=True)
     found = inspected.report
     assert found.kind == "vehicle"

@@ -2,8 +2,6 @@
 
 import json
 import math
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -12,6 +10,7 @@ from PIL import Image
 from hulldown import cli
 from hulldown.planning.inputs.inspection import inspect_file
 from hulldown.reading.inspect import inspect
+from hulldown.tests.blender_plans import run_python
 from hulldown.tests.test_found_assets import CUBES, SKY
 
 FILES = f"""{CUBES}
@@ -42,7 +41,7 @@ images_per_class = 1
 @pytest.fixture(scope="module")
 def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("project")
-    subprocess.run([sys.executable, "-c", FILES], cwd=folder, check=True, capture_output=True)
+    run_python("-c", FILES, cwd=folder)
     (folder / "sky.hdr").write_bytes(SKY)
     (folder / "hulldown.toml").write_text(CONFIG, encoding="utf-8")
     return folder

@@ -3,8 +3,6 @@
 import json
 import os
 import struct
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -15,16 +13,9 @@ from hulldown.reading.confinement.watch import ReadLimits
 from hulldown.reading.export import export
 from hulldown.reading.formats import format_of
 
-ODD = Path(__file__).with_name("odd_blends.py")
+SCRIPT = "odd_blends.py"
 LIMITS = ReadLimits(silence_s=20.0, memory_bytes=2 * 2**30)
 TOO_LARGE = "GiB of memory, more than the limit of 2.00 GiB; make it smaller, leave it out, or raise"
-
-
-@pytest.fixture(scope="module")
-def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("odd")
-    subprocess.run([sys.executable, "-P", str(ODD), str(folder)], check=True, capture_output=True)
-    return folder
 
 
 def refused(path: Path, folder: Path, **more: object) -> str:
@@ -50,8 +41,8 @@ def refused(path: Path, folder: Path, **more: object) -> str:
         ("font", "font.woff2, which is a FIFO, not a file"),
     ],
 )
-def test_an_odd_file_is_a_one_line_error(odd: Path, tmp_path: Path, case: str, line: str) -> None:
-    assert line in refused(odd / f"{case}.blend", tmp_path, kind="vehicle")
+def test_an_odd_file_is_a_one_line_error(written: Path, tmp_path: Path, case: str, line: str) -> None:
+    assert line in refused(written / f"{case}.blend", tmp_path, kind="vehicle")
 
 
 @pytest.mark.blender
@@ -65,19 +56,19 @@ def test_an_odd_file_is_a_one_line_error(odd: Path, tmp_path: Path, case: str, l
         ("no_known_tree", ["Body"]),  # a material with nodes of an unknown kind
     ],
 )
-def test_an_odd_file_is_read(odd: Path, tmp_path: Path, case: str, names: list[str]) -> None:
-    rows = export(odd / f"{case}.blend", tmp_path, kind="vehicle").report.rows
+def test_an_odd_file_is_read(written: Path, tmp_path: Path, case: str, names: list[str]) -> None:
+    rows = export(written / f"{case}.blend", tmp_path, kind="vehicle").report.rows
     assert [row.name for row in rows if row.triangles] == names
 
 
 @pytest.mark.blender
-def test_a_hundred_million_instances_end_at_the_memory_limit(odd: Path, tmp_path: Path) -> None:
-    assert TOO_LARGE in refused(odd / "instances.blend", tmp_path, kind="scenery")
+def test_a_hundred_million_instances_end_at_the_memory_limit(written: Path, tmp_path: Path) -> None:
+    assert TOO_LARGE in refused(written / "instances.blend", tmp_path, kind="scenery")
 
 
 @pytest.mark.blender
-def test_a_silent_reader_is_ended(odd: Path, tmp_path: Path) -> None:
-    line = refused(odd / "names.blend", tmp_path, limits=ReadLimits(silence_s=0.2))
+def test_a_silent_reader_is_ended(written: Path, tmp_path: Path) -> None:
+    line = refused(written / "names.blend", tmp_path, limits=ReadLimits(silence_s=0.2))
     assert "reading it got nowhere for 0.2 s, which is the limit" in line
 
 

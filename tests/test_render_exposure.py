@@ -10,7 +10,7 @@ from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.color import LUMINANCE
 from hulldown.render.messages import CameraInput, CyclesSettings, LightInput, RenderJob, SceneryInput, to_json
 from hulldown.render.process import Blender
-from hulldown.tests.blender_plans import drawn, make_worlds
+from hulldown.tests.blender_plans import drawn, run_script
 
 pytestmark = pytest.mark.blender
 HEIGHT = 512
@@ -43,7 +43,7 @@ def sky(kind):
 
 def rendered(folder, jobs):
     """The mean color, from 0 to 255, of a picture that shows only a gray card, for each job."""
-    make_worlds(folder, "gray_cards.py")
+    run_script("gray_cards.py", folder)
     levels = []
     with Blender(folder / "log", device="cpu") as blender:
         for number, (sky, strength, horizon, exposure, white_balance, weather) in enumerate(jobs):

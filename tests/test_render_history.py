@@ -9,9 +9,10 @@ from msgspec.structs import replace as altered
 
 from hulldown.camera.weather.kinds import Weather
 from hulldown.render.jobs import VehicleFile, render_assets
-from hulldown.tests.blender_plans import copied, draw, make_plan, make_worlds
+from hulldown.tests.blender_plans import copied, draw, make_plan
 
 pytestmark = pytest.mark.blender
+SCRIPT = "hdri_files.py"
 WEATHER = (
     None,
     Weather(800.0, "rain", rain_mm_h=10.0, ground_cover=1.0, vehicle_cover=1.0),
@@ -21,9 +22,8 @@ WEATHER = (
 
 
 @pytest.fixture(scope="module")
-def plan(worlds, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("skies")
-    make_worlds(folder, "hdri_files.py")
+def plan(worlds, written, tmp_path_factory):
+    folder = copied(written, tmp_path_factory.mktemp("skies"))
     copied(worlds, folder)  # its sky.exr is four times as wide as gray.exr
     return make_plan(
         folder,

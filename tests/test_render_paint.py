@@ -15,7 +15,7 @@ from hulldown.planning.appearance.paint import Coat
 from hulldown.planning.check import check_plan
 from hulldown.planning.inputs.loading import load_library
 from hulldown.render.jobs import render_assets
-from hulldown.tests.blender_plans import copied, draw, make_plan, make_worlds
+from hulldown.tests.blender_plans import copied, draw, make_plan, run_script
 
 pytestmark = pytest.mark.blender
 RAIN = Weather(2000.0, "rain", 15.0, ground_cover=1.0, vehicle_cover=1.0)
@@ -38,7 +38,7 @@ CONFIG = {
 @pytest.fixture(scope="module")
 def folder(worlds, tmp_path_factory):
     made = copied(worlds, tmp_path_factory.mktemp("painted"))
-    make_worlds(made, "painted_blends.py")
+    run_script("painted_blends.py", made)
     return made
 
 

@@ -3,28 +3,20 @@
 import numpy as np
 import pytest
 
-from hulldown.tests.blender_plans import make_worlds
-
 pytestmark = pytest.mark.blender
+SCRIPT = "surface_pictures.py"
 YARDS = ["yard", "turned"]  # in meters with z up, and in centimeters with y up
 SNOW_ALBEDO, DUST_ALBEDO = (0.80, 0.83, 0.86), (0.36, 0.28, 0.19)
 NOISE = 0.01  # noise of a mean, from 16 samples a pixel and the snow's patches
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    made = tmp_path_factory.mktemp("surfaces")
-    make_worlds(made, "surface_pictures.py")
-    return made
-
-
-def light(folder, name):
+def light(written, name):
     """Radiance (64, 64, 3); under this sky a matte surface's radiance is its albedo."""
-    return np.load(folder / f"{name}.npy").astype(np.float64)
+    return np.load(written / f"{name}.npy").astype(np.float64)
 
 
-def middle(folder, name):
-    return light(folder, name)[16:48, 16:48].mean(axis=(0, 1))
+def middle(written, name):
+    return light(written, name)[16:48, 16:48].mean(axis=(0, 1))
 
 
 @pytest.mark.parametrize(
@@ -37,24 +29,24 @@ def middle(folder, name):
         pytest.param("matt", 0.26, 0.16, id="soil, a diffuse shader"),
     ],
 )
-def test_rain_darkens_porous_materials_as_measured(folder, name, dry, wet):
-    assert middle(folder, f"{name} dry") == pytest.approx(dry, abs=0.005)
-    assert middle(folder, f"{name} wet") == pytest.approx(wet, abs=0.005)
+def test_rain_darkens_porous_materials_as_measured(written, name, dry, wet):
+    assert middle(written, f"{name} dry") == pytest.approx(dry, abs=0.005)
+    assert middle(written, f"{name} wet") == pytest.approx(wet, abs=0.005)
 
 
 @pytest.mark.parametrize("name", ["paint", "metal", "glass"])
-def test_paint_metal_and_glass_keep_their_albedo_in_rain(folder, name):
-    assert middle(folder, f"{name} wet") == pytest.approx(middle(folder, f"{name} dry"), abs=0.002)
+def test_paint_metal_and_glass_keep_their_albedo_in_rain(written, name):
+    assert middle(written, f"{name} wet") == pytest.approx(middle(written, f"{name} dry"), abs=0.002)
 
 
-def test_every_material_can_get_wet(folder):
-    assert np.load(folder / "left.npy").size == 0
+def test_every_material_can_get_wet(written):
+    assert np.load(written / "left.npy").size == 0
 
 
 @pytest.mark.parametrize("cover", [0.3, 1.0])
-def test_snow_cover_follows_the_law_of_slopes(folder, cover):
+def test_snow_cover_follows_the_law_of_slopes(written, cover):
     """A ring of pixels of the dome, seen from above, has one slope. Cover is full up to 30 degrees, and 0 from 60."""
-    white = light(folder, f"dome {cover}") / SNOW_ALBEDO
+    white = light(written, f"dome {cover}") / SNOW_ALBEDO
     y, x = np.mgrid[:64, :64] + 0.5
     radius = np.hypot(x - 32, y - 32) / 32
     slope = np.degrees(np.arcsin(np.minimum(radius, 1.0)))
@@ -67,9 +59,9 @@ def test_snow_cover_follows_the_law_of_slopes(folder, cover):
         assert white[ring].mean() == pytest.approx(law, abs=abs_)
 
 
-def test_snow_has_soft_edges(folder):
+def test_snow_has_soft_edges(written):
     """1.5 m of half covered ground. With sharp edges, a fifth of it would be between bare and white."""
-    white = light(folder, "drifts").mean(axis=2) / np.mean(SNOW_ALBEDO)
+    white = light(written, "drifts").mean(axis=2) / np.mean(SNOW_ALBEDO)
     assert ((white > 0.15) & (white < 0.85)).mean() > 0.33
 
 
@@ -83,30 +75,30 @@ def test_snow_has_soft_edges(folder):
         pytest.param("lake", 0.0, id="water"),
     ],
 )
-def test_snow_covers_open_level_ground_only(folder, yard, place, share):
-    assert middle(folder, f"{yard} {place}") == pytest.approx(share * np.array(SNOW_ALBEDO), abs=2 * NOISE)
+def test_snow_covers_open_level_ground_only(written, yard, place, share):
+    assert middle(written, f"{yard} {place}") == pytest.approx(share * np.array(SNOW_ALBEDO), abs=2 * NOISE)
 
 
 @pytest.mark.parametrize("yard", YARDS)
-def test_holes_in_leaves_stay_open_under_snow(folder, yard):
+def test_holes_in_leaves_stay_open_under_snow(written, yard):
     """Half of the card is holes that show the sky."""
-    assert middle(folder, f"{yard} leaf") == pytest.approx(0.5 + 0.5 * np.array(SNOW_ALBEDO), abs=2 * NOISE)
+    assert middle(written, f"{yard} leaf") == pytest.approx(0.5 + 0.5 * np.array(SNOW_ALBEDO), abs=2 * NOISE)
 
 
 @pytest.mark.parametrize("yard", YARDS)
 @pytest.mark.parametrize(("car", "vehicle", "ground"), [("driven", 0.0, 1.0), ("parked", 1.0, 0.0)])
-def test_vehicles_and_ground_have_separate_snow_cover(folder, yard, car, vehicle, ground):
+def test_vehicles_and_ground_have_separate_snow_cover(written, yard, car, vehicle, ground):
     """Seen from above; both have a material of the same name."""
-    picture = light(folder, f"{yard} {car}")
+    picture = light(written, f"{yard} {car}")
     assert picture[28:36, 28:36].mean(axis=(0, 1)) == pytest.approx(vehicle * np.array(SNOW_ALBEDO), abs=NOISE)
     beside = picture[:4].mean(axis=(0, 1))  # 4 m from the box, which hides some sky
     assert beside == pytest.approx(ground * np.array(SNOW_ALBEDO), abs=0.06)
 
 
 @pytest.mark.parametrize("yard", YARDS)
-def test_dust_reaches_a_little_way_up_a_vehicle(folder, yard):
+def test_dust_reaches_a_little_way_up_a_vehicle(written, yard):
     """The black side of a box, 3 m high, seen level: 64 rows are 6 m, with the ground at row 48."""
-    side = light(folder, f"{yard} dusty")[16:48, 24:40].mean(axis=1)[::-1]  # from the bottom up
+    side = light(written, f"{yard} dusty")[16:48, 24:40].mean(axis=1)[::-1]  # from the bottom up
     height = (np.arange(32) + 0.5) * 3 / 32
     assert side[(height > 1.5) & (height < 2.8)].max() < 1e-6
     low = side[height < 0.4].mean(axis=0)

@@ -1,16 +1,13 @@
 """Objects that are read without evaluation equal evaluated ones."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from hulldown.assets.bundle import load_scenery
 
-SCRIPT = Path(__file__).with_name("twin_blends.py")
+SCRIPT = "twin_blends.py"
 ALIKE = {
     # Objects that others depend on aren't twins: 0 and 1 are parents, 4 to 9 targets; 10 is the first, which is kept.
     *(f"posed {number}" for number in (2, 3, *range(11, 24))),
@@ -19,19 +16,12 @@ ALIKE = {
 }
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("twins")
-    subprocess.run([sys.executable, str(SCRIPT), str(folder)], check=True, capture_output=True, cwd=SCRIPT.parents[1])
-    return folder
+def test_only_indistinguishable_objects_are_twins(written: Path) -> None:
+    assert set(json.loads((written / "answer.json").read_text())["taken"]) == ALIKE
 
 
-def test_only_indistinguishable_objects_are_twins(folder: Path) -> None:
-    assert set(json.loads((folder / "answer.json").read_text())["taken"]) == ALIKE
-
-
-def test_bundles_are_equal(folder: Path) -> None:
-    every, few = (load_scenery(folder / name / "bundle.npz") for name in ("all", "few"))
+def test_bundles_are_equal(written: Path) -> None:
+    every, few = (load_scenery(written / name / "bundle.npz") for name in ("all", "few"))
 
     def things(scenery):
         return sorted(
@@ -53,15 +43,15 @@ def test_bundles_are_equal(folder: Path) -> None:
     np.testing.assert_array_equal(every.origin, few.origin)
 
 
-def test_reports_are_equal(folder: Path) -> None:
-    every, few = (json.loads((folder / name / "answer.json").read_text()) for name in ("all", "few"))
+def test_reports_are_equal(written: Path) -> None:
+    every, few = (json.loads((written / name / "answer.json").read_text()) for name in ("all", "few"))
     for answer in (every, few):
         answer["report"]["rows"].sort(key=json.dumps)
     assert every == few
     assert sum("xcluded" in json.dumps(row) for row in every["report"]["rows"])
 
 
-def test_renders_are_equal(folder: Path) -> None:
-    answer = json.loads((folder / "answer.json").read_text())
+def test_renders_are_equal(written: Path) -> None:
+    answer = json.loads((written / "answer.json").read_text())
     assert answer["all"] == answer["few"]
     assert len(answer["all"]) > 50
