@@ -6,7 +6,6 @@ answer. test_blend_files describes them.
 """
 
 import contextlib
-import importlib
 import json
 import os
 import resource
@@ -18,11 +17,10 @@ import bpy
 
 from hulldown.reading.blender import duplicates, reader
 from hulldown.reading.blender.add_nodes import add_node
-from hulldown.tests.messy_parts import CASES, scatter
+from hulldown.tests.blend_parts import instance, place
+from hulldown.tests.messy_blends import CASES
+from hulldown.tests.messy_parts import scatter
 from hulldown.tests.node_trees import principled, shader_of
-
-for cases in ("messy_vehicles", "messy_contents", "messy_sceneries"):
-    importlib.import_module(f"hulldown.tests.{cases}")  # which fills CASES
 
 MOST_MEMORY = 8 * 2**30  # a damaged file may claim all memory; other tests check the limits of reading
 
@@ -68,16 +66,14 @@ def add_hair(obj, count):
 def add_kind(_, blocks):
     """Add an object with empty data of this kind."""
     made = getattr(bpy.data, blocks).new("x", *(["POINT"] if blocks == "lights" else []))
-    bpy.context.scene.collection.objects.link(bpy.data.objects.new("x", made))
+    place("x", made)
 
 
 def carry(obj, _):
     """Add an empty that instances the object's collection."""
-    collection = bpy.data.collections.new(obj.name)
-    collection.objects.link(obj)
-    carrier = bpy.data.objects.new("carrier", None)
-    carrier.instance_type, carrier.instance_collection = "COLLECTION", collection
-    bpy.context.scene.collection.objects.link(carrier)
+    shown = bpy.data.collections.new(obj.name)
+    shown.objects.link(obj)
+    instance("carrier", shown)
 
 
 def refer(obj, _):
@@ -118,8 +114,8 @@ def make(recipe, path):
 def damage(path, recipe):
     """Change some bytes at positions given as shares of the file's length, or cut off its end."""
     data = bytearray(path.read_bytes())
-    for place, value in recipe["bytes"]:
-        data[int(place * (len(data) - 1))] = value
+    for share, value in recipe["bytes"]:
+        data[int(share * (len(data) - 1))] = value
     path.write_bytes(data[: max(1, round(recipe["keep"] * len(data)))])
 
 

@@ -17,6 +17,7 @@ import matplotlib
 import numpy as np
 
 from hulldown.reading.blender.add_nodes import add_node
+from hulldown.tests.blend_parts import fresh, from_library, link, place, save
 from hulldown.tests.node_trees import node_group, shader_of, textured, write_picture
 from hulldown.tests.writing_blends import CASES as WRITERS
 from hulldown.tests.writing_blends import cube, sky
@@ -78,10 +79,9 @@ def linked_by_a_link(secret):
 
 def library(path):
     """Link an object of another file."""
-    with bpy.data.libraries.load(str(path), link=True) as (_, wanted):
-        wanted.objects = ["Loot"]
+    loot = from_library(path, "objects", "Loot")
     cube()
-    bpy.context.scene.collection.objects.link(wanted.objects[0])
+    link(loot)
 
 
 def image(secret):
@@ -138,7 +138,7 @@ def volume(secret):
     (secret / "volume.vdb").write_bytes(b" BDV" + bytes(100))
     data = bpy.data.volumes.new("smoke")
     data.filepath = str(secret / "volume.vdb")
-    bpy.context.scene.collection.objects.link(bpy.data.objects.new("smoke", data))
+    place("smoke", data)
 
 
 def cached(path, export, inside):
@@ -186,7 +186,7 @@ READERS = (
 
 def gltf(path, owner, uri):
     """A glTF file whose image or buffer is elsewhere."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    fresh()
     skinned(picture(path.with_suffix(".png")))
     bpy.ops.export_scene.gltf(filepath=str(path), export_format="GLTF_SEPARATE")
     data = json.loads(path.read_text())
@@ -201,7 +201,7 @@ def files_of_other_formats(assets, secret):
     gltf(assets / "gltf_points.gltf", "buffers", f"{up}/gltf_points.bin")
     (assets / "gltf_points.bin").rename(secret / "gltf_points.bin")
     for name in ("obj_material", "obj_picture", "fbx"):
-        bpy.ops.wm.read_factory_settings(use_empty=True)
+        fresh()
         skinned(picture(secret / f"{name}.png"))
         if name == "fbx":
             bpy.ops.export_scene.fbx(filepath=str(assets / "fbx.fbx"), path_mode="RELATIVE")
@@ -214,20 +214,19 @@ def files_of_other_formats(assets, secret):
 
 def build(assets, secret, target):
     for name in ("linked", "linked_by_a_link"):
-        bpy.ops.wm.read_factory_settings(use_empty=True)
+        fresh()
         cube("Loot")
-        bpy.ops.wm.save_as_mainfile(filepath=str(secret / f"{name}.blend"))
+        save(secret / f"{name}.blend")
     attacks = [(case, secret) for case in READERS] + [(case, target) for case in WRITERS.values()]
     for case, aim in attacks:
-        path = str(assets / f"{case.__name__}.blend")
-        bpy.ops.wm.read_factory_settings(use_empty=True)
-        bpy.ops.wm.save_as_mainfile(filepath=path)  # relative paths need it
+        path = assets / f"{case.__name__}.blend"
+        fresh()
+        save(path)  # relative paths need it
         case(aim)
-        bpy.ops.wm.save_as_mainfile(filepath=path, relative_remap=False)
+        save(path, relative_remap=False)
     files_of_other_formats(assets, secret)
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    (assets / "all").mkdir()
-    bpy.ops.wm.save_as_mainfile(filepath=str(assets / "all/everything.blend"))
+    fresh()
+    save(assets / "all/everything.blend")
     for case, aim in attacks:
         if case.__name__ not in ("alembic", "usd", "fluid"):  # those export the whole scene, or crash with others
             case(aim)
@@ -236,25 +235,24 @@ def build(assets, secret, target):
             obj.name = "thing"  # a body would make the file a vehicle
     bpy.ops.mesh.primitive_grid_add(size=80.0, x_subdivisions=20, y_subdivisions=20)
     bpy.context.object.name = "ground"
-    bpy.ops.wm.save_as_mainfile(filepath=str(assets / "all/everything.blend"), relative_remap=False)
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    save(assets / "all/everything.blend", relative_remap=False)
+    fresh()
     importing("Text", text(assets / "notes.txt", "the user's own notes"))
     importing("Text", "/etc/passwd")
     group = bpy.context.object.modifiers[0].node_group
     group.name = "linked nodes"
     bpy.data.libraries.write(str(assets / "all/nodes.blend"), {group}, fake_user=True)
     bpy.data.node_groups.remove(group)
-    with bpy.data.libraries.load(str(assets / "all/nodes.blend"), link=True) as (_, wanted):
-        wanted.node_groups = ["linked nodes"]
-    bpy.context.object.modifiers[0].node_group = wanted.node_groups[0]
+    again = from_library(assets / "all/nodes.blend", "node_groups", "linked nodes")
+    bpy.context.object.modifiers[0].node_group = again
     importing("CSV", text(assets / "table.csv", "position:3,a\n1,2\n5,6\n"))
-    bpy.ops.wm.save_as_mainfile(filepath=str(assets / "all/neighbors.blend"), relative_remap=False)
+    save(assets / "all/neighbors.blend", relative_remap=False)
     sky(assets / "sky.exr")
 
 
 def open_it(path):
     """Open a file like a user who trusts it."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    fresh()
     importers = {
         ".gltf": bpy.ops.import_scene.gltf,
         ".obj": bpy.ops.wm.obj_import,
@@ -268,9 +266,7 @@ def open_it(path):
     scene.render.engine, scene.render.use_compositing, scene.render.use_sequencer = "CYCLES", False, False
     scene.render.resolution_x = scene.render.resolution_y = 8
     scene.cycles.samples = 1
-    scene.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
-    scene.collection.objects.link(scene.camera)
-    scene.camera.location = (0.0, 0.0, 9.0)
+    scene.camera = place("camera", bpy.data.cameras.new("camera"), (0.0, 0.0, 9.0))
     for frame in (1, 2):
         scene.frame_set(frame)
     bpy.ops.render.render()

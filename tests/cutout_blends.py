@@ -14,6 +14,7 @@ from hulldown.reading.blender.add_nodes import add_node
 from hulldown.reading.blender.light_pictures import rendered, see_pixel_centers
 from hulldown.render.blender import cycles
 from hulldown.render.blender.object_index import ONE_RAY
+from hulldown.tests.blend_parts import fresh, mesh, place, save
 from hulldown.tests.node_trees import material_of, node_group, write_picture
 
 TEXELS = 24
@@ -76,11 +77,10 @@ class Tree:
 
 def card(name, build, uv=QUAD, layer="UVMap"):
     x = STEP * len(CARDS)
-    mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata([(x, 0, 0), (x + 1, 0, 0), (x + 1, 0, 1), (x, 0, 1)], [], [(0, 1, 2, 3)])
-    mesh.uv_layers.new(name=layer).uv.foreach_set("vector", np.array(uv, np.float32).ravel())
-    mesh.materials.append(material_of(name, lambda tree: build(Tree(tree))))
-    bpy.context.scene.collection.objects.link(bpy.data.objects.new(name, mesh))
+    square = mesh(name, [(x, 0, 0), (x + 1, 0, 0), (x + 1, 0, 1), (x, 0, 1)], [(0, 1, 2, 3)])
+    square.uv_layers.new(name=layer).uv.foreach_set("vector", np.array(uv, np.float32).ravel())
+    square.materials.append(material_of(name, lambda tree: build(Tree(tree))))
+    place(name, square)
     CARDS.append(name)
 
 
@@ -183,15 +183,13 @@ def show():
     link(nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"], nodes["Background"].inputs[1])
     lens = bpy.data.cameras.new("camera")
     lens.type, lens.ortho_scale = "ORTHO", STEP * len(CARDS)
-    scene.camera = bpy.data.objects.new("camera", lens)
-    scene.camera.location, scene.camera.rotation_euler = (lens.ortho_scale / 2, -5.0, 0.5), (np.pi / 2, 0.0, 0.0)
-    scene.collection.objects.link(scene.camera)
+    scene.camera = place("camera", lens, (lens.ortho_scale / 2, -5.0, 0.5), rot=(np.pi / 2, 0.0, 0.0))
     scene.render.resolution_x, scene.render.resolution_y = round(lens.ortho_scale * PIXELS), PIXELS
     see_pixel_centers(scene)
     return rendered(scene)[..., 0]
 
 
-bpy.ops.wm.read_factory_settings(use_empty=True)
+fresh()
 SOFT = waves()
 GRAY, OTHER, ONE = SOFT * 0.5 + 0.2, waves(), np.ones_like(SOFT)
 LEAF = [0.2 * ONE, 0.5 * ONE, 0.1 * ONE]
@@ -208,6 +206,6 @@ IMAGES = {
 }
 cards()
 (FOLDER / "lost.png").unlink()
-bpy.ops.wm.save_as_mainfile(filepath=str(FOLDER / "cards.blend"))
+save(FOLDER / "cards.blend")
 np.save(FOLDER / "shown.npy", show())
 (FOLDER / "cards.json").write_text(json.dumps(CARDS))

@@ -7,11 +7,12 @@ import numpy as np
 
 from hulldown.camera.response import ALBEDO
 from hulldown.reading.blender.pictures import _write
-from hulldown.tests.render_worlds import box, diffuse, fresh, save
+from hulldown.tests.blend_parts import cuboid, fresh, save
+from hulldown.tests.render_worlds import diffuse
 
 FOLDER = Path(sys.argv[1])
 fresh()
-box("card", (2.0, 2.0, 1.0), (0.0, 0.0, -0.5), diffuse("card", (ALBEDO,) * 3))
+cuboid("card", (2.0, 2.0, 1.0), (0.0, 0.0, -0.5), diffuse("card", (ALBEDO,) * 3))
 save(FOLDER / "card.blend")
 for sky in FOLDER.glob("*.npy"):
     _write(np.load(sky), str(sky.with_suffix(".exr")))

@@ -9,8 +9,9 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from hulldown.tests.blend_parts import collection, cuboid, fresh, from_library, instance, save
 from hulldown.tests.node_trees import textured, write_picture
-from hulldown.tests.render_worlds import box, field, fresh, gray, save
+from hulldown.tests.render_worlds import field, gray
 
 FOLDER = Path(sys.argv[1])
 
@@ -31,25 +32,17 @@ def shown(name, path):
 def library(path, texture):
     """A boulder in a collection named like the file."""
     fresh()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    box("boulder", (5.0, 5.0, 4.0), (0.0, 0.0, 1.0), shown("stone", texture))
-    collection = bpy.data.collections.new(path.stem)
-    bpy.context.scene.collection.children.link(collection)
-    collection.objects.link(bpy.context.object)
+    boulder = cuboid("boulder", (5.0, 5.0, 4.0), (0.0, 0.0, 1.0), shown("stone", texture))
+    collection(path.stem).objects.link(boulder)
 
 
-def link(path, at):
-    with bpy.data.libraries.load(str(path), link=True) as (_, target):
-        target.collections = [path.stem]
-    instance = bpy.data.objects.new(f"a {path.stem}", None)
-    instance.instance_type, instance.instance_collection = "COLLECTION", target.collections[0]
-    instance.location = at
-    bpy.context.scene.collection.objects.link(instance)
+def link(path, *at):
+    instance(f"a {path.stem}", from_library(path, "collections", path.stem), at)
 
 
 def save_absolute(path):
     """Save without making absolute paths relative, which is Blender's default."""
-    bpy.ops.wm.save_as_mainfile(filepath=str(path), relative_remap=False, compress=True)
+    save(path, relative_remap=False, compress=True)
 
 
 def main():
@@ -64,24 +57,23 @@ def main():
     library(far, textures / "far.png")
     save_absolute(far)
     scenery = FOLDER / "sceneries" / "field.blend"
-    scenery.parent.mkdir()
 
     def drape():
         ground = bpy.data.objects["ground"]
         ground.data.materials.clear()
         ground.data.materials.append(shown("soil", textures / "soil.png"))
         for x, y in ((-15.0, 0.0), (15.0, 10.0), (0.0, -20.0)):
-            link(near, (x, y, 0.0))
+            link(near, x, y, 0.0)
 
     field(scenery, drape=drape)
     for x, y in ((0.0, -15.0), (10.0, 15.0), (-20.0, 0.0)):
-        link(far, (x, y, 0.0))
+        link(far, x, y, 0.0)
     save_absolute(scenery)
     fresh()
     skin = shown("skin", textures / "skin.png")
-    box("hull", (6.0, 3.0, 1.5), (0.0, 0.0, 0.75), skin)
-    turret = box("turret", (2.6, 2.0, 0.9), (-0.4, 0.0, 1.95), skin)
-    box("gun", (4.0, 0.4, 0.4), (2.9, 0.0, 1.95), skin, turret)
+    cuboid("hull", (6.0, 3.0, 1.5), (0.0, 0.0, 0.75), skin)
+    turret = cuboid("turret", (2.6, 2.0, 0.9), (-0.4, 0.0, 1.95), skin)
+    cuboid("gun", (4.0, 0.4, 0.4), (2.9, 0.0, 1.95), skin, turret)
     vehicle = FOLDER / "vehicles" / "tank.obj"
     vehicle.parent.mkdir()
     bpy.ops.wm.obj_export(filepath=str(vehicle), path_mode="RELATIVE", forward_axis="NEGATIVE_Z", up_axis="Y")

@@ -18,7 +18,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from hulldown.tests.messy_parts import CASES, FOLDER, box, empty, link
+from hulldown.tests.blend_parts import empty, fresh, place, save
+from hulldown.tests.messy_parts import CASES, FOLDER, box
 
 for cases in ("messy_vehicles", "messy_contents", "messy_sceneries"):
     importlib.import_module(f"hulldown.tests.{cases}")  # this import fills CASES
@@ -28,11 +29,11 @@ FOV = math.radians(40)
 
 
 def build(name: str) -> dict:
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    fresh()
     about = {"kind": "vehicle", "options": {}, "hide": [], "truth": True, "distance": 16.0, "yaw_deg": 0.0}
     about |= CASES[name]()
     about["file_from_meters"] = np.array(about.get("file_from_meters", Matrix.Identity(4))).tolist()
-    bpy.ops.wm.save_as_mainfile(filepath=str(FOLDER / f"{name}.blend"), compress=name == "clutter")
+    save(FOLDER / f"{name}.blend", compress=name == "clutter")
     return about
 
 
@@ -52,7 +53,7 @@ def camera_at(about: dict, yaw_deg: float, rise: float) -> Matrix:
 def render_masks(poses: list[Matrix], path: Path, *, unit: float = 1.0) -> None:
     """Write Cycles' pictures from each camera as path.0.png, path.1.png, ..."""
     scene = bpy.context.scene
-    camera = scene.camera = link(bpy.data.objects.new("truth camera", bpy.data.cameras.new("truth camera")))
+    camera = scene.camera = place("truth camera", bpy.data.cameras.new("truth camera"))
     camera.data.sensor_fit, camera.data.angle = "HORIZONTAL", FOV
     camera.data.clip_start, camera.data.clip_end = 0.01 * unit, 1e5 * unit
     render = scene.render
@@ -73,9 +74,9 @@ def render_masks(poses: list[Matrix], path: Path, *, unit: float = 1.0) -> None:
 
 
 def build_all() -> None:
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    fresh()
     box("Wheel", (1, 0.3, 1))
-    bpy.ops.wm.save_as_mainfile(filepath=str(FOLDER / "soon_gone.blend"))
+    save(FOLDER / "soon_gone.blend")
     cases = {name: build(name) for name in CASES}
     (FOLDER / "soon_gone.blend").unlink()
     for name, about in cases.items():
@@ -95,7 +96,7 @@ def render_tidy() -> None:
     """Render the tidy twins named in tidy.json from their cameras, loaded as the renderer loads them."""
     for name, twin in json.loads((FOLDER / "tidy.json").read_text(encoding="utf-8")).items():
         if twin["kind"] == "vehicle":
-            bpy.ops.wm.read_factory_settings(use_empty=True)
+            fresh()
             with bpy.data.libraries.load(twin["path"], link=False) as (source, target):
                 target.collections = source.collections[:1]
             bpy.context.scene.collection.children.link(target.collections[0])

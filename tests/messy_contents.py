@@ -6,7 +6,8 @@ from pathlib import Path
 
 import bpy
 
-from hulldown.tests.messy_parts import FOLDER, box, case, collection, link, tank
+from hulldown.tests.blend_parts import collection, from_library, link, place
+from hulldown.tests.messy_parts import FOLDER, box, case, tank
 
 
 @case
@@ -28,8 +29,8 @@ def clutter():
     caught.is_shadow_catcher = True
     ghost = box("Ghost", (4, 4, 4), (0, 0, 3))
     ghost.visible_camera = False
-    link(bpy.data.objects.new("Key", bpy.data.lights.new("Key", "AREA")))
-    link(bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera")))
+    place("Key", bpy.data.lights.new("Key", "AREA"))
+    place("Camera", bpy.data.cameras.new("Camera"))
     return {"hide": [o.name for o in [*litter, caught, ghost]]}
 
 
@@ -69,9 +70,7 @@ def image(path):
 def lost_library():
     """A wheel comes from a library that is gone."""
     tank()
-    with bpy.data.libraries.load(str(FOLDER / "soon_gone.blend"), link=True, relative=True) as (_, target):
-        target.objects = ["Wheel"]
-    link(target.objects[0])
+    link(from_library(FOLDER / "soon_gone.blend", "objects", "Wheel", relative=True))
     return {}
 
 
@@ -91,7 +90,7 @@ def malicious():
 @case
 def nothing():
     """A camera, a lamp, and a hidden box."""
-    link(bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera")))
+    place("Camera", bpy.data.cameras.new("Camera"))
     off = collection("Off")
     box("Hull", (6, 3, 1), collection=off)
     off.hide_render = True
@@ -116,7 +115,7 @@ def odd_ones():
     furry = box("Furry", (1, 1, 1), (2, 0, 2))
     furry.modifiers.new("p", "PARTICLE_SYSTEM")
     furry.particle_systems[0].settings.type = "HAIR"
-    strands = link(bpy.data.objects.new("Strands", bpy.data.hair_curves.new("Strands")))
+    strands = place("Strands", bpy.data.hair_curves.new("Strands"))
     strands.data.add_curves([4, 4])
     strands.data.points.foreach_set("position", [float(i) for i in range(24)])
     return {"truth": False}

@@ -1,4 +1,4 @@
-"""Building blocks of the messy cases: objects, collections, a tank, a sheet of ground, scattering nodes. In Blender."""
+"""Building blocks of the messy cases: a tank, a sheet of ground, scattering nodes. In Blender."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from hulldown.tests.blend_parts import empty, mesh, place
 from hulldown.tests.node_trees import node_group
 
 FOLDER = Path(sys.argv[1]) if len(sys.argv) > 1 else Path()
@@ -22,34 +23,13 @@ def case(build: Callable[[], dict]) -> Callable[[], dict]:
     return build
 
 
-def link(obj, collection=None):
-    (collection or bpy.context.scene.collection).objects.link(obj)
-    return obj
-
-
-def empty(name, at=(0, 0, 0), parent=None, rot=(0, 0, 0), scale=(1, 1, 1), collection=None):
-    obj = link(bpy.data.objects.new(name, None), collection)
-    obj.location, obj.rotation_euler, obj.scale, obj.parent = at, rot, scale, parent
-    return obj
-
-
-def box(name, size, at=(0, 0, 0), parent=None, rot=(0, 0, 0), scale=(1, 1, 1), collection=None, shift=(0, 0, 0)):
+def box(name, size, *where, shift=(0, 0, 0), **more):
     """A wedge-shaped box, whose asymmetry shows mirrored and turned axes; `shift` moves it off its origin."""
     sx, sy, sz = (s / 2 for s in size)
     points = [(-sx, -sy, -sz), (sx, -sy, -sz), (sx, sy, -sz), (-sx, sy, -sz)]
     points += [(-sx, -sy, sz), (0.7 * sx, -sy, 0.8 * sz), (0.5 * sx, 0.6 * sy, sz), (-sx, sy, 0.9 * sz)]
-    mesh = bpy.data.meshes.new(name)
     faces = [(3, 2, 1, 0), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
-    mesh.from_pydata([tuple(np.add(p, shift)) for p in points], [], faces)
-    obj = link(bpy.data.objects.new(name, mesh), collection)
-    obj.location, obj.rotation_euler, obj.scale, obj.parent = at, rot, scale, parent
-    return obj
-
-
-def collection(name, parent=None):
-    made = bpy.data.collections.new(name)
-    (parent or bpy.context.scene.collection).children.link(made)
-    return made
+    return place(name, mesh(name, [tuple(np.add(p, shift)) for p in points], faces), *where, **more)
 
 
 def layer(name, root=None):
@@ -94,15 +74,10 @@ def scatter(name, obj=None):
 
 
 def sheet(name, size, cells, at=(0, 0, 0), coll=None, shift=(0, 0, 0)):
-    mesh = bpy.data.meshes.new(name)
     side = np.linspace(-size / 2, size / 2, cells + 1)
     points = [(x + shift[0], y + shift[1], 0.6 * math.sin(x / 5) + shift[2]) for y in side for x in side]
     n = cells + 1
-    mesh.from_pydata(
-        points,
-        [],
-        [(j * n + i, j * n + i + 1, (j + 1) * n + i + 1, (j + 1) * n + i) for j in range(cells) for i in range(cells)],
-    )
-    obj = link(bpy.data.objects.new(name, mesh), coll)
-    obj.location = at
-    return obj
+    faces = [
+        (j * n + i, j * n + i + 1, (j + 1) * n + i + 1, (j + 1) * n + i) for j in range(cells) for i in range(cells)
+    ]
+    return place(name, mesh(name, points, faces), at, collection=coll)

@@ -6,7 +6,8 @@ import bpy
 import numpy as np
 
 from hulldown.reading.blender.add_nodes import add_node
-from hulldown.tests.messy_parts import box, case, collection, empty, layer, link, scatter, sheet
+from hulldown.tests.blend_parts import collection, empty, instance, place
+from hulldown.tests.messy_parts import box, case, layer, scatter, sheet
 from hulldown.tests.node_trees import material_of
 
 MAP = (500_000.0, 5_400_000.0, 200.0)
@@ -29,8 +30,8 @@ def scattered():
     second = sheet("Ground_cubes", 8, 1, (20, 20, 0), coll=bpy.data.collections["Terrain"])
     second.modifiers.new("g", "NODES").node_group = scatter("anonymous")
     for i in range(3):
-        spot = empty(f"Terrain_rock_spot.{i:03}", (-20 + 9 * i, -15, 0), scale=(1 + i, 2, -1.5), rot=(0, 0, i))
-        spot.instance_type, spot.instance_collection = "COLLECTION", stock
+        where, scale = (-20 + 9 * i, -15, 0), (1 + i, 2, -1.5)
+        instance(f"Terrain_rock_spot.{i:03}", stock, where, scale=scale, rot=(0, 0, i))
     for lod in (1, 2):
         sheet(f"Terrain_LOD{lod}", 60, 2).hide_render = True
     fog = box("Volume", (80, 80, 40))
@@ -48,12 +49,8 @@ def hairy():
     reeds = hair("Reeds", thick=0.8)
     reeds.location = (60, 60, -40)
     for i in range(6):
-        copy = link(bpy.data.objects.new(f"Reeds.{i:03}", reeds.data))
-        copy.location, copy.rotation_euler, copy.scale = (
-            (-12 + 5 * i, 2 * i - 6, -0.5),
-            (0.1, 0, i),
-            (1, 1, 0.7 + 0.1 * i),
-        )
+        where, scale = (-12 + 5 * i, 2 * i - 6, -0.5), (1, 1, 0.7 + 0.1 * i)
+        place(f"Reeds.{i:03}", reeds.data, where, rot=(0.1, 0, i), scale=scale)
     ground.modifiers.new("g", "NODES").node_group = scatter("reeds", reeds)
     hair("Terrain_Fluff", thick=None).location = (0, 0, 4)
     return {"kind": "scenery", "distance": 75.0}
@@ -85,7 +82,7 @@ def hair(name, *, thick):
     if thick:
         radius = np.tile(thick * np.array([1.0, 0.8, 0.3]), 4).astype(np.float32)
         curves.attributes.new("radius", "FLOAT", "POINT").data.foreach_set("value", radius)
-    return link(bpy.data.objects.new(name, curves))
+    return place(name, curves)
 
 
 @case

@@ -7,7 +7,8 @@ import math
 import bpy
 from mathutils import Matrix
 
-from hulldown.tests.messy_parts import FOLDER, box, case, collection, empty, layer, link, scatter, tank
+from hulldown.tests.blend_parts import collection, empty, from_library, instance, place
+from hulldown.tests.messy_parts import FOLDER, box, case, layer, scatter, tank
 
 
 @case
@@ -52,10 +53,8 @@ def instances():
     box("Bolt", (0.4, 0.3, 0.6), (0.3, 0, 0), collection=inner, rot=(0, 0, 0.5))
     inner.instance_offset = (0.1, 0.2, 0)
     for i in range(2):
-        spot = empty(f"spot{i}", (1 - 2 * i, 0, 0), scale=(1, 1, 1 + i), rot=(0, 0.3, 0), collection=outer)
-        spot.instance_type, spot.instance_collection = "COLLECTION", inner
-    carrier = empty("carrier", (0, 0.5, 1.8), rot=(0, 0, 0.7), scale=(1.2, 0.8, 1))
-    carrier.instance_type, carrier.instance_collection = "COLLECTION", outer
+        instance(f"spot{i}", inner, (1 - 2 * i, 0, 0), scale=(1, 1, 1 + i), rot=(0, 0.3, 0), collection=outer)
+    instance("carrier", outer, (0, 0.5, 1.8), rot=(0, 0, 0.7), scale=(1.2, 0.8, 1))
     for kind, at in (("VERTS", (-2, -0.8, 2)), ("FACES", (2, -0.8, 2))):
         frame = box(f"Frame {kind}", (1, 0.8, 0.8), at)
         frame.instance_type, frame.show_instancer_for_render = kind, False
@@ -118,7 +117,7 @@ def surfaces():
     bpy.context.object.data.body = "07"
     bpy.ops.object.metaball_add(type="BALL", radius=1, location=(2, 0, 2))
     bpy.ops.surface.primitive_nurbs_surface_sphere_add(radius=0.6, location=(-2, 0.5, 2.1))
-    link(bpy.data.objects.new("Path", bpy.data.curves.new("Path", "CURVE")))
+    place("Path", bpy.data.curves.new("Path", "CURVE"))
     return {}
 
 
@@ -126,8 +125,7 @@ def surfaces():
 def armature():
     """A turret parented to a bone."""
     box("Hull", (6, 3, 1), (0, 0, 1))
-    rig = link(bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig")))
-    rig.location = (0.2, 0, 0)
+    rig = place("Rig", bpy.data.armatures.new("Rig"), (0.2, 0, 0))
     bpy.context.view_layer.objects.active = rig
     bpy.ops.object.mode_set(mode="EDIT")
     bone = rig.data.edit_bones.new("turret")
@@ -205,8 +203,6 @@ def library_vehicle():
 @case
 def linked():
     """The vehicle is an instance of a linked collection, turned, mirrored, and scaled."""
-    with bpy.data.libraries.load(str(FOLDER / "library_vehicle.blend"), link=True, relative=True) as (_, target):
-        target.collections = ["Tank asset"]
-    carrier = empty("Instance", (4, 5, 1), rot=(0, 0, math.radians(20)), scale=(1.5, -1.5, 1.5))
-    carrier.instance_type, carrier.instance_collection = "COLLECTION", target.collections[0]
+    tank_asset = from_library(FOLDER / "library_vehicle.blend", "collections", "Tank asset", relative=True)
+    instance("Instance", tank_asset, (4, 5, 1), rot=(0, 0, math.radians(20)), scale=(1.5, -1.5, 1.5))
     return {"yaw_deg": 20.0}

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import bpy
 
+from hulldown.tests.blend_parts import collection, fresh, from_library, link, save
 from hulldown.tests.node_trees import node_group
 from hulldown.tests.writing_blends import cube
 
@@ -65,9 +66,7 @@ def names(_):
     obj = cube("Nxmd")
     obj.data.name = "Dxta"
     obj.data.materials.append(bpy.data.materials.new("Mxterial"))
-    collection = bpy.data.collections.new("Cxllection")
-    bpy.context.scene.collection.children.link(collection)
-    collection.objects.link(obj)
+    collection("Cxllection").objects.link(obj)
     obj.modifiers.new("Pxrticles", "PARTICLE_SYSTEM")
     obj.particle_systems[0].name = "Pxrticles"
     bpy.context.scene.name = "Scxne"
@@ -95,12 +94,10 @@ def instances(_):
 def library(folder):
     """An object linked from a file that will be a FIFO."""
     cube("Linked")
-    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "lib.blend"))
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    save(folder / "lib.blend")
+    fresh()
     cube()
-    with bpy.data.libraries.load(str(folder / "lib.blend"), link=True, relative=True) as (source, target):
-        target.objects = source.objects
-    bpy.context.scene.collection.objects.link(target.objects[0])
+    link(from_library(folder / "lib.blend", "objects", "Linked", relative=True))
 
 
 def font(folder):
@@ -119,11 +116,11 @@ COMPRESSED = (library,)  # too
 
 def main(folder):
     for case in CASES:
-        bpy.ops.wm.read_factory_settings(use_empty=True)
+        fresh()
         case(folder)
         for compress in (False, True) if case in COMPRESSED else (False,):
             path = folder / f"{case.__name__}{'_compressed' * compress}.blend"
-            bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=compress, relative_remap=False)
+            save(path, compress=compress, relative_remap=False)
     for name in ("lib.blend", "font.woff2"):
         (folder / name).unlink()
         os.mkfifo(folder / name)

@@ -11,6 +11,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from hulldown.tests.blend_parts import cuboid, fresh, from_library, save
 from hulldown.tests.node_trees import grouped, principled, shader_group, textured
 
 
@@ -29,37 +30,21 @@ def lined(name):
     return textured(name, image, roughness=1.0)
 
 
-def box(name, size, at, material, over=None):
-    bpy.ops.mesh.primitive_cube_add(size=1.0, location=at)
-    thing = bpy.context.object
-    thing.name, thing.scale = name, size
-    thing.data.materials.append(material)
-    if over:
-        thing.material_slots[0].link = "OBJECT"
-        thing.material_slots[0].material = over
-
-
 def main(folder):
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    fresh()
     stone = matt("stone", (0.4, 0.4, 0.4))
     stone.use_fake_user = True
-    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "library.blend"))
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    with bpy.data.libraries.load(str(folder / "library.blend"), link=True) as (_, target):
-        target.materials = ["stone"]
+    save(folder / "library.blend")
+    fresh()
     group = shader_group(1.0)
-    box("hull", (6.0, 3.0, 1.2), (0.0, 0.0, 1.2), lined("Skin"))
-    box("turret", (2.6, 2.0, 0.7), (-0.4, 0.0, 2.15), grouped("soil", group, (0.2, 0.2, 0.2)))
-    box("gun", (4.0, 0.4, 0.4), (2.9, 0.0, 2.15), grouped("Gun", group, (0.2, 0.2, 0.2)))
+    cuboid("hull", (6.0, 3.0, 1.2), (0.0, 0.0, 1.2), lined("Skin"))
+    cuboid("turret", (2.6, 2.0, 0.7), (-0.4, 0.0, 2.15), grouped("soil", group, (0.2, 0.2, 0.2)))
+    cuboid("gun", (4.0, 0.4, 0.4), (2.9, 0.0, 2.15), grouped("Gun", group, (0.2, 0.2, 0.2)))
     for side, y in (("left", 1.7), ("right", -1.7)):
-        box(
-            f"fender {side}",
-            (5.0, 0.4, 0.3),
-            (0.0, y, 1.5),
-            matt("Mesh", (0.0, 1.0, 0.0)),
-            matt("Slot", (0.3, 0.3, 0.3)),
-        )
-    box("hatch", (1.8, 1.4, 0.3), (-0.6, 0.0, 2.65), target.materials[0])
+        fender = cuboid(f"fender {side}", (5.0, 0.4, 0.3), (0.0, y, 1.5), matt("Mesh", (0.0, 1.0, 0.0)))
+        fender.material_slots[0].link = "OBJECT"
+        fender.material_slots[0].material = matt("Slot", (0.3, 0.3, 0.3))
+    cuboid("hatch", (1.8, 1.4, 0.3), (-0.6, 0.0, 2.65), from_library(folder / "library.blend", "materials", "stone"))
     tire = matt("Tire", (0.8, 0.6, 0.0))
     for x in (-2.2, 0.0, 2.2):
         for y in (-1.4, 1.4):
@@ -68,7 +53,7 @@ def main(folder):
             )
             bpy.context.object.name = "wheel"
             bpy.context.object.data.materials.append(tire)
-    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "odd.blend"))
+    save(folder / "odd.blend")
 
 
 main(Path(sys.argv[1]))

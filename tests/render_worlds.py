@@ -8,20 +8,14 @@ import bpy
 import numpy as np
 
 from hulldown.reading.blender.add_nodes import add_node
-from hulldown.tests.node_trees import material_of, principled, shader_of
+from hulldown.reading.blender.pictures import _write
+from hulldown.tests.blend_parts import cuboid, empty, fresh, mesh, place, save
+from hulldown.tests.node_trees import material_of, principled, shader_of, write_picture
 
 EVIL = """
 import pathlib
 pathlib.Path({path!r}).write_text("a script of the file has run")
 """
-
-
-def fresh():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-
-
-def save(path):
-    bpy.ops.wm.save_as_mainfile(filepath=str(path), check_existing=False)
 
 
 def glowing(name, color):
@@ -38,23 +32,12 @@ def _of_one_shader(name, kind, color):
     return material_of(name, lambda tree: add_node(tree, kind, {"Color": (*color, 1.0)}).outputs[0])
 
 
-def box(name, size, location, material, parent=None):
-    bpy.ops.mesh.primitive_cube_add(size=1.0, location=location)
-    obj = bpy.context.object
-    obj.name, obj.scale = name, size
-    obj.data.materials.append(material)
-    if parent is not None:
-        obj.parent, obj.matrix_parent_inverse = parent, parent.matrix_world.inverted()
-    bpy.context.view_layer.update()
-    return obj
-
-
 def tank(path):
     fresh()
     pink = glowing("pink", (1.0, 0.0, 1.0))
-    box("hull", (6.0, 3.0, 1.5), (1.0, 0.5, 0.75), pink)
-    turret = box("turret", (2.6, 2.0, 0.9), (0.6, 0.5, 1.95), pink)
-    box("gun", (4.0, 0.4, 0.4), (3.9, 0.5, 1.95), pink, turret)
+    cuboid("hull", (6.0, 3.0, 1.5), (1.0, 0.5, 0.75), pink)
+    turret = cuboid("turret", (2.6, 2.0, 0.9), (0.6, 0.5, 1.95), pink)
+    cuboid("gun", (4.0, 0.4, 0.4), (3.9, 0.5, 1.95), pink, turret)
     bpy.ops.mesh.primitive_plane_add(size=80.0)
     bpy.context.object.name = "floor"
     save(path)
@@ -72,14 +55,11 @@ def field(path, *, unit=1.0, center=(0.0, 0.0, 0.0), drape=None):
     ground.data.materials.append(principled("soil", (0.3, 0.25, 0.15), 1.0))
     rng = np.random.default_rng(0)
     for x, y in rng.uniform(-35.0, 35.0, (12, 2)):
-        box("boulder", (3.0, 2.0, 2.5), (x, y, 1.0), principled("stone", (0.4, 0.4, 0.4), 1.0))
-    root = bpy.data.objects.new("all", None)
-    bpy.context.scene.collection.objects.link(root)
+        cuboid("boulder", (3.0, 2.0, 2.5), (x, y, 1.0), principled("stone", (0.4, 0.4, 0.4), 1.0))
+    root = empty("all", center, scale=(1.0 / unit,) * 3)
     for obj in list(bpy.context.scene.objects):
         if obj is not root and obj.parent is None:
             obj.parent = root
-    root.scale = (1.0 / unit,) * 3
-    root.location = center
     bpy.ops.object.camera_add(location=(0.0, 0.0, 5.0))
     bpy.ops.object.light_add(type="SUN")
     if drape:
@@ -92,28 +72,21 @@ def trees(folder):
 
     def drape():
         rng = np.random.default_rng(1)
-        leaves = bpy.data.images.new("leaves", 64, 64, alpha=True)
         rgba = np.full((64, 64, 4), (0.1, 0.3, 0.05, 0.0), dtype=np.float32)
         rgba[..., 3] = np.kron(rng.random((16, 16)) < 0.5, np.ones((4, 4)))
-        leaves.pixels.foreach_set(rgba.ravel())
-        leaves.filepath_raw, leaves.file_format = str(folder / "leaves.png"), "PNG"
-        leaves.save()
+        leaves = bpy.data.images.load(str(write_picture(folder / "leaves.png", rgba)))
         leaves.filepath = "//leaves.png"
         material = principled("leaves", (0.1, 0.3, 0.05), 1.0)
-        texture = material.node_tree.nodes.new("ShaderNodeTexImage")
-        texture.image, texture.interpolation = leaves, "Closest"
+        texture = add_node(material.node_tree, "TexImage", image=leaves, interpolation="Closest")
         material.node_tree.links.new(texture.outputs["Alpha"], shader_of(material).inputs["Alpha"])
-        card = bpy.data.meshes.new("tree")
         corners = [(-2, 0, 0), (2, 0, 0), (2, 0, 5), (-2, 0, 5), (0, -2, 0), (0, 2, 0), (0, 2, 5), (0, -2, 5)]
-        card.from_pydata(corners, [], [(0, 1, 2, 3), (4, 5, 6, 7)])
+        card = mesh("tree", corners, [(0, 1, 2, 3), (4, 5, 6, 7)])
         square = np.array([(0, 0), (1, 0), (1, 1), (0, 1)] * 2, dtype=np.float32)
         card.uv_layers.new().uv.foreach_set("vector", square.ravel())
         card.materials.append(material)
         for x, y in rng.uniform(-36.0, 36.0, (60, 2)):
-            tree = bpy.data.objects.new("tree", card)
-            tree.location = (x, y, 1.2 * math.sin(x / 9.0) * math.cos(y / 7.0) - 0.1)
-            tree.rotation_euler.z = rng.uniform(0.0, 6.3)
-            bpy.context.scene.collection.objects.link(tree)
+            z = 1.2 * math.sin(x / 9.0) * math.cos(y / 7.0) - 0.1
+            place("tree", card, (x, y, z), rot=(0.0, 0.0, rng.uniform(0.0, 6.3)))
 
     return drape
 
@@ -180,14 +153,7 @@ def gray(path):
 
 def hdri(path, radiance):
     """Write a gray sky, with the zenith in the first row."""
-    height, width = radiance.shape
-    image = bpy.data.images.new(path.stem, width, height, float_buffer=True)
-    image.colorspace_settings.name = "Non-Color"
-    pixels = np.ones((height, width, 4), dtype=np.float32)
-    pixels[..., :3] = radiance[::-1, :, None]
-    image.pixels.foreach_set(pixels.ravel())
-    image.filepath_raw, image.file_format = str(path), "OPEN_EXR"
-    image.save()
+    _write(np.repeat(radiance[::-1, :, None], 3, axis=2), str(path))
 
 
 def targets(path):
@@ -195,7 +161,7 @@ def targets(path):
     fresh()
     black = glowing("black", (0.0, 0.0, 0.0))
     for x, y in ((20.0, -8.0), (60.0, 0.0), (150.0, 70.0)):
-        box("wall", (0.5, 12.0 * x / 60.0, 12.0 * x / 60.0), (x, y, 0.0), black)
+        cuboid("wall", (0.5, 12.0 * x / 60.0, 12.0 * x / 60.0), (x, y, 0.0), black)
     save(path)
 
 
@@ -209,10 +175,10 @@ def main(folder):
     field(folder / "wood.blend", drape=trees(folder))
     targets(folder / "walls.blend")
     fresh()
-    box("wall", (0.5, 80.0, 80.0), (20.0, 0.0, 0.0), glowing("dark", (0.05, 0.05, 0.05)))
+    cuboid("wall", (0.5, 80.0, 80.0), (20.0, 0.0, 0.0), glowing("dark", (0.05, 0.05, 0.05)))
     save(folder / "wall.blend")
     fresh()
-    box("ground", (900.0, 900.0, 1.0), (0.0, 0.0, -0.5), diffuse("ground", (0.5, 0.5, 0.5)))
+    cuboid("ground", (900.0, 900.0, 1.0), (0.0, 0.0, -0.5), diffuse("ground", (0.5, 0.5, 0.5)))
     save(folder / "ground.blend")
     sunny = np.full((128, 256), 0.1)
     sunny[38:44, 100:106] = 120.0  # 30 degrees high; it gives the ground three times as much light as the rest

@@ -18,8 +18,8 @@ from hulldown.reading.blender.tidy_properties import PART, REST
 from hulldown.render.blender import cycles
 from hulldown.render.blender.scene import Stage
 from hulldown.render.messages import CameraInput, CyclesSettings, LightInput, SceneryInput, VehicleInput
+from hulldown.tests.blend_parts import cuboid, fresh, save
 from hulldown.tests.node_trees import grouped, material_of, principled, shader_group, write_picture
-from hulldown.tests.render_worlds import fresh, save
 
 TILES = ("asphalt", "soil", "paint", "metal", "glass", "grouped", "mixed", "matt")
 Z_FROM_Y_UP = [[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]]
@@ -104,9 +104,7 @@ def yard(path, scenery_from_file=None):
 def vehicle(path):
     """The tidy twin of a black box of 4 x 4 x 3 m with the ground's material."""
     fresh()
-    bpy.ops.mesh.primitive_cube_add(size=1.0)
-    obj = bpy.context.object
-    obj.data.materials.append(black("black"))
+    obj = cuboid("car", (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), black("black"))
     rest = np.diag([4.0, 4.0, 3.0, 1.0])
     rest[2, 3] = 1.5
     obj[PART], obj[REST] = 0, rest.ravel().tolist()

@@ -11,29 +11,17 @@ from hulldown.planning.inputs.found_assets import FoundFile, asset_files, found_
 from hulldown.planning.inputs.loading import hdri_paths
 from hulldown.tests.blender_plans import run_python
 
-# Code for Blender that begins with an empty scene.
-CUBES = """
-import bpy, pathlib
-
-def cube(name, size, place):
-    bpy.ops.mesh.primitive_cube_add(size=1, location=place)
-    bpy.context.object.name, bpy.context.object.scale = name, size
-
-def save(path):
-    pathlib.Path(path).parent.mkdir(parents=True, exist_ok=True)
-    bpy.ops.wm.save_as_mainfile(filepath=str(pathlib.Path(path).resolve()))
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-
-bpy.ops.wm.read_factory_settings(use_empty=True)
-"""
-FILES = f"""{CUBES}
-cube("Hull", (6, 3, 1), (0, 0, 0.5))
-cube("Turret", (2, 2, 1), (0, 0, 1.5))
-bpy.ops.wm.save_as_mainfile(filepath=str(pathlib.Path("tank.blend").resolve()))
+FILES = """
+from hulldown.tests.blend_parts import cuboid, fresh, save
+fresh()
+cuboid("Hull", (6, 3, 1), (0, 0, 0.5))
+cuboid("Turret", (2, 2, 1), (0, 0, 1.5))
+save("tank.blend")
 save("mine/tanks/one/scene.blend")
-cube("Ground", (100, 100, 1), (0, 0, 0))
+fresh()
+cuboid("Ground", (100, 100, 1), (0, 0, 0))
 for x in (-40, 40):
-    cube("Rock", (2, 2, 2), (x, 0, 1))
+    cuboid("Rock", (2, 2, 2), (x, 0, 1))
 save("mine/outside/park.blend")
 """
 # Two rows of four pixels, in Radiance's format without run lengths.

@@ -11,12 +11,14 @@ from hulldown.reading.inspect import COLORS, PAGE, Inspected, draw, inspect, wri
 from hulldown.reading.report import FileReport
 from hulldown.tests.blender_plans import run_python
 from hulldown.tests.shapes import box, scenery_of, vehicle_of
-from hulldown.tests.test_found_assets import CUBES
 
-FILE = f"""{CUBES}
+FILE = """
+import bpy
+from hulldown.tests.blend_parts import cuboid, fresh, save
+fresh()
 bpy.context.scene.unit_settings.scale_length = 0.01
-cube("Hull", (4, 4, 4), (0, 0, 2))
-cube("Turret", (2, 2, 2), (0, 0, 4.5))
+cuboid("Hull", (4, 4, 4), (0, 0, 2))
+cuboid("Turret", (2, 2, 2), (0, 0, 4.5))
 material = bpy.data.materials.new("paint")
 image = bpy.data.images.new("gone", 1, 1)
 image.source, image.filepath = "FILE", "//gone.png"

@@ -11,15 +11,18 @@ from hulldown import cli
 from hulldown.planning.inputs.inspection import inspect_file
 from hulldown.reading.inspect import inspect
 from hulldown.tests.blender_plans import run_python
-from hulldown.tests.test_found_assets import CUBES, SKY
+from hulldown.tests.test_found_assets import SKY
 
-FILES = f"""{CUBES}
-cube("Hull", (300, 600, 100), (0, 0, 50))
-cube("Turret", (200, 200, 100), (0, 0, 150))
-cube("Crate", (200, 200, 200), (500, 0, 100))
+FILES = """
+from hulldown.tests.blend_parts import cuboid, fresh, save
+fresh()
+cuboid("Hull", (300, 600, 100), (0, 0, 50))
+cuboid("Turret", (200, 200, 100), (0, 0, 150))
+cuboid("Crate", (200, 200, 200), (500, 0, 100))
 save("tank.blend")
-cube("Lawn", (100, 100, 1), (0, 0, 0))
-cube("Rock", (2, 2, 2), (0, 0, 1))
+fresh()
+cuboid("Lawn", (100, 100, 1), (0, 0, 0))
+cuboid("Rock", (2, 2, 2), (0, 0, 1))
 save("park.blend")
 """
 CONFIG = """

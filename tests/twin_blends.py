@@ -15,23 +15,15 @@ import bpy
 from hulldown.reading.blender import duplicates, reader
 from hulldown.reading.blender.opening import open_blend
 from hulldown.reading.export import job_for
-from hulldown.tests.messy_parts import collection
+from hulldown.tests.blend_parts import collection, fresh, instance, mesh, place, save
 from hulldown.tests.shapes import CORNERS, QUADS
 
 DRAW = random.Random(0)
 
 
-def mesh(name, vertices=CORNERS, faces=QUADS):
-    made = bpy.data.meshes.new(name)
-    made.from_pydata(vertices, [], faces)
-    return made
-
-
 def add(name, data, collection=None):
-    made = bpy.data.objects.new(name, data)
-    made.location = DRAW.uniform(-80, 80), DRAW.uniform(-80, 80), DRAW.uniform(-1, 1)
-    (collection or bpy.context.scene.collection).objects.link(made)
-    return made
+    at = DRAW.uniform(-80, 80), DRAW.uniform(-80, 80), DRAW.uniform(-1, 1)
+    return place(name, data, at, collection=collection)
 
 
 def pairs(name, data, change, count=2):
@@ -83,11 +75,10 @@ def copies(stone, red):
 
 
 def make():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    fresh()
     edge = [(-100, -100, 0), (100, -100, 0), (100, 100, 0), (-100, 100, 0)]
-    ground = add("ground", mesh("ground", edge, [[0, 1, 2, 3]]))
-    ground.location = 0, 0, 0
-    stone, empty = mesh("stone"), mesh("empty", [(0, 0, 0)], [])
+    place("ground", mesh("ground", edge, [[0, 1, 2, 3]]))
+    stone, empty = mesh("stone", CORNERS, QUADS), mesh("empty", [(0, 0, 0)], [])
     stone.materials.append(bpy.data.materials.new("gray"))
     red = bpy.data.materials.new("red")
 
@@ -148,8 +139,7 @@ def make():
     for name, where in places.items():
         for number in range(3):
             add(f"{name} {number}", stone, where)
-    drawn = add("drawn again", None)
-    drawn.instance_type, drawn.instance_collection = "COLLECTION", bpy.data.collections["outer"]
+    instance("drawn again", bpy.data.collections["outer"], (30, 30, 0))
     bpy.data.collections["unrendered"].hide_render = True
     bpy.context.view_layer.layer_collection.children["out"].exclude = True
     for number in range(2):
@@ -175,7 +165,7 @@ if __name__ == "__main__":
     folder = Path(sys.argv[1])
     make()
     path = folder / "twins.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=False)
+    save(path, compress=False)
     odd = path.read_bytes()
     assert b"Axtribute" in odd
     path.write_bytes(odd.replace(b"Axtribute", b"A\xfctribute"))  # not UTF-8, as in old files

@@ -13,6 +13,7 @@ import bpy
 import numpy as np
 
 from hulldown.reading.blender.tidy_properties import PART, REST
+from hulldown.tests.blend_parts import collection, fresh, save
 from hulldown.tests.node_trees import write_picture
 
 
@@ -69,10 +70,9 @@ CASES = {case.__name__: case for case in (particles, paint, fluid, outputs, noth
 
 def as_vehicle():
     """Move all objects into a collection, as in prepared vehicles."""
-    collection = bpy.data.collections.new("A vehicle")
-    bpy.context.scene.collection.children.link(collection)
+    vehicle = collection("A vehicle")
     for obj in [obj for obj in bpy.context.scene.objects if obj.type == "MESH"]:
-        collection.objects.link(obj)
+        vehicle.objects.link(obj)
         obj[PART], obj[REST] = 0, np.eye(4).ravel().tolist()
 
 
@@ -88,11 +88,11 @@ def main(what, *paths):
         return
     folder, target = map(Path, paths)
     for name, case in CASES.items():
-        bpy.ops.wm.read_factory_settings(use_empty=True)
-        bpy.ops.wm.save_as_mainfile(filepath=str(folder / f"{name}.blend"))  # otherwise caches can't be on disk
+        fresh()
+        save(folder / f"{name}.blend")  # otherwise caches can't be on disk
         case(target)
         as_vehicle()
-        bpy.ops.wm.save_as_mainfile(filepath=str(folder / f"{name}.blend"))
+        save(folder / f"{name}.blend")
         sys.stdout.flush()
     sky(folder / "sky.exr")
 
