@@ -15,24 +15,20 @@ from hulldown.tests.blender_plans import run_python
 
 MADE = """
 import bpy, sys
-bpy.ops.wm.read_factory_settings(use_empty=True)
-named = (("Skydome", 400), ("Rock", 2), ("Inner backdrop", 300), ("Inner rock", 3))
-for name, size in named:
-    bpy.ops.mesh.primitive_cube_add(size=size)
-    bpy.context.object.name = bpy.context.object.data.name = name
-bpy.ops.mesh.primitive_cube_add(size=100)
-bpy.context.object.name, bpy.context.object.data.name = "Terrain_N", "Skydome.001"
+from hulldown.tests.blend_parts import cuboid, fresh, instance, link, save
+fresh()
+kept = bpy.data.collections.new("kept")  # in no scene, but instanced
+for name, size in (("Skydome", 400), ("Rock", 2), ("Inner backdrop", 300), ("Inner rock", 3), ("Terrain_N", 100)):
+    made = cuboid(name, (size, size, size), (0, 0, 0))
+    made.data.name = "Skydome.001" if name == "Terrain_N" else name
+    if name.startswith("Inner"):
+        bpy.context.scene.collection.objects.unlink(made)
+        link(made, kept)
 bpy.ops.curve.primitive_bezier_circle_add(radius=90)
 bpy.context.object.name, bpy.context.object.data.name = "Ring", "Sky ring"
 bpy.context.object.data.bevel_depth = 1.0
-kept = bpy.data.collections.new("kept")  # in no scene, but instanced
-for obj in [o for o in bpy.data.objects if o.name.startswith("Inner")]:
-    bpy.context.scene.collection.objects.unlink(obj)
-    kept.objects.link(obj)
-carrier = bpy.data.objects.new("carrier", None)
-carrier.instance_type, carrier.instance_collection = "COLLECTION", kept
-bpy.context.scene.collection.objects.link(carrier)
-bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
+instance("carrier", kept)
+save(sys.argv[1])
 """
 SHOWN = """
 import json, sys
