@@ -9,6 +9,7 @@ from hulldown.geometry.transforms import rigid, rotation_z
 from hulldown.reading.roles import Link, Piece, vehicle_roles
 from hulldown.reading.vehicle.parts import find_parts
 from hulldown.reading.vehicle.solids import PlacedPieces, find_solids
+from hulldown.tests.test_roles import piece
 
 names = st.text(st.characters(codec="utf-8", exclude_categories=("Cs",)), max_size=20)
 coordinates = st.floats(-50, 50).map(lambda x: round(x, 3))
@@ -39,28 +40,18 @@ def test_a_word_is_found_in_any_spelling(word: str, gap: str, other: str) -> Non
         assert first_match(f"{word}ish", (word,)) is None
 
 
-def piece(name: str, low: np.ndarray, size: np.ndarray) -> Piece:
-    return Piece("Mesh", (Link(name, (), "MESH", np.eye(4)),), 0, np.eye(4), np.stack([low, low + size]), 12)
-
-
 blocks = st.lists(st.tuples(st.tuples(*[coordinates] * 3), st.tuples(*[sizes] * 3)), min_size=1, max_size=6)
 
 
 @given(blocks, st.permutations(range(3)))
 def test_only_the_floor_under_a_vehicle_is_dropped(parts: list, order: list[int]) -> None:
-    vehicle = [piece(f"Part {i}", np.array(low), np.array(size)) for i, (low, size) in enumerate(parts)]
+    vehicle = [piece(f"Part {i}", size=size, at=np.add(low, np.array(size) / 2)) for i, (low, size) in enumerate(parts)]
     before = [role.use for role in vehicle_roles(vehicle)]
     assert before == ["vehicle"] * len(vehicle) or any(p.bounds[1, 2] - p.bounds[0, 2] < 0.2 for p in vehicle)
     low, high = np.min([p.bounds[0] for p in vehicle], axis=0), np.max([p.bounds[1] for p in vehicle], axis=0)
     reach = 3 * float((high - low)[:2].max())
-    floors = [
-        piece(
-            name,
-            np.array([low[0] - reach, low[1] - reach, low[2] - 0.001]),
-            np.array([*(high - low)[:2] + 2 * reach, 0.001]),
-        )
-        for name in ("Floor", "Object_17", "Plane.003")
-    ]
+    wide, under = (*(high - low)[:2] + 2 * reach, 0.001), (*(low + high)[:2] / 2, low[2] - 0.0005)
+    floors = [piece(name, size=wide, at=under) for name in ("Floor", "Object_17", "Plane.003")]
     roles = [role.use for role in vehicle_roles([*(floors[i] for i in order), *vehicle])]
     assert roles == ["dropped"] * 3 + before
 

@@ -1,11 +1,11 @@
 """Reading any .blend gives a report or a one-line error, never a traceback."""
 
+import contextlib
 import json
 import os
-import subprocess
+import queue
 import sys
 import tempfile
-import threading
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, event, given, settings
 from hypothesis import strategies as st
 
 from hulldown.assets.bundle import load_scenery, load_vehicle
+from hulldown.geometry.child import Child
 from hulldown.reading.export import Job, exported_by
 from hulldown.reading.inspect import draw
 from hulldown.reading.options import Options
@@ -100,44 +101,29 @@ class Reader:
     """
 
     def __init__(self) -> None:
-        self.child: subprocess.Popen[str] | None = None
+        self.child: Child | None = None
         self.folder = tempfile.TemporaryDirectory(prefix="hulldown-blends-")
 
     def ask(self, message: dict) -> dict:
         """The answer; {"ended": exit status} if the process has ended or hangs, "unmade" if it ended before reading."""
         if self.child is None:
-            self.child = subprocess.Popen(
-                [sys.executable, "-P", str(MAKER), self.folder.name],
-                env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                text=True,
-            )
+            self.heard: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+            command = [sys.executable, "-P", str(MAKER), self.folder.name]
+            env = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+            self.child = Child(command, env=env, hear=self.heard.put, log=Path(self.folder.name, "log"))
+        self.child.write(json.dumps(message).encode() + b"\n")
         reached = "unmade"
-        child, timer = self.child, threading.Timer(PATIENCE_S, self.child.kill)
-        timer.start()
-        try:
-            child.stdin.write(json.dumps(message) + "\n")
-            child.stdin.flush()
-            line = child.stdout.readline()
-            if line == "reading\n":
-                reached, line = "ended", child.stdout.readline()
+        with contextlib.suppress(queue.Empty):
+            line = self.heard.get(timeout=PATIENCE_S)
+            if line == b"reading\n":
+                reached, line = "ended", self.heard.get(timeout=PATIENCE_S)
             if line:
                 return json.loads(line)
-        except BrokenPipeError:
-            pass
-        finally:
-            timer.cancel()
         return {reached: self.close()}
 
     def close(self) -> int | None:
         child, self.child = self.child, None
-        if child is None:
-            return None
-        child.kill()
-        child.communicate()
-        return child.returncode
+        return child and child.kill()
 
 
 @pytest.fixture(scope="module")
