@@ -30,9 +30,9 @@ def card(alpha: AlphaMap = CHECKS, *, y: float = 0.0, uv: np.ndarray = CORNERS) 
     return Mesh(SQUARE + np.array([0.0, y, 0.0]), HALVES, "card", cut)
 
 
-def through(n: int = 4000, seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def through(n: int = 4000) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rays along y, and their positions on the cards."""
-    at = np.random.default_rng(seed).random((n, 2))
+    at = np.random.default_rng(1).random((n, 2))
     return np.column_stack([at[:, 0], np.full(n, -3.0), at[:, 1]]), np.tile([0.0, 1.0, 0.0], (n, 1)), at
 
 

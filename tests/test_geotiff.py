@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import rasterio
+import shapely.geometry
 from pyproj import Transformer
 from rasterio.transform import Affine, from_origin
 from rasterio.vrt import WarpedVRT
@@ -225,16 +226,13 @@ def test_keys_of_geotiffs_are_checked(keys):
         Config.of({"assets": {"vehicles": [{"path": "a.blend", "category": "a"}], "sceneries": [scenery]}})
 
 
-def feature(corner, size, properties, *, hole=None):
-    """A rectangle of a map in meters, in degrees."""
-    to_degrees = Transformer.from_crs(UTM, "OGC:CRS84", always_xy=True)
-    x, y = corner
-    rings = [[(x, y), (x + size, y), (x + size, y + size), (x, y + size), (x, y)]]
-    if hole:
-        a, b = size / 2 - hole / 2, size / 2 + hole / 2
-        rings.append([(x + a, y + a), (x + a, y + b), (x + b, y + b), (x + b, y + a), (x + a, y + a)])
-    rings = [[list(to_degrees.transform(*point)) for point in ring] for ring in rings]
-    return {"type": "Feature", "properties": properties, "geometry": {"type": "Polygon", "coordinates": rings}}
+def feature(corner, size, properties, *, hole=0.0):
+    """A square of a map in meters, in degrees, with a square hole in its middle."""
+    x, y = np.add(corner, size / 2)
+    outer, inner = (shapely.box(x - half, y - half, x + half, y + half) for half in (size / 2, hole / 2))
+    to_degrees = Transformer.from_crs(UTM, "OGC:CRS84", always_xy=True).transform
+    outline = shapely.transform(outer - inner, to_degrees, interleaved=False)
+    return {"type": "Feature", "properties": properties, "geometry": shapely.geometry.mapping(outline)}
 
 
 @pytest.mark.blender

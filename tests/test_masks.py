@@ -80,16 +80,8 @@ LENGTHS = [None, 5, {}, "zzz", "", "o", "0 0", "\u00e9", "oooooooo0", "1", [-1],
 @pytest.mark.parametrize(
     "segmentation",
     [
-        *(
-            5,
-            "x",
-            [1],
-            {"size": [3, 4]},
-            [[1, 2, 3, 4]],
-            [],
-            {"size": 3, "counts": "0"},
-            {"size": [4, 3], "counts": "0"},
-        ),
+        *(5, "x", [1], [], [[1, 2, 3, 4]], {"size": [3, 4]}),
+        *({"size": size, "counts": "0"} for size in (3, [4, 3])),
         *([[wrong] * 6] for wrong in ("a", None, 1e9)),
         *({"size": [3, 4], "counts": counts} for counts in LENGTHS),
     ],
