@@ -1,6 +1,5 @@
 """Small plans of files that Blender writes and renders."""
 
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -29,11 +28,6 @@ def run_python(*arguments, check=True, cwd=None):
     ran = subprocess.run(command, capture_output=True, text=True, errors="replace", cwd=cwd)
     assert ran.returncode == 0 or not check, ran.stdout[-3000:] + ran.stderr[-3000:]
     return ran.stdout
-
-
-def copied(worlds, folder):
-    """Copy a folder, so that files and caches aren't shared."""
-    return Path(shutil.copytree(worlds, folder, dirs_exist_ok=True))
 
 
 def plan_in(folder, *, vehicle="tank.blend", scenery="field.blend", images=IMAGES):

@@ -46,7 +46,7 @@ def messy(tmp_path_factory: pytest.TempPathFactory) -> Messy:
 
 @pytest.fixture(scope="session")
 def worlds(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The files of render_worlds.py, with tank, field, and gray sky in the cache; tests that write copy them."""
+    """The files of render_worlds.py, with tank, field, and gray sky in the cache; see `own_worlds`."""
     from hulldown.tests.blender_plans import plan_in, run_script
 
     def make(folder: Path) -> None:
@@ -54,6 +54,12 @@ def worlds(tmp_path_factory: pytest.TempPathFactory) -> Path:
         plan_in(folder, images=1).unlink()
 
     return made_once(tmp_path_factory, "worlds", make)
+
+
+@pytest.fixture(scope="module")
+def own_worlds(worlds: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of `worlds` for one module, so that files and caches aren't shared."""
+    return shutil.copytree(worlds, tmp_path_factory.mktemp("worlds"), dirs_exist_ok=True)
 
 
 @pytest.fixture(scope="module")

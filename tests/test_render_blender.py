@@ -30,7 +30,7 @@ from hulldown.render.masks import cycles_masks, verify_masks
 from hulldown.render.messages import to_json
 from hulldown.render.process import DEFAULT_LIMITS, WORKER, Allowance, Blender, Limits, worker_command
 from hulldown.render.supervisor import render_plan
-from hulldown.tests.blender_plans import copied, draw, drawn, job, make_plan, pixels
+from hulldown.tests.blender_plans import draw, drawn, job, make_plan, pixels
 
 pytestmark = pytest.mark.blender
 CONFIG = {
@@ -47,13 +47,8 @@ CONFIG = {
 
 
 @pytest.fixture(scope="module")
-def folder(worlds, tmp_path_factory):
-    return copied(worlds, tmp_path_factory.mktemp("rendered"))
-
-
-@pytest.fixture(scope="module")
-def plan(folder):
-    return make_plan(folder, seed=5, **CONFIG)
+def plan(own_worlds):
+    return make_plan(own_worlds, seed=5, **CONFIG)
 
 
 @pytest.fixture(scope="module")
@@ -62,10 +57,10 @@ def assets(plan):
 
 
 @pytest.fixture(scope="module")
-def dataset(plan, assets, folder):
-    report = render_plan(plan.path, folder / "dataset", assets=assets)
+def dataset(plan, assets, own_worlds):
+    report = render_plan(plan.path, own_worlds / "dataset", assets=assets)
     assert report.complete
-    return folder / "dataset"
+    return own_worlds / "dataset"
 
 
 def standing(assets, target):
@@ -126,12 +121,12 @@ Z_FROM_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 
 TURNED = np.array([[0, 0.01, 0, 3.0], [-0.01, 0, 0, 4.0], [0, 0, 0.01, -5.0], [0, 0, 0, 1.0]])
 
 
-def test_the_sky_turns_counter_clockwise_with_yaw(plan, assets, folder, tmp_path):
+def test_the_sky_turns_counter_clockwise_with_yaw(plan, assets, own_worlds, tmp_path):
     """A bright patch at azimuth 0 appears at azimuth yaw, for any up axis and unit of the scenery's file."""
     cases = [(0.0, np.eye(4)), (75.0, np.eye(4)), (-120.0, np.eye(4)), (75.0, Z_FROM_Y_UP), (75.0, TURNED)]
     turns = []
     for yaw_deg, scenery_from_file in cases:
-        walls = SceneryFile(folder / "walls.blend", scenery_from_file, assets.sceneries["field"].scenery)
+        walls = SceneryFile(own_worlds / "walls.blend", scenery_from_file, assets.sceneries["field"].scenery)
         camera = looking(yaw_deg, 20.0, at=(0.0, 0.0, 4000.0))
         row = altered(plan[0], **camera, scenery="walls", hdri="sky", hdri_yaw_deg=yaw_deg, companions=[])
         turns.append((row, replace(assets, sceneries={"walls": walls})))
@@ -141,18 +136,18 @@ def test_the_sky_turns_counter_clockwise_with_yaw(plan, assets, folder, tmp_path
         assert np.abs(bright.mean(axis=0) + 0.5 - [36.0, 64.0]).max() < 1.5
 
 
-def test_render_settings_of_a_file_do_not_leak(plan, assets, folder, tmp_path):
+def test_render_settings_of_a_file_do_not_leak(plan, assets, own_worlds, tmp_path):
     """The file sets half size, a crop, a raw view, overexposure, a material override, and a black compositor."""
     field = assets.sceneries["field"]
-    leaking = replace(field, path=folder / "leaking.blend")
+    leaking = replace(field, path=own_worlds / "leaking.blend")
     other = replace(assets, sceneries={"field": leaking})
     row = altered(next(row for row in plan if row.scenery != "map"), scenery="field")
     clean, leaked = draw(tmp_path, [(row, assets), (row, other)])
     assert np.array_equal(clean, leaked)
 
 
-def test_scripts_and_drivers_of_a_file_do_not_run(plan, assets, folder, worlds, tmp_path):
-    evil = replace(assets.sceneries["field"], path=folder / "evil.blend")
+def test_scripts_and_drivers_of_a_file_do_not_run(plan, assets, own_worlds, worlds, tmp_path):
+    evil = replace(assets.sceneries["field"], path=own_worlds / "evil.blend")
     row = altered(plan[0], scenery="field")
     draw(tmp_path, [(altered(row, sample_seed=n), replace(assets, sceneries={"field": evil})) for n in (1, 2)])
     assert not (worlds / "registered").exists()
@@ -196,10 +191,10 @@ def test_a_failed_job_has_a_reason_and_the_next_one_is_done(plan, assets, tmp_pa
         assert not blender.do(good).reasons
 
 
-def test_the_sky_changes_in_a_scenery_that_packs_its_pictures(plan, assets, folder, tmp_path):
+def test_the_sky_changes_in_a_scenery_that_packs_its_pictures(plan, assets, own_worlds, tmp_path):
     """With `Automatically Pack Resources` on, the second HDRI was rendered as the first one."""
     field = assets.sceneries["field"]
-    packing = replace(assets, sceneries={"field": replace(field, path=folder / "leaking.blend")})
+    packing = replace(assets, sceneries={"field": replace(field, path=own_worlds / "leaking.blend")})
     pictures = []
     for a in (replace(assets, sceneries={"field": field}), packing):
         with Blender(tmp_path / "log") as blender:
@@ -241,7 +236,7 @@ def test_annotations_of_a_dataset_equal_masks_by_cycles(dataset, plan, assets):
     assert report.table().row_count == len(report.rows)
 
 
-def test_assets_that_changed_since_planning_are_refused(plan, assets, folder):
+def test_assets_that_changed_since_planning_are_refused(plan, assets, own_worlds):
     header = altered(plan.header, hdris={**plan.header.hdris, "gray": Source(path="gray.exr", sha256="0" * 64)})
     with pytest.raises(ConfigError, match=r"'gray' \(gray.exr\) is not what it was when this was planned"):
         render_assets(Plan(plan.path, header))

@@ -1,9 +1,8 @@
 """Cycles renders paint on the right materials of an odd file, and on nothing else."""
 
-import colorsys
-
 import numpy as np
 import pytest
+from matplotlib.colors import rgb_to_hsv
 from msgspec.structs import replace as altered
 from scipy import ndimage
 
@@ -15,7 +14,7 @@ from hulldown.planning.appearance.paint import Coat
 from hulldown.planning.check import check_plan
 from hulldown.planning.inputs.loading import load_library
 from hulldown.render.jobs import render_assets
-from hulldown.tests.blender_plans import copied, draw, make_plan, run_script
+from hulldown.tests.blender_plans import draw, make_plan, run_script
 
 pytestmark = pytest.mark.blender
 RAIN = Weather(2000.0, "rain", 15.0, ground_cover=1.0, vehicle_cover=1.0)
@@ -36,10 +35,9 @@ CONFIG = {
 
 
 @pytest.fixture(scope="module")
-def folder(worlds, tmp_path_factory):
-    made = copied(worlds, tmp_path_factory.mktemp("painted"))
-    run_script("painted_blends.py", made)
-    return made
+def folder(own_worlds):
+    run_script("painted_blends.py", own_worlds)
+    return own_worlds
 
 
 @pytest.fixture(scope="module")
@@ -99,8 +97,7 @@ def masks(row, assets):
 
 def hues(picture):
     """Hues of pixels in degrees."""
-    flat = picture.reshape(-1, 3) / 255.0
-    return np.array([360.0 * colorsys.rgb_to_hsv(*pixel)[0] for pixel in flat]).reshape(picture.shape[:2])
+    return 360.0 * rgb_to_hsv(picture / 255.0)[..., 0]
 
 
 def is_hue(picture, wanted, within=25.0):

@@ -8,7 +8,7 @@ import time
 import psutil
 import pytest
 
-from hulldown.tests.blender_plans import IMAGES, copied, plan_in
+from hulldown.tests.blender_plans import IMAGES, plan_in
 from hulldown.tests.oracles.resuming import differences
 
 pytestmark = pytest.mark.blender
@@ -27,11 +27,10 @@ def wait_for(run, dataset, pictures):
 
 
 @pytest.fixture(scope="module")
-def folder(worlds, tmp_path_factory):
+def folder(own_worlds):
     """A plan, rendered into `whole` by an undisturbed run and into `killed` with kills."""
-    made = copied(worlds, tmp_path_factory.mktemp("resuming"))
-    plan, dataset = plan_in(made), made / "killed"
-    assert started(plan, made / "whole").wait() == 0
+    plan, dataset = plan_in(own_worlds), own_worlds / "killed"
+    assert started(plan, own_worlds / "whole").wait() == 0
     run = started(plan, dataset)
     wait_for(run, dataset, 2)
     psutil.Process(run.pid).children()[-1].kill()
@@ -39,7 +38,7 @@ def folder(worlds, tmp_path_factory):
     run.kill()
     run.wait()
     assert started(plan, dataset).wait() == 0
-    return made
+    return own_worlds
 
 
 def test_two_kills_lose_and_double_nothing(folder):

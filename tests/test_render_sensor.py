@@ -11,26 +11,21 @@ from hulldown.planning.check import check_plan
 from hulldown.planning.inputs.loading import load_library
 from hulldown.render.jobs import render_assets
 from hulldown.render.supervisor import render_plan
-from hulldown.tests.blender_plans import copied, draw, make_plan
+from hulldown.tests.blender_plans import draw, make_plan
 
 pytestmark = pytest.mark.blender
 
 
 @pytest.fixture(scope="module")
-def folder(worlds, tmp_path_factory):
-    return copied(worlds, tmp_path_factory.mktemp("sensed"))
+def plan(own_worlds):
+    return make_plan(own_worlds, budget={"images_per_class": 2}, sensor={"preset": "camera"})
 
 
-@pytest.fixture(scope="module")
-def plan(folder):
-    return make_plan(folder, budget={"images_per_class": 2}, sensor={"preset": "camera"})
-
-
-def test_a_sensor_without_effects_gives_blenders_own_picture(plan, folder):
+def test_a_sensor_without_effects_gives_blenders_own_picture(plan, own_worlds):
     assets, row = render_assets(plan), plan[0]
     turned = altered(row, exposure_ev=row.exposure_ev + 1.0, white_balance_k=1500.0)
     rows = [altered(each, sensor=sensor) for each in (row, turned) for sensor in (None, Sensor())]
-    pictures = draw(folder, [(each, assets) for each in rows], samples=2)
+    pictures = draw(own_worlds, [(each, assets) for each in rows], samples=2)
     for own, developed in zip(pictures[::2], pictures[1::2], strict=True):
         apart = np.abs(own - developed)
         assert np.ptp(own) > 100.0
@@ -38,9 +33,9 @@ def test_a_sensor_without_effects_gives_blenders_own_picture(plan, folder):
         assert apart.max() <= 2.0
 
 
-def test_a_dataset_of_jpeg_files_is_sound_and_reproducible(plan, folder):
+def test_a_dataset_of_jpeg_files_is_sound_and_reproducible(plan, own_worlds):
     assert check_plan(plan, load_library(plan.config).assets) == []
-    datasets = [folder / name for name in ("one", "again")]
+    datasets = [own_worlds / name for name in ("one", "again")]
     for dataset in datasets:
         assert render_plan(plan.path, dataset, assets=render_assets(plan)).complete
     names = [f"images/{i:08d}.jpg" for i in (1, 2)]
@@ -48,5 +43,5 @@ def test_a_dataset_of_jpeg_files_is_sound_and_reproducible(plan, folder):
     assert contents[0] == contents[1], "the noise doesn't follow from the row's seed"
     assert all(content.startswith(b"\xff\xd8\xff") for content in contents[0])
     assert list(verify(datasets[0], plan=plan.path)) == []
-    export(datasets[0], folder / "yolo", layout="yolo")
-    assert len(list((folder / "yolo").rglob("*.jpg"))) == 2
+    export(datasets[0], own_worlds / "yolo", layout="yolo")
+    assert len(list((own_worlds / "yolo").rglob("*.jpg"))) == 2

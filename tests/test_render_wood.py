@@ -6,15 +6,15 @@ import pytest
 from hulldown.render.jobs import render_assets
 from hulldown.render.masks import cycles_masks, verify_masks
 from hulldown.render.supervisor import render_plan
-from hulldown.tests.blender_plans import copied, make_plan
+from hulldown.tests.blender_plans import make_plan
 
 pytestmark = pytest.mark.blender
 
 
 @pytest.fixture(scope="module")
-def plan(worlds, tmp_path_factory):
+def plan(own_worlds):
     return make_plan(
-        copied(worlds, tmp_path_factory.mktemp("wood")),
+        own_worlds,
         seed=3,
         assets={"sceneries": [{"path": "wood.blend"}]},
         budget={"images_per_class": 6, "images_per_position": 1},
