@@ -19,13 +19,11 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from hulldown.tests.blend_parts import empty, fresh, place, save
+from hulldown.tests.messy_export import FOV, SIZE
 from hulldown.tests.messy_parts import CASES, FOLDER, box
 
 for cases in ("messy_vehicles", "messy_contents", "messy_sceneries"):
     importlib.import_module(f"hulldown.tests.{cases}")  # this import fills CASES
-
-SIZE = 160
-FOV = math.radians(40)
 
 
 def build(name: str) -> dict:

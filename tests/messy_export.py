@@ -1,7 +1,9 @@
 """The messy files, built, exported, and rendered once for all tests; see messy_blends.py."""
 
+import gzip
 import json
 import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -19,14 +21,26 @@ from hulldown.reading.export import Exported, Job, exported_by, job_for
 from hulldown.reading.options import Options
 from hulldown.tests.blender_plans import run_python, run_script
 
-SIZE, FOV = 160, math.radians(40)  # as in messy_blends.py
+SIZE, FOV = 160, math.radians(40)  # of pictures
 VEHICLES = [
     *("modifiers", "clutter", "instances", "keyframes", "keyframes_turned", "collections", "no_origins", "surfaces"),
     *("centimeters", "y_up", "faces_minus_y", "armature", "linked", "textured", "lost_library", "malicious"),
     "nodes",
 ]
 SCENERIES = ["scattered", "unnamed"]
-DAMAGED = ("truncated", "scrambled", "newer", "newer_compressed")
+
+
+def newer(sound: bytes) -> bytes:
+    """A file of Blender 9.1."""
+    return sound[:13] + b"0901" + sound[17:]
+
+
+DAMAGED: dict[str, Callable[[bytes], bytes]] = {
+    "truncated": lambda sound: sound[: len(sound) // 2],
+    "scrambled": lambda sound: sound[:200] + np.random.default_rng(7).bytes(len(sound) - 200),
+    "newer": newer,
+    "newer_compressed": lambda sound: gzip.compress(newer(sound)),
+}
 
 
 @dataclass
@@ -63,8 +77,8 @@ def alpha(path: Path) -> np.ndarray:
 def build(folder: Path) -> None:
     """Build the messy files, export them, and render their tidy twins, in three Blender processes."""
     run_script("messy_blends.py", folder, "build")
-    for name, content in _damaged((folder / "malicious.blend").read_bytes()).items():
-        (folder / f"{name}.blend").write_bytes(content)
+    for name, damage in DAMAGED.items():
+        (folder / f"{name}.blend").write_bytes(damage((folder / "malicious.blend").read_bytes()))
     jobs = _jobs(folder)
     for name, job in jobs.items():
         (folder / f"out_{name}").mkdir()
@@ -111,21 +125,6 @@ def _jobs(folder: Path) -> dict[str, Job]:
 
 def _cases(folder: Path) -> dict:
     return json.loads((folder / "cases.json").read_text())
-
-
-def _damaged(sound: bytes) -> dict[str, bytes]:
-    import gzip
-
-    rng = np.random.default_rng(7)
-    scrambled = np.frombuffer(sound, np.uint8).copy()
-    scrambled[200:] = rng.integers(0, 256, len(sound) - 200)
-    newer = sound[:13] + b"0901" + sound[17:]
-    return {
-        "truncated": sound[: len(sound) // 2],
-        "scrambled": scrambled.tobytes(),
-        "newer": newer,
-        "newer_compressed": gzip.compress(newer),
-    }
 
 
 def into_asset(asset: VehicleShape | Scenery, camera: np.ndarray) -> np.ndarray:

