@@ -57,9 +57,18 @@ class Messy:
         return (load_vehicle if exported.report.kind == "vehicle" else load_scenery)(exported.bundle)
 
     def cameras(self, name: str) -> list[np.ndarray]:
-        return [np.array(c) for c in self.cases[name]["cameras"]]
+        """Poses of its cameras in the frame of the asset."""
+        asset = self.asset(name)
+        into = asset.vehicle_from_file if isinstance(asset, VehicleShape) else asset.scenery_from_file
+        return [into @ np.array(camera) for camera in self.cases[name]["cameras"]]
+
+    def silhouettes(self, name: str, articulation: dict | None = None) -> list[np.ndarray]:
+        """Silhouettes of the exported geometry from its cameras."""
+        asset = self.asset(name)
+        return [silhouette(asset, camera, articulation) for camera in self.cameras(name)]
 
     def shown(self, name: str) -> list[np.ndarray]:
+        """Cycles' silhouettes from these cameras; that of the tidy twin with ".tidy" after the name."""
         return [alpha(self.folder / f"{name}.{i}.png") for i in range(2)]
 
     def uses(self, name: str) -> dict[str, set[str]]:
@@ -91,7 +100,7 @@ def build(folder: Path) -> None:
             "kind": made.exported[name].report.kind,
             "path": str(made.exported[name].tidy),
             "hide": made.cases[name]["hide"],
-            "cameras": [into_asset(made.asset(name), c).tolist() for c in made.cameras(name)],
+            "cameras": [camera.tolist() for camera in made.cameras(name)],
         }
         for name in [*VEHICLES, *SCENERIES, "hairy", "furry", "map_in_mesh", "map_in_object"]
     }
@@ -125,12 +134,6 @@ def _jobs(folder: Path) -> dict[str, Job]:
 
 def _cases(folder: Path) -> dict:
     return json.loads((folder / "cases.json").read_text())
-
-
-def into_asset(asset: VehicleShape | Scenery, camera: np.ndarray) -> np.ndarray:
-    """A camera in the file's world, moved to the asset's frame."""
-    into = asset.vehicle_from_file if isinstance(asset, VehicleShape) else asset.scenery_from_file
-    return into @ camera
 
 
 def silhouette(asset: VehicleShape | Scenery, camera: np.ndarray, articulation: dict | None = None) -> np.ndarray:
