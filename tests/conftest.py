@@ -16,6 +16,8 @@ from filelock import FileLock
 if TYPE_CHECKING:
     from selenium.webdriver import Chrome
 
+    from hulldown.planning.plan_file import Plan
+    from hulldown.render.jobs import RenderAssets
     from hulldown.tests.messy_export import Messy
 
 
@@ -69,6 +71,14 @@ def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 
     script = request.module.SCRIPT
     return made_once(tmp_path_factory, Path(script).stem, partial(run_script, script))
+
+
+@pytest.fixture(scope="module")
+def assets(plan: Plan) -> RenderAssets:
+    """The files of the module's `plan`, for rendering."""
+    from hulldown.render.jobs import render_assets
+
+    return render_assets(plan)
 
 
 @pytest.fixture(scope="session")

@@ -52,11 +52,6 @@ def plan(own_worlds):
 
 
 @pytest.fixture(scope="module")
-def assets(plan):
-    return render_assets(plan)
-
-
-@pytest.fixture(scope="module")
 def dataset(plan, assets, own_worlds):
     report = render_plan(plan.path, own_worlds / "dataset", assets=assets)
     assert report.complete

@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace as altered
 
 from hulldown.camera.weather.kinds import Weather
-from hulldown.render.jobs import VehicleFile, render_assets
+from hulldown.render.jobs import VehicleFile
 from hulldown.tests.blender_plans import draw, make_plan
 
 pytestmark = pytest.mark.blender
@@ -32,11 +32,6 @@ def plan(own_worlds, written):
         budget={"images_per_class": 4, "images_per_position": 1},
         placement={"vehicles_per_image": 2, "companion_distance": [9.0, 20.0]},
     )
-
-
-@pytest.fixture(scope="module")
-def assets(plan):
-    return render_assets(plan)
 
 
 def with_copies(assets, folder, *, tank, other="0"):

@@ -13,7 +13,6 @@ from hulldown.camera.world import World
 from hulldown.planning.appearance.paint import Coat
 from hulldown.planning.check import check_plan
 from hulldown.planning.inputs.loading import load_library
-from hulldown.render.jobs import render_assets
 from hulldown.tests.blender_plans import draw, make_plan, run_script
 
 pytestmark = pytest.mark.blender
@@ -45,11 +44,6 @@ def plan(folder):
     made = make_plan(folder, seed=5, **CONFIG)
     assert check_plan(made, load_library(made.config).assets) == []
     return made
-
-
-@pytest.fixture(scope="module")
-def assets(plan):
-    return render_assets(plan)
 
 
 def repainted(row, coats):

@@ -9,7 +9,6 @@ from hulldown.dataset.exports.export import export
 from hulldown.dataset.verification.verify import verify
 from hulldown.planning.check import check_plan
 from hulldown.planning.inputs.loading import load_library
-from hulldown.render.jobs import render_assets
 from hulldown.render.supervisor import render_plan
 from hulldown.tests.blender_plans import draw, make_plan
 
@@ -21,8 +20,8 @@ def plan(own_worlds):
     return make_plan(own_worlds, budget={"images_per_class": 2}, sensor={"preset": "camera"})
 
 
-def test_a_sensor_without_effects_gives_blenders_own_picture(plan, own_worlds):
-    assets, row = render_assets(plan), plan[0]
+def test_a_sensor_without_effects_gives_blenders_own_picture(plan, assets, own_worlds):
+    row = plan[0]
     turned = altered(row, exposure_ev=row.exposure_ev + 1.0, white_balance_k=1500.0)
     rows = [altered(each, sensor=sensor) for each in (row, turned) for sensor in (None, Sensor())]
     pictures = draw(own_worlds, [(each, assets) for each in rows], samples=2)
@@ -33,11 +32,11 @@ def test_a_sensor_without_effects_gives_blenders_own_picture(plan, own_worlds):
         assert apart.max() <= 2.0
 
 
-def test_a_dataset_of_jpeg_files_is_sound_and_reproducible(plan, own_worlds):
+def test_a_dataset_of_jpeg_files_is_sound_and_reproducible(plan, assets, own_worlds):
     assert check_plan(plan, load_library(plan.config).assets) == []
     datasets = [own_worlds / name for name in ("one", "again")]
     for dataset in datasets:
-        assert render_plan(plan.path, dataset, assets=render_assets(plan)).complete
+        assert render_plan(plan.path, dataset, assets=assets).complete
     names = [f"images/{i:08d}.jpg" for i in (1, 2)]
     contents = [[(dataset / name).read_bytes() for name in names] for dataset in datasets]
     assert contents[0] == contents[1], "the noise doesn't follow from the row's seed"

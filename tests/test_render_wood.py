@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from hulldown.render.jobs import render_assets
 from hulldown.render.masks import cycles_masks, verify_masks
 from hulldown.render.supervisor import render_plan
 from hulldown.tests.blender_plans import make_plan
@@ -23,8 +22,7 @@ def plan(own_worlds):
     )
 
 
-def test_masks_and_visible_shares_in_a_wood_equal_those_of_cycles(plan, tmp_path):
-    assets = render_assets(plan)
+def test_masks_and_visible_shares_in_a_wood_equal_those_of_cycles(plan, assets, tmp_path):
     assert render_plan(plan.path, tmp_path / "dataset", assets=assets).complete
     report = verify_masks(tmp_path / "dataset", plan.path, count=len(plan), assets=assets)
     assert not [finding for finding in report.findings if finding.severity == "error"]
