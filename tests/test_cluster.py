@@ -271,25 +271,19 @@ def test_a_full_disk_of_the_client_is_a_one_line_error_and_the_run_continues_lat
 
 
 SECRET = """
-import sys
-import bpy
+import pathlib, sys
+import bpy, numpy as np
+from hulldown.tests.blend_parts import save
+from hulldown.tests.node_trees import textured, write_picture
 source, secret, target = sys.argv[1:]
-image = bpy.data.images.new("secret", 8, 8)
-image.generated_color = (1.0, 0.9, 0.0, 1.0)
-image.filepath_raw = secret
-image.file_format = "PNG"
-image.save()
+write_picture(pathlib.Path(secret), np.full((8, 8, 3), (1.0, 0.9, 0.0)))
 bpy.ops.wm.open_mainfile(filepath=source)
-material = bpy.data.materials.new("ground")
-tree = material.node_tree
-texture = tree.nodes.new("ShaderNodeTexImage")
-texture.image = bpy.data.images.load(secret)
-tree.links.new(texture.outputs["Color"], tree.nodes["Principled BSDF"].inputs["Base Color"])
+material = textured("ground", bpy.data.images.load(secret))
 for thing in bpy.data.objects:
     if thing.type == "MESH":
         thing.data.materials.clear()
         thing.data.materials.append(material)
-bpy.ops.wm.save_as_mainfile(filepath=target, relative_remap=False)
+save(target, relative_remap=False)
 """
 
 
