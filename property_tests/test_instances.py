@@ -86,8 +86,8 @@ def test_a_limit_excludes_hits_beyond_it(seed, k, n):
     np.testing.assert_array_equal(blocked[clearly], cut.hit[clearly])
 
 
-@given(seed=st.integers(0, 2**32), k=st.integers(0, 30), axis=st.integers(0, 3))
-def test_the_tree_finds_the_boxes_of_a_plain_loop(seed, k, axis):
+@given(seed=st.integers(0, 2**32), k=st.integers(0, 30), axis=st.integers(0, 3), bundle=st.booleans())
+def test_the_tree_finds_the_boxes_of_a_plain_loop(seed, k, axis, bundle):
     rng = np.random.default_rng(seed)
     low = rng.integers(-4, 5, (k, 3)).astype(float)
     bounds = np.stack([low, low + rng.integers(0, 3, (k, 3))], axis=1)
@@ -95,6 +95,9 @@ def test_the_tree_finds_the_boxes_of_a_plain_loop(seed, k, axis):
     origins = rng.integers(-6, 7, (12, 3)).astype(float)
     directions = rng.integers(-2, 3, (12, 3)).astype(float)
     directions[(directions == 0).all(axis=1)] = np.eye(3)[axis % 3]
+    if bundle:
+        origins = origins[:1] + rng.integers(0, 2, (12, 3)) / 4
+        directions = directions[:1] + rng.integers(-1, 2, (12, 3)) / 64
     reach = rng.uniform(0, 8, 12)
     ray, crossed, _ = BoxTree(bounds).crossed(origins, directions, reach)
     pairs = list(zip(ray.tolist(), crossed.tolist(), strict=True))
