@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from fractions import Fraction
 from unittest import mock
 
@@ -21,41 +22,29 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, Camera
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.transforms import apply, rigid, rotation_about
-from hulldown.tests.shapes import vehicle_of
+from hulldown.geometry.transforms import apply, rigid
+from hulldown.tests.shapes import random_rotations, vehicle_of
 
 PIXEL_ERROR = 1e-6  # the promised error; relative for boxes with more digits than a pixel's
 FIELDS_OF_VIEW = [math.radians(degrees) for degrees in (0.1, 1.0, 30.0, 60.0, 120.0, 179.0)]
 
 
 def random_rotation(rng: np.random.Generator) -> np.ndarray:
-    axis = rng.normal(size=3)
-    return rotation_about(axis / np.linalg.norm(axis), rng.uniform(-math.pi, math.pi))
+    return random_rotations(rng, 1)[0]
 
 
 def random_vehicle(rng: np.random.Generator) -> VehicleShape:
     """Up to three parts, each a triangle soup, a subdivided box, a ball, a flat plate, or a single triangle."""
-    vertices, faces, part = [], [], []
-    count = 0
-    parts = int(rng.integers(1, 4))
-    for i in range(parts):
-        v, f = PART_KINDS[rng.integers(len(PART_KINDS))](rng)
-        v = (v * rng.uniform(0.2, 4.0, 3)) @ random_rotation(rng).T + rng.normal(size=3)
-        vertices.append(v)
-        faces.append(f + count)
-        part += [i] * len(v)
-        count += len(v)
-    axes = rng.normal(size=(parts, 3))
-    return VehicleShape(
-        "random",
-        Mesh(np.concatenate(vertices), np.concatenate(faces)),
-        np.array(part),
-        ("hull", "turret", "gun")[:parts],
-        np.arange(parts) - 1,
-        rng.normal(size=(parts, 3)) * (np.arange(parts) > 0)[:, None],
-        axes / np.linalg.norm(axes, axis=1, keepdims=True),
-        np.tile([-math.pi, math.pi], (parts, 1)),
-        np.eye(4),
+    meshes = []
+    for _ in range(rng.integers(1, 4)):
+        vertices, faces = PART_KINDS[rng.integers(len(PART_KINDS))](rng)
+        stretched = vertices * rng.uniform(0.2, 4.0, 3)
+        meshes.append(Mesh(stretched @ random_rotation(rng).T + rng.normal(size=3), faces))
+    shape = vehicle_of(*meshes, pivots=rng.normal(size=(3, 3)) * [[0], [1], [1]])
+    return replace(
+        shape,
+        part_axis=random_rotations(rng, len(meshes))[:, 0],
+        part_limits=np.tile([-math.pi, math.pi], (3, 1))[: len(meshes)],
     )
 
 

@@ -14,8 +14,8 @@ from hulldown.camera.target import PosedVehicle
 from hulldown.camera.visibility import visible_fraction
 from hulldown.camera.world import Plane, World
 from hulldown.geometry.instances import InstancedScene
-from hulldown.geometry.transforms import rigid, rotation_about
-from hulldown.tests.shapes import box
+from hulldown.geometry.transforms import rigid
+from hulldown.tests.shapes import box, random_rotations
 from hulldown.tests.test_visibility import HERE, TANK
 
 CUBE = box((-0.5,) * 3, (0.5,) * 3)
@@ -37,9 +37,7 @@ def boulders(rng: np.random.Generator, k: int) -> InstancedScene:
     """Cubes, turned, stretched, some mirrored, anywhere within 30 m except at the target."""
     around, height = rng.uniform(0, 2 * math.pi, k), rng.uniform(0, 10, k)
     at = np.stack([np.cos(around), np.sin(around), height], 1) * np.stack([rng.uniform(6, 30, k)] * 2 + [np.ones(k)], 1)
-    axis = rng.normal(size=(k, 3))
-    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-    poses = rigid(rotation_about(axis, rng.uniform(0, 6, k)), at)
+    poses = rigid(random_rotations(rng, k), at)
     poses[:, :3, :3] *= rng.uniform(0.2, 4, (k, 1, 3)) * rng.choice([-1, 1], (k, 1, 3))
     return InstancedScene([CUBE], np.zeros(k, dtype=int), poses)
 

@@ -9,6 +9,7 @@ import numpy as np
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.meshes import Mesh, merge
+from hulldown.geometry.transforms import rotation_about
 
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
@@ -42,6 +43,12 @@ def surface(x: np.ndarray, y: np.ndarray, z: np.ndarray, name: str = "surface") 
     a, b, c, d = i[:-1, :-1].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel(), i[:-1, 1:].ravel()
     faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
     return Mesh(np.column_stack([np.repeat(x, len(y)), np.tile(y, len(x)), z.ravel()]), faces, name)
+
+
+def random_rotations(rng: np.random.Generator, n: int) -> np.ndarray:
+    """Matrices (n, 3, 3) of rotations by any angle about any axis."""
+    axes = rng.normal(size=(n, 3))
+    return rotation_about(axes / np.linalg.norm(axes, axis=1, keepdims=True), rng.uniform(-np.pi, np.pi, n))
 
 
 def vehicle_of(*meshes: Mesh, name: str = "box", pivots=((0.0, 0.0, 0.0),) * 3) -> VehicleShape:

@@ -5,8 +5,8 @@ import numpy as np
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import merge
 from hulldown.geometry.overlap import Obstacles, boxes_touch
-from hulldown.geometry.transforms import compose, invert_rigid, rigid, rotation_about, rotation_z
-from hulldown.tests.shapes import box
+from hulldown.geometry.transforms import compose, invert_rigid, rigid, rotation_z
+from hulldown.tests.shapes import box, random_rotations
 
 SIZE = np.array([4.0, 2.0, 1.5])
 
@@ -63,9 +63,7 @@ def test_mirrored_stretched_and_squashed_copies_are_in_the_right_place():
 
 def test_tilted_boxes_are_apart_exactly_if_they_share_no_sampled_point():
     rng = np.random.default_rng(7)
-    poses = rigid(
-        rotation_about(_unit(rng.normal(size=(400, 3))), rng.uniform(-3, 3, 400)), rng.uniform(-4, 4, (400, 3))
-    )
+    poses = rigid(random_rotations(rng, 400), rng.uniform(-4, 4, (400, 3)))
     first, second = (compose(at, rigid(np.eye(3), [0, 0, up])) for at, up in ((poses, 0.75), (np.eye(4), 1.0)))
     half = np.tile(np.array([3.0, 1.0, 2.0]) / 2, (400, 1))
     clear = ~boxes_touch(np.tile(SIZE / 2, (400, 1)), half, compose(invert_rigid(first), second))
@@ -76,7 +74,3 @@ def test_tilted_boxes_are_apart_exactly_if_they_share_no_sampled_point():
     assert 0.1 < shared.mean() < 0.9
     assert not (clear & shared).any()
     assert (~clear & ~shared).mean() < 0.02
-
-
-def _unit(v):
-    return v / np.linalg.norm(v, axis=1, keepdims=True)

@@ -15,16 +15,11 @@ from hulldown.geometry.transforms import (
     rotation_z,
     tilt_to,
 )
+from hulldown.tests.shapes import random_rotations
 
 
-def some_rotations(n=20, seed=0):
-    rng = np.random.default_rng(seed)
-    axis = rng.normal(size=(n, 3))
-    return rotation_about(axis / np.linalg.norm(axis, axis=1, keepdims=True), rng.uniform(-4, 4, n))
-
-
-def some_ups(n=50, seed=1):
-    up = np.random.default_rng(seed).normal([0, 0, 1], size=(n, 3))
+def some_ups():
+    up = np.random.default_rng(1).normal([0, 0, 1], size=(50, 3))
     up[:, 2] = np.abs(up[:, 2])
     return up / np.linalg.norm(up, axis=1, keepdims=True)
 
@@ -41,7 +36,8 @@ def test_a_tiny_turn_keeps_its_digits():
 
 
 def test_inverses_of_rigid_transforms():
-    pose = rigid(some_rotations(), np.random.default_rng(2).uniform(-1e6, 1e6, (20, 3)))
+    rng = np.random.default_rng(2)
+    pose = rigid(random_rotations(rng, 20), rng.uniform(-1e6, 1e6, (20, 3)))
     np.testing.assert_allclose((invert_rigid(pose) @ pose)[:, :3, :3], np.tile(np.eye(3), (20, 1, 1)), atol=1e-14)
     np.testing.assert_allclose((invert_rigid(pose) @ pose)[:, :3, 3], 0, atol=1e-8)
 
