@@ -7,15 +7,10 @@ from scipy import ndimage
 from hulldown.camera.sensor import Sensor
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.sensor import draw_sensors
-from hulldown.planning.config.schema import Config
 from hulldown.planning.config.sensor_section import PRESETS, SensorSection
 from hulldown.planning.search.draws import RandomStreams
 from hulldown.render.sensor import BAND, WHITE, Lens, develop, read_out
-
-MINIMAL = {
-    "assets": {"vehicles": [{"path": "a.blend", "category": "a"}], "sceneries": [{"path": "b.blend"}]},
-    "budget": {"images_per_class": 1},
-}
+from hulldown.tests.planning_assets import small_config
 
 
 def developed(light, sensor, *, seed=0, threads=2):
@@ -123,7 +118,7 @@ def test_a_preset_sets_missing_values(preset):
 
 
 def test_plans_without_a_sensor_are_unchanged():
-    assert "sensor" not in Config.of({**MINIMAL, "sensor": {}}).model_dump()
+    assert "sensor" not in small_config(sensor={}).model_dump()
     assert draw_sensors(SensorSection(), draws=RandomStreams(0), image=np.arange(3)) == [None] * 3
 
 
@@ -131,4 +126,4 @@ def test_plans_without_a_sensor_are_unchanged():
 def test_wrong_sensors_are_refused(values):
     (key,) = values
     with pytest.raises(ConfigError, match=key):
-        Config.of({**MINIMAL, "sensor": values})
+        small_config(sensor=values)
