@@ -1,7 +1,24 @@
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 
 from hulldown.geometry.files import replacing, stays_inside
 from hulldown.tests.oracles.synced import synced_bytes
+
+FILL = """
+import resource, sys
+from pathlib import Path
+from hulldown.geometry.files import replacing
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+try:
+    with replacing(Path(sys.argv[1])) as file:
+        file.write(bytes(100_000))
+        file.flush()
+except OSError as error:
+    print(error.filename)
+"""
 
 
 def test_a_replaced_file_is_synced_before_it_gets_its_name(tmp_path, monkeypatch):
@@ -21,6 +38,13 @@ def test_an_error_keeps_the_old_file(tmp_path):
     with pytest.raises(TypeError), replacing(path) as file:
         file.writelines([b"half", None])
     assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("plan.json", b"old")]
+
+
+def test_the_error_of_a_full_disk_names_the_file(tmp_path):
+    code = [sys.executable, "-c", FILL, str(tmp_path / "cache.npz")]
+    ran = subprocess.run(code, cwd=Path(__file__).parents[1], capture_output=True, text=True, check=True, timeout=60)
+    assert ran.stdout.strip() == str(tmp_path / "cache.npz")
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("name", ["/a.png", "..", "a/../../b", "a\\..\\b", "C:a.png", "\\a.png", "a\0b", "", None])

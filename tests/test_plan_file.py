@@ -4,6 +4,7 @@ import json
 import math
 import os
 import re
+from pathlib import Path
 
 import pytest
 
@@ -189,6 +190,17 @@ def test_two_processes_cannot_write_one_plan(tmp_path):
     path = tmp_path / "plan.jsonl"
     with PlanWriter(path, header()), pytest.raises(ConfigError, match="another process is writing this plan"):
         PlanWriter(path, header())
+
+
+def test_the_lock_of_a_plan_is_removed_before_it_is_released(tmp_path, monkeypatch):
+    writer = PlanWriter(tmp_path / "plan.jsonl", header())
+    there = []
+    release = writer._lock.release
+    monkeypatch.setattr(
+        writer._lock, "release", lambda: (there.append(Path(writer._lock.lock_file).exists()), release())
+    )
+    writer.__exit__(None, None, None)
+    assert there == [False]
 
 
 LEGAL = ["images/1.png", "images/a/b c.png", "images/é.v2.png", "images/constant.png"]
