@@ -14,8 +14,8 @@ from hulldown.placement.rules import SettleRules
 from hulldown.placement.settle import settle
 from hulldown.placement.terrain import Terrain
 from hulldown.tests.shapes import plane_mesh, surface
+from hulldown.tests.test_settle import TANK, placed
 
-SIZE = np.array([7.0, 3.5, 2.5])
 RULES = st.sampled_from(["averaged", "least_squares", "support"])
 FIELDS = ("world_from_vehicle", "slope", "tilt", "share", "margin", "gap", "penetration", "rejection")
 # Rounding of heights of tens of meters, divided by the footprint's size.
@@ -35,7 +35,7 @@ def rough_mesh(seed, relief=0.8, half=20.0, cell=1.0):
     return surface(x, x, z, "rough")
 
 
-PLATE = np.stack([-SIZE[:2], SIZE[:2]]) / 2
+PLATE = np.stack([-TANK[:2], TANK[:2]]) / 2
 
 
 def random_underside(seed, scale=1.0):
@@ -48,8 +48,8 @@ def random_underside(seed, scale=1.0):
     return Underside(scale * PLATE, scale * heights)
 
 
-def candidates_on(mesh, seed, n=12):
-    return candidates(mesh.bounds, n, rng=np.random.default_rng(seed))
+def candidates_on(mesh, seed, n=12, margin=0.8):
+    return candidates(mesh.bounds, n, rng=np.random.default_rng(seed), margin=margin)
 
 
 def headings(world_from_vehicle):
@@ -70,13 +70,12 @@ def turned_by(a, b):
 def test_poses_are_rigid_keep_position_and_heading_and_are_upright(seed, rule, n):
     mesh = rough_mesh(seed)
     xy, yaw = candidates_on(mesh, seed)
-    settled = settle(Terrain(mesh), SIZE, xy, yaw, rules=SettleRules(rule=rule, n=n, max_slope=1.4, min_share=0.01))
+    settled = placed(Terrain(mesh), xy, yaw, rule=rule, n=n, max_slope=1.4, min_share=0.01)
     known = np.isfinite(settled.tilt)
     poses = settled.world_from_vehicle[known]
     rotation = poses[:, :3, :3]
-    np.testing.assert_allclose(
-        rotation @ np.swapaxes(rotation, 1, 2), np.tile(np.eye(3), (len(poses), 1, 1)), atol=1e-14
-    )
+    squares = rotation @ np.swapaxes(rotation, 1, 2)
+    np.testing.assert_allclose(squares, np.broadcast_to(np.eye(3), squares.shape), atol=1e-14)
     np.testing.assert_allclose(np.linalg.det(rotation), 1.0, atol=1e-14)
     np.testing.assert_array_equal(poses[:, :2, 3], xy[known])
     np.testing.assert_allclose(turned_by(headings(poses), yaw[known]), 0, atol=1e-14)
@@ -88,8 +87,8 @@ def test_poses_are_rigid_keep_position_and_heading_and_are_upright(seed, rule, n
 )  # fmt: skip
 def test_on_a_plane_there_is_no_gap_and_no_penetration(gradient, z, rule, n, seed):
     mesh = plane_mesh(gradient, z)
-    xy, yaw = candidates(mesh.bounds, 8, rng=np.random.default_rng(seed), margin=0.6)
-    settled = settle(Terrain(mesh), SIZE, xy, yaw, rules=SettleRules(rule=rule, n=n, max_slope=1.2))
+    xy, yaw = candidates_on(mesh, seed, 8, margin=0.6)
+    settled = placed(Terrain(mesh), xy, yaw, rule=rule, n=n, max_slope=1.2)
     assert settled.ok.all()
     assert settled.gap.max() < 1e-10
     assert settled.penetration.max() < 1e-10
@@ -105,11 +104,11 @@ def test_poses_move_turn_and_scale_with_the_world(seed, rule, turn, scale, shift
     mesh = rough_mesh(seed, half=12.0)
     xy, yaw = candidates_on(mesh, seed, n=6)
     small, large = (random_underside(seed, s) if raised else None for s in (1.0, scale))
-    here = settle(Terrain(mesh), SIZE, xy, yaw, footprint=small, rules=SettleRules(rule=rule))
+    here = placed(Terrain(mesh), xy, yaw, footprint=small, rule=rule)
     there_from_here = rigid(scale * rotation_z(turn), shift)
     moved = Mesh(apply(there_from_here, mesh.vertices), mesh.faces, "moved")
     moved_xy = apply(there_from_here, np.column_stack([xy, np.zeros(len(xy))]))[:, :2]
-    there = settle(Terrain(moved), scale * SIZE, moved_xy, yaw + turn, footprint=large, rules=SettleRules(rule=rule))
+    there = settle(Terrain(moved), scale * TANK, moved_xy, yaw + turn, footprint=large, rules=SettleRules(rule=rule))
     # Samples on an edge of the ground may fall to its other side, which mattered for none of these seeds.
     np.testing.assert_array_equal(there.rejection, here.rejection)
     expected = there_from_here @ here.world_from_vehicle
@@ -127,29 +126,20 @@ def test_the_slope_gate_equals_the_closed_form(toward, yaw, degrees, steps):
     angle = limit + steps * np.spacing(limit)
     gradient = math.tan(angle) * np.array([math.cos(toward), math.sin(toward)])
     for rule in ("averaged", "support"):
-        settled = settle(
-            Terrain(plane_mesh(gradient, 0.0)),
-            SIZE,
-            [[0.5, 0.25]],
-            [yaw],
-            rules=SettleRules(rule=rule, max_slope=limit),
-        )
+        settled = placed(Terrain(plane_mesh(gradient, 0.0)), [[0.5, 0.25]], [yaw], rule=rule, max_slope=limit)
         # The rest plane is also checked, and may round to the other side where the ground passes.
-        if steps > 0:
-            assert settled.rejection[0] == Rejection.TOO_STEEP
-        else:
-            assert settled.rejection[0] != Rejection.TOO_STEEP
+        assert (settled.rejection[0] == Rejection.TOO_STEEP) == (steps > 0)
 
 
 @given(seed=st.integers(0, 2**32), rule=RULES, raised=st.booleans())
 def test_a_candidate_does_not_depend_on_others(seed, rule, raised):
     mesh = rough_mesh(seed, relief=1.5)
     terrain = Terrain(mesh)
-    xy, yaw = candidates(mesh.bounds, 30, rng=np.random.default_rng(seed), margin=1.0)
+    xy, yaw = candidates_on(mesh, seed, 30, margin=1.0)
     footprint = random_underside(seed) if raised else None
-    together = settle(terrain, SIZE, xy, yaw, footprint=footprint, rules=SettleRules(rule=rule))
+    together = placed(terrain, xy, yaw, footprint=footprint, rule=rule)
     for i in (0, 13, 29):
-        alone = settle(terrain, SIZE, xy[i : i + 1], yaw[i : i + 1], footprint=footprint, rules=SettleRules(rule=rule))
+        alone = placed(terrain, xy[i : i + 1], yaw[i : i + 1], footprint=footprint, rule=rule)
         for name in FIELDS:
             np.testing.assert_array_equal(getattr(alone, name)[0], getattr(together, name)[i], err_msg=name)
 
@@ -158,10 +148,8 @@ def test_a_candidate_does_not_depend_on_others(seed, rule, raised):
 def test_the_ground_touches_the_raised_underside_and_is_nowhere_above_it(seed, n):
     mesh = rough_mesh(seed)
     terrain, shape = Terrain(mesh), random_underside(seed)
-    xy, yaw = candidates(mesh.bounds, 10, rng=np.random.default_rng(seed), margin=0.6)
-    settled = settle(
-        terrain, SIZE, xy, yaw, footprint=shape, rules=SettleRules(rule="support", n=n, max_slope=1.4, contact_n=0)
-    )
+    xy, yaw = candidates_on(mesh, seed, 10, margin=0.6)
+    settled = placed(terrain, xy, yaw, footprint=shape, rule="support", n=n, max_slope=1.4, contact_n=0)
     at = underside_samples(shape, n).solid()
     assert settled.ok.sum() >= 5
     for i in np.flatnonzero(settled.ok):
@@ -177,11 +165,9 @@ def test_the_ground_touches_the_raised_underside_and_is_nowhere_above_it(seed, n
 @given(seed=st.integers(0, 2**32), rule=RULES, n=st.integers(2, 9))
 def test_a_flat_underside_gives_the_bits_of_a_plate(seed, rule, n):
     mesh = rough_mesh(seed)
-    xy, yaw = candidates(mesh.bounds, 10, rng=np.random.default_rng(seed), margin=1.0)
+    xy, yaw = candidates_on(mesh, seed, 10, margin=1.0)
     flat = Underside(PLATE, np.zeros((128, 128)))
-    plate, level = (
-        settle(Terrain(mesh), SIZE, xy, yaw, footprint=f, rules=SettleRules(rule=rule, n=n)) for f in (PLATE, flat)
-    )
+    plate, level = (placed(Terrain(mesh), xy, yaw, footprint=f, rule=rule, n=n) for f in (PLATE, flat))
     for name in FIELDS:
         np.testing.assert_array_equal(getattr(plate, name), getattr(level, name), err_msg=name)
 
@@ -190,8 +176,8 @@ def test_a_flat_underside_gives_the_bits_of_a_plate(seed, rule, n):
 def test_gap_and_penetration_equal_those_of_the_posed_underside(seed, rule):
     mesh = rough_mesh(seed)
     terrain, shape = Terrain(mesh), random_underside(seed)
-    xy, yaw = candidates(mesh.bounds, 6, rng=np.random.default_rng(seed), margin=0.6)
-    settled = settle(terrain, SIZE, xy, yaw, footprint=shape, rules=SettleRules(rule=rule, max_slope=1.4))
+    xy, yaw = candidates_on(mesh, seed, 6, margin=0.6)
+    settled = placed(terrain, xy, yaw, footprint=shape, rule=rule, max_slope=1.4)
     at = underside_samples(shape, 9).solid()
     for i in np.flatnonzero(settled.ok):
         points = apply(settled.world_from_vehicle[i], np.column_stack([at.xy, at.height]))
@@ -206,8 +192,8 @@ def test_gap_and_penetration_equal_those_of_the_posed_underside(seed, rule):
 
 def test_the_number_of_threads_changes_nothing():
     mesh = rough_mesh(5)
-    xy, yaw = candidates(mesh.bounds, 6000, rng=np.random.default_rng(5), margin=1.0)
-    one = settle(Terrain(mesh), SIZE, xy, yaw)
-    more = settle(Terrain(mesh), SIZE, xy, yaw, threads=3)
+    xy, yaw = candidates_on(mesh, 5, 6000, margin=1.0)
+    one = placed(Terrain(mesh), xy, yaw)
+    more = settle(Terrain(mesh), TANK, xy, yaw, threads=3)
     np.testing.assert_array_equal(one.world_from_vehicle, more.world_from_vehicle)
     np.testing.assert_array_equal(one.rejection, more.rejection)

@@ -13,6 +13,7 @@ from hulldown.tests.shapes import box, plane_mesh, surface
 from hulldown.tests.test_footprint import tank
 
 TANK = np.array([7.0, 3.5, 2.5])
+ORIGIN, AHEAD = np.zeros((1, 2)), np.zeros(1)
 RULES = ["averaged", "least_squares", "support"]
 
 
@@ -28,13 +29,18 @@ def wheels(*axles):
     return merge([*on, box((-3.0, -1.3, 0.6), (3.0, 1.3, 1.5))])[0]
 
 
+def placed(terrain, xy=ORIGIN, yaw=AHEAD, *, footprint=None, **rules):
+    """The tank settled, at the origin unless these are other places."""
+    return settle(terrain, TANK, xy, yaw, footprint=footprint, rules=SettleRules(**rules))
+
+
 SLOPE = Terrain(plane_mesh([math.tan(0.1), 0.0], 0.0))
 
 
 def test_each_rejection_has_its_reason_and_later_fields_are_nan():
     ground = height_field(lambda x, y: np.where(x > 0, 4.0 * x, 0.0))
     xy = [[-10.0, 0.0], [10.0, 0.0], [100.0, 0.0], [-19.9, 0.0], [-0.2, 0.0]]
-    settled = settle(Terrain(ground), TANK, xy, np.zeros(5))
+    settled = placed(Terrain(ground), xy, np.zeros(5))
     assert settled.rejection.tolist() == [
         Rejection.NONE, Rejection.TOO_STEEP, Rejection.OFF_GROUND, Rejection.OVERHANG, Rejection.MEAN_TOO_STEEP,
     ]  # fmt: skip
@@ -46,7 +52,7 @@ def test_each_rejection_has_its_reason_and_later_fields_are_nan():
 
 @pytest.mark.parametrize("rule", RULES)
 def test_no_candidates_are_legal(rule):
-    settled = settle(SLOPE, TANK, np.zeros((0, 2)), np.zeros(0), rules=SettleRules(rule=rule))
+    settled = placed(SLOPE, np.zeros((0, 2)), np.zeros(0), rule=rule)
     assert settled.world_from_vehicle.shape == (0, 4, 4)
     assert settled.ok.shape == (0,)
 
@@ -66,8 +72,7 @@ def nose_up(settled):
 )
 def test_the_support_plane_finds_the_rest_pose_that_the_average_misses(height, n, rest):
     terrain = Terrain(height_field(height, half=8, cell=0.05))
-    support = settle(terrain, TANK, [[0.0, 0.0]], [0.0], rules=SettleRules(rule="support", n=n))
-    averaged = settle(terrain, TANK, [[0.0, 0.0]], [0.0], rules=SettleRules(rule="averaged", n=n))
+    support, averaged = (placed(terrain, rule=rule, n=n) for rule in ("support", "averaged"))
     # The reference rests on solid ground; samples 0.2 m apart miss the edge by at most that.
     assert abs(nose_up(support) - rest) < 0.5
     assert abs(nose_up(averaged) - rest) > 1.5
@@ -81,59 +86,45 @@ def test_the_margin_is_the_distance_of_the_center_from_the_contact_polygon():
 
     terrain = Terrain(height_field(cones, half=8, cell=0.05))
     xy, yaw = [[0.0, 0.0], [0.0, 0.0], [-7.9, 0.0]], [0.0, math.pi, 0.0]
-    settled = settle(terrain, TANK, xy, yaw)
+    settled = placed(terrain, xy, yaw)
     np.testing.assert_allclose(settled.margin[:2], 3.5 * 1.75 / math.hypot(5.25, 1.75), atol=1e-9)
     assert settled.rejection.tolist() == [Rejection.NONE, Rejection.NONE, Rejection.OVERHANG]
     assert np.isnan(settled.margin[2])
-    assert np.isnan(settle(terrain, TANK, xy, yaw, rules=SettleRules(rule="averaged")).margin).all()
+    assert np.isnan(placed(terrain, xy, yaw, rule="averaged").margin).all()
 
 
 def test_the_denser_measurement_finds_a_bump_between_the_rays():
     terrain = Terrain(height_field(lambda x, y: 0.4 * np.exp(-(x**2 + (y - 0.44) ** 2) / 0.15**2), half=8, cell=0.05))
-    free, limited = (
-        settle(terrain, TANK, [[0.0, 0.0]], [0.0], rules=SettleRules(max_penetration=d)) for d in (math.inf, 0.3)
-    )
+    free, limited = (placed(terrain, max_penetration=most) for most in (math.inf, 0.3))
     assert free.penetration[0] > 0.35
     assert limited.rejection.tolist() == [Rejection.PENETRATION]
 
 
 def test_a_gap_over_a_hole_is_limited():
     terrain = Terrain(height_field(lambda x, y: np.where(np.hypot(x - 2, y) < 0.9, -1.0, 0.0)))
-    settled = settle(terrain, TANK, [[0.0, 0.0]] * 2, [0.0, 0.0], rules=SettleRules(max_gap=0.8))
-    assert settled.rejection.tolist() == [Rejection.GAP] * 2
+    settled = placed(terrain, max_gap=0.8)
+    assert settled.rejection.tolist() == [Rejection.GAP]
     np.testing.assert_allclose(settled.gap, 1.0, atol=1e-9)
 
 
 def test_the_footprint_can_be_off_the_origin():
     ground = Terrain(height_field(lambda x, y: 0.1 * x + np.where(x > 2.1, 5.0, 0.0)))
-    whole = settle(ground, TANK, [[0.0, 0.0]], [0.0])
-    rear = settle(ground, TANK, [[0.0, 0.0]], [0.0], footprint=[[-3.5, -1.75], [1.5, 1.75]])
+    whole = placed(ground)
+    rear = placed(ground, footprint=[[-3.5, -1.75], [1.5, 1.75]])
     assert whole.rejection.tolist() == [Rejection.MEAN_TOO_STEEP]
     assert rear.ok.all()
     np.testing.assert_allclose(rear.world_from_vehicle[0, :3, 3], 0, atol=1e-12)
 
 
-RAILS = underside(tank())
-
-
-STEEP = 1.2  # the sides of a ridge aren't slopes to refuse
-
-
-def along(height, half_width=0.5):
-    """A ridge along x of this height."""
-    return Terrain(height_field(lambda x, y: np.maximum(0, height * (1 - np.abs(y) / half_width)), half=8, cell=0.1))
-
-
 def test_a_ridge_that_fits_between_the_rails_does_not_lift_the_vehicle():
-    yaw = [0.0, math.pi]
-    plate, rails = (
-        settle(along(0.4), TANK, [[0.5, 0.0]] * 2, yaw, footprint=f, rules=SettleRules(max_slope=STEEP))
-        for f in (RAILS.box, RAILS)
-    )
-    flat = settle(Terrain(0.0), TANK, [[0.5, 0.0]] * 2, yaw, footprint=RAILS)
-    np.testing.assert_allclose(plate.world_from_vehicle[:, 2, 3], 0.4, atol=1e-12)
-    np.testing.assert_array_equal(rails.world_from_vehicle, flat.world_from_vehicle)
-    for settled in (rails, flat):
+    # The sides of the ridge, 0.4 m high and 1 m wide, aren't slopes to refuse.
+    ridge = Terrain(height_field(lambda x, y: np.maximum(0, 0.4 - 0.8 * np.abs(y)), half=8, cell=0.1))
+    places, rails = ([[0.5, 0.0]] * 2, [0.0, math.pi]), underside(tank())
+    over_plate, over_rails = (placed(ridge, *places, footprint=f, max_slope=1.2) for f in (rails.box, rails))
+    flat = placed(Terrain(0.0), *places, footprint=rails)
+    np.testing.assert_allclose(over_plate.world_from_vehicle[:, 2, 3], 0.4, atol=1e-12)
+    np.testing.assert_array_equal(over_rails.world_from_vehicle, flat.world_from_vehicle)
+    for settled in (over_rails, flat):
         np.testing.assert_array_equal([settled.gap, settled.penetration], np.zeros((2, 2)))
 
 
@@ -141,7 +132,7 @@ def test_an_axle_between_the_samples_can_carry_the_vehicle():
     # A bump under both middle wheels, 0.75 m from samples of 5 x 5.
     six = underside(wheels(-2.9, 0.75, 2.9))
     bump = Terrain(height_field(lambda x, y: np.where(np.abs(x - 0.75) < 0.25, 0.2, 0.0), half=8, cell=0.05))
-    plate, seen = (settle(bump, TANK, [[0.0, 0.0]], [0.0], footprint=f) for f in (six.box, six))
+    plate, seen = (placed(bump, footprint=f) for f in (six.box, six))
     assert plate.penetration[0] > 0.1
     assert seen.penetration[0] < 0.01
     assert seen.world_from_vehicle[0, 2, 3] > 0.14
@@ -153,9 +144,7 @@ def test_a_triangular_footprint_rests_in_either_direction(corners, mirror):
     # The center of its bounding box is on the long side of one and outside the other; neither found a place.
     base = np.array(corners, dtype=float) * [1.0, mirror]
     vertices = np.concatenate([np.column_stack([base, np.full(3, z)]) for z in (0.0, 1.0)])
-    walls = [[i, j, 3 + j] for i, j in ((0, 1), (1, 2), (2, 0))] + [
-        [i, 3 + j, 3 + i] for i, j in ((0, 1), (1, 2), (2, 0))
-    ]
+    walls = [side for i, j in ((0, 1), (1, 2), (2, 0)) for side in ([i, j, 3 + j], [i, 3 + j, 3 + i])]
     wedge = underside(Mesh(vertices, np.array([[0, 2, 1], [3, 4, 5], *walls]), "wedge"))
     settled = settle(SLOPE, [4.0, 3.0, 1.0], [[0.0, 0.0]] * 3, [0.0, 1.0, 2.5], footprint=wedge)
     assert settled.ok.all()
