@@ -26,8 +26,8 @@ def written(folder, *lines, columns=COLUMNS):
     return path
 
 
-def planned(folder, *lines, config=CONFIG, **settings):
-    poses = read_poses(written(folder, *lines))
+def planned(folder, *lines, columns=COLUMNS, config=CONFIG, **settings):
+    poses = read_poses(written(folder, *lines, columns=columns))
     return write_plan(config, ASSETS, folder / "plan.jsonl", poses=poses, **settings)
 
 
@@ -106,53 +106,45 @@ def test_workers_and_blocks_change_nothing(tmp_path):
     assert planned(tmp_path, *lines, workers=2).path.read_bytes() == one
 
 
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("hills,leo,1,,,,,,,,,,", "line 3: has x but no y"),
-        ("hills,leo,,,5,,,,,,,,", "line 3: has z but no x"),
-        ("hills,leo,1,north,,,,,,,,,", "line 3: column y: 'north' isn't a number"),
-        ("hills,leo,1,nan,,,,,,,,,", "line 3: column y: 'nan' isn't a number"),
-        ("hills,leo,1,2,,,3,4,,,,,", "line 3: has camera_x but no camera_z"),
-        ("hills,leo,,,,,3,4,5,,,,", "line 3: has camera_x but no x"),
-        ("hills,leo,1,2,,,3,4,5,3,4,5,", "line 3: column look_at_x: the camera looks at its own place"),
-        ("hills,leo,1,2,,,,,,,,,drive", "line 3: has sequence but no camera_x"),
-        ("moon,leo,1,2,,,,,,,,,", "line 3: column scenery: 'moon' is none; they are"),
-        ("hills,leopard,,,,,,,,,,,", "line 3: column vehicle: 'leopard' is none; they are"),
-        (",leo,1,2,,,,,,,,,", "line 3: gives coordinates but no scenery"),
-        ("hills,leo,1,2,,", "line 3: has 6 cells"),
-        ('hills,"leo,1,2,,', "line 3: is no CSV"),
-        (f"hills,leo,{at(5000, 0)},,,,,,,,", "line 3: vehicle 'leo' on scenery 'hills' finds no place to stand"),
-        (
-            f"hills,leo,{at(10, 20, 9)},30,,,,,,,",
-            "line 3: vehicle 'leo' on scenery 'hills' finds no place to stand: of 1",
-        ),
-        (f"hills,leo,{at(10, 20)},30,{at(-20, 0, -30)},,,,", "line 3: vehicle 'leo' on scenery 'hills' cannot be seen"),
-        (f"hills,leo,{at(10, 20)},30,{at(10, 20, 1)},,,,", "line 3: vehicle 'leo' on scenery 'hills' cannot be seen"),
-    ],
-)
-def test_the_error_of_an_impossible_line_names_it(tmp_path, line, message):
+LINES = [  # one after a possible line, and the error
+    ("hills,leo,1,,,,,,,,,,", "line 3: has x but no y"),
+    ("hills,leo,,,5,,,,,,,,", "line 3: has z but no x"),
+    ("hills,leo,1,north,,,,,,,,,", "line 3: column y: 'north' isn't a number"),
+    ("hills,leo,1,nan,,,,,,,,,", "line 3: column y: 'nan' isn't a number"),
+    ("hills,leo,1,2,,,3,4,,,,,", "line 3: has camera_x but no camera_z"),
+    ("hills,leo,,,,,3,4,5,,,,", "line 3: has camera_x but no x"),
+    ("hills,leo,1,2,,,3,4,5,3,4,5,", "line 3: column look_at_x: the camera looks at its own place"),
+    ("hills,leo,1,2,,,,,,,,,drive", "line 3: has sequence but no camera_x"),
+    ("moon,leo,1,2,,,,,,,,,", "line 3: column scenery: 'moon' is none; they are"),
+    ("hills,leopard,,,,,,,,,,,", "line 3: column vehicle: 'leopard' is none; they are"),
+    (",leo,1,2,,,,,,,,,", "line 3: gives coordinates but no scenery"),
+    ("hills,leo,1,2,,", "line 3: has 6 cells"),
+    ('hills,"leo,1,2,,', "line 3: is no CSV"),
+    (f"hills,leo,{at(5000, 0)},,,,,,,,", "line 3: vehicle 'leo' on scenery 'hills' finds no place to stand"),
+    (
+        f"hills,leo,{at(10, 20, 9)},30,,,,,,,",
+        "line 3: vehicle 'leo' on scenery 'hills' finds no place to stand: of 1",
+    ),
+    (f"hills,leo,{at(10, 20)},30,{at(-20, 0, -30)},,,,", "line 3: vehicle 'leo' on scenery 'hills' cannot be seen"),
+    (f"hills,leo,{at(10, 20)},30,{at(10, 20, 1)},,,,", "line 3: vehicle 'leo' on scenery 'hills' cannot be seen"),
+]
+FILES = [  # lines, columns, and the error
+    ([], "", "is empty"),
+    ([], COLUMNS, "has no poses"),
+    (["1"], "altitude", "line 1: has the unknown column 'altitude'"),
+    (["1,2"], "x,x", "line 1: has the column x twice"),
+    (["1,2,0,0,9,a", "1,3,0,0,9,a"], "x,y,camera_x,camera_y,camera_z,sequence", "line 3: column y: differs"),
+    (["1,2,0,0,9,a", "1,2,0,0,9,", "1,2,0,0,9,a"], "x,y,camera_x,camera_y,camera_z,sequence", "line 4: column seq"),
+    *((["hills,leo,,,,,,,,,,,", line], COLUMNS, message) for line, message in LINES),
+]
+
+
+@pytest.mark.parametrize(("lines", "columns", "message"), FILES)
+def test_the_error_of_impossible_poses_names_the_line(tmp_path, lines, columns, message):
     with pytest.raises(ConfigError) as caught:
-        planned(tmp_path, "hills,leo,,,,,,,,,,,", line)
+        planned(tmp_path, *lines, columns=columns)
     assert message in str(caught.value)
     assert "poses.csv" in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("lines", "columns", "message"),
-    [
-        ([], "", "is empty"),
-        ([], COLUMNS, "has no poses"),
-        (["1"], "altitude", "line 1: has the unknown column 'altitude'"),
-        (["1,2"], "x,x", "line 1: has the column x twice"),
-        (["1,2,0,0,9,a", "1,3,0,0,9,a"], "x,y,camera_x,camera_y,camera_z,sequence", "line 3: column y: differs"),
-        (["1,2,0,0,9,a", "1,2,0,0,9,", "1,2,0,0,9,a"], "x,y,camera_x,camera_y,camera_z,sequence", "line 4: column seq"),
-    ],
-)
-def test_files_without_poses_are_refused(tmp_path, lines, columns, message):
-    with pytest.raises(ConfigError) as caught:
-        read_poses(written(tmp_path, *lines, columns=columns))
-    assert message in str(caught.value)
 
 
 def test_semicolons_blank_lines_and_any_column_order(tmp_path):
