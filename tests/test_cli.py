@@ -22,14 +22,12 @@ VERBS = ["init", "inspect", "plan", "check", "preview", "render", "join", "verif
 VERBS += ["cluster", "subset", "augment", "train"]
 
 
-def command(*words):
-    return [sys.executable, "-P", "-m", "hulldown", *map(str, words)]
-
-
-def run_apart(*words, cwd):
+def run_apart(*words, cwd, stdout=subprocess.PIPE):
     """The command in a separate process."""
+    command = [sys.executable, "-P", "-m", "hulldown", *map(str, words)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.run(command(*words), cwd=cwd, capture_output=True, text=True, env=environment, timeout=120)
+    given = {"cwd": cwd, "env": environment, "timeout": 120}
+    return subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True, **given)
 
 
 @pytest.fixture
@@ -200,15 +198,14 @@ def test_a_finding_is_one_line_in_a_narrow_terminal(run, tmp_path):
 
 
 def test_a_closed_pipe_and_a_full_disk_for_the_result(tmp_path):
-    words = command("verify", dataset_with_findings(tmp_path / "dataset", 2000))
-    where = {"env": {**os.environ, "PYTHONPATH": str(ROOT)}, "stderr": subprocess.PIPE, "text": True, "cwd": tmp_path}
+    words = "verify", dataset_with_findings(tmp_path / "dataset", 2000)
     reading, writing = os.pipe()
     os.close(reading)
-    unheard = subprocess.run(words, stdout=writing, timeout=120, **where)
+    unheard = run_apart(*words, cwd=tmp_path, stdout=writing)
     os.close(writing)
     assert (unheard.returncode, beside_progress(unheard.stderr)) == (0, [])
     with open("/dev/full", "w") as full:
-        crowded = subprocess.run([*words, "--json"], stdout=full, timeout=120, **where)
+        crowded = run_apart(*words, "--json", cwd=tmp_path, stdout=full)
     assert crowded.returncode == 2
     assert beside_progress(crowded.stderr) == ["hulldown: stdout: No space left on device"]
 

@@ -116,16 +116,20 @@ def test_impossible_sceneries_of_a_vehicle_are_refused(sceneries, weight, messag
         Planner(small_config(assets=files), small_assets(vehicles=["t72"]))
 
 
+def crowded(**placement):
+    """A config of several companions near each target."""
+    return small_config(
+        budget={"images_per_class": 2, "images_per_position": 2},
+        camera={"visibility_rays": 4, "visible_fraction": [0, 1]},
+        placement={"vehicles_per_image": 4, **placement},
+    )
+
+
 def test_companions_without_room_are_left_out_and_counted(tmp_path, monkeypatch):
     # It ended the plan, with advice that led to the same error.
     monkeypatch.setattr("hulldown.planning.search.positions.CROWDED_PLACES", 0)
     assets = small_assets(BARE)
-    config = small_config(
-        budget={"images_per_class": 2, "images_per_position": 2},
-        camera={"visibility_rays": 4, "visible_fraction": [0, 1]},
-        placement={"vehicles_per_image": 4, "companion_distance": [6, 6.5]},
-    )
-    made = write_plan(config, assets, tmp_path / "plan.jsonl")
+    made = write_plan(crowded(companion_distance=[6, 6.5]), assets, tmp_path / "plan.jsonl")
     rows = list(made)
     assert all(row.left_out + len(row.companions) == 3 for row in rows)
     assert any(row.left_out for row in rows)
@@ -138,10 +142,4 @@ def test_companions_without_room_are_left_out_and_counted(tmp_path, monkeypatch)
 
 
 def test_few_tries_drop_companions_before_the_position():
-    assets = small_assets(BARE)
-    config = small_config(
-        budget={"images_per_class": 2},
-        camera={"visibility_rays": 4, "visible_fraction": [0, 1]},
-        placement={"vehicles_per_image": 4, "companion_distance": [5, 6], "max_tries": 2},
-    )
-    assert all(row.left_out for row in plan(config, assets))
+    assert all(row.left_out for row in plan(crowded(companion_distance=[5, 6], max_tries=2), small_assets(BARE)))
