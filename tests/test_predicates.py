@@ -1,4 +1,5 @@
 from fractions import Fraction
+from operator import mul
 
 import numpy as np
 import pytest
@@ -8,10 +9,14 @@ from hypothesis import strategies as st
 from hulldown.geometry.predicates import heights, normals, orient
 
 
-def exact_sign(ax, ay, bx, by, px, py):
+def exact_area(ax, ay, bx, by, px, py):
+    """Twice the area of a triangle; positive if it's counterclockwise."""
     ax, ay, bx, by, px, py = map(Fraction, (ax, ay, bx, by, px, py))
-    area = (ax - px) * (by - py) - (ay - py) * (bx - px)
-    return (area > 0) - (area < 0)
+    return (ax - px) * (by - py) - (ay - py) * (bx - px)
+
+
+def exact_sign(*coordinates):
+    return int(np.sign(exact_area(*coordinates)))
 
 
 def sign(*coordinates):
@@ -61,17 +66,15 @@ def test_orientation_is_exact_in_batches(rows):
 
 @given(st.lists(st.tuples(*[NUMBERS] * 11), min_size=1, max_size=8))
 def test_heights_are_exact_and_rounded_to_the_nearest_float64(rows):
-    rows = [r for r in rows if exact_sign(r[0], r[1], r[3], r[4], r[6], r[7])]
+    rows = [r for r in rows if exact_area(r[0], r[1], r[3], r[4], r[6], r[7])]
     corners = np.array([r[:9] for r in rows]).reshape(-1, 3, 3)
     x, y = np.array([r[9:] for r in rows]).reshape(-1, 2).T.copy()
     numerator, denominator = heights(corners, x, y) if rows else ([], [])
     for row, top, bottom in zip(rows, numerator, denominator, strict=True):
-        (ax, ay, az, bx, by, bz, cx, cy, cz), (px, py) = map(Fraction, row[:9]), map(Fraction, row[9:])
-        s = ((px - ax) * (cy - ay) - (py - ay) * (cx - ax)) / ((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
-        t = ((bx - ax) * (py - ay) - (by - ay) * (px - ax)) / ((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
-        z = az + s * (bz - az) + t * (cz - az)
+        (ax, ay, az, bx, by, bz, cx, cy, cz), p = map(Fraction, row[:9]), row[9:]
+        opposite = [exact_area(bx, by, cx, cy, *p), exact_area(cx, cy, ax, ay, *p), exact_area(ax, ay, bx, by, *p)]
         assert bottom > 0
-        assert Fraction(top, bottom) == z
+        assert Fraction(top, bottom) == sum(map(mul, opposite, (az, bz, cz))) / sum(opposite)
 
 
 def test_normals_of_nearly_vertical_faces_keep_their_digits():
