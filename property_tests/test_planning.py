@@ -20,7 +20,7 @@ from hulldown.placement.terrain import Terrain
 from hulldown.planning.check import relabeled
 from hulldown.planning.planner import Planner
 from hulldown.render.annotations import Segmenter
-from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, filled_share, small_assets, small_config
+from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, filled_share, small_assets, small_config, to_camera
 
 # Rounding of rows: see planning/row.py.
 ROUNDED, ROTATION, PIXELS = 1e-9, 1e-12, 1e-6
@@ -220,8 +220,7 @@ def camera_within_limits(row, config):
     shape, pose = SHAPES[row.target.vehicle], np.array(row.target.world_from_vehicle)
     camera = np.array(row.world_from_camera)
     assert within(row.fov_x_deg, limits.fov_x_deg)
-    center = apply(pose, shape.mesh.bounds.mean(axis=0)[None])[0]
-    away = camera[:3, 3] - center
+    away = to_camera(shape, row.target, row)
     distance = np.linalg.norm(away)
     intrinsics = Intrinsics(row.width, row.height, math.radians(row.fov_x_deg))
     if limits.size_measure == "paper":
@@ -262,8 +261,7 @@ def light_within_limits(row, config):
             assert key is None or within(value, getattr(config.weather, key))
     assert row.target.air_contrast >= config.weather.min_contrast - ROUNDED
     for vehicle in row.planned:
-        center = apply(np.array(vehicle.world_from_vehicle), SHAPES[vehicle.vehicle].mesh.bounds.mean(axis=0)[None])[0]
-        away = np.linalg.norm(center - np.array(row.world_from_camera)[:3, 3])
+        away = np.linalg.norm(to_camera(SHAPES[vehicle.vehicle], vehicle, row))
         left = 1.0 if row.weather is None else 0.02 ** (away / row.weather.visibility_m)
         assert vehicle.air_contrast == pytest.approx(left, abs=2 * ROUNDED)
     assert 0 <= row.sample_seed < 2**31

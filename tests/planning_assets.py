@@ -9,6 +9,7 @@ import numpy as np
 
 from hulldown.assets.library import Assets
 from hulldown.geometry.meshes import Mesh, merge
+from hulldown.geometry.transforms import apply
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.config.schema import Config
 from hulldown.planning.planner import BLOCK, Planner
@@ -104,6 +105,12 @@ def small_config(**sections):
     for name, section in sections.items():
         data[name] = {**data.get(name, {}), **section} if isinstance(section, dict) else section
     return Config.of(data)
+
+
+def to_camera(shape, vehicle, row):
+    """From the center of a vehicle's bounds at rest to the camera, in the world."""
+    center = apply(vehicle.world_from_vehicle, shape.mesh.bounds.mean(axis=0)[None])[0]
+    return row.world_from_camera[:3, 3] - center
 
 
 def filled_share(size, row, measure):

@@ -12,7 +12,7 @@ from hulldown.dataset.space import space_of
 from hulldown.planning.check import check_plan
 from hulldown.planning.config.schema import Config
 from hulldown.planning.write import write_plan
-from hulldown.tests.planning_assets import small_assets, small_config
+from hulldown.tests.planning_assets import small_assets, small_config, to_camera
 
 ASSETS = small_assets()
 
@@ -30,18 +30,11 @@ def plan(tmp_path_factory):
     return planned(tmp_path_factory.mktemp("aerial"))
 
 
-def offsets(row):
-    """From the center of the target's box to the camera, in the world."""
-    low, high = np.array(row.target.bounds.low), np.array(row.target.bounds.high)
-    pose = row.target.world_from_vehicle
-    return row.world_from_camera[:3, 3] - (pose[:3, :3] @ ((low + high) / 2) + pose[:3, 3])
-
-
 def test_aerial_views_are_within_their_ranges(plan):
-    away = np.array([offsets(row) for row in plan])
+    away = np.array([to_camera(ASSETS.vehicles[row.target.vehicle], row.target, row) for row in plan])
     distance = np.linalg.norm(away, axis=1)
-    assert (np.abs(distance - 165.0) < 136.0).all()
-    assert (np.degrees(np.arcsin(away[:, 2] / distance)) > 43.0).all()  # 45 from the center of the vehicle at rest
+    assert (np.abs(distance - 165.0) < 135.0 + 1e-6).all()
+    assert (np.degrees(np.arcsin(away[:, 2] / distance)) > 45.0 - 1e-6).all()
     rolls = [math.atan2(-row.world_from_camera[2, 0], -row.world_from_camera[2, 1]) for row in plan]
     assert np.ptp(rolls) > 2.0
     assert check_plan(plan, ASSETS) == []

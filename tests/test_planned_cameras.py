@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.geometry.transforms import apply
-from hulldown.tests.planning_assets import bare, plan, small_assets, small_config
+from hulldown.tests.planning_assets import bare, plan, small_assets, small_config, to_camera
 
 N = 600
 ASSETS = small_assets(bare("bare"), vehicles=["t72"])
@@ -30,9 +29,7 @@ def drawn(**camera):
     config = small_config(budget={"images_per_class": N, "images_per_position": 3}, camera=options)
     rows = list(plan(config, ASSETS))
     assert all(row.rejected == {} for row in rows)
-    poses = np.array([row.target.world_from_vehicle for row in rows])
-    centers = apply(poses, TANK.mesh.bounds.mean(axis=0)[None])[:, 0]
-    away = np.array([row.world_from_camera for row in rows])[:, :3, 3] - centers
+    away = np.array([to_camera(TANK, row.target, row) for row in rows])
     distance = np.linalg.norm(away, axis=1)
     fov = np.array([row.fov_x_deg for row in rows])
     box = np.array([row.target.bbox for row in rows])

@@ -13,7 +13,7 @@ from hulldown.planning.appearance.air import NAMES, draw_air
 from hulldown.planning.appearance.light import draw_lights, hdri_weights
 from hulldown.planning.config.weather_section import WeatherSection
 from hulldown.planning.search.draws import RandomStreams
-from hulldown.tests.planning_assets import plan, small_assets, small_config
+from hulldown.tests.planning_assets import plan, small_assets, small_config, to_camera
 
 IMAGES = np.arange(4000)
 ASSETS = small_assets()
@@ -97,12 +97,6 @@ def test_weather_out_of_range_is_refused(wrong):
         Weather(**{"visibility_m": 500.0, "kind": "rain", **wrong})
 
 
-def distance(row):
-    model = ASSETS.vehicles[row.target.vehicle]
-    center = row.target.world_from_vehicle @ [*model.mesh.bounds.mean(axis=0), 1.0]
-    return np.linalg.norm(center[:3] - row.world_from_camera[:3, 3])
-
-
 def test_every_target_has_the_least_contrast():
     thick = {"fog": 0.7, "visibility_m": [100.0, 200.0]}
     loose = list(plan(small_config(budget=BUDGET, weather={**thick, "min_contrast": 0.0}), ASSETS))
@@ -113,8 +107,8 @@ def test_every_target_has_the_least_contrast():
     assert sum(row.rejected.get("faint", 0) for row in rows) > 0
     assert [row.weather for row in rows] == [row.weather for row in loose]
     for row in rows:
-        clear = row.weather is None
-        wanted = 1.0 if clear else math.exp(math.log(0.02) * distance(row) / row.weather.visibility_m)
+        distance = np.linalg.norm(to_camera(ASSETS.vehicles[row.target.vehicle], row.target, row))
+        wanted = 1.0 if row.weather is None else math.exp(math.log(0.02) * distance / row.weather.visibility_m)
         assert row.target.air_contrast == pytest.approx(wanted, abs=1e-8)
 
 
