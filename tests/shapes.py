@@ -26,15 +26,14 @@ def box(low, high, name: str = "mesh") -> Mesh:
 
 def sheet(low, high, z: float = 0.0) -> Mesh:
     """A level rectangle."""
-    (a, b), (c, d) = low, high
-    corners = np.array([[a, b, z], [c, b, z], [c, d, z], [a, d, z]], float)
-    return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), "sheet")
+    x, y = np.array([low, high], float).T
+    return surface(x, y, np.full((2, 2), z), "sheet")
 
 
-def plane_mesh(gradient, z: float, half: float = 30.0) -> Mesh:
-    """A square of two triangles that rise by this gradient along x and y."""
-    corners = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
-    return Mesh(np.column_stack([corners, z + corners @ gradient]), np.array([[0, 1, 2], [0, 2, 3]]), "plane")
+def plane_mesh(gradient, z: float, half=(30.0, 30.0)) -> Mesh:
+    """A rectangle of two triangles that rise by this gradient along x and y."""
+    x, y = np.outer(half, [-1.0, 1.0])
+    return surface(x, y, z + np.add.outer(gradient[0] * x, gradient[1] * y), "plane")
 
 
 def surface(x: np.ndarray, y: np.ndarray, z: np.ndarray, name: str = "surface") -> Mesh:

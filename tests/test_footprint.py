@@ -3,7 +3,7 @@ import pytest
 
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.placement.footprint import LEAN, Underside, contact_footprint, underside, underside_samples
-from hulldown.tests.shapes import box
+from hulldown.tests.shapes import box, plane_mesh
 
 
 def box_points(low, high, n=5):
@@ -67,9 +67,8 @@ def test_a_sheet_of_small_pieces_on_its_edge_has_a_footprint():
 
 
 def test_a_slanting_belly_has_the_height_of_its_plane():
-    corners = np.array([[-3.0, -1.6], [3.0, -1.6], [3.0, 1.6], [-3.0, 1.6]])
     slant = np.array([0.1, -0.05])
-    belly = Mesh(np.column_stack([corners, 0.5 + corners @ slant]), np.array([[0, 1, 2], [0, 2, 3]]))
+    belly = plane_mesh(slant, 0.5, half=(3.0, 1.6))
     rails = [box((-3.0, y - 0.1, 0.0), (3.0, y + 0.1, 3.0)) for y in (-1.5, 1.5)]
     seen = underside(merge([belly, *rails])[0])
     cell = np.ptp(seen.box, axis=0) / 128
