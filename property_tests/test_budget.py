@@ -12,7 +12,7 @@ CLASSES = st.lists(st.integers(1, 5), min_size=1, max_size=5)
 
 @st.composite
 def budgets(draw):
-    """Models per class, a budget section, and each class's images."""
+    """Models with their classes, a budget section, each class's images, and the budget."""
     models = draw(CLASSES)
     categories = {f"{c}-{m}": f"class {c}" for c, n in enumerate(models) for m in range(n)}
     # The config doesn't need to be sorted by class.
@@ -27,7 +27,7 @@ def budgets(draw):
         wanted = {f"class {c}": draw(st.integers(0, 60)) for c in range(len(models))}
         wanted["class 0"] += 1
         section = BudgetSection(images_per_class=wanted, images_per_position=shots, background_share=share)
-    return categories, section, wanted
+    return categories, section, wanted, make_budget(section, categories)
 
 
 def visited(budget, most):
@@ -54,8 +54,7 @@ def visited(budget, most):
 
 @given(budgets())
 def test_positions_equal_taking_turns_one_by_one(given_budget):
-    categories, section, _ = given_budget
-    budget = make_budget(section, categories)
+    _, section, _, budget = given_budget
     p = budget.positions
     assert p.first_image.tolist() == (np.cumsum(p.shots) - p.shots).tolist()
     columns = (getattr(p, key)[~p.background].tolist() for key in ("vehicle", "ordinal", "shots"))
@@ -67,8 +66,7 @@ def test_positions_equal_taking_turns_one_by_one(given_budget):
 
 @given(budgets())
 def test_every_class_gets_exactly_its_images_shared_by_its_models(given_budget):
-    categories, section, wanted = given_budget
-    budget = make_budget(section, categories)
+    categories, section, wanted, budget = given_budget
     p = budget.positions
     images = dict.fromkeys(budget.vehicles, 0)
     for v, shots in zip(p.vehicle.tolist(), p.shots.tolist(), strict=True):
@@ -89,8 +87,7 @@ def test_every_class_gets_exactly_its_images_shared_by_its_models(given_budget):
 
 @given(budgets())
 def test_every_prefix_has_its_share_of_backgrounds(given_budget):
-    categories, section, _ = given_budget
-    budget = make_budget(section, categories)
+    *_, budget = given_budget
     p = budget.positions
     so_far = np.cumsum(p.background)
     due = np.arange(1, budget.n_positions + 1) * p.background.mean()

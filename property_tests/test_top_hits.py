@@ -147,7 +147,7 @@ def hard_meshes():
     return st.one_of(grids(), ground, sheets, soups(), slivers(), cliffs(), mixed_sizes())
 
 
-def points_on(mesh, rng, n=12):
+def points_on(mesh, rng, n):
     """Points on vertices and edges, one ulp off, inside faces, and anywhere."""
     corners = mesh.triangles[rng.integers(len(mesh.faces), size=n)][:, :, :2]
     share = rng.choice([0.0, 0.25, 0.5, 1.0, 0.3], size=(n, 1))
@@ -160,7 +160,8 @@ def points_on(mesh, rng, n=12):
     return np.concatenate([on_edges, beside, np.einsum("nij,ni->nj", corners, weights), anywhere, rim])
 
 
-def assert_exact(mesh, xy):
+def assert_exact(mesh, seed, n=12):
+    xy = points_on(mesh, np.random.default_rng(seed), n)
     hits = Terrain(mesh).top_hits(xy)
     exact = exact_tops(mesh, xy)
     assert hits.face.tolist() == [-1 if top is None else top.face for top in exact]
@@ -175,13 +176,12 @@ def assert_exact(mesh, xy):
 
 @given(hard_meshes(), st.integers(0, 2**32 - 1))
 def test_certified_equals_the_exact_rule_on_every_hard_case(mesh, seed):
-    assert_exact(mesh, points_on(mesh, np.random.default_rng(seed)))
+    assert_exact(mesh, seed)
 
 
 @given(st.lists(hard_meshes(), min_size=2, max_size=3), st.integers(0, 2**32 - 1))
 def test_certified_equals_the_exact_rule_on_combined_hard_cases(meshes, seed):
-    mesh = together(*meshes)
-    assert_exact(mesh, points_on(mesh, np.random.default_rng(seed)))
+    assert_exact(together(*meshes), seed)
 
 
 @st.composite
@@ -199,4 +199,4 @@ def rough(draw):
 
 @given(rough(), st.integers(0, 2**32 - 1))
 def test_certified_equals_the_exact_rule_on_hundreds_of_faces(mesh, seed):
-    assert_exact(mesh, points_on(mesh, np.random.default_rng(seed), n=25))
+    assert_exact(mesh, seed, n=25)

@@ -55,19 +55,14 @@ def test_on_an_open_plane_everything_in_the_frame_is_visible(
 
 @given(lenses, seeds, st.floats(0.01, 1.2), turns)
 def test_behind_a_wall_nothing_is_visible(lens: Intrinsics, seed: int, elevation: float, turn: float) -> None:
-    n = 2
-    poses = cameras(seed, elevation, n)
+    target, poses = [PosedVehicle(TANK, HERE, {"turret": turn})], cameras(seed, elevation, 2)
     # Across the line of sight, 1 m in front of the camera.
     walls = poses.copy()
     walls[:, :3, 3] += poses[:, :3, 2]
     walls[:, :3, :3] = poses[:, :3, :3] * np.array([1000.0, 1000.0, 0.01])
-    for i in range(n):
-        seen = visible_fraction(
-            [PosedVehicle(TANK, HERE, {"turret": turn})],
-            poses[i : i + 1],
-            intrinsics=lens,
-            world=World(obstacles=InstancedScene([CUBE], [0], walls[i : i + 1])),
-        )
+    for pose, wall in zip(poses, walls, strict=True):
+        world = World(obstacles=InstancedScene([CUBE], [0], wall[None]))
+        seen = visible_fraction(target, pose[None], intrinsics=lens, world=world)
         assert seen.fraction[0] == 0
         assert seen.by_obstacles[0] == 1
 

@@ -69,20 +69,12 @@ def test_projection_equals_blenders_world_to_camera_view_in_float32() -> None:
         pose = pose @ rigid(rotation_about([0.0, 0.0, 1.0], 0.2), np.zeros(3))
         camera = Camera(Intrinsics(width, height, math.radians(fov_deg)), pose)
         points = camera.unproject(rng.uniform(-0.5, 1.5, (20, 2)) * [width, height], rng.uniform(2, 40, 20))
-        cases.append(
-            {"width": width, "height": height, "fov_x": camera.intrinsics.fov_x}
-            | {"world_from_camera": pose.tolist(), "points": points.tolist()}
-        )
+        size = {"width": width, "height": height, "fov_x": camera.intrinsics.fov_x}
+        cases.append({**size, "world_from_camera": pose.tolist(), "points": points.tolist()})
         pixels, depth = camera.project(points)
         expected.append(np.column_stack([pixels / [width, height] * [1, -1] + [0, 1], depth]))
-    done = subprocess.run(
-        [sys.executable, "-c", BLENDER],
-        input=json.dumps(cases),
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=120,
-    )
+    command = [sys.executable, "-c", BLENDER]
+    done = subprocess.run(command, input=json.dumps(cases), capture_output=True, text=True, check=True, timeout=120)
     result = json.loads(done.stdout.split("RESULT")[1])
     # Blender's matrices are float32: seven digits of coordinates up to 30 m, with f up to 3 widths.
     np.testing.assert_allclose(result, expected, atol=2e-5, rtol=2e-6)
