@@ -23,6 +23,7 @@ from hulldown.camera.projection import NEAR, Camera
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply, rigid
+from hulldown.tests.oracles.clipping import clipped
 from hulldown.tests.shapes import random_rotations, vehicle_of
 
 PIXEL_ERROR = 1e-6  # the promised error; relative for boxes with more digits than a pixel's
@@ -114,18 +115,7 @@ def exact_box(
             planes.append((*normal, Fraction(slack) * max(abs(n) for n in normal)))
     us, vs = [], []
     for face in faces:
-        polygon = [points[i] for i in face]
-        for a, b, c, d in planes:
-            at = [a * x + b * y + c * z + d for x, y, z in polygon]
-            clipped = []
-            for i, (point, here) in enumerate(zip(polygon, at, strict=True)):
-                following, there = polygon[(i + 1) % len(polygon)], at[(i + 1) % len(polygon)]
-                if here >= 0:
-                    clipped.append(point)
-                if (here >= 0) != (there >= 0):
-                    t = here / (here - there)
-                    clipped.append([p + t * (q - p) for p, q in zip(point, following, strict=True)])
-            polygon = clipped
+        polygon = clipped([points[i] for i in face], planes)
         us += [x / z * f + cx for x, _, z in polygon]
         vs += [y / z * f + cy for _, y, z in polygon]
     return (min(us), min(vs), max(us), max(vs)) if us else None

@@ -10,6 +10,7 @@ from hulldown.geometry.meshes import Mesh, merge
 from hulldown.geometry.overlap import triangles_touch_box
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply
+from hulldown.tests.oracles.clipping import clipped
 
 # float32 around the center of a scene some 20 m wide, seen at grazing angles.
 CLOSE = 2e-4
@@ -131,24 +132,7 @@ def test_triangles_touch_a_box_where_clipping_leaves_something(seed, size):
     rng = np.random.default_rng(seed)
     triangles = rng.normal(0, 1.5, (60, 1, 3)) + rng.normal(0, size, (60, 3, 3))
     half = rng.uniform(0.2, 1.5, (60, 3))
-    expected = [len(_clipped(t, h)) > 0 for t, h in zip(triangles, half, strict=True)]
-    np.testing.assert_array_equal(
-        triangles_touch_box([*map(list, np.moveaxis(triangles, 0, 2))], list(half.T)), expected
-    )
-
-
-def _clipped(polygon, half):
-    """Sutherland and Hodgman: the part of a polygon inside a box around the origin."""
-    points = list(polygon)
-    for axis in range(3):
-        for sign in (-1, 1):
-            inside = [sign * p[axis] <= half[axis] for p in points]
-            left = []
-            for i, p in enumerate(points):
-                q = points[i - 1]
-                if inside[i] != inside[i - 1]:
-                    left.append(q + (p - q) * (sign * half[axis] - q[axis]) / (p[axis] - q[axis]))
-                if inside[i]:
-                    left.append(p)
-            points = left
-    return points
+    sides = np.concatenate([np.eye(3), -np.eye(3)])
+    expected = [len(clipped(t, np.c_[sides, np.tile(h, 2)])) > 0 for t, h in zip(triangles, half, strict=True)]
+    touching = triangles_touch_box([*map(list, np.moveaxis(triangles, 0, 2))], list(half.T))
+    np.testing.assert_array_equal(touching, expected)

@@ -8,6 +8,7 @@ from hulldown.camera.distortion import seen_radius
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.lenses import lenses
 from hulldown.camera.projection import NEAR
+from hulldown.tests.oracles.clipping import clipped
 from hulldown.tests.oracles.nearest import nearest_triangle
 
 LENSES = {
@@ -37,7 +38,8 @@ def dense_extent(triangles: np.ndarray, intrinsics: Intrinsics, *, frame: bool) 
         found.append(pixels[seen])
 
     rng = np.random.default_rng(0)
-    for corners in filter(len, map(_ahead, triangles)):
+    for triangle in triangles:
+        corners = np.array(clipped(triangle, [(0.0, 0.0, 1.0, -NEAR)])).reshape(-1, 3)
         flat = corners[:, :2] / corners[:, 2:]
         for start, end in zip(flat, np.roll(flat, -1, axis=0), strict=True):
             t = np.linspace(0, 1, ALONG)
@@ -83,15 +85,6 @@ def opencv(points: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
     u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2)
     v = y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y
     return np.stack([fx * u + cx, fy * v + cy], 1)
-
-
-def _ahead(triangle):
-    """Corners of the part of a triangle in front of the near plane."""
-    corners = []
-    for a, b in zip(triangle, np.roll(triangle, -1, axis=0), strict=True):
-        corners += [a] if a[2] >= NEAR else []
-        corners += [a + (NEAR - a[2]) / (b[2] - a[2]) * (b - a)] if (a[2] >= NEAR) != (b[2] >= NEAR) else []
-    return np.array(corners)
 
 
 def _met(triangles, points):
