@@ -13,8 +13,8 @@ from hulldown.placement.rejection import Rejection
 from hulldown.placement.rules import SettleRules
 from hulldown.placement.settle import settle
 from hulldown.placement.terrain import Terrain
-from hulldown.tests.shapes import plane_mesh, surface
-from hulldown.tests.test_settle import TANK, placed
+from hulldown.tests.shapes import plane_mesh
+from hulldown.tests.test_settle import TANK, height_field, placed
 
 RULES = st.sampled_from(["averaged", "least_squares", "support"])
 FIELDS = ("world_from_vehicle", "slope", "tilt", "share", "margin", "gap", "penetration", "rejection")
@@ -26,13 +26,11 @@ def finite(low, high):
     return st.floats(low, high, allow_subnormal=False)
 
 
-def rough_mesh(seed, relief=0.8, half=20.0, cell=1.0):
+def rough_mesh(seed, relief=0.8, half=20.0):
     """A square of random heights, plus a random slope."""
     rng = np.random.default_rng(seed)
-    x = np.linspace(-half, half, round(2 * half / cell) + 1)
-    grid = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1)
-    z = relief * rng.random(grid.shape[:2]) + grid @ rng.uniform(-0.3, 0.3, 2) + rng.uniform(-50, 50)
-    return surface(x, x, z, "rough")
+    (along, across), z = rng.uniform(-0.3, 0.3, 2), rng.uniform(-50, 50)
+    return height_field(lambda x, y: relief * rng.random(x.shape) + along * x + across * y + z, half, cell=1.0)
 
 
 PLATE = np.stack([-TANK[:2], TANK[:2]]) / 2

@@ -16,15 +16,11 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import rigid, rotation_z
 from hulldown.tests.oracles.nearest import nearest_triangle
+from hulldown.tests.planning_assets import vehicle
 from hulldown.tests.shapes import box, vehicle_of
 
 VGA = Intrinsics(640, 480, math.radians(50))
-TANK = VehicleTarget(
-    vehicle_of(
-        *(box([-3, -1.5, 0], [3, 1.5, 1.4]), box([-1, -1, 1.4], [1, 1, 2.2]), box([1, -0.1, 1.7], [5, 0.1, 1.9])),
-        pivots=[[0, 0, 0], [0, 0, 1.4], [1, 0, 1.8]],
-    )
-)
+TANK = VehicleTarget(vehicle("t72"))
 HERE = np.eye(4)[None]
 CRATE = PosedVehicle(VehicleTarget(vehicle_of(box([-3, -1.5, 0], [3, 1.5, 2]))), HERE, {})
 # From +x, towards the crate's front of 3 m x 2 m.
