@@ -27,6 +27,7 @@ from hulldown.tests.oracles.clipping import clipped
 from hulldown.tests.shapes import random_rotations, vehicle_of
 
 PIXEL_ERROR = 1e-6  # the promised error; relative for boxes with more digits than a pixel's
+View = tuple[VehicleShape, np.ndarray, Camera, dict[str, float]]  # with the vehicle's pose and articulation
 FIELDS_OF_VIEW = [math.radians(degrees) for degrees in (0.1, 1.0, 30.0, 60.0, 120.0, 179.0)]
 
 
@@ -88,7 +89,7 @@ def random_camera(rng: np.random.Generator, target: np.ndarray) -> Camera:
     return Camera(Intrinsics(width, height, float(rng.choice(FIELDS_OF_VIEW))), rigid(rotation, position))
 
 
-def random_view(seed: int) -> tuple[VehicleShape, np.ndarray, Camera, dict[str, float]]:
+def random_view(seed: int) -> View:
     rng = np.random.default_rng(seed)
     shape = random_vehicle(rng)
     origin = rng.normal(size=3) * rng.choice([0.0, 1.0, 1e4])
@@ -146,18 +147,13 @@ def test_clipping_equals_exact_clipping(seed: int, frame: bool) -> None:
     # Rounding of coordinates of this size can move a plane by this much.
     slack = 1e-13 * (np.abs(vertices - camera.position).max() + 1.0)
     found = surface_box(vertices, faces, camera, frame=frame)
-    assert_between(
-        found,
-        exact_box(vertices, faces, camera, frame=frame, slack=-slack),
-        exact_box(vertices, faces, camera, frame=frame, slack=slack),
-    )
+    assert_between(found, *(exact_box(vertices, faces, camera, frame=frame, slack=s) for s in (-slack, slack)))
 
 
 @given(st.integers(0, 2**32), st.booleans())
 def test_the_fast_box_equals_clipping(seed: int, frame: bool) -> None:
-    shape, pose, camera, articulation = random_view(seed)
-    found = VehicleBoxes(shape).box(pose, camera, articulation, frame=frame)
-    assert_is_the_rule(found, shape, pose, camera, articulation, frame=frame)
+    view = random_view(seed)
+    assert_is_the_rule(VehicleBoxes(view[0]), view, frame=frame)
 
 
 @given(st.integers(0, 2**32), st.integers(1, 8), st.integers(1, 4))
@@ -168,8 +164,7 @@ def test_branch_and_bound_equals_clipping(seed: int, leaf: int, count: int) -> N
         boxes = VehicleBoxes(shape)
         for _ in range(6):
             for frame in (True, False):
-                found = boxes.box(pose, camera, articulation, frame=frame)
-                assert_is_the_rule(found, shape, pose, camera, articulation, frame=frame)
+                assert_is_the_rule(boxes, (shape, pose, camera, articulation), frame=frame)
             # From here on, typical uses of branch and bound: a normal lens nearby, the vehicle cut by the frame.
             distance, rotation = rng.uniform(0.5, 6.0), random_rotation(rng)
             aside = rotation[:, :2] @ rng.uniform(-0.6, 0.6, 2) * distance
@@ -177,15 +172,9 @@ def test_branch_and_bound_equals_clipping(seed: int, leaf: int, count: int) -> N
             camera = Camera(Intrinsics(640, 480, float(rng.uniform(0.5, 1.5))), rigid(rotation, position))
 
 
-def assert_is_the_rule(
-    found: np.ndarray | None,
-    shape: VehicleShape,
-    pose: np.ndarray,
-    camera: Camera,
-    articulation: dict[str, float],
-    *,
-    frame: bool,
-) -> None:
+def assert_is_the_rule(boxes: VehicleBoxes, view: View, *, frame: bool) -> None:
+    shape, pose, camera, articulation = view
+    found = boxes.box(pose, camera, articulation, frame=frame)
     vertices_world = apply(pose, shape.vertices_at(articulation))
     expected = surface_box(vertices_world, shape.mesh.faces, camera, frame=frame)
     # Coordinates of 1e4 m have rounding errors of 1e-12 m, which a long lens nearby magnifies to pixels.
@@ -222,13 +211,9 @@ def test_a_batch_gives_the_bits_of_its_rows(seeds: list[int], vehicle: int) -> N
     views = [random_view(seed) for seed in seeds]
     poses = np.array([view[1] for view in views]).reshape(-1, 4, 4)
     cameras = [view[2] for view in views]
+    world_from_camera = np.array([camera.world_from_camera for camera in cameras]).reshape(-1, 4, 4)
     angles = [{name: 0.3 * len(view[3]) for name in shape.part_names[1:]} for view in views]
-    found = boxes.boxes(
-        poses,
-        np.array([camera.world_from_camera for camera in cameras]).reshape(-1, 4, 4),
-        [camera.intrinsics for camera in cameras],
-        angles,
-    )
+    found = boxes.boxes(poses, world_from_camera, [camera.intrinsics for camera in cameras], angles)
     for i, camera in enumerate(cameras):
         for frame, rows in ((True, found.xywh), (False, found.amodal)):
             alone = boxes.box(poses[i], camera, angles[i], frame=frame)

@@ -33,10 +33,7 @@ def budgets(draw):
 def visited(budget, most):
     """Every position by simple iteration: classes take turns, and each gives the next position of its next model."""
     left = {v: int(n) for v, n in zip(budget.vehicles, budget.images, strict=True)}
-    queues = [
-        [budget.vehicles[i] for i in range(budget.class_starts[c], budget.class_starts[c + 1])]
-        for c in range(len(budget.class_starts) - 1)
-    ]
+    queues = np.split(np.array(budget.vehicles), budget.class_starts[1:-1])
     turn = [0] * len(queues)
     rows, count = [], dict.fromkeys(left, 0)
     while any(left.values()):

@@ -3,7 +3,7 @@ import pytest
 
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.placement.footprint import LEAN, Underside, contact_footprint, underside, underside_samples
-from hulldown.tests.shapes import box, plane_mesh
+from hulldown.tests.shapes import box, plane_mesh, surface
 
 
 def box_points(low, high, n=5):
@@ -55,12 +55,8 @@ def test_a_barrel_outside_the_footprint_is_ignored():
 
 def test_a_sheet_of_small_pieces_on_its_edge_has_a_footprint():
     x = np.linspace(-2.0, 2.0, 301)  # shorter than a cell
-    i = np.arange(300)
-    faces = np.concatenate([np.stack([i, i + 1, i + 302], 1), np.stack([i, i + 302, i + 301], 1)])
-    sheets = [
-        Mesh(np.concatenate([np.column_stack([x, np.full(301, y), np.full(301, z)]) for z in (0.0, 0.5)]), faces)
-        for y in (-0.9, 0.9)
-    ]
+    lying = [surface(x, np.array([0.0, 0.5]), np.full((301, 2), y)) for y in (-0.9, 0.9)]
+    sheets = [Mesh(each.vertices[:, [0, 2, 1]], each.faces) for each in lying]
     seen = underside(merge([*sheets, box((-2.0, -0.9, 0.5), (2.0, 0.9, 1.0))])[0])
     assert not seen.heights[:, [0, -1]].any()
     assert (seen.heights[:, 1:-1] == 0.5).all()
