@@ -18,7 +18,8 @@ from hulldown.camera.visibility import visible_fraction
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.transforms import rigid, rotation_about
 from hulldown.tests.oracles.curves import LENSES
-from hulldown.tests.planning_assets import plan, small_assets, small_config, vehicle
+from hulldown.tests.planning_assets import filled_share, plan, small_assets, small_config, vehicle
+from hulldown.tests.shapes import sheet
 
 PINHOLE = (1420.0, 1418.5, 964.2, 545.7)
 every_lens = pytest.mark.parametrize("name", LENSES)
@@ -71,11 +72,11 @@ def test_nothing_is_visible_beyond_the_fold():
     assert depth.tolist() == [1.0] * 3
     assert np.isnan(undistorted(np.array([[1e9, 0.0], [np.nan, 0.0]]), np.array(LENSES["folding"]), 1.0)).all()
     # An unlimited wall ends at the circle of the fold.
-    wall = 50.0 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) + [0, 0, 2.0]
-    box = surface_box(wall, [[0, 1, 2], [0, 2, 3]], camera, frame=False)
+    wall = sheet((-50, -50), (50, 50), 2.0)
+    box = surface_box(wall.vertices, wall.faces, camera, frame=False)
     radius = 0.999 * fold * (1 - 0.2 * (0.999 * fold) ** 2)
     np.testing.assert_allclose(box[2:], 2 * radius * np.array(PINHOLE[:2]), rtol=1e-9)
-    assert surface_box(wall, [[0, 1, 2], [0, 2, 3]], camera).tolist() == [0.0, 0.0, 1920.0, 1080.0]
+    assert surface_box(wall.vertices, wall.faces, camera).tolist() == [0.0, 0.0, 1920.0, 1080.0]
 
 
 def test_boxes_of_objects_beside_the_camera_are_finite():
@@ -130,9 +131,7 @@ def test_planned_sizes_and_cuts_are_exact_in_the_distorted_image(measure):
     for row in rows:
         assert row.dist == lens
         assert row.intrinsics == Intrinsics.calibrated(1920, 1080, PINHOLE, lens)
-        box = row.target.bbox_amodal
-        share = box.height / 1080 if measure == "height" else box.width * box.height / (1920 * 1080)
-        assert share == pytest.approx(0.2, abs=1e-8)
+        assert filled_share(row.target.bbox_amodal[2:], row, measure) == pytest.approx(0.2, abs=1e-8)
         assert 0.0 <= row.target.truncated_fraction <= 0.3
 
 

@@ -1,13 +1,12 @@
 import numpy as np
 import pytest
 
-from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.meshes import Mesh, merge
 from hulldown.geometry.rays import BLOCK, RayCaster, coherent_blocks
+from hulldown.tests.shapes import sheet
 
 # A floor of 2 m by 2 m and, 1 m above a quarter of it, a roof.
-FLOOR = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
-ROOF = [[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
-HOUSE = Mesh(np.array(FLOOR + ROOF, dtype=float), np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]), "house")
+HOUSE, _ = merge([sheet((-1, -1), (1, 1)), sheet((0, 0), (1, 1), 1.0)], name="house")
 DOWN = [0.0, 0.0, -1.0]
 
 
