@@ -1,4 +1,4 @@
-"""Boxes compared with exact arithmetic, with every vertex, and with pixels."""
+"""Boxes compared with exact arithmetic, with every vertex, with pixels, and behind lenses with very many points."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import hulldown.annotate.clusters
-from hulldown.annotate.boxes import VehicleBoxes, surface_box
+from hulldown.annotate.boxes import FAR, VehicleBoxes, surface_box
 from hulldown.annotate.masks import mask_box, vehicle_mask
 from hulldown.annotate.posing import PosedParts, move
 from hulldown.assets.vehicle import VehicleShape
@@ -24,6 +24,7 @@ from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply, rigid
 from hulldown.tests.oracles.clipping import clipped
+from hulldown.tests.oracles.curves import LENSES, dense_extent
 from hulldown.tests.shapes import random_rotations, vehicle_of
 
 PIXEL_ERROR = 1e-6  # the promised error; relative for boxes with more digits than a pixel's
@@ -240,3 +241,35 @@ def test_the_box_contains_the_mask_and_touches_it_on_four_sides(kind, seed: int)
     low, high = inner[:2] - box[:2], box[:2] + box[2:] - inner[:2] - inner[2:]
     assert min(low.min(), high.min()) >= -0.5 / 8.0 - 1e-3
     assert max(low.max(), high.max()) <= 1.0
+
+
+@given(st.integers(0, 2**63), st.sampled_from(sorted(LENSES)), st.sampled_from(["before", "large", "across"]))
+def test_curved_boxes_are_within_a_hundredth_of_a_pixel(seed: int, name: str, kind: str) -> None:
+    rng = np.random.default_rng(seed)
+    width, height = ((1920, 1080), (640, 480), (1080, 1920))[rng.integers(3)]
+    half = math.radians(rng.uniform(40, 120)) / 2
+    while True:  # the widest view that doesn't fold
+        f = width / 2 / math.tan(half)
+        pinhole = (f, f * rng.uniform(0.9, 1.1), width * rng.uniform(0.35, 0.65), height * rng.uniform(0.35, 0.65))
+        try:
+            intrinsics = Intrinsics.calibrated(width, height, pinhole, LENSES[name])
+            break
+        except ValueError:
+            half *= 0.9
+    middle = np.array([*rng.uniform(-1, 1, 2), 1.0]) * 10 ** rng.uniform(-0.5, 1.5)
+    size = 10 ** rng.uniform(-1.5, 1) * np.linalg.norm(middle) * (3 if kind == "large" else 1)
+    triangles = middle + rng.normal(size=(rng.integers(1, 7), 3, 3)) * size * rng.uniform(0.05, 1, 3)
+    if kind == "across":
+        triangles[..., 2] += rng.uniform(-1, 1) * size - middle[2]
+    faces = np.arange(3 * len(triangles)).reshape(-1, 3)
+    for frame in (True, False):
+        box = surface_box(triangles.reshape(-1, 3), faces, Camera(intrinsics, np.eye(4)), frame=frame)
+        wanted = dense_extent(triangles, intrinsics, frame=frame)
+        if box is None or wanted is None:
+            assert box is None, box
+            assert wanted is None, wanted
+            continue
+        wanted = np.clip(wanted, -FAR, FAR)
+        # Next to the near plane, pixels are millions apart.
+        tolerance = 0.01 if frame else 0.01 + 1e-4 * np.abs(wanted).max()
+        assert np.abs(np.append(box[:2], box[:2] + box[2:]) - wanted).max() <= tolerance

@@ -1,14 +1,19 @@
-"""Small worlds in which a plan that ignores one of the limits would break it."""
+"""Small worlds in which a plan that ignores a limit or a requested size would break it, and the count of tries."""
 
 from collections import Counter
+from functools import cache
 
 import numpy as np
 import pytest
 
+from hulldown.annotate.boxes import surface_box
 from hulldown.annotate.masks import vehicle_mask
 from hulldown.camera.target import PosedVehicle, VehicleTarget
+from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.transforms import apply
-from hulldown.tests.planning_assets import bare, hills, plan, small_assets, small_config, vehicle
+from hulldown.planning.planner import Planner
+from hulldown.planning.row import encode_rows
+from hulldown.tests.planning_assets import bare, filled_share, hills, plan, small_assets, small_config, vehicle
 
 TANK = vehicle("t72")
 ROCK = 1  # of the obstacle meshes, lower than the gun
@@ -68,3 +73,71 @@ def test_a_target_smaller_than_a_pixel_covers_the_center_of_one():
     for row in rows:
         assert row.target.bbox[3] < 2
         assert vehicle_mask(PosedVehicle(target, row.target.world_from_vehicle[None], {}), row.camera).any()
+
+
+def sized(**camera):
+    return list(plan(small_config(camera=camera, budget={"images_per_class": 6}), small_assets(vehicles=["t72"])))
+
+
+def amodal_share(row, measure):
+    """Share of the image by the exact rule, from the row's poses alone."""
+    vertices = apply(row.target.world_from_vehicle, TANK.vertices_at(row.target.articulation))
+    return filled_share(surface_box(vertices, TANK.mesh.faces, row.camera, frame=False)[2:], row, measure)
+
+
+@pytest.mark.parametrize("truncated", [[0.0, 0.0], [0.1, 0.4]], ids=["whole", "cut"])
+@pytest.mark.parametrize("measure", ["height", "width", "diagonal", "area"])
+def test_the_box_has_the_requested_size(measure, truncated):
+    for row in sized(size_measure=measure, target_fraction=0.15, framing=1.0, truncated_fraction=truncated):
+        assert amodal_share(row, measure) == pytest.approx(0.15, rel=1e-9)  # as plans promise
+        assert truncated[0] <= row.target.truncated_fraction <= truncated[1]
+
+
+def test_sizes_cover_their_range_and_the_distance_factor_is_unused():
+    options = {"size_measure": "area", "target_fraction": [0.0005, 0.0044]}
+    rows = sized(**options, distance_factor=1.0)
+    shares = [amodal_share(row, "area") for row in rows]
+    assert 0.0005 <= min(shares) < 0.0015 < 0.003 < max(shares) <= 0.0044
+    assert encode_rows(sized(**options, distance_factor=4.0)) == encode_rows(rows)
+
+
+def test_a_size_that_no_distance_gives_is_counted():
+    # A box ten times as high as the image needs a camera inside the vehicle or too close to it.
+    rows = sized(
+        size_measure="height", target_fraction=[0.3, 10.0], truncated_fraction=[0.0, 1.0], distance_m=[0.0, 5000.0],
+        obstacle_clearance=0.0, fov_x_deg=120.0, max_tries=500,
+    )  # fmt: skip
+    assert sum(row.rejected.get("size", 0) for row in rows) > 0
+
+
+@cache
+def planner_of(max_tries, *, slope_deg=2.5, blind_below_px=None):
+    """A world with few level places, all of them visible."""
+    camera = {"min_box_px": blind_below_px, "max_tries": 1} if blind_below_px else {}
+    config = small_config(
+        budget={"images_per_class": 8, "images_per_position": 1},
+        camera={"visibility_rays": 4, **camera},
+        placement={"max_slope_deg": slope_deg, "max_tries": max_tries},
+    )
+    return Planner(config, small_assets(hills("hills", cells=20, trees=3)))
+
+
+@pytest.mark.parametrize("limit", [1, 2, 3, 5])
+def test_no_position_is_tried_more_often_than_allowed(limit):
+    # max_tries = 2 gave rows with 3 tries.
+    planner = planner_of(limit)
+    for row in planner_of(10_000).rows(0, 8):
+        position = row.position
+        if row.target.tries <= limit:
+            assert encode_rows(planner.rows(position, position + 1)) == encode_rows([row])
+        else:
+            with pytest.raises(ConfigError, match=f"of {limit} tries"):
+                planner.rows(position, position + 1)
+
+
+def test_places_without_a_view_count_as_tries():
+    # A position that no camera sees is moved, and its tries count on.
+    with pytest.raises(ConfigError, match=r"finds no place to stand: of 6 tries .*could not be seen by any camera"):
+        planner_of(6, slope_deg=40.0, blind_below_px=700).rows(0, 1)
+    seldom = planner_of(30, slope_deg=40.0, blind_below_px=100)
+    assert all(row.target.tries <= 30 for row in seldom.rows(0, 8))
