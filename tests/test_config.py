@@ -10,7 +10,7 @@ from hulldown.camera.weather.kinds import KINDS
 from hulldown.geometry.errors import ConfigError
 from hulldown.placement.rejection import Rejection
 from hulldown.planning.config.config_keys import ENTRIES, PAGE, keys_of, page, sections
-from hulldown.planning.config.schema import Config, Section
+from hulldown.planning.config.schema import Config
 from hulldown.planning.config.template import bare_text, config_text
 from hulldown.planning.inputs.loading import hdri_paths
 
@@ -42,18 +42,10 @@ def test_the_template_has_the_defaults_and_nothing_else(read):
 
 
 def test_the_template_has_every_key():
-    def keys(model, section=""):
-        for name, field in model.model_fields.items():
-            inner = field.annotation
-            if isinstance(inner, type) and issubclass(inner, Section):
-                yield from keys(inner, name)
-            else:
-                yield section, name
-
-    text = bare_text()
-    for section, name in keys(Config):
-        part = text.split(f"[{section}]\n")[-1] if section else text
-        assert re.search(rf"(?m)^(# )?(\[\[assets\.)?{name}( =|\]\])", part), f"{section}.{name}"
+    for section, kind in {"": Config, **sections()}.items():
+        part = bare_text().split(f"[{section}]\n")[-1] if section else bare_text()
+        for key in keys_of(kind):
+            assert re.search(rf"(?m)^(# )?(\[\[assets\.)?{key.name}( =|\]\])", part), f"{section}.{key.name}"
 
 
 def test_every_key_has_a_description_in_the_docs():

@@ -15,7 +15,7 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import rigid, rotation_about, rotation_z
 from hulldown.tests.oracles.nearest import nearest_triangle
-from hulldown.tests.shapes import box, scenery_of
+from hulldown.tests.shapes import box
 from hulldown.tests.test_visibility import TANK
 
 TILT = rotation_about(np.array([0.6, 0.0, 0.8]), 0.7)
@@ -132,11 +132,3 @@ def test_the_plane_is_hit_from_both_sides_at_its_distance_and_not_along_it():
     hits = World(Plane(1.0)).nearest([[0, 0, 3.0], [0, 0, 0.0], [0, 0, 3.0]], [[3, 0, -4.0], [0, 0, 1.0], [1, 0, 0.0]])
     assert hits.distance.tolist() == [2.5, 1.0, np.inf]
     assert hits.normal[:2].tolist() == [[0, 0, 1], [0, 0, -1]]
-
-
-def test_missing_ground_is_a_plane_at_the_files_height():
-    scenery = scenery_of("bare", origin=(0.0, 0.0, 500.0))
-    ground = World.of(scenery, fallback_z=503.0).ground
-    assert isinstance(ground, Plane)
-    assert ground.z == 3.0
-    assert World.of(scenery).ground is None
