@@ -13,12 +13,15 @@ def at(*position, stretch=(1.0, 1.0, 1.0)):
     return pose
 
 
-def test_an_empty_scene_is_never_hit():
+def test_empty_scenes_and_zero_rays_are_legal():
     for meshes in ([], [CUBE]):
         scene = InstancedScene(meshes, [], np.zeros((0, 4, 4)))
         assert scene.bounds.shape == (0, 2, 3)
         assert not scene.cast([[0, 0, 0]], [[0, 0, 1]]).hit.any()
         assert not scene.occluded([[0, 0, 0]], [[0, 0, 1]]).any()
+    scene = InstancedScene([CUBE], [0], [np.eye(4)])
+    assert scene.cast(np.zeros((0, 3)), np.zeros((0, 3))).distance.shape == (0,)
+    assert scene.occluded(np.zeros((0, 3)), np.zeros((0, 3))).shape == (0,)
 
 
 def test_a_short_ray_near_a_pebble_in_a_wide_scene_hits_it():
@@ -27,12 +30,6 @@ def test_a_short_ray_near_a_pebble_in_a_wide_scene_hits_it():
     origin, down = [[0.0, 0.0, 0.03]], [[0.0, 0.0, -1.0]]
     assert scene.occluded(origin, down, max_distance=0.02).all()
     assert scene.cast(origin, down, max_distance=0.02).instance.tolist() == [0]
-
-
-def test_zero_rays_are_legal():
-    scene = InstancedScene([CUBE], [0], [np.eye(4)])
-    assert scene.cast(np.zeros((0, 3)), np.zeros((0, 3))).distance.shape == (0,)
-    assert scene.occluded(np.zeros((0, 3)), np.zeros((0, 3))).shape == (0,)
 
 
 @pytest.mark.parametrize(

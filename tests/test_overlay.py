@@ -4,9 +4,11 @@ from PIL import Image
 
 from hulldown.annotate.drawing import color_of, contact_sheet, draw
 from hulldown.annotate.masks import encode
+from hulldown.annotate.sheets import refuse_foreign, save_sheet
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.table import Dataset
-from hulldown.geometry.errors import DatasetError
+from hulldown.geometry.errors import DatasetError, HulldownError
+from hulldown.planning.summary import summarize
 from hulldown.tests.editing import append, write_dataset
 
 NAMES = {1: "tank", 2: "truck"}
@@ -103,3 +105,18 @@ def test_a_sheet_without_pictures_is_an_error(tmp_path):
     CocoDataset.open(tmp_path).close()
     with pytest.raises(DatasetError, match="has no images yet; render some first"):
         Dataset.read(tmp_path).sheet()
+
+
+@pytest.mark.parametrize("write", [lambda path: save_sheet(gray(), path), lambda path: summarize([]).draw(path)])
+def test_only_pictures_by_hulldown_are_replaced(tmp_path, write):
+    path = tmp_path / "tank.png"
+    gray().save(path)
+    before = path.read_bytes()
+    with pytest.raises(HulldownError, match=r"tank\.png: exists and wasn't drawn by hulldown; name another"):
+        write(path)
+    assert path.read_bytes() == before
+    path.unlink()
+    write(path)
+    write(path)
+    refuse_foreign(path)
+    assert [found.name for found in tmp_path.iterdir()] == ["tank.png"]
