@@ -14,7 +14,7 @@ PYTEST = $(BIN)/python -P -m pytest -n $(WORKERS) --dist loadfile
 .DEFAULT_GOAL := help
 # What depends on how floats are rounded, where another processor's kernels might be seen.
 KERNEL_TESTS = $(addprefix tests/test_,$(addsuffix .py,portable transforms hulls instances settle rest support \
-	footprint clearance_of_poses framing size shell projection clearance boxes))
+	footprint framing size shell projection clearance boxes))
 
 .PHONY: help setup setup-training browser demo study test kernels check bench thorough fuzz clean
 
