@@ -80,9 +80,8 @@ def test_nothing_is_visible_beyond_the_fold():
 
 
 def test_boxes_of_objects_beside_the_camera_are_finite():
-    camera = Camera(
-        Intrinsics.calibrated(160, 90, (140.0, 139.0, 82.0, 44.0), (-0.2, 0.05, 1e-3, -1e-3, 0.0)), np.eye(4)
-    )
+    intrinsics = Intrinsics.calibrated(160, 90, (140.0, 139.0, 82.0, 44.0), (-0.2, 0.05, 1e-3, -1e-3, 0.0))
+    camera = Camera(intrinsics, np.eye(4))
     wall = np.array([[2.0, -1.0, 0.0], [2.0, 1.0, 0.0], [2.0, 1.0, 9.0], [2.0, -1.0, 9.0]])
     x, y, w, h = surface_box(wall * 1e4, [[0, 1, 2], [0, 2, 3]], camera, frame=False)
     assert max(-x, -y, x + w, y + h) == 1e9  # plans have numbers up to 1e12

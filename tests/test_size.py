@@ -16,9 +16,8 @@ def test_a_size_that_no_distance_gives_is_nan() -> None:
     arrow = np.array([[5.0, 0, 0], [-1, 1, 1], [-1, -1, 1], [-1, 0, -1]])
     pose = camera_pose([0, 0, 0], 50.0, 0.0, 0.0)[None]
     limit = 2 * HD.f_px / 6
-    below, above = (
-        solve_distance(HD, pose, arrow[None], center=[0, 0, 0], pixels=limit * k)[0] for k in (0.999, 1.001)
-    )
+    wanted = limit * np.array([0.999, 1.001])
+    below, above = solve_distance(HD, np.repeat(pose, 2, axis=0), arrow[None], center=[0, 0, 0], pixels=wanted)
     assert np.isfinite(below)
     assert np.isnan(above)
     point = solve_distance(HD, pose, np.zeros((1, 1, 3)), center=[0, 0, 0], pixels=1.0)

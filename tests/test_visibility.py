@@ -88,13 +88,9 @@ SCENES = {
 def test_visibility_equals_a_per_pixel_reference(name: str, articulation: dict) -> None:
     pose, yaw = camera_pose([0, 0, 1.0], 16.0, 0.0, 0.02), 0.6
     truth, area = reference(TANK, Camera(VGA, pose), articulation, yaw, SCENES[name])
-    seen = visible_fraction(
-        [PosedVehicle(TANK, rigid(rotation_z(yaw), np.zeros(3))[None], articulation)],
-        pose[None],
-        intrinsics=VGA,
-        world=World(RayCaster(SCENES[name])),
-        rays=20_000,
-    )
+    target = PosedVehicle(TANK, rigid(rotation_z(yaw), np.zeros(3))[None], articulation)
+    world = World(RayCaster(SCENES[name]))
+    seen = visible_fraction([target], pose[None], intrinsics=VGA, world=world, rays=20_000)
     assert 0.1 < truth < 0.95
     assert seen.fraction[0] == pytest.approx(truth, abs=0.005)
     assert seen.area[0] == pytest.approx(area, rel=0.01)
@@ -183,8 +179,8 @@ def test_results_do_not_depend_on_other_rows() -> None:
     turned = [{"turret": angle} for angle in rng.uniform(-3, 3, n)]
     many = visible_fraction([PosedVehicle(TANK, vehicles, turned)], cameras, **options)
     for i in (0, 1, 300, 1499):
-        one = PosedVehicle(TANK, vehicles[i : i + 1], turned[i])
-        one = visible_fraction([one], cameras[i : i + 1], **options)
+        target = PosedVehicle(TANK, vehicles[i : i + 1], turned[i])
+        one = visible_fraction([target], cameras[i : i + 1], **options)
         assert one.fraction[0] == many.fraction[i]
         assert one.hits[0] == many.hits[i]
     assert 0.2 < many.fraction.mean() < 0.98

@@ -48,9 +48,8 @@ def test_draws_are_within_the_config():
     assert all(2.0 - 1e-8 <= math.hypot(*one.wind_m_s) <= 5.0 + 1e-8 for kind in NAMES[1:] for one in of[kind])
     assert {one.exposure_s for kind in NAMES[1:] for one in of[kind]} == {0.01}
     assert all(300.0 <= one.visibility_m <= 3000.0 for one in of["fog"])
-    assert {(one.wind_m_s, one.rain_mm_h, one.ground_cover, one.vehicle_cover) for one in of["fog"]} == {
-        ((0, 0), 0, 0, 0)
-    }
+    foggy = {(one.wind_m_s, one.rain_mm_h, one.ground_cover, one.vehicle_cover) for one in of["fog"]}
+    assert foggy == {((0, 0), 0, 0, 0)}
     for one in of["rain"]:
         assert 2.0 <= one.rain_mm_h <= 50.0
         assert one.visibility_m == pytest.approx(float(rain_visibility_m(one.rain_mm_h)), abs=1e-8)
