@@ -139,7 +139,7 @@ FILES = [  # lines, columns, and the error
 ]
 
 
-@pytest.mark.parametrize(("lines", "columns", "message"), FILES)
+@pytest.mark.parametrize(("lines", "columns", "message"), FILES, ids=[message for *_, message in FILES])
 def test_the_error_of_impossible_poses_names_the_line(tmp_path, lines, columns, message):
     with pytest.raises(ConfigError) as caught:
         planned(tmp_path, *lines, columns=columns)
