@@ -64,6 +64,11 @@ class Scenery:
         """(k,) instances that nothing may touch: all but grass and water."""
         return ~(self.instance_gives_way | self.instance_is_water)
 
+    @property
+    def standing_names(self) -> list[str]:
+        """Objects planned as ground or obstacles, which are rendered whatever they or their meshes are called."""
+        return sorted({*self.ground_names, *self.instance_names})
+
     def water(self) -> Mesh | None:
         """All water surfaces merged, or None if there is none."""
         wet = np.flatnonzero(self.instance_is_water)

@@ -15,13 +15,14 @@ from hulldown.benchmarks.rendering import planned
 from hulldown.benchmarks.rendering_error import FAST
 from hulldown.benchmarks.tables import table
 from hulldown.demo.project import create_project
+from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan_file import Plan
 from hulldown.render.cluster.cluster_pool import ClusterPool
 from hulldown.render.cluster.node import SHARE_VARIABLE
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.confinement import Confinement
 from hulldown.render.engine import Engine
-from hulldown.render.jobs import RenderAssets, render_job
+from hulldown.render.jobs import readable, render_job
 from hulldown.render.messages import CyclesSettings, to_json
 from hulldown.render.outline import sort_key
 from hulldown.render.pool import Pool
@@ -53,7 +54,7 @@ def run(quick: bool) -> dict[str, Any]:
         }
 
 
-def overhead(plan: Plan, assets: RenderAssets, output: Path, rounds: int) -> dict[str, Any]:
+def overhead(plan: Plan, library: Library, output: Path, rounds: int) -> dict[str, Any]:
     """The same rows by two workers of this machine and by two of Dask's, in turn; all keep what they have loaded."""
     rows = sorted(plan, key=sort_key)[:CHUNK]
     settings = plan.config.render
@@ -61,7 +62,7 @@ def overhead(plan: Plan, assets: RenderAssets, output: Path, rounds: int) -> dic
     output.mkdir()
 
     def message(i: int) -> Mapping[str, Any]:
-        return to_json(render_job(rows[i], assets, cycles, output / f"{i}.png"))
+        return to_json(render_job(rows[i], library, cycles, output / f"{i}.png"))
 
     def once(pool: Pool | ClusterPool) -> float:
         began = time.perf_counter()
@@ -74,9 +75,9 @@ def overhead(plan: Plan, assets: RenderAssets, output: Path, rounds: int) -> dic
         for _ in range(WORKERS):
             nodes.add(environment={SHARE_VARIABLE: str(WORKERS)})
         with (
-            Pool(output / "logs", engine, confinement=Confinement(output, assets.readable)) as local,
+            Pool(output / "logs", engine, confinement=Confinement(output, readable(library))) as local,
             ClusterPool(
-                Scheduler(nodes.address), engine, assets, say=lambda line: None, stopping=lambda: False
+                Scheduler(nodes.address), engine, library, say=lambda line: None, stopping=lambda: False
             ) as dask,
         ):
             once(local), once(dask)  # everything is loaded
@@ -90,8 +91,8 @@ def overhead(plan: Plan, assets: RenderAssets, output: Path, rounds: int) -> dic
 
 def _kills(folder: Path, config: Path, n: int) -> dict[str, Any]:
     """A plan on three workers, of which one, or its Blender, is killed again and again; another takes its place."""
-    plan, assets = planned(folder, config, 4 * n, SIZES[0], one_of_a_class=True, render=TINY)
-    render_plan(plan.path, folder / "whole", assets=assets, engine=Engine(device="cpu"))
+    plan, library = planned(folder, config, 4 * n, SIZES[0], one_of_a_class=True, render=TINY)
+    render_plan(plan.path, folder / "whole", library=library, engine=Engine(device="cpu"))
     found: dict[str, Any] = {"images": len(plan), "workers": 3}
     rng = np.random.default_rng(3)
     for name in ("quiet", "killed"):
@@ -100,7 +101,7 @@ def _kills(folder: Path, config: Path, n: int) -> dict[str, Any]:
             report = render_plan(
                 plan.path,
                 folder / name / "dataset",
-                assets=assets,
+                library=library,
                 progress=lambda progress, nodes=nodes, victims=victims, kill=name == "killed": (
                     _strike(nodes, victims, rng)
                     if kill and len(victims) < n and progress.finished > 3 * (len(victims) + 1)

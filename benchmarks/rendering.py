@@ -18,11 +18,11 @@ from hulldown.benchmarks.rendering_error import FAST, PAPER
 from hulldown.benchmarks.tables import table
 from hulldown.demo.project import create_project
 from hulldown.planning.config.schema import Config
-from hulldown.planning.inputs.loading import load_library
+from hulldown.planning.inputs.loading import Library, load_library, load_planned_library
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row
 from hulldown.planning.write import write_plan
-from hulldown.render.jobs import RenderAssets, render_assets, render_job
+from hulldown.render.jobs import render_job
 from hulldown.render.messages import CyclesSettings, to_json
 from hulldown.render.outline import sort_key
 from hulldown.render.process import Allowance, Blender, Limits
@@ -53,8 +53,8 @@ def planned(
     scenery: str | None = None,
     one_of_a_class: bool = False,
     **sections: dict,
-) -> tuple[Plan, RenderAssets]:
-    """A plan for the demo assets, or one scenery and three vehicles of them, and its files."""
+) -> tuple[Plan, Library]:
+    """A plan for the demo assets, or one scenery and three vehicles of them, and its library."""
     given = Config.read(config_path).model_dump(mode="json")
     if one_of_a_class:
         given["assets"]["vehicles"] = list({v["category"]: v for v in given["assets"]["vehicles"]}.values())
@@ -67,11 +67,11 @@ def planned(
         given[section] |= values
     config = Config.of(given, path=config_path)
     plan = write_plan(config, load_library(config).assets, folder / f"{scenery or 'all'}-{per_class}-{size[0]}.jsonl")
-    return plan, render_assets(plan)
+    return plan, load_planned_library(plan)
 
 
-def _job(row: Row, assets: RenderAssets, settings: dict[str, Any], output: Path) -> dict[str, Any]:
-    return to_json(render_job(row, assets, CyclesSettings(**settings), output))
+def _job(row: Row, library: Library, settings: dict[str, Any], output: Path) -> dict[str, Any]:
+    return to_json(render_job(row, library, CyclesSettings(**settings), output))
 
 
 def _in_order(plan: Plan) -> list[Row]:
@@ -90,9 +90,9 @@ def _blender(folder: Path) -> Blender:
 def _loading(folder: Path, config_path: Path, quick: bool) -> dict:
     """Measure twelve images of three vehicles; in a larger dataset a vehicle has many more that follow each other."""
     size = (160, 90) if quick else (480, 270)
-    plan, assets = planned(folder, config_path, 4, size, one_of_a_class=True)
+    plan, library = planned(folder, config_path, 4, size, one_of_a_class=True)
     settings = {**FAST, "samples": FEW} if quick else FAST
-    jobs = [_job(row, assets, settings, folder / f"{i}.png") for i, row in enumerate(_in_order(plan))]
+    jobs = [_job(row, library, settings, folder / f"{i}.png") for i, row in enumerate(_in_order(plan))]
     with _blender(folder) as blender:
         start = time.perf_counter()
         blender.start()
@@ -120,11 +120,11 @@ def _large(folder: Path, config_path: Path, quick: bool) -> dict:
     they are reckoned from few and more samples of one picture.
     """
     size = (192, 108) if quick else (1920, 1080)
-    plan, assets = planned(folder, config_path, 4, size, scenery=STEPPE, one_of_a_class=True)
+    plan, library = planned(folder, config_path, 4, size, scenery=STEPPE, one_of_a_class=True)
     rows = _in_order(plan)[:4]
     with _blender(folder) as blender:
         parts = [
-            blender.do(_job(row, assets, {**PAPER, "samples": samples}, folder / "l.png")).answer["seconds"]
+            blender.do(_job(row, library, {**PAPER, "samples": samples}, folder / "l.png")).answer["seconds"]
             for row, samples in zip([*rows, rows[-1]], (FEW, FEW, FEW, FEW, MORE), strict=True)
         ]
     overhead = float(np.median([_overhead(p) for p in parts[1:]]))
@@ -145,10 +145,10 @@ def _error(folder: Path, config_path: Path, quick: bool) -> dict:
     near = {"target_fraction": [0.3, 0.5]}
     # Behind leaves, which let light through: what bounces, and transparency, matter most for.
     hidden = {**near, "visible_fraction": [0.4, 0.85]}
-    open_plan, open_assets = planned(folder, config_path, 1, size, scenery=STEPPE, one_of_a_class=True, camera=near)
-    wood_plan, wood_assets = planned(folder, config_path, 1, size, scenery=HILLS, one_of_a_class=True, camera=hidden)
-    pictures = [("open ground", open_plan[0], open_assets)]
-    pictures += [(f"wood {i + 1}", wood_plan[i], wood_assets) for i in range(1 if quick else 2)]
+    open_plan, open_library = planned(folder, config_path, 1, size, scenery=STEPPE, one_of_a_class=True, camera=near)
+    wood_plan, wood_library = planned(folder, config_path, 1, size, scenery=HILLS, one_of_a_class=True, camera=hidden)
+    pictures = [("open ground", open_plan[0], open_library)]
+    pictures += [(f"wood {i + 1}", wood_plan[i], wood_library) for i in range(1 if quick else 2)]
     with _blender(folder) as blender:
         return rendering_error.measure(
             pictures, lambda message: blender.do(message).answer, folder, reference_samples=256 if quick else 4096

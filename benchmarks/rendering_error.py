@@ -12,8 +12,9 @@ from msgspec.structs import replace as altered
 from PIL import Image
 
 from hulldown.benchmarks.tables import table
+from hulldown.planning.inputs.loading import Library
 from hulldown.planning.row import Row
-from hulldown.render.jobs import RenderAssets, render_job
+from hulldown.render.jobs import render_job
 from hulldown.render.messages import CyclesSettings, to_json
 
 PAPER = {"samples": 128, "denoise": True, "adaptive_threshold": 0.0, "bounces": 12}
@@ -36,24 +37,24 @@ Ask = Callable[[dict[str, Any]], dict[str, Any]]
 
 
 def measure(
-    pictures: list[tuple[str, Row, RenderAssets]], ask: Ask, folder: Path, *, reference_samples: int
+    pictures: list[tuple[str, Row, Library]], ask: Ask, folder: Path, *, reference_samples: int
 ) -> dict[str, Any]:
     """Each variant of each picture, in another order for each, so that no disturbance falls on one variant alone."""
     rng = np.random.default_rng(0)
     found: dict[str, dict[str, dict[str, float]]] = {}
 
-    def picture(row: Row, assets: RenderAssets, settings: dict[str, Any]) -> tuple[np.ndarray, float]:
-        answer = ask(to_json(render_job(row, assets, CyclesSettings(**settings), folder / "e.png")))
+    def picture(row: Row, library: Library, settings: dict[str, Any]) -> tuple[np.ndarray, float]:
+        answer = ask(to_json(render_job(row, library, CyclesSettings(**settings), folder / "e.png")))
         with Image.open(folder / "e.png") as image:
             return np.asarray(image, dtype=np.float64), answer["seconds"]["sample"]
 
-    for where, row, assets in pictures:
-        truth, _ = picture(row, assets, {**PAPER, "samples": reference_samples, "denoise": False})
+    for where, row, library in pictures:
+        truth, _ = picture(row, library, {**PAPER, "samples": reference_samples, "denoise": False})
         x, y, w, h = row.target.bbox
         box = np.s_[int(y) : int(np.ceil(y + h)), int(x) : int(np.ceil(x + w))]
         points = {}
         for name in rng.permutation(list(VARIANTS)):
-            seen, seconds = picture(altered(row, sample_seed=7), assets, VARIANTS[str(name)])
+            seen, seconds = picture(altered(row, sample_seed=7), library, VARIANTS[str(name)])
             points[str(name)] = {
                 "seconds": seconds, "frame": _rmse(seen, truth), "box": _rmse(seen[box], truth[box])
             }  # fmt: skip

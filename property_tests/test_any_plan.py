@@ -27,10 +27,11 @@ from hulldown.planning.row import Row
 from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
 from hulldown.property_tests.any_values import MANY, containers, refusal, values_of
-from hulldown.render.jobs import RenderAssets, SceneryFile, VehicleFile, mask_job, render_job
+from hulldown.render.jobs import mask_job, render_job
 from hulldown.render.messages import CyclesSettings
 from hulldown.render.outline import Outline
 from hulldown.tests.planning_assets import hills, small_assets, small_config
+from hulldown.tests.render_plans import library_of
 
 ASSETS = small_assets(hills("hills", cells=6, size=120.0, trees=2), vehicles=["t72"], distractors=True)
 ASSETS = replace(ASSETS, distractors={"car": ASSETS.distractors["car"]})
@@ -59,11 +60,7 @@ def config(*, images: int = 1, vehicles: int = 1, distractors: int = 0, backgrou
 
 # Two images of a position, a companion, a distractor, and a background.
 CONFIGS = [config(images=2), config(vehicles=2), config(distractors=1), config(background_share=0.5)]
-FILES = RenderAssets(
-    vehicles={name: VehicleFile(shape, Path(f"{name}.blend")) for name, shape in ASSETS.vehicles.items()},
-    sceneries={name: SceneryFile(Path("a.blend"), np.eye(4), scenery) for name, scenery in ASSETS.sceneries.items()},
-    hdris={name: Path(f"{name}.exr") for name in ASSETS.hdris},
-)
+LIBRARY = library_of(ASSETS)
 SETTINGS = CyclesSettings(samples=1, denoise=False, adaptive_threshold=0.0, bounces=0)
 values = st.integers() | values_of(
     *(179.9999, 180, 2**53 + 2, 2**63, 10**400, -1e300, 5e-324, 1e9, [0, 0, 0, 0], [[1e308] * 4] * 4),
@@ -113,8 +110,8 @@ def change_line(line: dict[str, Any], at: int, which: int, key: str, new: Any, h
 def job_of(row: Row, plan: Path) -> None:
     """Make a row's job for a worker, which refuses rows like `hulldown render`."""
     try:
-        render_job(row, FILES, SETTINGS, plan.parent / "1.png")
-        mask_job(row, FILES, plan.parent / "1.png")
+        render_job(row, LIBRARY, SETTINGS, plan.parent / "1.png")
+        mask_job(row, LIBRARY, plan.parent / "1.png")
     except ValueError as error:
         raise ConfigError(str(error), path=plan) from error
 

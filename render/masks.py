@@ -26,13 +26,14 @@ from hulldown.dataset.verification.look import appearance
 from hulldown.dataset.verification.planned import not_annotated
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import DatasetError, HulldownError
+from hulldown.planning.inputs.loading import Library, load_planned_library
 from hulldown.planning.plan_file import Plan, read_plan
 from hulldown.planning.row import Row
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.render.annotations import Segmenter
 from hulldown.render.confinement import Confinement
 from hulldown.render.engine import Engine
-from hulldown.render.jobs import RenderAssets, mask_job, render_assets
+from hulldown.render.jobs import mask_job, readable
 from hulldown.render.messages import to_json
 from hulldown.render.outline import Outline
 from hulldown.render.pool import Pool
@@ -95,7 +96,7 @@ def verify_masks(
     plan_path: Path | str,
     *,
     count: int,
-    assets: RenderAssets | None = None,
+    library: Library | None = None,
     cache: str | os.PathLike[str] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
     progress: Callable[[int, int], None] | None = None,
@@ -110,8 +111,8 @@ def verify_masks(
         The plan it was rendered from.
     count
         Number of images, an even selection of the finished ones.
-    assets
-        The plan's files; None: those in its header.
+    library
+        The plan's assets; None: those in its header.
     cache
         Their cache; None: next to the plan.
     limits
@@ -135,14 +136,14 @@ def verify_masks(
     chosen = [finished[i] for i in spread(len(finished), count)]
     labels = {label["id"]: label for label in coco["annotations"] if run.has_annotation(label["id"])}
     first = outline.first_annotations(run)
-    assets = assets or render_assets(plan, cache=cache, limits=limits)
-    masks = cycles_masks(plan, chosen, assets, progress=progress)
+    library = library or load_planned_library(plan, cache=cache, limits=limits)
+    masks = cycles_masks(plan, chosen, library, progress=progress)
     rows: list[MaskRow] = []
     findings = [
         finding
         for i in chosen
         if (row := plan[i]).empty
-        and (finding := _intruder(Path(dataset), names[run.image_offset + i + 1], row, assets))
+        and (finding := _intruder(Path(dataset), names[run.image_offset + i + 1], row, library))
     ]
     for row_masks in masks:
         image_id = run.image_offset + row_masks.index + 1
@@ -165,14 +166,13 @@ def verify_masks(
     return MaskReport(tuple(rows), tuple(findings))
 
 
-def _intruder(folder: Path, name: str, row: Row, assets: RenderAssets) -> Finding | None:
+def _intruder(folder: Path, name: str, row: Row, library: Library) -> Finding | None:
     """Whether an empty background's picture shows the outline of the vehicle that it was framed on."""
     try:
         pixels = read_pixels(folder / name)
     except DatasetError:  # found elsewhere
         return None
-    shapes = {vehicle: file.shape for vehicle, file in assets.vehicles.items()}
-    mask = Segmenter(shapes, {row.scenery: assets.sceneries[row.scenery].scenery}).left_out(row)
+    mask = Segmenter(library.shapes, library.assets.sceneries).left_out(row)
     if pixels.shape[:2] != mask.shape:
         return None
     look = appearance(pixels, mask, np.zeros_like(mask))
@@ -249,7 +249,7 @@ class RowMasks:
 def cycles_masks(
     plan: Plan,
     rows: Sequence[int],
-    assets: RenderAssets,
+    library: Library,
     *,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[RowMasks]:
@@ -261,8 +261,8 @@ def cycles_masks(
         The plan.
     rows
         Indices of rows.
-    assets
-        The plan's files; see `render.jobs.render_assets`.
+    library
+        The plan's assets.
     progress
         Called with (rows done, all).
 
@@ -276,9 +276,9 @@ def cycles_masks(
         folder = Path(name)
 
         def message(index: int) -> dict[str, Any]:
-            return to_json(mask_job(plan[index], assets, folder / f"{index}.npy"))
+            return to_json(mask_job(plan[index], library, folder / f"{index}.npy"))
 
-        confinement = Confinement(folder, assets.readable)
+        confinement = Confinement(folder, readable(library))
         with Pool(folder / "logs", Engine(workers=1), confinement=confinement) as pool:
             for index, outcome in pool.results(sorted(rows, key=lambda i: plan[i].scenery), message):
                 if outcome.reasons:

@@ -21,10 +21,11 @@ from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.dataset.verification.planned import image_record
 from hulldown.geometry.errors import ConfigError, HulldownError
 from hulldown.geometry.files import UNFINISHED_NAME
+from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row
 from hulldown.render.annotations import Segmenter, categories_of
-from hulldown.render.jobs import RenderAssets, render_job
+from hulldown.render.jobs import render_job
 from hulldown.render.messages import CyclesSettings, to_json
 from hulldown.render.outline import Outline, Part, stamp_of
 from hulldown.render.pictures import without_notes
@@ -53,8 +54,8 @@ class Session:
 
     Parameters
     ----------
-    plan, outline, dataset, assets
-        The plan, its outline, its target, and its files.
+    plan, outline, dataset, library
+        The plan, its outline, its target, and its assets.
     part
         The part of the plan to render.
     limits
@@ -86,7 +87,7 @@ class Session:
         plan: Plan,
         outline: Outline,
         dataset: CocoDataset,
-        assets: RenderAssets,
+        library: Library,
         *,
         part: Part,
         limits: Limits,
@@ -97,12 +98,11 @@ class Session:
         self.begun = False
         self.made_by: dict[str, list[str]] = {}
         self._limits = limits
-        self._plan, self._stamp, self._dataset, self._assets = plan, outline.stamp, dataset, assets
-        shapes = {name: vehicle.shape for name, vehicle in assets.vehicles.items()}
-        categories = categories_of(plan, shapes)
+        self._plan, self._stamp, self._dataset, self._library = plan, outline.stamp, dataset, library
+        categories = categories_of(plan, library.shapes)
         self._segmenter = Segmenter(
-            shapes,
-            {name: file.scenery for name, file in assets.sceneries.items()},
+            library.shapes,
+            library.assets.sceneries,
             keypoints=next((category.get("keypoints", ()) for category in categories), ()),
         )
         dataset.add_categories(categories, keypoints=True)
@@ -211,7 +211,7 @@ class Session:
     def _message(self, index: int) -> dict[str, Any]:
         row = self._row(index)
         try:
-            return to_json(render_job(row, self._assets, self._settings, self._output(row)))
+            return to_json(render_job(row, self._library, self._settings, self._output(row)))
         except ValueError as error:  # errors beyond the schema, such as a vehicle's unknown part
             raise ConfigError(
                 f"line {index + 2} cannot be rendered ({error})",

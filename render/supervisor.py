@@ -20,13 +20,14 @@ from hulldown.dataset.store.pictures import confined
 from hulldown.dataset.table import Dataset
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.terminal import say, titled_bar, watched
+from hulldown.planning.inputs.loading import Library, load_planned_library
 from hulldown.planning.plan_file import read_plan
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS as DEFAULT_READ_LIMITS
 from hulldown.reading.confinement.watch import ReadLimits
 from hulldown.render.cluster.scheduler import Scheduler, needing_dask
 from hulldown.render.confinement import Confinement
 from hulldown.render.engine import DEFAULT_ENGINE, Engine
-from hulldown.render.jobs import RenderAssets, render_assets
+from hulldown.render.jobs import readable
 from hulldown.render.outline import WHOLE, Outline, Part
 from hulldown.render.pool import Pool
 from hulldown.render.process import Stopped
@@ -135,15 +136,15 @@ def render(
 
 
 def _pool(
-    engine: Engine, logs: Path, assets: RenderAssets, session: Session, stopping: Callable[[], bool]
+    engine: Engine, logs: Path, library: Library, session: Session, stopping: Callable[[], bool]
 ) -> Pool | ClusterPool:
     """The pool for a session."""
     if engine.scheduler is None:
-        confinement = Confinement(session.unfinished, assets.readable)
+        confinement = Confinement(session.unfinished, readable(library))
         return Pool(logs, engine, say=session.say, stopping=stopping, confinement=confinement)
     with needing_dask():
         from hulldown.render.cluster.cluster_pool import ClusterPool
-    return ClusterPool(engine.scheduler, engine, assets, say=session.say, stopping=stopping)
+    return ClusterPool(engine.scheduler, engine, library, say=session.say, stopping=stopping)
 
 
 @contextlib.contextmanager
@@ -166,7 +167,7 @@ def render_plan(
     *,
     engine: Engine = DEFAULT_ENGINE,
     part: Part = WHOLE,
-    assets: RenderAssets | None = None,
+    library: Library | None = None,
     cache: str | os.PathLike[str] | None = None,
     read_limits: ReadLimits = DEFAULT_READ_LIMITS,
     progress: Callable[[Progress], None] | None = None,
@@ -183,8 +184,8 @@ def render_plan(
         The renderer.
     part
         The part of the plan to render.
-    assets
-        The plan's files; those that its header names if not given.
+    library
+        The plan's assets; those that its header names if not given.
     cache
         Where these are kept; beside the plan if None.
     read_limits
@@ -203,8 +204,8 @@ def render_plan(
     plan = read_plan(plan_path)
     folder = Path(dataset_folder)
     tell = progress or (lambda _: None)
-    if assets is None:
-        assets = render_assets(
+    if library is None:
+        library = load_planned_library(
             plan,
             cache=cache,
             progress=lambda path: tell(Progress(0, 0, len(plan), f"reading {path}")),
@@ -216,8 +217,8 @@ def render_plan(
         interrupted = False
         session: Session | None = None
         try:
-            session = Session(plan, outline, dataset, assets, part=part, limits=engine.limits, progress=tell)
-            with _pool(engine, confined(folder, LOGS_NAME), assets, session, stopping) as pool:
+            session = Session(plan, outline, dataset, library, part=part, limits=engine.limits, progress=tell)
+            with _pool(engine, confined(folder, LOGS_NAME), library, session, stopping) as pool:
                 session.render(pool)
         except Stopped:
             interrupted = True

@@ -16,8 +16,8 @@ from filelock import FileLock
 if TYPE_CHECKING:
     from selenium.webdriver import Chrome
 
+    from hulldown.planning.inputs.loading import Library
     from hulldown.planning.plan_file import Plan
-    from hulldown.render.jobs import RenderAssets
     from hulldown.tests.messy_export import Messy
 
 
@@ -74,11 +74,11 @@ def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 
 
 @pytest.fixture(scope="module")
-def assets(plan: Plan) -> RenderAssets:
-    """The files of the module's `plan`, for rendering."""
-    from hulldown.render.jobs import render_assets
+def library(plan: Plan) -> Library:
+    """The assets of the module's `plan`, for rendering."""
+    from hulldown.planning.inputs.loading import load_planned_library
 
-    return render_assets(plan)
+    return load_planned_library(plan)
 
 
 @pytest.fixture(scope="session")

@@ -1,19 +1,41 @@
 """A plan of cubes without scenery, and its assets, for runs with a stand-in for Blender."""
 
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
+from hulldown.assets.library import Assets
+from hulldown.assets.skylight import EVEN
 from hulldown.dataset.store.document import read_coco
-from hulldown.render.jobs import RenderAssets, SceneryFile, VehicleFile
+from hulldown.planning.inputs.loading import Library
+from hulldown.reading.export import Exported
+from hulldown.reading.report import FileReport
+from hulldown.reading.skies.hdri import Hdri
 from hulldown.tests.plan_lines import row, write_lines
 from hulldown.tests.shapes import box, scenery_of, vehicle_of
 
-ASSETS = RenderAssets(
-    {"cube": VehicleFile(vehicle_of(box((-1, -1, 0), (1, 1, 2)), name="cube"), Path("cube.blend"))},
-    {"void": SceneryFile(Path("void.blend"), np.eye(4), scenery_of("void"))},
-    {"sky": Path("sky.exr")},
-)
+
+def moved(exported, path, **changes):
+    """An export as if it were of the .blend file `path`, which is its own tidy twin."""
+    return replace(exported, report=replace(exported.report, path=str(path)), tidy=Path(path), **changes)
+
+
+def library_of(assets, folder=Path()):
+    """Assets whose files have their names and are in `folder`."""
+    exported = Exported(FileReport("vehicle", "", (2.0, 2.0, 2.0), 12, 1.0, "z"), Path(), Path(), ())
+
+    def files(names):
+        return {name: moved(exported, folder / f"{name}.blend") for name in names}
+
+    hdris = {name: Hdri(folder / f"{name}.exr", "", EVEN, Path()) for name in assets.hdris}
+    return Library(assets, files([*assets.vehicles, *assets.distractors]), files(assets.sceneries), hdris)
+
+
+def cube_library(folder=Path(), hdris=("sky",)):
+    cube = vehicle_of(box((-1, -1, 0), (1, 1, 2)), name="cube")
+    return library_of(Assets({"cube": cube}, {"cube": "box"}, {"void": scenery_of("void")}, hdris), folder)
+
+
+CUBES = cube_library()
 
 
 def make_row(i, **changes):

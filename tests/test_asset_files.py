@@ -9,8 +9,7 @@ import pytest
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.cache import sha256
 from hulldown.render.cluster.asset_files import AssetCache, ClientFiles, FileNote, references
-from hulldown.render.jobs import RenderAssets
-from hulldown.tests.render_plans import ASSETS
+from hulldown.tests.render_plans import cube_library
 
 
 def note(path):
@@ -95,44 +94,40 @@ def curious(tmp_path):
         path.write_text(path.name)
     (folder / "link.png").symlink_to(secret)
     named = (folder / "bark.png", secret, folder / "link.png", folder / "../../../secrets/passwords")
-    return replace(
-        ASSETS,
-        vehicles={"cube": replace(ASSETS.vehicles["cube"], tidy=folder / "cube.blend")},
-        sceneries={"void": replace(ASSETS.sceneries["void"], path=folder / "void.blend", files=tuple(map(str, named)))},
-        hdris={"sky": folder / "sky.exr"},
-    ), folder, secret  # fmt: skip
+    library = cube_library(folder)
+    void = replace(library.sceneries["void"], files=tuple(map(str, named)))
+    return replace(library, sceneries={"void": void}), folder, secret
 
 
 def test_a_blend_cannot_choose_the_files_to_send(curious):
     """It could name a password file, which was sent to the workers."""
-    assets, folder, _ = curious
-    asset = ClientFiles(assets).assets[str(folder / "void.blend")]
+    library, folder, _ = curious
+    asset = ClientFiles(library).assets[str(folder / "void.blend")]
     assert [file.path for file in asset[1:]] == [str(folder / "bark.png")]
 
 
 def test_a_blend_cannot_choose_what_its_blender_may_read(curious):
     """Blender could read the folders of all files that it named, and their parents."""
-    assets, folder, secret = curious
-    readable = ClientFiles(assets).readable
+    library, folder, secret = curious
+    readable = ClientFiles(library).readable
     assert folder in readable
     assert not any(secret.is_relative_to(path) for path in readable)
 
 
 def test_folders_added_by_the_user_are_sent_from(curious, monkeypatch):
-    assets, folder, secret = curious
+    library, folder, secret = curious
     monkeypatch.setenv("HULLDOWN_READ", str(secret.parent))
-    files = ClientFiles(assets)
+    files = ClientFiles(library)
     assert str(secret) in {file.path for file in files.assets[str(folder / "void.blend")]}
     assert secret in files.readable
 
 
 @pytest.mark.parametrize("change", [lambda sky: sky.write_bytes(b"other light"), lambda sky: sky.unlink()])
-def test_a_file_changed_or_deleted_before_it_is_sent_is_named(tmp_path, change):
-    sky = tmp_path / "sky.exr"
-    sky.write_bytes(b"light")
-    files = ClientFiles(RenderAssets({}, {}, {"sky": sky}))
+def test_a_file_changed_or_deleted_before_it_is_sent_is_named(curious, change):
+    library, folder, _ = curious
+    files, sky = ClientFiles(library), folder / "sky.exr"
     digest = sha256(sky)
-    assert files.content(digest) == b"light"
+    assert files.content(digest) == b"sky.exr"
     change(sky)
     with pytest.raises(AssetError, match=r"sky\.exr.*restore it"):
         files.content(digest)

@@ -22,7 +22,7 @@ from hulldown.render.messages import CyclesSettings, to_json
 from hulldown.render.process import Blender
 from hulldown.tests.blender_plans import run_script
 from hulldown.tests.parameters import few
-from hulldown.tests.render_plans import ASSETS, make_row
+from hulldown.tests.render_plans import cube_library, make_row, moved
 
 ROOT = Path(__file__).resolve().parents[1]
 WRITES_WHEN_OPENED = ("particles", "paint", "fluid")
@@ -216,14 +216,14 @@ def test_the_list_of_risky_features_alone_stops_them_when_rendered(
     for case in CASES:
         there = dict.fromkeys(("scenery", "vehicle"), blends / "blends/nothing.blend")
         there[role] = blends / "blends" / f"{case}.blend"
-        assets = replace(
-            ASSETS,
-            vehicles={"cube": replace(ASSETS.vehicles["cube"], tidy=there["vehicle"])},
-            sceneries={"void": replace(ASSETS.sceneries["void"], path=there["scenery"])},
-            hdris={"sky": blends / "blends" / "sky.exr"},
+        library = cube_library(blends / "blends")
+        library = replace(
+            library,
+            models={"cube": moved(library.models["cube"], there["vehicle"])},
+            sceneries={"void": moved(library.sceneries["void"], there["scenery"])},
         )
         row = decode_row(orjson.dumps(make_row(0)))
-        messages.append(to_json(render_job(row, assets, settings, tmp_path / f"{case}.png")))
+        messages.append(to_json(render_job(row, library, settings, tmp_path / f"{case}.png")))
     with Blender(tmp_path / "log", device="cpu", confinement=Confinement(tmp_path, ())) as blender:
         assert not any(blender.do(message).reasons for message in messages)
     assert {path.stem for path in tmp_path.glob("*.png")} == set(CASES)

@@ -23,14 +23,16 @@ from hulldown.camera.world import World
 from hulldown.geometry.child import Child
 from hulldown.geometry.errors import ConfigError, HulldownError
 from hulldown.geometry.transforms import rigid
+from hulldown.planning.inputs.loading import load_planned_library
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Source
-from hulldown.render.jobs import SceneryFile, mask_job, render_assets
+from hulldown.render.jobs import mask_job, readable
 from hulldown.render.masks import cycles_masks, verify_masks
 from hulldown.render.messages import to_json
 from hulldown.render.process import DEFAULT_LIMITS, WORKER, Allowance, Blender, Limits, worker_command
 from hulldown.render.supervisor import render_plan
 from hulldown.tests.blender_plans import draw, drawn, job, make_plan, pixels
+from hulldown.tests.render_plans import moved
 
 pytestmark = pytest.mark.blender
 CONFIG = {
@@ -52,14 +54,14 @@ def plan(own_worlds):
 
 
 @pytest.fixture(scope="module")
-def dataset(plan, assets, own_worlds):
-    report = render_plan(plan.path, own_worlds / "dataset", assets=assets)
+def dataset(plan, library, own_worlds):
+    report = render_plan(plan.path, own_worlds / "dataset", library=library)
     assert report.complete
     return own_worlds / "dataset"
 
 
-def standing(assets, target):
-    shape = assets.vehicles[target.vehicle].shape
+def standing(library, target):
+    shape = library.shapes[target.vehicle]
     return PosedVehicle(VehicleTarget(shape), target.world_from_vehicle[None], target.articulation)
 
 
@@ -67,8 +69,8 @@ def pink(picture):
     return (picture[..., 0] > picture[..., 1] + 60) & (picture[..., 2] > picture[..., 1] + 60)
 
 
-def test_cycles_and_embree_see_the_same_pixels(plan, assets):
-    masks = cycles_masks(plan, range(len(plan)), assets)
+def test_cycles_and_embree_see_the_same_pixels(plan, library):
+    masks = cycles_masks(plan, range(len(plan)), library)
     assert {plan[m.index].scenery for m in masks} == {"field", "centimeters", "map"}
     assert any(plan[m.index].companions for m in masks)
     assert any(plan[m.index].target.truncated_fraction > 0 for m in masks)
@@ -76,7 +78,7 @@ def test_cycles_and_embree_see_the_same_pixels(plan, assets):
         row = plan[found.index]
         camera = row.camera
         for target, alone in zip(row.vehicles, found.alone, strict=True):
-            expected = vehicle_mask(standing(assets, target), camera)
+            expected = vehicle_mask(standing(library, target), camera)
             assert iou(alone, expected) >= 0.99
         # All parts of the tank are thicker than a pixel: the outermost pixel centers are within one pixel of the box.
         assert np.abs(corners(mask_box(found.alone[0])) - corners(row.target.bbox)).max() <= 1.0
@@ -87,20 +89,20 @@ def corners(xywh):
     return np.array([x, y, x + w, y + h])
 
 
-def test_pictures_show_the_planned_vehicles(dataset, plan, assets):
+def test_pictures_show_the_planned_vehicles(dataset, plan, library):
     """The tank glows pink in a gray world, so its pixels can be counted."""
     for row in plan:
         expected = np.zeros((row.height, row.width), dtype=bool)
-        world = World.of(assets.sceneries[row.scenery].scenery)
+        world = World.of(library.assets.sceneries[row.scenery])
         for target in row.vehicles:
-            expected |= vehicle_mask(standing(assets, target), row.camera, world=world)
+            expected |= vehicle_mask(standing(library, target), row.camera, world=world)
         # Antialiased edges: one pixel more or less on every side.
         assert iou(pink(pixels(dataset / row.file_name)), expected) > 0.8
 
 
-def test_a_row_gives_the_same_picture_in_any_order_and_process(dataset, plan, assets, tmp_path):
+def test_a_row_gives_the_same_picture_in_any_order_and_process(dataset, plan, library, tmp_path):
     order = [3, 0, 3]
-    pictures = draw(tmp_path, [(plan[i], assets) for i in order])
+    pictures = draw(tmp_path, [(plan[i], library) for i in order])
     assert np.array_equal(pictures[0], pictures[2])
     for picture, i in zip(pictures, order, strict=True):
         assert np.array_equal(picture, pixels(dataset / plan[i].file_name))
@@ -116,35 +118,40 @@ Z_FROM_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 
 TURNED = np.array([[0, 0.01, 0, 3.0], [-0.01, 0, 0, 4.0], [0, 0, 0.01, -5.0], [0, 0, 0, 1.0]])
 
 
-def test_the_sky_turns_counter_clockwise_with_yaw(plan, assets, own_worlds, tmp_path):
+def test_the_sky_turns_counter_clockwise_with_yaw(plan, library, own_worlds, tmp_path):
     """A bright patch at azimuth 0 appears at azimuth yaw, for any up axis and unit of the scenery's file."""
     cases = [(0.0, np.eye(4)), (75.0, np.eye(4)), (-120.0, np.eye(4)), (75.0, Z_FROM_Y_UP), (75.0, TURNED)]
     turns = []
     for yaw_deg, scenery_from_file in cases:
-        walls = SceneryFile(own_worlds / "walls.blend", scenery_from_file, assets.sceneries["field"].scenery)
+        walls = replace(library.assets.sceneries["field"], scenery_from_file=scenery_from_file)
+        turned = replace(
+            library,
+            assets=replace(library.assets, sceneries={"walls": walls}),
+            sceneries={"walls": moved(library.sceneries["field"], own_worlds / "walls.blend")},
+        )
         camera = looking(yaw_deg, 20.0, at=(0.0, 0.0, 4000.0))
         row = altered(plan[0], **camera, scenery="walls", hdri="sky", hdri_yaw_deg=yaw_deg, companions=[])
-        turns.append((row, replace(assets, sceneries={"walls": walls})))
+        turns.append((row, turned))
     for picture in draw(tmp_path, turns):
         bright = np.argwhere(picture.min(axis=2) > 230)
         assert len(bright) > 4
         assert np.abs(bright.mean(axis=0) + 0.5 - [36.0, 64.0]).max() < 1.5
 
 
-def test_render_settings_of_a_file_do_not_leak(plan, assets, own_worlds, tmp_path):
+def test_render_settings_of_a_file_do_not_leak(plan, library, own_worlds, tmp_path):
     """The file sets half size, a crop, a raw view, overexposure, a material override, and a black compositor."""
-    field = assets.sceneries["field"]
-    leaking = replace(field, path=own_worlds / "leaking.blend")
-    other = replace(assets, sceneries={"field": leaking})
+    field = library.sceneries["field"]
+    leaking = moved(field, own_worlds / "leaking.blend")
+    other = replace(library, sceneries={"field": leaking})
     row = altered(next(row for row in plan if row.scenery != "map"), scenery="field")
-    clean, leaked = draw(tmp_path, [(row, assets), (row, other)])
+    clean, leaked = draw(tmp_path, [(row, library), (row, other)])
     assert np.array_equal(clean, leaked)
 
 
-def test_scripts_and_drivers_of_a_file_do_not_run(plan, assets, own_worlds, worlds, tmp_path):
-    evil = replace(assets.sceneries["field"], path=own_worlds / "evil.blend")
+def test_scripts_and_drivers_of_a_file_do_not_run(plan, library, own_worlds, worlds, tmp_path):
+    evil = moved(library.sceneries["field"], own_worlds / "evil.blend")
     row = altered(plan[0], scenery="field")
-    draw(tmp_path, [(altered(row, sample_seed=n), replace(assets, sceneries={"field": evil})) for n in (1, 2)])
+    draw(tmp_path, [(altered(row, sample_seed=n), replace(library, sceneries={"field": evil})) for n in (1, 2)])
     assert not (worlds / "registered").exists()
     assert not (worlds / "driven").exists()
 
@@ -158,14 +165,14 @@ def in_place_of_blender(folder, code):
     return str(program)
 
 
-def test_a_worker_needs_only_numpy_and_bpy(plan, assets, tmp_path):
+def test_a_worker_needs_only_numpy_and_bpy(plan, library, tmp_path):
     """An installed Blender has no other packages, so they are hidden from the worker."""
     hidden = ["jaxtyping", "msgspec", "scipy", "orjson", "pydantic", "psutil", "PIL", "filelock", "rich"]
     hidden += ["trimesh", "embreex"]
     program = in_place_of_blender(tmp_path, f"sys.modules.update(dict.fromkeys({hidden!r}))")
     with Blender(tmp_path / "log", program=program, allowance=Allowance(Limits(attempts=1))) as blender:
-        drawn(blender, job(plan[0], assets, tmp_path / "0.png"))
-        assert blender.do(to_json(mask_job(plan[0], assets, tmp_path / "0.npy"))).content
+        drawn(blender, job(plan[0], library, tmp_path / "0.png"))
+        assert blender.do(to_json(mask_job(plan[0], library, tmp_path / "0.npy"))).content
 
 
 def test_a_blender_without_numpy_is_reported(tmp_path):
@@ -175,8 +182,8 @@ def test_a_blender_without_numpy_is_reported(tmp_path):
         blender.do({})
 
 
-def test_a_failed_job_has_a_reason_and_the_next_one_is_done(plan, assets, tmp_path):
-    good = job(plan[0], assets, tmp_path / "0.png")
+def test_a_failed_job_has_a_reason_and_the_next_one_is_done(plan, library, tmp_path):
+    good = job(plan[0], library, tmp_path / "0.png")
     bad, cut = ({**good, "light": {**good["light"], "hdri": str(tmp_path / f"{name}.exr")}} for name in ("gone", "cut"))
     (tmp_path / "cut.exr").write_bytes(Path(good["light"]["hdri"]).read_bytes()[:40])
     with Blender(tmp_path / "log") as blender:
@@ -186,12 +193,12 @@ def test_a_failed_job_has_a_reason_and_the_next_one_is_done(plan, assets, tmp_pa
         assert not blender.do(good).reasons
 
 
-def test_the_sky_changes_in_a_scenery_that_packs_its_pictures(plan, assets, own_worlds, tmp_path):
+def test_the_sky_changes_in_a_scenery_that_packs_its_pictures(plan, library, own_worlds, tmp_path):
     """With `Automatically Pack Resources` on, the second HDRI was rendered as the first one."""
-    field = assets.sceneries["field"]
-    packing = replace(assets, sceneries={"field": replace(field, path=own_worlds / "leaking.blend")})
+    field = library.sceneries["field"]
+    packing = replace(library, sceneries={"field": moved(field, own_worlds / "leaking.blend")})
     pictures = []
-    for a in (replace(assets, sceneries={"field": field}), packing):
+    for a in (replace(library, sceneries={"field": field}), packing):
         with Blender(tmp_path / "log") as blender:
             for hdri in ("sky", "gray", "sky"):
                 row = altered(plan[0], **looking(0.0, 20.0), scenery="field", hdri=hdri, hdri_yaw_deg=0.0)
@@ -202,49 +209,49 @@ def test_the_sky_changes_in_a_scenery_that_packs_its_pictures(plan, assets, own_
         assert np.array_equal(picture, expected)
 
 
-def test_a_worker_ends_when_its_supervisor_dies(plan, assets, tmp_path):
+def test_a_worker_ends_when_its_supervisor_dies(plan, library, tmp_path):
     heard = queue.SimpleQueue()
     with Child(worker_command(None), env=os.environ, hear=heard.put, log=tmp_path / "log") as worker:
         assert b"ready" in heard.get(timeout=120)
-        message = job(plan[0], assets, tmp_path / "0.png", samples=1_000_000)
+        message = job(plan[0], library, tmp_path / "0.png", samples=1_000_000)
         worker.write(json.dumps(message).encode() + b"\n")
         time.sleep(1.0)
         worker.close_stdin()
         assert heard.get(timeout=30) == b""
 
 
-def test_an_idle_worker_with_one_core_sleeps(plan, assets, tmp_path):
+def test_an_idle_worker_with_one_core_sleeps(plan, library, tmp_path):
     """A Blender limited to one thread kept a core busy while idle."""
     with Blender(tmp_path / "log", allowance=Allowance(DEFAULT_LIMITS, blenders=psutil.cpu_count())) as blender:
-        drawn(blender, job(plan[0], assets, tmp_path / "0.png"))
+        drawn(blender, job(plan[0], library, tmp_path / "0.png"))
         process = psutil.Process(blender.pid)
         before = sum(process.cpu_times()[:2])
         time.sleep(2.0)
         assert sum(process.cpu_times()[:2]) - before < 0.5
 
 
-def test_annotations_of_a_dataset_equal_masks_by_cycles(dataset, plan, assets):
-    report = verify_masks(dataset, plan.path, count=5, assets=assets)
+def test_annotations_of_a_dataset_equal_masks_by_cycles(dataset, plan, library):
+    report = verify_masks(dataset, plan.path, count=5, library=library)
     assert len({row.file_name for row in report.rows}) == 5
     assert not [finding for finding in report.findings if finding.severity == "error"]
     assert min(row.mask_iou for row in report.rows if row.pixels > 50) >= 0.99
     assert report.table().row_count == len(report.rows)
 
 
-def test_assets_that_changed_since_planning_are_refused(plan, assets, own_worlds):
+def test_assets_that_changed_since_planning_are_refused(plan, library, own_worlds):
     header = altered(plan.header, hdris={**plan.header.hdris, "gray": Source(path="gray.exr", sha256="0" * 64)})
     with pytest.raises(ConfigError, match=r"'gray' \(gray.exr\) is not what it was when this was planned"):
-        render_assets(Plan(plan.path, header))
+        load_planned_library(Plan(plan.path, header))
 
 
-def test_a_path_in_a_plan_gives_no_access_to_its_folder(plan, assets, tmp_path):
+def test_a_path_in_a_plan_gives_no_access_to_its_folder(plan, library, tmp_path):
     """Blender could read the folder of a path in the header."""
     entry = altered(plan.header.sceneries["field"], path=str(tmp_path / "secret" / "field.blend"))
     header = altered(plan.header, sceneries={**plan.header.sceneries, "field": entry})
-    found = render_assets(Plan(plan.path, header))
-    assert found.readable == assets.readable
-    assert plan.path.parent in found.readable
-    assert assets.hdris["gray"] in found.readable
+    found = load_planned_library(Plan(plan.path, header))
+    assert readable(found) == readable(library)
+    assert plan.path.parent in readable(found)
+    assert library.hdris["gray"].path in readable(found)
 
 
 # A principal point far from the center, and pixels that aren't square; the field of view is 53 degrees wide.
@@ -262,10 +269,10 @@ OFF_MIDDLE = ((128.0, 0.0, 40.0), (0.0, 96.0, 60.0), (0.0, 0.0, 1.0))
         (53.1, OFF_MIDDLE, (-0.3, 0.1, 0.01, -0.02, 0.0)),
     ],
 )
-def test_any_field_of_view_is_rendered_exactly(plan, assets, tmp_path, fov_x_deg, matrix, lens):
+def test_any_field_of_view_is_rendered_exactly(plan, library, tmp_path, fov_x_deg, matrix, lens):
     """Blender clamps focal lengths."""
-    target = VehicleTarget(assets.vehicles["tank"].shape)
-    width = float(assets.vehicles["tank"].shape.size_xyz[1])
+    target = VehicleTarget(library.shapes["tank"])
+    width = float(library.shapes["tank"].size_xyz[1])
     # Seen from behind, from a distance at which the tank fills half of the frame.
     distance = width / math.tan(math.radians(fov_x_deg / 2)) + 4.0
     row = altered(plan[0], K=matrix, dist=lens, **looking(0.0, 0.0, fov_x_deg=fov_x_deg, at=(-distance, 0.0, 500.7)))
@@ -273,7 +280,7 @@ def test_any_field_of_view_is_rendered_exactly(plan, assets, tmp_path, fov_x_deg
     up[2, 3] = 500.0
     row = altered(row, target=altered(row.target, world_from_vehicle=up, articulation={}), companions=[])
     with Blender(tmp_path / "log") as blender:
-        seen = np.load(BytesIO(blender.do(to_json(mask_job(row, assets, tmp_path / "m.npy"))).content))[1] == 1
+        seen = np.load(BytesIO(blender.do(to_json(mask_job(row, library, tmp_path / "m.npy"))).content))[1] == 1
     expected = vehicle_mask(PosedVehicle(target, up[None], {}), row.camera)
     assert expected.sum() > 100
     assert iou(seen, expected) >= 0.99

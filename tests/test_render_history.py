@@ -8,8 +8,8 @@ import pytest
 from msgspec.structs import replace as altered
 
 from hulldown.camera.weather.kinds import Weather
-from hulldown.render.jobs import VehicleFile
 from hulldown.tests.blender_plans import draw, make_plan
+from hulldown.tests.render_plans import moved
 
 pytestmark = pytest.mark.blender
 SCRIPT = "hdri_files.py"
@@ -34,48 +34,51 @@ def plan(own_worlds, written):
     )
 
 
-def with_copies(assets, folder, *, tank, other="0"):
-    """The assets with separate files for the vehicles `tank` and `other`, so that Blender loads both."""
-    file = assets.vehicles["tank"]
+def with_copies(library, folder, *, tank, other="0"):
+    """The library with separate files for the vehicles `tank` and `other`, so that Blender loads both."""
+    exported, assets = library.models["tank"], library.assets
     for name in (tank, other):
-        shutil.copy(file.tidy, folder / f"{name}.blend")
-    files = {"tank": VehicleFile(file.shape, folder / f"{tank}.blend")}
-    return replace(assets, vehicles=files | {"other": VehicleFile(file.shape, folder / f"{other}.blend")})
+        shutil.copy(exported.tidy, folder / f"{name}.blend")
+    return replace(
+        library,
+        assets=replace(assets, distractors={"other": assets.vehicles["tank"]}),
+        models={name: moved(exported, folder / f"{of}.blend") for name, of in (("tank", tank), ("other", other))},
+    )
 
 
 @pytest.mark.parametrize("company", [False, True])
-def test_a_vehicle_looks_the_same_after_many_others(plan, assets, tmp_path, company):
+def test_a_vehicle_looks_the_same_after_many_others(plan, library, tmp_path, company):
     """There are more vehicles than Blender keeps in memory."""
     row = next(row for row in plan if row.companions)
     row = altered(row, companions=[altered(row.companions[0], vehicle="other")] if company else [])
     order = [0, 1, 2, 3, 4, 5, 0]
-    turns = [(row, with_copies(assets, tmp_path, tank=str(i), other=str((i + 1) % 6))) for i in order]
+    turns = [(row, with_copies(library, tmp_path, tank=str(i), other=str((i + 1) % 6))) for i in order]
     first, *others = draw(tmp_path, turns)
     assert all(np.array_equal(first, other) for other in others)
 
 
-def test_a_sky_looks_the_same_after_a_wider_one(plan, assets, tmp_path):
+def test_a_sky_looks_the_same_after_a_wider_one(plan, library, tmp_path):
     """Cycles kept the importance map's width of the sky before; sky.exr is four times as wide as gray.exr."""
-    turns = [(altered(plan[0], hdri=hdri, strength=1.0), assets) for hdri in ("gray", "sky", "gray")]
+    turns = [(altered(plan[0], hdri=hdri, strength=1.0), library) for hdri in ("gray", "sky", "gray")]
     gray, sky, gray_again = draw(tmp_path, turns)
     (sky_first,) = draw(tmp_path, turns[1:2])
     assert np.array_equal(sky, sky_first)
     assert np.array_equal(gray, gray_again)
 
 
-def test_a_sky_is_read_in_the_color_space_of_its_file(plan, assets, tmp_path):
+def test_a_sky_is_read_in_the_color_space_of_its_file(plan, library, tmp_path):
     """Two files with the same light in different color spaces give the same picture, in any order."""
     hdris = ("gray", "acescg", "rec709", "acescg")
-    gray, *tinted = draw(tmp_path, [(altered(plan[0], hdri=hdri, strength=1.0), assets) for hdri in hdris])
+    gray, *tinted = draw(tmp_path, [(altered(plan[0], hdri=hdri, strength=1.0), library) for hdri in hdris])
     for picture in tinted:
         assert np.abs(picture - tinted[0]).max() <= 1.0
         assert np.abs(picture - gray).mean() > 10.0
 
 
-def test_weather_looks_the_same_after_other_weather_and_vehicles(plan, assets, tmp_path):
+def test_weather_looks_the_same_after_other_weather_and_vehicles(plan, library, tmp_path):
     """Unloading a vehicle keeps the weather's node groups, and clear air before and after weather shows none of it."""
     row = altered(plan[0], companions=[])
-    files = [with_copies(assets, tmp_path, tank=str(i)) for i in range(2)]
+    files = [with_copies(library, tmp_path, tank=str(i)) for i in range(2)]
     turns = [(altered(row, weather=weather), of) for weather in WEATHER for of in files]
     pictures = draw(tmp_path, turns + turns[::-1])
     assert all(np.array_equal(*pair) for pair in zip(pictures, reversed(pictures), strict=True))

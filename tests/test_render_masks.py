@@ -12,7 +12,7 @@ from hulldown.planning.row import PlannedVehicle
 from hulldown.render.engine import Engine
 from hulldown.render.masks import RowMasks, compared, verify_masks
 from hulldown.render.supervisor import render_plan
-from hulldown.tests.render_plans import ASSETS, make_row, write_plan
+from hulldown.tests.render_plans import CUBES, make_row, write_plan
 
 MASK = np.zeros((24, 32), dtype=bool)
 MASK[4:10, 5:15] = True
@@ -27,7 +27,7 @@ def rendered(tmp_path, blender, monkeypatch):
 
     def make(rows):
         plan, path = write_plan(tmp_path, rows), tmp_path / "d" / "annotations.json"
-        render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
+        render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
         coco = json.loads(path.read_text())
         masks = np.array([decode(label["segmentation"], 16, 16) for label in coco["annotations"]])
         of_rows = masks.reshape(len(rows), -1, 16, 16)
@@ -51,7 +51,7 @@ def test_a_damaged_label_is_a_finding_and_others_are_measured(rendered, change):
     plan, path, coco = rendered([make_row(i) for i in range(2)])
     first, second = coco["annotations"]
     path.write_text(json.dumps({**coco, "annotations": [{**first, **change}, second]}))
-    report = verify_masks(path.parent, plan, count=2, assets=ASSETS)
+    report = verify_masks(path.parent, plan, count=2, library=CUBES)
     (finding,) = report.findings
     assert (finding.severity, finding.where) == ("error", "images/00000001.png, cube")
     assert "cannot be held against a mask" in finding.problem
@@ -63,7 +63,7 @@ def test_the_box_of_a_label_without_a_mask_is_measured(rendered):
     (label,) = coco["annotations"]
     bare = {key: value for key, value in label.items() if key not in ("segmentation", "area")}
     path.write_text(json.dumps({**coco, "annotations": [bare]}))
-    report = verify_masks(path.parent, plan, count=1, assets=ASSETS)
+    report = verify_masks(path.parent, plan, count=1, library=CUBES)
     assert (report.findings, [row.box_error for row in report.rows]) == ((), [0.0])
 
 
@@ -77,7 +77,7 @@ def test_a_deleted_label_is_a_warning_and_others_keep_their_masks(rendered, dele
     left = [label for label in coco["annotations"] if label["id"] != deleted]
     by_hand = {**coco["annotations"][0], "id": 99, "image_id": 2}
     path.write_text(json.dumps({**coco, "annotations": [*left, by_hand]}))
-    report = verify_masks(path.parent, plan, count=2, assets=ASSETS)
+    report = verify_masks(path.parent, plan, count=2, library=CUBES)
     expected = "warning: images/00000002.png: box 'cube' is planned and has no annotation"
     assert [str(finding) for finding in report.findings] == [expected]
     assert [row.mask_iou for row in report.rows] == [1.0, 1.0, 1.0]

@@ -61,26 +61,26 @@ def row(plan):
 
 
 @pytest.fixture(scope="module")
-def pictures(row, assets, folder):
+def pictures(row, library, folder):
     """The row without paint, as planned, with a blue companion, brighter with turned hues, and without paint again."""
     red = row
     (other,) = red.companions
     blue = altered(other, paint=[Coat(["*"], "#1010c0")])
     bare = repainted(altered(red, companions=[altered(other, paint=[])]), [])
     turned = repainted(bare, [Coat(["Slot", "stone"], None, 0.0, 1.0, 2.0), Coat(["Tire"], None, 120.0)])
-    return rendered([bare, red, altered(red, companions=[blue]), turned, bare], assets, folder)
+    return rendered([bare, red, altered(red, companions=[blue]), turned, bare], library, folder)
 
 
-def rendered(rows, assets, folder):
+def rendered(rows, library, folder):
     """Pictures of rows, rendered by one worker."""
-    return draw(folder, [(row, assets) for row in rows], samples=8)
+    return draw(folder, [(row, library) for row in rows], samples=8)
 
 
 @pytest.fixture(scope="module")
-def masks(row, assets):
+def masks(row, library):
     """Masks of the target and of its companion, without their outermost pixels, which show some background."""
-    world = World.of(assets.sceneries["field"].scenery)
-    shape = VehicleTarget(assets.vehicles["odd"].shape)
+    world = World.of(library.assets.sceneries["field"])
+    shape = VehicleTarget(library.shapes["odd"])
     return [
         ndimage.binary_erosion(
             vehicle_mask(PosedVehicle(shape, v.world_from_vehicle[None], v.articulation), row.camera, world=world)
@@ -147,13 +147,13 @@ def test_the_next_picture_shows_no_earlier_paint(pictures):
     assert not np.array_equal(pictures[0], pictures[1])
 
 
-def test_rain_and_paint_do_not_affect_later_pictures(row, assets, folder):
+def test_rain_and_paint_do_not_affect_later_pictures(row, library, folder):
     """Paint is added to wet materials, and stays when they dry."""
     bare = repainted(altered(row, companions=[]), [])
     red = altered(row, companions=[])
     rows = [altered(bare, weather=RAIN), altered(red, weather=RAIN), red, altered(bare, weather=SNOW)]
-    alone = [rendered([one], assets, folder)[0] for one in rows]
-    for found, expected in zip(rendered(rows, assets, folder), alone, strict=True):
+    alone = [rendered([one], library, folder)[0] for one in rows]
+    for found, expected in zip(rendered(rows, library, folder), alone, strict=True):
         assert np.array_equal(found, expected)
     assert not np.array_equal(alone[1], alone[2])
 

@@ -14,7 +14,7 @@ from hulldown.render.engine import Engine
 from hulldown.render.process import Limits
 from hulldown.render.supervisor import Part, render_plan
 from hulldown.tests.editing import edit
-from hulldown.tests.render_plans import ASSETS, make_row, write_plan
+from hulldown.tests.render_plans import CUBES, make_row, write_plan
 
 NO_DENOISER = r"""
 printf '@hulldown {"ready": "5.0"}\n'; read line
@@ -28,7 +28,7 @@ def test_a_damaged_file_is_found_before_rendering(tmp_path, blender, name):
     (tmp_path / "d").mkdir()
     (tmp_path / "d" / name).write_text("x\n")
     with pytest.raises(DatasetError, match=name):
-        render_plan(write_plan(tmp_path, [make_row(0)]), tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
+        render_plan(write_plan(tmp_path, [make_row(0)]), tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
     assert [path.name for path in (tmp_path / "d").iterdir()] == [name]
 
 
@@ -47,7 +47,7 @@ def test_a_blender_that_does_not_start_leaves_the_dataset_unchanged(tmp_path, bl
     other = write_plan(tmp_path / "other", [make_row(i, strength=2.0) for i in range(2)])
     dataset = tmp_path / "new" / "d"
     if there != "nothing":
-        render_plan(other, dataset, assets=ASSETS, engine=Engine(blender=blender), part=Part(limit=1))
+        render_plan(other, dataset, library=CUBES, engine=Engine(blender=blender), part=Part(limit=1))
         (dataset / "failures.jsonl").write_text('{"file_name": "images/00000002.png"}\n')
     if there == "an unclosed dataset":
         (dataset / "annotations.json").unlink()
@@ -63,7 +63,7 @@ def test_a_blender_that_does_not_start_leaves_the_dataset_unchanged(tmp_path, bl
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         with pytest.raises(HulldownError, match=message) as told:
-            render_plan(plan, dataset, assets=ASSETS, engine=Engine(blender=str(wrong)))
+            render_plan(plan, dataset, library=CUBES, engine=Engine(blender=str(wrong)))
     assert files() == before
     assert (tmp_path / "new").exists() == (there != "nothing")
     assert told.value.path is None or Path(told.value.path) == wrong or Path(told.value.path).exists()
@@ -72,9 +72,9 @@ def test_a_blender_that_does_not_start_leaves_the_dataset_unchanged(tmp_path, bl
 def test_a_run_in_which_every_attempt_fails_leaves_only_logs(tmp_path, blender):
     plan = write_plan(tmp_path, [make_row(i, width=65536) for i in range(4)])
     with pytest.raises(HulldownError, match=r"logs: 6 attempts have failed one after the other"):
-        render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender, limits=Limits(give_up_after=4)))
+        render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender, limits=Limits(give_up_after=4)))
     assert {path.name for path in (tmp_path / "d").rglob("*")} == {"logs", "worker-0.log"}
-    render_plan(write_plan(tmp_path, [make_row(0)]), tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
+    render_plan(write_plan(tmp_path, [make_row(0)]), tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
     (image,) = read_coco(tmp_path / "d")["images"]
     assert (image["id"], image["file_name"]) == (1, "images/00000001.png")
 
@@ -84,7 +84,7 @@ def test_a_run_that_is_stopped_before_its_first_image_leaves_no_trace(tmp_path, 
         os.kill(os.getpid(), signal.SIGINT)
 
     plan = write_plan(tmp_path, [make_row(0)])
-    assert render_plan(plan, tmp_path / "d", assets=ASSETS, progress=stop, engine=Engine(blender=blender)).interrupted
+    assert render_plan(plan, tmp_path / "d", library=CUBES, progress=stop, engine=Engine(blender=blender)).interrupted
     assert not (tmp_path / "d").exists()
 
 
@@ -97,15 +97,15 @@ def test_a_run_that_is_stopped_before_its_first_image_leaves_no_trace(tmp_path, 
 )
 def test_an_id_of_the_plan_that_another_record_has_is_named(tmp_path, blender, kind, changes, message):
     plan = write_plan(tmp_path, [make_row(i) for i in range(5)])
-    render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender), part=Part(limit=2))
+    render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender), part=Part(limit=2))
     edit(tmp_path / "d", lambda coco: coco[kind].append(changes))
     path = tmp_path / "d" / "annotations.json"
     before = path.read_bytes()
     with pytest.raises(DatasetError, match=rf"{message} that is set aside for images/00000004\.png; .* from 6 on"):
-        render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
+        render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
     assert path.read_bytes() == before
     path.write_text(path.read_text().replace('"id": 4', '"id": 6'))
-    assert render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender)).rendered == 3
+    assert render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender)).rendered == 3
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_a_hostile_file_name_writes_nothing_outside(tmp_path, blender, name, err
     (dataset / "images" / "link").symlink_to(outside)
     before = {p for p in tmp_path.rglob("*") if dataset not in p.parents}
     with pytest.raises(error):
-        render_plan(plan, dataset, assets=ASSETS, engine=Engine(blender=blender))
+        render_plan(plan, dataset, library=CUBES, engine=Engine(blender=blender))
     assert {p for p in tmp_path.rglob("*") if dataset not in p.parents} == before
     assert not Path("/tmp/hulldown-hostile.png").exists()
 
@@ -140,19 +140,19 @@ def test_a_link_in_place_of_our_folder_is_refused(tmp_path, blender, name):
     (tmp_path / "d").mkdir()
     (tmp_path / "d" / name).symlink_to(outside)
     with pytest.raises(DatasetError, match="leads out of the dataset"):
-        render_plan(write_plan(tmp_path, [make_row(0)]), tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
+        render_plan(write_plan(tmp_path, [make_row(0)]), tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
     assert list(outside.iterdir()) == []
 
 
 @pytest.mark.parametrize("link", [True, False])
 def test_a_file_or_link_called_unfinished_is_replaced_and_its_target_kept(tmp_path, blender, link):
     plan, dataset = write_plan(tmp_path, [make_row(i) for i in range(3)]), tmp_path / "d"
-    render_plan(plan, dataset, assets=ASSETS, engine=Engine(blender=blender), part=Part(limit=2))
+    render_plan(plan, dataset, library=CUBES, engine=Engine(blender=blender), part=Part(limit=2))
     if link:
         (dataset / ".unfinished").symlink_to("images")
     else:
         (dataset / ".unfinished").touch()
-    assert render_plan(plan, dataset, assets=ASSETS, engine=Engine(blender=blender)).complete
+    assert render_plan(plan, dataset, library=CUBES, engine=Engine(blender=blender)).complete
     assert len(list((dataset / "images").iterdir())) == 3
 
 
@@ -165,7 +165,7 @@ def test_a_log_that_is_a_link_is_not_followed(tmp_path, blender, monkeypatch):
     loud = tmp_path / "loud"
     loud.write_text(f"#!/bin/sh\necho hello >&2\nexec {blender}\n")
     loud.chmod(0o755)
-    render_plan(write_plan(tmp_path, [make_row(0)]), dataset, assets=ASSETS, engine=Engine(blender=str(loud)))
+    render_plan(write_plan(tmp_path, [make_row(0)]), dataset, library=CUBES, engine=Engine(blender=str(loud)))
     assert outside.read_text() == "precious"
     assert "hello" in (dataset / "logs" / "worker-0.log").read_text()
 
@@ -178,7 +178,7 @@ def test_a_damaged_plan_leaves_the_dataset_unchanged(tmp_path, blender):
     dataset.mkdir()
     (dataset / "annotations.json").write_text('{"images": [], "annotations": [], "categories": []}')
     with pytest.raises(ConfigError, match="line 4 is no JSON"):
-        render_plan(plan, dataset, assets=ASSETS, engine=Engine(blender=blender))
+        render_plan(plan, dataset, library=CUBES, engine=Engine(blender=blender))
     assert [path.name for path in dataset.iterdir()] == ["annotations.json"]
     assert (dataset / "annotations.json").read_text() == '{"images": [], "annotations": [], "categories": []}'
 
@@ -187,7 +187,7 @@ def test_a_damaged_plan_leaves_the_dataset_unchanged(tmp_path, blender):
 def test_a_row_that_cannot_be_rendered_names_its_line_or_image(tmp_path, blender, change):
     plan = write_plan(tmp_path, [make_row(0, **change)])
     with pytest.raises(ConfigError, match=r"line 2|image 0"):
-        render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
+        render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
 
 
 @pytest.mark.parametrize("change", ["another plan", "nothing"])
@@ -202,11 +202,11 @@ def test_replacing_the_plan_during_a_run_ends_it(tmp_path, blender, change):
             other.replace(plan)
 
     with pytest.raises(ConfigError, match=r"plan\.jsonl: is not what it was when this run began; run again"):
-        render_plan(plan, tmp_path / "d", assets=ASSETS, progress=replace, engine=Engine(blender=blender))
+        render_plan(plan, tmp_path / "d", library=CUBES, progress=replace, engine=Engine(blender=blender))
     assert {image["strength"] for image in read_coco(tmp_path / "d")["images"]} == {1.0}
 
 
 def test_a_dataset_in_use_is_refused(tmp_path, blender):
     plan = write_plan(tmp_path, [make_row(0)])
     with CocoDataset.open(tmp_path / "d"), pytest.raises(DatasetError, match="another process"):
-        render_plan(plan, tmp_path / "d", assets=ASSETS, engine=Engine(blender=blender))
+        render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender))

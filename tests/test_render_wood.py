@@ -22,13 +22,13 @@ def plan(own_worlds):
     )
 
 
-def test_masks_and_visible_shares_in_a_wood_equal_those_of_cycles(plan, assets, tmp_path):
-    assert render_plan(plan.path, tmp_path / "dataset", assets=assets).complete
-    report = verify_masks(tmp_path / "dataset", plan.path, count=len(plan), assets=assets)
+def test_masks_and_visible_shares_in_a_wood_equal_those_of_cycles(plan, library, tmp_path):
+    assert render_plan(plan.path, tmp_path / "dataset", library=library).complete
+    report = verify_masks(tmp_path / "dataset", plan.path, count=len(plan), library=library)
     assert not [finding for finding in report.findings if finding.severity == "error"]
     assert min(row.mask_iou for row in report.rows) >= 0.99
     planned = np.array([row.target.visible_fraction for row in plan])
-    found = cycles_masks(plan, range(len(plan)), assets)
+    found = cycles_masks(plan, range(len(plan)), library)
     shown = np.array([masks.visible[0].sum() / masks.alone[0].sum() for masks in found])
     assert planned.min() < 0.7, "leaves hide something"
     # Each random point of the outline is hidden or not: with 4,096 rays, 99 of 100 shares are within 0.02.

@@ -62,7 +62,7 @@ def inspect_file(
     """
     if _is_config(path):
         library = load_library(Config.read(path), strict=strict, progress=progress, limits=limits)
-        models = {**library.assets.vehicles, **library.assets.distractors}
+        models = library.shapes
         listed: list[tuple[FileReport, VehicleShape | Scenery]]
         listed = [(_with_limits(file.report, models[name]), models[name]) for name, file in library.models.items()]
         listed += [(file.report, library.assets.sceneries[name]) for name, file in library.sceneries.items()]

@@ -58,6 +58,11 @@ class Library:
     sceneries: Mapping[str, Exported]
     hdris: Mapping[str, Hdri]
 
+    @property
+    def shapes(self) -> dict[str, VehicleShape]:
+        """Vehicles and distractors."""
+        return {**self.assets.vehicles, **self.assets.distractors}
+
     def doubts(self, *, backdrop: bool) -> dict[str, list[str]]:
         """Return doubts by the file's path; `backdrop` tells whether pictures show all of an HDRI, with its land."""
         files = self.assets.hdri_files

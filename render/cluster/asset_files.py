@@ -19,10 +19,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hulldown.geometry.errors import AssetError
+from hulldown.planning.inputs.loading import Library
 from hulldown.reading.cache import sha256
 from hulldown.reading.confinement.blocks import PATH, blocks, named_files, unpacked
 from hulldown.reading.confinement.landlock import is_inside
-from hulldown.render.jobs import RenderAssets
+from hulldown.render.jobs import readable, scenery_file
 
 CACHE_VARIABLE = "HULLDOWN_CACHE"  # names the folder of a worker's copies
 TILES = ("<UDIM>", "<UVTILE>")  # placeholders for a number in names of textures
@@ -47,8 +48,8 @@ class ClientFiles:
 
     Parameters
     ----------
-    assets
-        The plan's.
+    library
+        The plan's assets.
 
     Attributes
     ----------
@@ -60,19 +61,19 @@ class ClientFiles:
         Paths that Blender may read where a worker has the files at the same paths, as on one machine.
     """
 
-    def __init__(self, assets: RenderAssets) -> None:
+    def __init__(self, library: Library) -> None:
         self._notes: dict[Path, FileNote] = {}
         self.assets: dict[str, AssetNote] = {}
         named: list[tuple[Path, Sequence[str]]] = []
-        named += [(file.tidy, file.files) for file in assets.vehicles.values()]
-        named += [(file.path, file.files) for file in assets.sceneries.values()]
-        named += [(path, ()) for path in assets.hdris.values()]
-        readable = assets.readable
+        named += [(exported.tidy, exported.files) for exported in library.models.values()]
+        named += [(scenery_file(library, name)[0], exported.files) for name, exported in library.sceneries.items()]
+        named += [(hdri.path, ()) for hdri in library.hdris.values()]
+        allowed = readable(library)
         for path, files in named:
             path = path.resolve()
-            self.assets[str(path)] = tuple(map(self._note, (path, *references(files, path, readable))))
-        added = [path for path in self._notes if not any(map(path.is_relative_to, readable))]
-        self.readable = (*readable, *added)
+            self.assets[str(path)] = tuple(map(self._note, (path, *references(files, path, allowed))))
+        added = [path for path in self._notes if not any(map(path.is_relative_to, allowed))]
+        self.readable = (*allowed, *added)
         self._by_hash = {note.sha256: note for note in self._notes.values()}
         listed = sorted(f"{note.sha256} {note.path}" for note in self._notes.values())
         self.key = hashlib.sha256("\0".join(listed).encode("utf-8", "surrogateescape")).hexdigest()

@@ -8,12 +8,12 @@ from functools import partial
 from typing import Any
 
 from hulldown.geometry.code import versions
+from hulldown.planning.inputs.loading import Library
 from hulldown.render.cluster.asset_files import ClientFiles
 from hulldown.render.cluster.node import RenderOrder, Setting, refusal, render_row
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.cluster.workers import Cluster
 from hulldown.render.engine import Engine
-from hulldown.render.jobs import RenderAssets
 from hulldown.render.process import Outcome, Stopped
 
 RESOURCE = "render"  # declared by `dask worker --resources "render=1"`
@@ -30,8 +30,8 @@ class ClusterPool(Cluster):
         The cluster's scheduler.
     engine
         The Blenders' device and limits, and whether to refuse workers that can't confine Blender.
-    assets
-        The plan's files.
+    library
+        The plan's assets.
     say, stopping
         As of `render.pool.Pool`.
 
@@ -45,12 +45,12 @@ class ClusterPool(Cluster):
         self,
         scheduler: Scheduler,
         engine: Engine,
-        assets: RenderAssets,
+        library: Library,
         *,
         say: Callable[[str], None],
         stopping: Callable[[], bool],
     ) -> None:
-        self._stopping, self._files = stopping, ClientFiles(assets)
+        self._stopping, self._files = stopping, ClientFiles(library)
         self._setting = Setting(self._files.key, self._files.readable, engine.device, engine.limits)
         refused = partial(refusal, versions("bpy"), engine.require_confinement)
         super().__init__(scheduler, RESOURCE, refused, at_once=AT_ONCE, say=say)
