@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import dataclass
 
+from hulldown.geometry.errors import HulldownError
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.process import DEFAULT_LIMITS, Limits
 
@@ -26,6 +28,11 @@ class Engine:
         Whether to use only workers of a cluster that can confine Blender.
     limits
         Limits of time, memory, and attempts.
+
+    Raises
+    ------
+    HulldownError
+        If `blender` isn't a program.
     """
 
     workers: int | None = None
@@ -34,6 +41,10 @@ class Engine:
     scheduler: Scheduler | None = None
     require_confinement: bool = False
     limits: Limits = DEFAULT_LIMITS
+
+    def __post_init__(self) -> None:
+        if self.blender is not None and shutil.which(self.blender) is None:
+            raise HulldownError("isn't an executable program", path=self.blender, remedy="name Blender's executable")
 
 
 DEFAULT_ENGINE = Engine()

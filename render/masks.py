@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import math
-import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,10 +25,9 @@ from hulldown.dataset.verification.look import appearance
 from hulldown.dataset.verification.planned import not_annotated
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import DatasetError, HulldownError
-from hulldown.planning.inputs.loading import Library, load_planned_library
+from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan_file import Plan, read_plan
 from hulldown.planning.row import Row
-from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.render.annotations import Segmenter
 from hulldown.render.confinement import Confinement
 from hulldown.render.engine import Engine
@@ -94,11 +92,9 @@ class MaskReport:
 def verify_masks(
     dataset: Path | str,
     plan_path: Path | str,
+    library: Library,
     *,
     count: int,
-    library: Library | None = None,
-    cache: str | os.PathLike[str] | None = None,
-    limits: ReadLimits = DEFAULT_LIMITS,
     progress: Callable[[int, int], None] | None = None,
 ) -> MaskReport:
     """Render the masks of some images of a dataset, and compare its annotations with them.
@@ -109,21 +105,17 @@ def verify_masks(
         Its folder.
     plan_path
         The plan it was rendered from.
+    library
+        The plan's assets.
     count
         Number of images, an even selection of the finished ones.
-    library
-        The plan's assets; None: those in its header.
-    cache
-        Their cache; None: next to the plan.
-    limits
-        Limits of reading one.
     progress
         Called with (images done, all).
 
     Raises
     ------
     HulldownError
-        If dataset, plan or assets cannot be used, or the dataset is not of this plan.
+        If dataset or plan cannot be used, or the dataset is not of this plan.
     """
     plan = read_plan(plan_path)
     coco = read_coco(dataset)
@@ -136,7 +128,6 @@ def verify_masks(
     chosen = [finished[i] for i in spread(len(finished), count)]
     labels = {label["id"]: label for label in coco["annotations"] if run.has_annotation(label["id"])}
     first = outline.first_annotations(run)
-    library = library or load_planned_library(plan, cache=cache, limits=limits)
     masks = cycles_masks(plan, chosen, library, progress=progress)
     rows: list[MaskRow] = []
     findings = [

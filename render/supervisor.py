@@ -19,11 +19,9 @@ from hulldown.dataset.provenance import FAILURES_NAME
 from hulldown.dataset.store.pictures import confined
 from hulldown.dataset.table import Dataset
 from hulldown.geometry.errors import HulldownError
-from hulldown.geometry.terminal import say, titled_bar, watched
+from hulldown.geometry.terminal import reading_status, say, titled_bar, watched
 from hulldown.planning.inputs.loading import Library, load_planned_library
 from hulldown.planning.plan_file import read_plan
-from hulldown.reading.confinement.watch import DEFAULT_LIMITS as DEFAULT_READ_LIMITS
-from hulldown.reading.confinement.watch import ReadLimits
 from hulldown.render.cluster.scheduler import Scheduler, needing_dask
 from hulldown.render.confinement import Confinement
 from hulldown.render.engine import DEFAULT_ENGINE, Engine
@@ -122,10 +120,12 @@ def render(
         raise ValueError("workers: expected None with a scheduler, whose workers set that themselves")
     scheduler = Scheduler(scheduler) if isinstance(scheduler, str) else scheduler
     engine = Engine(workers=workers, device=device, scheduler=scheduler)
+    with reading_status() as reading:
+        library = load_planned_library(read_plan(plan), cache=cache, progress=reading)
     with contextlib.ExitStack() as stack:
         if progress is None and watched():
             progress = stack.enter_context(render_bar())
-        report = render_plan(plan, folder, engine=engine, part=part, cache=cache, progress=progress)
+        report = render_plan(plan, folder, library, engine=engine, part=part, progress=progress)
     if report.interrupted:
         raise KeyboardInterrupt
     if report.failed:
@@ -164,12 +164,10 @@ def render_bar() -> Iterator[Callable[[Progress], None]]:
 def render_plan(
     plan_path: str | os.PathLike[str],
     dataset_folder: str | os.PathLike[str],
+    library: Library | None = None,
     *,
     engine: Engine = DEFAULT_ENGINE,
     part: Part = WHOLE,
-    library: Library | None = None,
-    cache: str | os.PathLike[str] | None = None,
-    read_limits: ReadLimits = DEFAULT_READ_LIMITS,
     progress: Callable[[Progress], None] | None = None,
 ) -> RenderReport:
     """Render a plan's missing images into a dataset.
@@ -180,16 +178,12 @@ def render_plan(
         The plan.
     dataset_folder
         The dataset.
+    library
+        The plan's assets; those that its header names if not given.
     engine
         The renderer.
     part
         The part of the plan to render.
-    library
-        The plan's assets; those that its header names if not given.
-    cache
-        Where these are kept; beside the plan if None.
-    read_limits
-        Limits of reading assets that aren't in the cache.
     progress
         Called after each image and with each message.
 
@@ -198,19 +192,11 @@ def render_plan(
     HulldownError
         If plan, assets or dataset cannot be used, or Blender does not work at all.
     """
-    if engine.blender is not None and shutil.which(engine.blender) is None:
-        raise HulldownError("isn't an executable program", path=engine.blender, remedy="name Blender's executable")
     start = time.monotonic()
     plan = read_plan(plan_path)
     folder = Path(dataset_folder)
     tell = progress or (lambda _: None)
-    if library is None:
-        library = load_planned_library(
-            plan,
-            cache=cache,
-            progress=lambda path: tell(Progress(0, 0, len(plan), f"reading {path}")),
-            limits=read_limits,
-        )
+    library = library or load_planned_library(plan)
     outline = Outline(plan)
     had_logs = (folder / LOGS_NAME).exists()
     with CocoDataset.open(folder) as dataset, _stop_on_signals() as stopping:

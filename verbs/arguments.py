@@ -7,12 +7,14 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.terminal import reading_status, warn
 
 if TYPE_CHECKING:
+    from hulldown.planning.inputs.loading import Library
+    from hulldown.planning.plan_file import Plan
     from hulldown.reading.confinement.watch import ReadLimits
 
 Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
@@ -158,13 +160,14 @@ def add_planned(sub: argparse.ArgumentParser) -> None:
     add_cache(sub, ".hulldown-cache next to the plan")
 
 
-def planned_assets(plan: Any, arguments: argparse.Namespace) -> Any:
-    """A plan's assets, read by the arguments of `add_planned`."""
+def planned_library(plan: Path | Plan, arguments: argparse.Namespace) -> Library:
+    """The assets of a plan, read by the arguments of `add_planned`."""
     from hulldown.planning.inputs.loading import load_planned_library
+    from hulldown.planning.plan_file import read_plan
 
     with reading_status() as progress:
         limits = read_limits(arguments)
-        return load_planned_library(plan, cache=arguments.cache, progress=progress, limits=limits).assets
+        return load_planned_library(read_plan(plan), cache=arguments.cache, progress=progress, limits=limits)
 
 
 def add_allow_links(sub: argparse.ArgumentParser) -> None:

@@ -20,7 +20,7 @@ from hulldown.verbs.arguments import (
     add_verb,
     at_least_one,
     picture_name,
-    planned_assets,
+    planned_library,
     read_limits,
 )
 from hulldown.verbs.terminal import DONE, FOUND, STDOUT, print_json, show_list, show_table
@@ -122,7 +122,7 @@ def _check(arguments: argparse.Namespace) -> int:
     from hulldown.planning.plan_file import read_plan
 
     plan = read_plan(arguments.plan)
-    assets = planned_assets(plan, arguments)
+    assets = planned_library(plan, arguments).assets
     with progress_bar("checking") as advance:
         findings = check_plan(plan, assets, progress=advance)
     if arguments.json:
@@ -141,7 +141,7 @@ def _preview(arguments: argparse.Namespace) -> int:
     plan = read_plan(arguments.plan)
     output = arguments.output or picture_of(arguments.plan, "preview")
     make_room_for_picture(output)
-    assets = planned_assets(plan, arguments)
+    assets = planned_library(plan, arguments).assets
     with progress_bar("shading") as advance:
         preview_sheet(plan, assets, output, count=arguments.count, progress=advance)
     say(f"wrote {output}")
@@ -153,7 +153,7 @@ def _passes(arguments: argparse.Namespace) -> int:
     from hulldown.planning.plan_file import read_plan
 
     plan = read_plan(arguments.plan)
-    assets = planned_assets(plan, arguments)
+    assets = planned_library(plan, arguments).assets
     passes = [name for name in PASSES if getattr(arguments, name)] or PASSES
     with progress_bar("casting rays") as advance:
         written = write_passes(plan, assets, arguments.output, passes=passes, count=arguments.count, progress=advance)

@@ -18,8 +18,8 @@ from hulldown.verbs.arguments import (
     fraction,
     one_of_shares,
     page_name,
+    planned_library,
     positive,
-    read_limits,
     three_shares,
 )
 from hulldown.verbs.cluster import add_scheduler, scheduler_of
@@ -44,16 +44,9 @@ def _render(arguments: argparse.Namespace) -> int:
         require_confinement=arguments.require_confinement,
         limits=dataclasses.replace(DEFAULT_LIMITS, job_s=arguments.image_timeout),
     )
+    library, part = planned_library(arguments.plan, arguments), Part(limit=arguments.limit, share=arguments.share)
     with render_bar() as show:
-        report = render_plan(
-            arguments.plan,
-            arguments.output,
-            engine=engine,
-            part=Part(limit=arguments.limit, share=arguments.share),
-            cache=arguments.cache,
-            read_limits=read_limits(arguments),
-            progress=show,
-        )
+        report = render_plan(arguments.plan, arguments.output, library, engine=engine, part=part, progress=show)
     if arguments.json:
         print_json(dataclasses.asdict(report))
     say(
@@ -94,15 +87,9 @@ def _verify(arguments: argparse.Namespace) -> int:
     if arguments.masks:
         from hulldown.render.masks import verify_masks
 
+        library, count = planned_library(arguments.plan, arguments), arguments.masks
         with progress_bar("rendering masks") as advance:
-            measured = verify_masks(
-                arguments.dataset,
-                arguments.plan,
-                count=arguments.masks,
-                cache=arguments.cache,
-                limits=read_limits(arguments),
-                progress=advance,
-            )
+            measured = verify_masks(arguments.dataset, arguments.plan, library, count=count, progress=advance)
         checked = len(measured.rows)
         findings += measured.findings
         if not arguments.json:
@@ -139,7 +126,6 @@ def _export(arguments: argparse.Namespace) -> int:
 
 def _report(arguments: argparse.Namespace) -> int:
     from hulldown.dataset.reports.report import report
-    from hulldown.reading.confinement.watch import DEFAULT_LIMITS
 
     if arguments.features and not arguments.photographs:
         raise HulldownError("--features needs --beside, whose photographs the images are compared with")
@@ -153,7 +139,7 @@ def _report(arguments: argparse.Namespace) -> int:
         encode = load_encoder(arguments.features)
     comparison = report(
         arguments.source, arguments.output, photographs=arguments.photographs, encode=encode, most=arguments.images,
-        cache=arguments.cache, limits=DEFAULT_LIMITS if arguments.source.is_dir() else read_limits(arguments),
+        library=None if arguments.source.is_dir() else planned_library(arguments.source, arguments),
     )  # fmt: skip
     if comparison:
         if arguments.json:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import os
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -29,12 +28,11 @@ from hulldown.dataset.table import CONDITIONS, Dataset, Image
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.files import make_room, replace_file
-from hulldown.geometry.terminal import reading_status, shown
-from hulldown.planning.inputs.loading import load_planned_library
+from hulldown.geometry.terminal import shown
+from hulldown.planning.inputs.loading import Library, load_planned_library
 from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.summary import SIZES
-from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
 MOST = 1_000  # thumbnails on a page: some 15 MB
 THUMBNAIL_WIDTH = 320  # pixels of a thumbnail
@@ -50,8 +48,7 @@ def report(
     photographs: Path | str | None = None,
     encode: Encoder | None = None,
     most: int = MOST,
-    cache: str | os.PathLike[str] | None = None,
-    limits: ReadLimits = DEFAULT_LIMITS,
+    library: Library | None = None,
 ) -> Comparison | None:
     """Write a self-contained page about a dataset or a plan, and compare it with photographs if given.
 
@@ -69,8 +66,8 @@ def report(
         See `compare`; pictures of plans are previews, which aren't compared.
     most
         Most thumbnails; of more images an even selection is shown.
-    cache, limits
-        Of reading a plan's assets; see `planning.inputs.loading.load_planned_library`.
+    library
+        A plan's assets; those in its header if not given.
 
     Raises
     ------
@@ -82,9 +79,7 @@ def report(
         dataset = Dataset.read(source)
     else:
         plan = read_plan(source)
-        with reading_status() as progress:
-            assets = load_planned_library(plan, cache=cache, progress=progress, limits=limits).assets
-        artist = Artist(plan, assets)
+        artist = Artist(plan, (library or load_planned_library(plan)).assets)
         dataset = Dataset.of_plan(plan, lambda i: artist.picture(plan[i], width=THUMBNAIL_WIDTH, labels=False))
     if not dataset.images:
         raise DatasetError("has no images yet", path=source, remedy="render some first")
