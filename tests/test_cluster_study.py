@@ -1,11 +1,10 @@
 """`hulldown study run --scheduler` on real Dask workers, one of which is lost."""
 
-import hashlib
 import json
 import os
 import threading
 import time
-from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -14,7 +13,7 @@ from hulldown.tests.clusters import cluster
 from hulldown.tests.test_study import SMALL, settled, tree
 from hulldown.tests.training_pictures import make_datasets
 from hulldown.training.study import elsewhere
-from hulldown.training.study.elsewhere import NANNYS, TrainingOrder, run_here, unseen
+from hulldown.training.study.elsewhere import NANNYS, manifest_digest, run_here, unseen
 from hulldown.training.study.manifest import write_manifest
 from hulldown.training.study.report import write_report
 from hulldown.training.study.runs import RunOptions, run_study
@@ -64,25 +63,18 @@ def test_a_study_that_loses_a_worker_equals_one_on_this_machine(study, tmp_path,
 
 
 @pytest.fixture
-def order(study, tmp_path):
-    """A run of a study in a folder."""
-    out = tmp_path / "out"
-    out.mkdir()
-    write_manifest(study, out)
-    return TrainingOrder(
-        str(out), hashlib.sha256((out / "study.json").read_bytes()).hexdigest(), "real-100-seed0", OPTIONS
-    )
+def out(study, tmp_path):
+    write_manifest(study, tmp_path)
+    return tmp_path
 
 
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [({"study": "/nowhere"}, "does not see /nowhere"), ({"manifest": "0" * 64}, "sees another study in ")],
-)
-def test_a_worker_that_does_not_see_the_study_refuses_it(order, changes, says):
-    assert unseen(replace(order, **changes)).startswith(says)
+def test_a_worker_that_does_not_see_the_study_refuses_it(out):
+    assert unseen(out, manifest_digest(out)) == ""
+    assert unseen(Path("/nowhere"), manifest_digest(out)).startswith("does not see /nowhere")
+    assert unseen(out, "0" * 64).startswith("sees another study in ")
 
 
-def test_a_run_keeps_the_environment_of_its_worker(order, monkeypatch):
+def test_a_run_keeps_the_environment_of_its_worker(out, monkeypatch):
     """A run deleted the thread limits of all later tasks."""
     for name in NANNYS:
         monkeypatch.setenv(name, "1")
@@ -92,7 +84,7 @@ def test_a_run_keeps_the_environment_of_its_worker(order, monkeypatch):
         seen.update(arguments[-1])
 
     monkeypatch.setattr(elsewhere, "in_a_process", in_a_process)
-    assert run_here(order, lambda: True) is None
+    assert run_here(out, "real-100-seed0", OPTIONS, lambda: True) is None
     assert os.environ == before
     assert not seen.keys() & set(NANNYS)
     assert seen.keys() | set(NANNYS) == before.keys()

@@ -31,6 +31,11 @@ def connected(nodes, **files):
     return Cluster(Scheduler(nodes.address, **files), "render", cluster_tasks.no_refusal, say=lambda line: None)
 
 
+def calling(function):
+    """From a job to a call of the function with it."""
+    return partial(partial, function)
+
+
 def until(holds):
     while not holds():
         time.sleep(0.05)
@@ -51,7 +56,7 @@ def test_a_task_notices_that_its_client_is_gone(workers, tmp_path, leave):
         return left == ["stops"]
 
     with contextlib.suppress(HulldownError):
-        assert not list(workers.run([str(tmp_path)], cluster_tasks.until_unwanted, str, lost=None, stopping=stopping))
+        assert not list(workers.run([tmp_path], calling(cluster_tasks.until_unwanted), lost=None, stopping=stopping))
     until((tmp_path / "ended").exists)
 
 
@@ -62,7 +67,7 @@ def test_contents_are_sent_once_and_shared(workers):
         read.append(digest)
         return digest.encode()
 
-    found = workers.run(range(3), cluster_tasks.with_contents, lambda job: "0" * 64, lost=None, content=content)
+    found = workers.run(["0" * 64] * 3, calling(cluster_tasks.with_contents), lost=None, content=content)
     assert [results for _, results in found] == [[b"0" * 64]] * 3
     assert 1 <= len(read) <= 2
 
@@ -72,16 +77,16 @@ def test_a_content_that_cannot_be_read_ends_the_run(workers):
         raise AssetError("was changed during the render")
 
     with pytest.raises(AssetError, match="changed"):
-        list(workers.run([0], cluster_tasks.with_contents, lambda job: "1" * 64, lost=None, content=content))
+        list(workers.run(["1" * 64], calling(cluster_tasks.with_contents), lost=None, content=content))
 
 
 def test_a_refused_worker_gets_no_tasks_and_the_run_ends_when_all_are_refused(workers, nodes):
-    run = partial(workers.run, range(8), cluster_tasks.address_unless, lost=None)
     one, other = sorted(workers.client.scheduler_info()["workers"])
-    assert [results for _, results in run(order=lambda job: one)] == [[other]] * 8
+    call = calling(cluster_tasks.address_unless)
+    assert [results for _, results in workers.run([one] * 8, call, lost=None)] == [[other]] * 8
     assert workers.working == 1
     with pytest.raises(HulldownError, match=f"{other}: is refused, as all workers are: it is slow"):
-        list(run(order=lambda job: other))
+        list(workers.run([other], call, lost=None))
 
 
 def test_a_worker_without_the_clients_code_is_refused_before_it_reads_the_task(nodes):
@@ -90,12 +95,12 @@ def test_a_worker_without_the_clients_code_is_refused_before_it_reads_the_task(n
         Cluster(Scheduler(nodes.address), "render", cluster_tasks.other_code, say=lines.append) as workers,
         pytest.raises(HulldownError, match="all workers are: it has another version"),
     ):
-        list(workers.run([0], cluster_tasks.with_contents, str, lost=None))
+        list(workers.run([""], calling(cluster_tasks.with_contents), lost=None))
     assert sum("is not used: it has another version" in line for line in lines) == 2
 
 
 def test_the_results_of_all_workers_that_fail_are_kept(workers):
-    ((_, results),) = workers.run(["it fails"], cluster_tasks.fails, str, lost=None)
+    ((_, results),) = workers.run(["it fails"], calling(cluster_tasks.fails), lost=None)
     addresses = sorted(workers.client.scheduler_info()["workers"])
     assert sorted(results) == [f"it fails on {address}" for address in addresses]
 
@@ -110,7 +115,7 @@ def test_a_task_whose_workers_are_all_gone_is_done_by_the_next(tmp_path):
                 nodes.add()
             return False
 
-        ((job, results),) = workers.run([tmp_path], cluster_tasks.slow_at_first, str, lost=None, stopping=kill)
+        ((job, results),) = workers.run([tmp_path], calling(cluster_tasks.slow_at_first), lost=None, stopping=kill)
         assert (job, results, killed) == (tmp_path, ["second"], [None])
 
 
@@ -122,7 +127,7 @@ def test_tls_works_and_requires_a_certificate(tmp_path):
         with pytest.raises(HulldownError, match="no Dask scheduler answers there"):
             connected(nodes)
         with connected(nodes, **files) as workers:
-            found = workers.run(["data"], cluster_tasks.with_contents, str, lost=None, content=str.encode)
+            found = workers.run(["data"], calling(cluster_tasks.with_contents), lost=None, content=str.encode)
             assert [results for _, results in found] == [[b"data"]]
 
 
@@ -132,4 +137,4 @@ def test_a_lost_scheduler_is_a_one_line_error(tmp_path):
         connected(nodes) as workers,
         pytest.raises(HulldownError, match=r"^tcp://.*: the scheduler is out of reach; start one, .* which continues$"),
     ):
-        list(workers.run([""], cluster_tasks.with_contents, str, lost=None, stopping=nodes.scheduler.kill))
+        list(workers.run([""], calling(cluster_tasks.with_contents), lost=None, stopping=nodes.scheduler.kill))

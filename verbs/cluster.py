@@ -5,16 +5,19 @@ from __future__ import annotations
 import argparse
 import signal
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hulldown.geometry.terminal import say
 from hulldown.render.cluster.scheduler import Scheduler, needing_dask
 from hulldown.verbs.arguments import Subparsers, add_verb, at_least_one, port
 from hulldown.verbs.terminal import DONE, print_json
+
+if TYPE_CHECKING:
+    from hulldown.training.study.runs import Launch, Progress, RunOptions
 
 
 def add_scheduler(sub: argparse.ArgumentParser, help_text: str) -> None:
@@ -25,7 +28,7 @@ def add_scheduler(sub: argparse.ArgumentParser, help_text: str) -> None:
     sub.add_argument("--tls-key", type=Path, metavar="PEM", help="the same")
 
 
-def scheduler_of(arguments: argparse.Namespace) -> Any:
+def scheduler_of(arguments: argparse.Namespace) -> Scheduler | None:
     """The scheduler in the arguments; None without one."""
     if arguments.scheduler is None:
         return None
@@ -38,24 +41,33 @@ def scheduler_of(arguments: argparse.Namespace) -> Any:
 
 
 @contextmanager
-def training_workers(scheduler: Any, *, say: Callable[[str], None] = say) -> Iterator[Any]:
-    """The training workers of a cluster, as a `training.study.runs.Launch`."""
+def training_workers(scheduler: Scheduler, *, say: Callable[[str], None] = say) -> Iterator[Launch]:
+    """A function that runs runs of a study on the training workers of a cluster."""
     from hulldown.geometry.code import difference, versions
 
     with needing_dask():
         from hulldown.render.cluster.workers import Cluster
-    from hulldown.training.study.elsewhere import PACKAGES, RESOURCE, launch_on
+    from hulldown.training.study.elsewhere import LOST, PACKAGES, RESOURCE, manifest_digest
 
     with Cluster(scheduler, RESOURCE, partial(difference, versions(*PACKAGES)), say=say) as cluster:
-        yield launch_on(cluster, _train_here)
+
+        def launch(
+            study: Path, names: Sequence[str], options: RunOptions, progress: Progress
+        ) -> Generator[tuple[str, str | None]]:
+            here = partial(_train_here, study.resolve(), manifest_digest(study), options)
+            with closing(cluster.run(names, partial(partial, here), lost=LOST)) as ended:
+                for name, reasons in ended:
+                    yield name, reasons[-1]
+
+        yield launch
 
 
-def _train_here(order: Any) -> Any:
-    """The function that a worker of the cluster calls."""
+def _train_here(study: Path, manifest: str, options: RunOptions, name: str) -> Any:
+    """Do a run on a worker of the cluster."""
     from hulldown.render.cluster.workers import Answer, wanted
     from hulldown.training.study.elsewhere import run_here, unseen
 
-    return unseen(order) or Answer(run_here(order, wanted()))
+    return unseen(study, manifest) or Answer(run_here(study, name, options, wanted()))
 
 
 def _cluster(arguments: argparse.Namespace) -> int:

@@ -12,7 +12,7 @@ from hulldown.planning.inputs.loading import Library
 from hulldown.render.cluster.asset_files import ClientFiles
 from hulldown.render.cluster.node import RenderOrder, Setting, refusal, render_row
 from hulldown.render.cluster.scheduler import Scheduler
-from hulldown.render.cluster.workers import Cluster
+from hulldown.render.cluster.workers import Answer, Cluster
 from hulldown.render.engine import Engine
 from hulldown.render.process import Outcome, Stopped
 
@@ -61,15 +61,14 @@ class ClusterPool(Cluster):
         """Do all jobs; parameters and errors as of `render.pool.Pool.results`."""
         left = len(jobs)
 
-        def order(job: int) -> RenderOrder:
+        def call(job: int) -> Callable[..., Answer]:
             own = message(job)
             named = {own["scenery"]["path"], own["light"]["hdri"], *(vehicle["tidy"] for vehicle in own["vehicles"])}
-            return RenderOrder(own, tuple(self._files.assets[path] for path in sorted(named)), self._setting)
+            assets = tuple(self._files.assets[path] for path in sorted(named))
+            return partial(render_row, RenderOrder(own, assets, self._setting))
 
-        for job, outcomes in self.run(
-            jobs, render_row, order,
-            lost=Outcome(reasons=(LOST,)), stopping=self._stopping, content=self._files.content,
-        ):  # fmt: skip
+        lost = Outcome(reasons=(LOST,))
+        for job, outcomes in self.run(jobs, call, lost=lost, stopping=self._stopping, content=self._files.content):
             left -= 1
             reasons = [reason for outcome in outcomes for reason in outcome.reasons] if outcomes[-1].reasons else []
             restarts = sum(outcome.restarts for outcome in outcomes)

@@ -121,8 +121,7 @@ class Cluster:
     def run(
         self,
         jobs: Iterable[Job],
-        function: Callable[..., Answer],
-        order: Callable[[Job], Any],
+        call: Callable[[Job], Callable[..., Answer]],
         *,
         lost: Any,
         stopping: Callable[[], bool] = lambda: False,
@@ -134,10 +133,8 @@ class Cluster:
         ----------
         jobs
             Any objects.
-        function
-            Called on a worker with an order, and contents that it lacked.
-        order
-            Function from a job to its order.
+        call
+            Function from a job to what is called on a worker, with contents that it lacked.
         lost
             The last result of a job during which workers are lost again and again.
         stopping
@@ -155,7 +152,7 @@ class Cluster:
 
         def submit(task: _Task[Job], worker: str, *contents: Future) -> None:
             future = self.client.submit(
-                _do, self._refusal, pickle.dumps((function, order(task.job))), *contents,
+                _do, self._refusal, pickle.dumps(call(task.job)), *contents,
                 workers=[worker], allow_other_workers=False, resources={self._resource: 1}, pure=False,
             )  # fmt: skip
             running[future], task.worker, task.contents = task, worker, contents
@@ -284,8 +281,7 @@ def _do(refusal: Callable[[], str], job: bytes, *contents: bytes) -> Answer | st
     """Do a task on a worker, or return the reason why it can't; only the client's own code unpickles the job."""
     if why := refusal():
         return why
-    function, order = pickle.loads(job)
-    answer: Answer = function(order, *contents)
+    answer: Answer = pickle.loads(job)(*contents)
     return answer
 
 

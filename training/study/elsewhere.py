@@ -7,17 +7,15 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Generator, Sequence
-from contextlib import closing, suppress
-from dataclasses import dataclass
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 from filelock import FileLock, Timeout
 
 from hulldown.training.run_folder import LOCK_NAME
 from hulldown.training.study.manifest import MANIFEST_NAME, RUNS_NAME, read_manifest
-from hulldown.training.study.runs import Launch, Progress, RunOptions, in_a_process
+from hulldown.training.study.runs import RunOptions, in_a_process
 
 RESOURCE = "train"  # what `dask worker --resources "train=1"` declares
 LOST = "its workers were lost"
@@ -27,75 +25,35 @@ NANNYS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 PACKAGES = ("torch", "rfdetr", "pytorch-lightning")  # of which all machines must have the same
 
 
-@dataclass(frozen=True, slots=True)
-class TrainingOrder:
-    """A run for a worker, and the SHA-256 of the study's manifest."""
-
-    study: str
-    manifest: str
-    name: str
-    options: RunOptions
-
-
-def launch_on(cluster: Any, function: Callable[[TrainingOrder], Any]) -> Launch:
-    """Return a function that runs runs on the workers of a cluster.
+def run_here(study: Path, name: str, options: RunOptions, wanted: Callable[[], bool]) -> str | None:
+    """Do a run for a client in a separate process; return the reason of a failure, or None.
 
     Parameters
     ----------
-    cluster
-        A `render.cluster.workers.Cluster`.
-    function
-        The function that a worker calls, which calls `run_here`.
-    """
-
-    def launch(
-        study: Path, names: Sequence[str], options: RunOptions, progress: Progress
-    ) -> Generator[tuple[str, str | None]]:
-        study = study.resolve()
-        manifest = _sha256(study / MANIFEST_NAME)
-
-        def order(name: str) -> TrainingOrder:
-            return TrainingOrder(str(study), manifest, name, options)
-
-        with closing(cluster.run(names, function, order, lost=LOST)) as ended:
-            for name, reasons in ended:
-                yield name, reasons[-1]
-
-    return launch
-
-
-def run_here(order: TrainingOrder, wanted: Callable[[], bool]) -> str | None:
-    """Run a client's order in a separate process; return the reason of a failure, or None.
-
-    Parameters
-    ----------
-    order
-        The run.
+    study, name, options
+        As of `training.study.runs.run_one`.
     wanted
         Whether the client still waits for it; if not, the run is ended.
     """
-    study = Path(order.study)
     environment = {key: value for key, value in os.environ.items() if not (key in NANNYS and value == "1")}
-    lock = study / RUNS_NAME / read_manifest(study).run(order.name).folder / LOCK_NAME
+    lock = study / RUNS_NAME / read_manifest(study).run(name).folder / LOCK_NAME
     if lock.exists():  # a lost worker's process may still run
         with suppress(Timeout), FileLock(lock, timeout=LEFT_S):
             pass
-    return in_a_process(
-        study, order.name, order.options, lambda what, done, total: None, lambda: not wanted(), environment
-    )
+    return in_a_process(study, name, options, lambda what, done, total: None, lambda: not wanted(), environment)
 
 
-def unseen(order: TrainingOrder) -> str:
-    """Reason why this machine can't do a run, such as unseen files; empty if it can."""
-    study = Path(order.study)
+def unseen(study: Path, manifest: str) -> str:
+    """Reason why this machine can't do runs of the study with this manifest, such as unseen files; empty if it can."""
     try:
-        if _sha256(study / MANIFEST_NAME) != order.manifest:
+        if manifest_digest(study) != manifest:
             return f"sees another study in {study}"
         lost = [data.folder for data in read_manifest(study).datasets.values() if not Path(data.folder).is_dir()]
     except OSError:
-        lost = [order.study]
+        lost = [str(study)]
     return f"does not see {lost[0]}, which all machines must share" if lost else ""
 
 
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+def manifest_digest(study: Path) -> str:
+    """The SHA-256 of a study's manifest."""
+    return hashlib.sha256((study / MANIFEST_NAME).read_bytes()).hexdigest()
