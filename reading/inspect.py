@@ -1,8 +1,7 @@
-"""`hulldown inspect`: the use of each object in files, alone or as a config lists them, as data and pictures."""
+"""What `hulldown inspect` shows of a file: the report about it, and its picture."""
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,18 +12,14 @@ from PIL import Image, ImageDraw
 
 from hulldown.annotate.drawing import contact_sheet, lettering
 from hulldown.annotate.sheets import save_sheet
-from hulldown.assets.bundle import load_scenery, load_vehicle
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.response import ALBEDO, metered
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import Kind, World, WorldHits
 from hulldown.geometry.errors import AssetError
-from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
-from hulldown.reading.export import export
-from hulldown.reading.formats import HDRI_SUFFIXES
-from hulldown.reading.report import FileReport, SkyReport, refuse_missing
-from hulldown.reading.skies.hdri import read_hdris
+from hulldown.reading.report import FileReport, SkyReport
+from hulldown.reading.skies.hdri import Hdri
 
 # Colors that color-blind people tell apart: Okabe, Ito, Color universal design, 2008.
 COLORS = np.array([(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float)
@@ -59,56 +54,8 @@ class Inspected:
     picture: Image.Image | None = None
 
 
-def inspect(
-    path: Path | str,
-    *,
-    kind: str | None = None,
-    strict: bool = False,
-    pictures: bool = False,
-    progress: Callable[[str], None] | None = None,
-    limits: ReadLimits = DEFAULT_LIMITS,
-) -> Inspected:
-    """Inspect an asset or an HDRI, read without cache and options.
-
-    Parameters
-    ----------
-    path
-        A .blend, .glb, .gltf, .fbx, .obj, .exr, or .hdr file.
-    kind
-        "vehicle" or "scenery"; None to judge by the asset's contents.
-    strict
-        Refuse an asset whose textures or libraries are missing.
-    pictures
-        Whether to draw the asset too.
-    progress
-        Called with a file's path before it is read.
-    limits
-        Limits of reading.
-
-    Raises
-    ------
-    AssetError
-        If the file cannot be read.
-    """
-    path = Path(path)
-    if path.suffix.lower() in HDRI_SUFFIXES:
-        return Inspected(path.stem, _sky_report(path, progress, limits))
-    if progress:
-        progress(str(path))
-    with tempfile.TemporaryDirectory(prefix="hulldown-") as folder:
-        exported = export(path, folder, kind=kind, limits=limits)
-        if strict:
-            refuse_missing([exported.report], strict=True)
-        picture = None
-        if pictures:
-            load = load_vehicle if exported.report.kind == "vehicle" else load_scenery
-            picture = draw(load(exported.bundle))
-        return Inspected(path.stem, exported.report, picture)
-
-
-def _sky_report(path: Path, progress: Callable[[str], None] | None, limits: ReadLimits) -> SkyReport:
-    with tempfile.TemporaryDirectory(prefix="hulldown-") as cache:
-        (hdri,) = read_hdris([path], Path(cache), limits=limits, progress=progress)
+def sky_report(path: Path, hdri: Hdri) -> SkyReport:
+    """Return the report about the HDRI in a file."""
     light = hdri.light
     ev = float(metered(np.array([light.irradiance]) * (ALBEDO / np.pi))[0])
     doubts = (*hdri.misfits, *hdri.doubts)

@@ -7,7 +7,8 @@ import pytest
 from PIL import Image
 
 from hulldown.geometry.errors import AssetError, HulldownError
-from hulldown.reading.inspect import COLORS, PAGE, Inspected, draw, inspect, write_pictures
+from hulldown.planning.inputs.inspection import inspect_file
+from hulldown.reading.inspect import COLORS, PAGE, Inspected, draw, write_pictures
 from hulldown.reading.report import FileReport
 from hulldown.tests.blender_plans import run_python
 from hulldown.tests.shapes import box, scenery_of, vehicle_of
@@ -72,7 +73,7 @@ def test_a_scenery_is_drawn(ground: bool) -> None:
 def test_a_file_is_inspected(tmp_path: Path) -> None:
     path = tmp_path / "tiny.blend"
     run_python("-c", FILE, cwd=tmp_path)
-    inspected = inspect(path, pictures=True)
+    (inspected,) = inspect_file(path, pictures=True)
     found = inspected.report
     assert found.kind == "vehicle"
     assert found.unit == 0.01
@@ -89,7 +90,7 @@ def test_a_file_is_inspected(tmp_path: Path) -> None:
         assert image.size == (960, 960)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["tiny.blend", "tiny.png"]
     with pytest.raises(AssetError, match=r"gone\.png is missing, used by Hull"):
-        inspect(path, strict=True)
+        inspect_file(path, strict=True)
     with pytest.raises(AssetError, match="cannot be written"):
         write_pictures([inspected], tmp_path / "none" / "x.png")
 

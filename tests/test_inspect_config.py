@@ -9,7 +9,6 @@ from PIL import Image
 
 from hulldown import cli
 from hulldown.planning.inputs.inspection import inspect_file
-from hulldown.reading.inspect import inspect
 from hulldown.tests.blender_plans import run_python
 from hulldown.tests.test_found_assets import SKY
 
@@ -83,7 +82,7 @@ def test_files_read_for_a_plan_are_not_read_again(project: Path) -> None:
     read: list[str] = []
     inspect_file(project / "hulldown.toml", progress=read.append)
     assert read == []
-    inspect(project / "park.blend", progress=read.append)
+    inspect_file(project / "park.blend", progress=read.append)
     assert read == [str(project / "park.blend")]
 
 

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from hulldown.assets.bundle import load_scenery, load_vehicle
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_library
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.reading.export import export
 from hulldown.reading.formats import HDRI_SUFFIXES
-from hulldown.reading.inspect import Inspected, draw, inspect
-from hulldown.reading.report import FileReport
+from hulldown.reading.inspect import Inspected, draw, sky_report
+from hulldown.reading.report import FileReport, refuse_missing
+from hulldown.reading.skies.hdri import read_hdris
 
 
 def drawn_assets(path: Path) -> int:
@@ -67,7 +71,18 @@ def inspect_file(
         listed = [(_with_limits(file.report, models[name]), models[name]) for name, file in library.models.items()]
         listed += [(file.report, library.assets.sceneries[name]) for name, file in library.sceneries.items()]
         return [Inspected(asset.name, report, draw(asset) if pictures else None) for report, asset in listed]
-    return [inspect(path, kind=kind, strict=strict, pictures=pictures, progress=progress, limits=limits)]
+    with tempfile.TemporaryDirectory(prefix="hulldown-") as name:
+        folder = Path(name)
+        if path.suffix.lower() in HDRI_SUFFIXES:
+            (hdri,) = read_hdris([path], folder, limits=limits, progress=progress)
+            return [Inspected(path.stem, sky_report(path, hdri))]
+        if progress:
+            progress(str(path))
+        exported = export(path, folder, kind=kind, limits=limits)
+        if strict:
+            refuse_missing([exported.report], strict=True)
+        load = load_vehicle if exported.report.kind == "vehicle" else load_scenery
+        return [Inspected(path.stem, exported.report, draw(load(exported.bundle)) if pictures else None)]
 
 
 def _with_limits(report: FileReport, shape: VehicleShape) -> FileReport:
