@@ -119,6 +119,7 @@ def test_a_stopped_run_reports_what_is_left(words, expected, monkeypatch, capsys
 
 def test_the_time_limit_of_a_picture_reaches_the_pool(monkeypatch):
     given = {}
+    monkeypatch.setattr(hulldown.verbs.rendering, "planned_library", lambda *_: None)
     monkeypatch.setattr("hulldown.render.supervisor.render_plan", lambda *_, **options: given.update(options))
     with pytest.raises(AttributeError):  # there is no report
         cli.main(["render", "plan.jsonl", "-o", "dataset", "--image-timeout", "7.5"])
