@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hulldown.geometry.terminal import say
-from hulldown.render.cluster.scheduler import Scheduler, needing_dask
+from hulldown.render.cluster.scheduler import Scheduler, local_cluster, needing_dask
 from hulldown.verbs.arguments import Subparsers, add_verb, at_least_one, port
 from hulldown.verbs.terminal import DONE, print_json
 
@@ -72,9 +72,6 @@ def _train_here(study: Path, manifest: str, options: RunOptions, name: str) -> A
 
 def _cluster(arguments: argparse.Namespace) -> int:
     """Run a cluster until Ctrl-C or SIGTERM."""
-    with needing_dask():
-        from hulldown.render.cluster.local_cluster import local_cluster
-
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the workers end too
     with local_cluster(arguments.workers, port=arguments.port) as address:
         if arguments.json:

@@ -1,4 +1,4 @@
-"""The address of a cluster's scheduler, and its certificates."""
+"""The scheduler of a cluster: its address and certificates, and a cluster on this machine, to try docs/cluster.md."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hulldown.geometry.errors import HulldownError
+
+HOST = "127.0.0.1"  # anyone who reaches a scheduler's port can run programs here
+LOST_S = 60  # a worker silent for this long is lost
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,3 +46,51 @@ def needing_dask() -> Iterator[None]:
         if error.name not in ("dask", "distributed"):
             raise
         raise HulldownError("needs Dask, which is not installed", remedy="pip install 'hulldown[cluster]'") from None
+
+
+@contextmanager
+def local_cluster(workers: int, *, port: int = 0) -> Iterator[str]:
+    """Run a scheduler in this process, and rendering workers, during the block; yields its address.
+
+    The workers end with the scheduler in any case; one that dies is restarted.
+
+    Parameters
+    ----------
+    workers
+        Number of workers, which share the machine's cores and memory.
+    port
+        The scheduler's; 0 for any.
+
+    Raises
+    ------
+    HulldownError
+        If the port is taken, or Dask isn't installed.
+    """
+    with needing_dask():
+        import dask
+        from distributed import LocalCluster
+
+        from hulldown.render.cluster.cluster_pool import RESOURCE
+        from hulldown.render.cluster.node import SHARE_VARIABLE
+    settings = {
+        "distributed.scheduler.worker-ttl": f"{LOST_S} s",
+        "distributed.logging.distributed": "warning",
+        "distributed.nanny.environ": {SHARE_VARIABLE: str(workers)},
+    }
+    with dask.config.set(settings):
+        try:
+            cluster = LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                resources={RESOURCE: 1, "train": 1},
+                memory_limit=0,  # Dask sees only its own process; `render.process` watches Blender
+                host=HOST,
+                scheduler_port=port,
+                dashboard_address=f"{HOST}:0",
+                worker_dashboard_address=None,
+            )
+        except (OSError, RuntimeError) as error:
+            remedy = "name another with --port, or 0 for any"
+            raise HulldownError(f"port {port} cannot be used ({error})", remedy=remedy) from None
+        with cluster:
+            yield str(cluster.scheduler_address)
