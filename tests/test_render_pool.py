@@ -96,9 +96,12 @@ def test_a_worker_near_its_memory_limit_is_replaced_between_jobs(tmp_path, blend
     assert work.restarts == 0
 
 
-def test_a_missing_blender_is_an_error(tmp_path):
-    with pytest.raises(HulldownError, match=r"nowhere.*cannot be started"):
-        Work(tmp_path, [""]).run(tmp_path, str(tmp_path / "nowhere"), workers=1)
+def test_a_blender_that_cannot_be_started_is_an_error(tmp_path):
+    blender = tmp_path / "blender"
+    blender.write_text("#!/nowhere\n")
+    blender.chmod(0o755)
+    with pytest.raises(HulldownError, match=r"blender.*cannot be started"):
+        Work(tmp_path, [""]).run(tmp_path, str(blender), workers=1)
 
 
 def test_stopping_ends_the_workers(tmp_path, blender):
