@@ -150,7 +150,7 @@ def _widened(best: Float[np.ndarray, "4"], lines: list[np.ndarray], view: Curved
 
 def _beyond(best: Float[np.ndarray, "4"], low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """How far boxes (2, ...) reach beyond another, on the side where it's farthest; infinite if that one is empty."""
-    return np.max([best[0] - low[0], best[1] - low[1], high[0] - best[2], high[1] - best[3]], axis=0)
+    return np.asarray(np.max([best[0] - low[0], best[1] - low[1], high[0] - best[2], high[1] - best[3]], axis=0))
 
 
 def _within(

@@ -108,7 +108,7 @@ class Lenses:
             ends[..., 0] = np.stack([np.zeros_like(left), self.size[..., 0]], -1)
             at = self.at_unit_depth(ends)[..., 0]
             left, right = -at[..., 0] * fx, at[..., 1] * fx
-        return np.degrees(arctan2(left, fx) + arctan2(right, fx))
+        return np.asarray(np.degrees(arctan2(left, fx) + arctan2(right, fx)))
 
     def pixels(self, unit: Float[np.ndarray, "... n 2"]) -> Float[np.ndarray, "... n 2"]:
         """Continuous pixels of points (x / z, y / z) of the plane at unit depth; nan beyond what the lens sees.

@@ -135,7 +135,7 @@ def _arctan_to_one(ratio: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     half, one = (ratio >= 7.0 / 16.0) & (ratio < 11.0 / 16.0), ratio >= 11.0 / 16.0
     t = np.where(half, (2.0 * ratio - 1.0) / (2.0 + ratio), np.where(one, (ratio - 1.0) / (ratio + 1.0), ratio))
     about, lacking = (np.where(half, a, np.where(one, b, 0.0)) for a, b in zip(_ATAN_HALF, _ATAN_ONE, strict=True))
-    return about - ((t * (t * t * _polynomial(_ATAN, t * t)) - lacking) - t)
+    return np.asarray(about - ((t * (t * t * _polynomial(_ATAN, t * t)) - lacking) - t))
 
 
 def _polynomial(coefficients: tuple[float, ...], x: Number) -> Number:

@@ -56,7 +56,7 @@ class LabeledPictures:
     folder: Path
     file_names: tuple[str, ...]
     sizes: tuple[tuple[int, int], ...]
-    starts: Int[np.ndarray, " n+1"]
+    starts: Int[np.ndarray, " s"]
     xywh: Float[np.ndarray, "m 4"]
     label: Int[np.ndarray, " m"]
     segmentations: tuple[Any, ...]
