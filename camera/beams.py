@@ -61,7 +61,7 @@ def nearest_in_beams(
     *,
     reach: Float[np.ndarray, " k"],
 ) -> InstanceHits:
-    """Return the first hit of all rays of n cameras: as `scene.cast`, several times as fast for whole images.
+    """Return the first hit of all rays of n cameras: as `scene.cast`, faster for whole images of a wood.
 
     Parameters
     ----------
