@@ -8,7 +8,7 @@ import pytest
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.response import displayed
 from hulldown.camera.weather.kinds import DUST_ALBEDO, KINDS, Weather, air_layers, airlight, even_sky, extinction
-from hulldown.camera.weather.precipitation import drops_in_view, rain_sizes, rng_of, view_of
+from hulldown.camera.weather.precipitation import drops_in_view, rain_sizes, view_of
 from hulldown.render.messages import CameraInput, CyclesSettings, LightInput, RenderJob, SceneryInput, to_json
 from hulldown.render.process import Blender
 from hulldown.tests.blender_plans import drawn
@@ -133,7 +133,7 @@ def test_streaks_hide_as_much_as_the_falling_drops(studio):
     """In front of a dark wall, a picture is as bright as the share hidden by moving drops."""
     found = studio.picture(RAIN, fov_x_deg=25.0, width=192, samples=64, seed=7)
     view = view_of(np.array(AHEAD), Intrinsics(192, 108, math.radians(25.0)), RAIN.exposure_s)
-    drops = drops_in_view(rain_sizes(RAIN.rain_mm_h), view, RAIN.wind_m_s, rng_of(7))
+    drops = drops_in_view(rain_sizes(RAIN.rain_mm_h), view, RAIN.wind_m_s, seed=7)
     expected = moved(drops, view, 192)
     bare = hidden_by(studio.picture(None, fov_x_deg=25.0, width=192, samples=1), SKY * KINDS["rain"].share_of_sky)
     share = hidden_by(found, SKY * KINDS["rain"].share_of_sky) - bare

@@ -158,12 +158,7 @@ def snow_sizes(extinction: float) -> Sizes:
     return Sizes(edges / 1000.0, number, 0.8 * middle**0.16, FLUTTER)
 
 
-def rng_of(seed: int) -> np.random.Generator:
-    """The generator of an image's drops."""
-    return np.random.default_rng([seed, OF_DROPS])
-
-
-def drops_in_view(sizes: Sizes, view: View, wind_m_s: tuple[float, float], rng: np.random.Generator) -> Drops:
+def drops_in_view(sizes: Sizes, view: View, wind_m_s: tuple[float, float], *, seed: int) -> Drops:
     """Drops that are large enough in the image to be seen, uniform in the air in front of the camera.
 
     Parameters
@@ -174,9 +169,10 @@ def drops_in_view(sizes: Sizes, view: View, wind_m_s: tuple[float, float], rng: 
         The camera's view.
     wind_m_s
         Wind velocity along the scenery's x and y.
-    rng
-        Generator of their positions.
+    seed
+        The image's.
     """
+    rng = np.random.default_rng([seed, OF_DROPS])
     speed = np.hypot(sizes.fall, math.hypot(*wind_m_s))
     behind = float(speed.max()) * view.exposure_s / 2.0 / min(view.half)  # streaks reach into the image from outside
     reach = _reaches(sizes, speed, view, behind)
@@ -219,7 +215,8 @@ def streaks(drops: Drops, view: View) -> Streaks:
     """Return the quads of drops.
 
     A drop hides each point of its streak while it passes, which is D / (D + length) of the time along the middle. The
-    disc that `opacity` moves has the drop's area and, as a streak, its width at half of its darkness.
+    moving disc hides ``1 - r^2`` at `r` radii from its center. It hides as much in all as the drop and, as a streak,
+    has its width at half of its darkness.
     """
     distance = np.linalg.norm(drops.centers, axis=1, keepdims=True)
     toward = drops.centers / distance
@@ -235,21 +232,3 @@ def streaks(drops: Drops, view: View) -> Streaks:
     offset = u[..., None] * across[:, None] + v[..., None] * along[:, None]
     profile = np.stack([u, v, np.broadcast_to(way, u.shape)], axis=2)
     return Streaks(drops.centers[:, None] + wide[:, None] * offset, profile, ((radius / wide) ** 2)[:, 0])
-
-
-def opacity(profile: np.ndarray) -> np.ndarray:
-    """Average opacity of a moving disc, which the streaks' material uses.
-
-    At rest it hides ``1 - r^2`` at `r` radii from its center, which is as much in all as a hard disc of half its area.
-
-    Parameters
-    ----------
-    profile
-        (..., 3) as of `Streaks`.
-    """
-    u, v, way = np.moveaxis(profile, -1, 0)
-    squared = np.maximum(1.0 - u * u, 0.0)
-    chord = np.sqrt(squared)
-    first = np.maximum(v - way, -chord)
-    last = np.maximum(np.minimum(v + way, chord), first)
-    return (squared * (last - first) - (last**3 - first**3) / 3.0) / (2.0 * way)

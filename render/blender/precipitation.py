@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 
 from hulldown.camera.weather.kinds import KINDS, Weather
-from hulldown.camera.weather.precipitation import Streaks, drops_in_view, rng_of, streaks, view_of
+from hulldown.camera.weather.precipitation import Streaks, drops_in_view, streaks, view_of
 from hulldown.reading.blender.add_nodes import add_node, maths
 from hulldown.reading.blender.frames import pose
 from hulldown.render.blender.air import set_hidden
@@ -28,7 +28,7 @@ def falling(weather: Weather, camera: CameraInput, seed: int) -> Streaks | None:
         return None
     pose = np.array(camera.world_from_camera)
     view = view_of(pose, camera.intrinsics, weather.exposure_s)
-    return streaks(drops_in_view(sizes_of(weather), view, weather.wind_m_s, rng_of(seed)), view)
+    return streaks(drops_in_view(sizes_of(weather), view, weather.wind_m_s, seed=seed), view)
 
 
 class Precipitation:
@@ -89,7 +89,7 @@ class Precipitation:
 
 
 def _glow_by_opacity(tree: Any) -> Any:
-    """Build the material: an emission with the opacity `camera.weather.precipitation.opacity` times the gain."""
+    """Build the material: an emission with the mean opacity of a moving disc, in closed form, times the gain."""
     tree.nodes.clear()
     math = partial(maths, tree)
     profile = add_node(tree, "Attribute", attribute_name="profile").outputs["Vector"]
