@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, UInt8
 from rich.markup import escape
 from rich.table import Table
 
@@ -128,25 +128,26 @@ def verify_masks(
     chosen = [finished[i] for i in spread(len(finished), count)]
     labels = {label["id"]: label for label in coco["annotations"] if run.has_annotation(label["id"])}
     first = outline.first_annotations(run)
-    masks = cycles_masks(plan, chosen, library, progress=progress)
+    maps = cycles_masks(plan, chosen, library, progress=progress)
     rows: list[MaskRow] = []
+    segmenter = Segmenter(library.shapes, library.assets.sceneries)
     findings = [
         finding
         for i in chosen
         if (row := plan[i]).empty
-        and (finding := _intruder(Path(dataset), names[run.image_offset + i + 1], row, library))
+        and (finding := _intruder(Path(dataset), names[run.image_offset + i + 1], row, segmenter))
     ]
-    for row_masks in masks:
-        image_id = run.image_offset + row_masks.index + 1
-        row, first_id = plan[row_masks.index], int(first[row_masks.index])
-        at = {id(target): i for i, target in enumerate(row.vehicles)}
-        for label_id, target in enumerate(row.labeled, start=first_id):
-            label, i = labels.get(label_id), at[id(target)]
+    for index, of_row in zip(chosen, maps, strict=True):
+        image_id, row = run.image_offset + index + 1, plan[index]
+        numbers = [(number, each) for number, each in enumerate(row.vehicles, start=1) if each.label != "none"]
+        for label_id, (number, target) in enumerate(numbers, start=int(first[index])):
+            label = labels.get(label_id)
             if label is None or label.get("image_id") != image_id:
                 findings.append(not_annotated(names[image_id], target.category, target.vehicle))
                 continue
             try:
-                measured = compared(names[image_id], target.vehicle, label, row_masks.alone[i], row_masks.visible[i])
+                alone, visible = of_row[number] == number, of_row[0] == number
+                measured = compared(names[image_id], target.vehicle, label, alone, visible)
             except ValueError as error:
                 where = f"{names[image_id]}, {target.vehicle}"
                 problem = f"annotation {label_id} cannot be held against a mask: {error}"
@@ -157,13 +158,13 @@ def verify_masks(
     return MaskReport(tuple(rows), tuple(findings))
 
 
-def _intruder(folder: Path, name: str, row: Row, library: Library) -> Finding | None:
+def _intruder(folder: Path, name: str, row: Row, segmenter: Segmenter) -> Finding | None:
     """Whether an empty background's picture shows the outline of the vehicle that it was framed on."""
     try:
         pixels = read_pixels(folder / name)
     except DatasetError:  # found elsewhere
         return None
-    mask = Segmenter(library.shapes, library.assets.sceneries).left_out(row)
+    mask = segmenter.left_out(row)
     if pixels.shape[:2] != mask.shape:
         return None
     look = appearance(pixels, mask, np.zeros_like(mask))
@@ -218,33 +219,14 @@ def _judged(row: MaskRow, area: Any) -> Finding | None:
     return None
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class RowMasks:
-    """Cycles' masks of a row's vehicles, at pixel centers.
-
-    Parameters
-    ----------
-    index
-        The row.
-    alone
-        (k, h, w) masks of each vehicle alone.
-    visible
-        (k, h, w) visible masks of each vehicle.
-    """
-
-    index: int
-    alone: Bool[np.ndarray, "k h w"]
-    visible: Bool[np.ndarray, "k h w"]
-
-
 def cycles_masks(
     plan: Plan,
     rows: Sequence[int],
     library: Library,
     *,
     progress: Callable[[int, int], None] | None = None,
-) -> list[RowMasks]:
-    """Render the masks of all vehicles in some rows of a plan, the target first, then its companions.
+) -> list[UInt8[np.ndarray, "_ h w"]]:
+    """Render the masks of all vehicles in some rows of a plan, as of `IndexPictures.maps` for each row.
 
     Parameters
     ----------
@@ -262,7 +244,7 @@ def cycles_masks(
     HulldownError
         If Blender fails.
     """
-    masks_of: dict[int, RowMasks] = {}
+    maps: dict[int, UInt8[np.ndarray, "_ h w"]] = {}
     with tempfile.TemporaryDirectory(prefix="hulldown-") as name:
         folder = Path(name)
 
@@ -275,10 +257,7 @@ def cycles_masks(
                 if outcome.reasons:
                     problem = f"the mask of image {index} cannot be rendered: {outcome.reasons[-1]}"
                     raise HulldownError(problem, path=plan.path)
-                maps = np.load(io.BytesIO(outcome.content))
-                numbers = np.arange(1, len(maps))[:, None, None]
-                # Alone, a vehicle still has its own number.
-                masks_of[index] = RowMasks(index, alone=maps[1:] == numbers, visible=maps[:1] == numbers)
+                maps[index] = np.load(io.BytesIO(outcome.content))
                 if progress:
-                    progress(len(masks_of), len(rows))
-    return [masks_of[index] for index in rows]
+                    progress(len(maps), len(rows))
+    return [maps[index] for index in rows]

@@ -10,7 +10,7 @@ from hulldown.annotate.masks import decode, encode
 from hulldown.dataset.verification.verify import verify
 from hulldown.planning.row import PlannedVehicle
 from hulldown.render.engine import Engine
-from hulldown.render.masks import RowMasks, compared, verify_masks
+from hulldown.render.masks import compared, verify_masks
 from hulldown.render.supervisor import render_plan
 from hulldown.tests.render_plans import CUBES, make_row, write_plan
 
@@ -30,8 +30,9 @@ def rendered(tmp_path, blender, monkeypatch):
         render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
         coco = json.loads(path.read_text())
         masks = np.array([decode(label["segmentation"], 16, 16) for label in coco["annotations"]])
-        of_rows = masks.reshape(len(rows), -1, 16, 16)
-        shown = [RowMasks(i, alone=of_row, visible=of_row) for i, of_row in enumerate(of_rows)]
+        alone = masks.reshape(len(rows), -1, 16, 16)
+        alone = alone * np.arange(1, alone.shape[1] + 1)[:, None, None]
+        shown = np.concatenate([alone.max(axis=1, keepdims=True), alone], axis=1)
         monkeypatch.setattr(
             "hulldown.render.masks.cycles_masks", lambda plan, chosen, *_, **__: [shown[i] for i in chosen]
         )
