@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from hulldown.camera.weather.extinction import rain_visibility_m, wetness
 from hulldown.camera.weather.kinds import KINDS, Weather
@@ -18,32 +16,10 @@ NAMES = tuple(KINDS)
 CLEAR = len(NAMES)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Air:
-    """Weather of n images, rounded as in a plan.
-
-    Parameters
-    ----------
-    kind
-        (n,) index into `NAMES`, or `CLEAR`.
-    visibility_m
-        (n,) meteorological visibility; nan in clear air.
-    weathers
-        n of them; None where it is clear.
-    """
-
-    kind: Int[np.ndarray, " n"]
-    visibility_m: Float[np.ndarray, " n"]
-    weathers: list[Weather | None]
-
-    @property
-    def overcast(self) -> Bool[np.ndarray, " n"]:
-        """Whether the weather of each image comes with an overcast sky."""
-        return np.isin(self.kind, [k for k, kind in enumerate(KINDS.values()) if kind.overcast])
-
-
-def draw_air(weather: WeatherSection, *, draws: RandomStreams, image: Int[np.ndarray, " n"]) -> Air:
-    """Draw the weather of the images with these indices.
+def draw_weathers(
+    weather: WeatherSection, *, draws: RandomStreams, image: Int[np.ndarray, " n"]
+) -> list[Weather | None]:
+    """Draw the weather of the images with these indices, rounded as in a plan; None where it is clear.
 
     Kind and visibility have separate random numbers, so that the share of rain doesn't change the fog of images.
     """
@@ -71,8 +47,7 @@ def draw_air(weather: WeatherSection, *, draws: RandomStreams, image: Int[np.nda
     wind = between(*weather.wind_m_s, speed)[:, None] * np.stack([cosine, sine], axis=1)
     visible, wind = rounded("weather", visible), np.where(windy[:, None], rounded("weather", wind), 0.0)
     columns = (kind, visible, rate, wind, *rounded("weather", covers))
-    weathers = [
+    return [
         None if k == CLEAR else Weather(visibility, NAMES[k], rain, (x, y), weather.exposure_s, on_ground, on_vehicle)
         for k, visibility, rain, (x, y), on_ground, on_vehicle in zip(*(c.tolist() for c in columns), strict=True)
     ]
-    return Air(kind, visible, weathers)

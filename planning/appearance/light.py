@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from typing import Any
 
@@ -11,8 +12,8 @@ from jaxtyping import Float, Int
 
 from hulldown.assets.library import Assets
 from hulldown.camera.response import ALBEDO, FARTHEST_EV, metered
+from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.appearance.air import Air
 from hulldown.planning.config.schema import LightSection
 from hulldown.planning.row import rounded
 from hulldown.planning.search.draws import Purpose, RandomStreams, between, choose
@@ -53,7 +54,7 @@ def hdri_weights(light: LightSection, names: tuple[str, ...]) -> Float[np.ndarra
 
 def draw_lights(
     light: LightSection,
-    air: Air,
+    weathers: Sequence[Weather | None],
     weights: Float[np.ndarray, "2 h"],
     *,
     assets: Assets,
@@ -68,7 +69,8 @@ def draw_lights(
     u = draws.uniform(Purpose.LIGHT, image, 0, count=3)
     errors = draws.uniform(Purpose.EXPOSURE, image, 0, count=2)
     usual, cloudy = (choose(of_sky, u[:, 0]) for of_sky in weights)
-    hdris = [assets.hdris[i] for i in np.where(air.overcast, cloudy, usual).tolist()]
+    overcast = [weather is not None and KINDS[weather.kind].overcast for weather in weathers]
+    hdris = [assets.hdris[i] for i in np.where(overcast, cloudy, usual).tolist()]
     skies = {name: assets.sky(name) for name in set(hdris)}
     strength = rounded("strength", between(*light.strength, u[:, 2]))
     if light.exposure == "auto":

@@ -19,7 +19,7 @@ from hulldown.geometry.errors import ConfigError
 from hulldown.placement.candidates import candidates
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.settle import Settled, unsettled
-from hulldown.planning.appearance.air import draw_air
+from hulldown.planning.appearance.air import draw_weathers
 from hulldown.planning.search.aiming import Tries, drawn_lenses
 from hulldown.planning.search.block import Block, instances_of
 from hulldown.planning.search.columns import join, put, take
@@ -70,8 +70,8 @@ class Planned:
         Views of extras.
     rejected
         (m, kinds) counts of rejections; those of places are with the first image of the position.
-    air
-        Weather of the images.
+    weathers
+        Weather of the images; None where it is clear.
     problems
         Row of a position without a place -> the error that names its rejections.
 
@@ -83,7 +83,8 @@ class Planned:
 
     def __init__(self, block: Block) -> None:
         self.block, self.config, self.draws = block, block.config, block.draws
-        self.air = draw_air(block.config.weather, draws=block.draws, image=block.scene)
+        self.weathers = draw_weathers(block.config.weather, draws=block.draws, image=block.scene)
+        self._visibility_m = np.array([weather.visibility_m if weather else np.nan for weather in self.weathers])
         n = len(block.position)
         self.owner, self.image = block.owner, block.image
         self.problems: dict[int, HopelessPosition] = {}
@@ -296,7 +297,7 @@ class Planned:
                     # The number counts all places of the position, so that every place has new cameras.
                     attempt=self.tries[owner] * max_tries + attempt[batch],
                     quarter=np.maximum(4 * attempt[batch] // max_tries, blind[owner]),
-                    visibility_m=self.air.visibility_m[rows],
+                    visibility_m=self._visibility_m[rows],
                 )
                 put(tried, batch, try_cameras(self.block, tries))
             rejection = tried.rejection.reshape(-1, ahead)
@@ -327,7 +328,7 @@ class Planned:
                 self.table.take(instance[batch]),
                 others.at(not_itself),
                 cameras=take(self.views, image[batch]),
-                visibility_m=self.air.visibility_m[image[batch]],
+                visibility_m=self._visibility_m[image[batch]],
                 config=self.config,
             )
             put(seen.views, batch, views)
