@@ -99,28 +99,23 @@ class Pool:
         """
         n = self.working
         queues = [deque(jobs[i * len(jobs) // n : (i + 1) * len(jobs) // n]) for i in range(n)]
-        running: dict[Future[Outcome], tuple[int, int]] = {}  # queue and job of each
-        ended: deque[tuple[int, Future[Outcome]]] = deque()
-        while any(queues) or running or ended:
+        running: dict[Future[Outcome], tuple[int, int]] = {}  # queue and job of each, ended ones included
+        while any(queues) or running:
             self._tell()
             if self._stopping():
                 raise Stopped
-            for future in [future for future in running if future.done()]:
-                ended.append((running.pop(future)[1], future))
             if self._engine.workers is None:
                 self._grow(self._blenders[0].devices)
                 queues += [deque[int]() for _ in range(self.working - len(queues))]
-            for i in set(range(self.working)) - {i for i, _ in running.values()}:
+            for i in set(range(self.working)) - {i for future, (i, _) in running.items() if not future.done()}:
                 if (job := _next(queues, i)) is not None:
                     do = self._blenders[i].do
                     running[self._threads.submit(do, message(job), stopping=self._left.is_set)] = i, job
-            if ended:  # the Blenders continue meanwhile
-                job, future = ended.popleft()
-                outcome = future.result()
+            wait(running, timeout=POLL_S, return_when=FIRST_COMPLETED)
+            if ended := next((future for future in running if future.done()), None):
+                (_, job), outcome = running.pop(ended), ended.result()
                 self._tell()
-                yield job, outcome
-            else:
-                wait(running, timeout=POLL_S, return_when=FIRST_COMPLETED)
+                yield job, outcome  # the Blenders continue meanwhile
 
     def _tell(self) -> None:
         while not self._lines.empty():
