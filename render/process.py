@@ -12,7 +12,7 @@ import platform
 import queue
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -47,7 +47,7 @@ class Limits:
     start_s
         Seconds for Blender's start.
     job_s
-        Seconds for a job; None: by `patience`.
+        Seconds for a job; None: `TIMES_LONGER` times what the longest of the first ones took.
     memory_bytes
         Resident memory of one Blender; None for its share of nine tenths of the machine's. A Blender that ends a job
         above four fifths of it is replaced.
@@ -71,19 +71,6 @@ TIMES_LONGER = 20.0  # the longest of them is the others' time limit
 SHORTEST_S = 300.0  # least time limit, for loading another scenery
 
 
-def patience(seconds: Sequence[float]) -> float:
-    """Seconds for a job after earlier ones took `seconds`, in order.
-
-    Examples
-    --------
-    >>> patience([2.0] * 4), patience([2.0] * 5), patience([60.0] * 4 + [90.0, 4000.0])
-    (3600.0, 300.0, 1800.0)
-    """
-    if len(seconds) < FIRST_JOBS:
-        return FIRST_JOBS_S
-    return max(SHORTEST_S, TIMES_LONGER * max(seconds[:FIRST_JOBS]))
-
-
 class Allowance:
     """The resources of each of several Blenders on a machine.
 
@@ -102,7 +89,10 @@ class Allowance:
     @property
     def job_s(self) -> float:
         """Seconds that the next job gets."""
-        return patience(self.took) if self.limits.job_s is None else self.limits.job_s
+        if self.limits.job_s is not None:
+            return self.limits.job_s
+        first = self.took[:FIRST_JOBS]
+        return max(SHORTEST_S, TIMES_LONGER * max(first)) if len(first) == FIRST_JOBS else FIRST_JOBS_S
 
     @property
     def memory(self) -> float:
