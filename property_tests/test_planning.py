@@ -161,10 +161,9 @@ def guests_keep_their_distance(row, config):
 
 def labels_are_what_is_seen(row, config):
     """Every label has pixels, and all pixels of a class have a label, perhaps an ignored one."""
-    everything = [vehicle for vehicle in row.vehicles if vehicle.bbox is not None]
-    masks = Segmenter(SHAPES, ASSETS.sceneries).masks(row, everything)
-    for vehicle, mask in zip(everything, masks, strict=True):
-        label = vehicle.label
+    segmenter = Segmenter(SHAPES, ASSETS.sceneries)
+    for vehicle in (vehicle for vehicle in row.vehicles if vehicle.bbox is not None):
+        mask, label = segmenter.mask(row, vehicle), vehicle.label
         assert mask.any() or label == "none"
         assert vehicle.category is not None or label == "none"
         if mask.any() and vehicle.category is not None:

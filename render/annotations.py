@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -59,34 +59,24 @@ class Segmenter:
     def records(self, row: Row) -> list[dict[str, Any]]:
         """Annotation records of each labeled vehicle of a row, without ids."""
         records = []
-        labels = zip(row.labeled, label_records(row), self.masks(row, row.labeled), strict=True)
-        for vehicle, record, mask in labels:
+        for vehicle, record in zip(row.labeled, label_records(row), strict=True):
+            mask = self.mask(row, vehicle)
             encoded = encode(mask)
             record |= {"segmentation": encoded, "area": area(mask), "obb": _rectangle(encoded, row)}
             records.append(record | (self._seen_keypoints(row, vehicle) if self._keypoints else {}))
         return records
 
     def _seen_keypoints(self, row: Row, vehicle: PlannedVehicle) -> dict[str, Any]:
-        world = self._scenery(row.scenery).with_vehicles([self._posed(each) for each in row.vehicles])
-        keypoints = keypoints_in_image(self._posed(vehicle), row.camera, world)
+        keypoints = keypoints_in_image(self._posed(vehicle), row.camera, self._among(row, row.vehicles))
         seen = dict(zip(self._vehicles[vehicle.vehicle].keypoint_names, keypoints.tolist(), strict=True))
         listed = [seen.get(name, (0.0, 0.0, 0.0)) for name in self._keypoints]
         flat = [number for x, y, v in listed for number in (round(x, 6), round(y, 6), int(v))]
         return {"keypoints": flat, "num_keypoints": sum(v > 0 for _, _, v in listed)}
 
-    def masks(self, row: Row, vehicles: Sequence[PlannedVehicle]) -> Iterator[Bool[np.ndarray, "h w"]]:
-        """Visible mask of each of a row's given vehicles."""
-        posed = [(vehicle, self._posed(vehicle)) for vehicle in row.vehicles]
-        camera, scenery = row.camera, self._scenery(row.scenery)
-        for target in vehicles:
-            (vehicle,) = (posed_vehicle for whose, posed_vehicle in posed if whose is target)
-            occluders = [occluder for whose, occluder in posed if whose is not target]
-            yield vehicle_mask(vehicle, camera, xywh=np.array(target.bbox), world=scenery.with_vehicles(occluders))
-
-    def left_out(self, row: Row) -> Bool[np.ndarray, "h w"]:
-        """Mask of the vehicle that an empty background is framed on."""
-        world = self._scenery(row.scenery).with_vehicles([self._posed(vehicle) for vehicle in row.vehicles])
-        return vehicle_mask(self._posed(row.target), row.camera, xywh=np.array(row.target.bbox), world=world)
+    def mask(self, row: Row, vehicle: PlannedVehicle) -> Bool[np.ndarray, "h w"]:
+        """Visible mask of a row's vehicle; of a target that is left out of the picture, as if it were there."""
+        world = self._among(row, [other for other in row.vehicles if other is not vehicle])
+        return vehicle_mask(self._posed(vehicle), row.camera, xywh=np.array(vehicle.bbox), world=world)
 
     def _posed(self, vehicle: PlannedVehicle) -> PosedVehicle:
         name = vehicle.vehicle
@@ -94,10 +84,11 @@ class Segmenter:
             self._targets[name] = VehicleTarget(self._vehicles[name])
         return PosedVehicle(self._targets[name], vehicle.world_from_vehicle[None], vehicle.articulation)
 
-    def _scenery(self, name: str) -> World:
-        if self._world[0] != name:
-            self._world = name, World.of(self._sceneries[name])
-        return self._world[1]
+    def _among(self, row: Row, vehicles: Sequence[PlannedVehicle]) -> World:
+        """A row's scenery with these vehicles."""
+        if self._world[0] != row.scenery:
+            self._world = row.scenery, World.of(self._sceneries[row.scenery])
+        return self._world[1].with_vehicles([self._posed(vehicle) for vehicle in vehicles])
 
 
 def _rectangle(segmentation: Mapping[str, Any], row: Row) -> list[float] | None:

@@ -164,7 +164,7 @@ def _intruder(folder: Path, name: str, row: Row, segmenter: Segmenter) -> Findin
         pixels = read_pixels(folder / name)
     except DatasetError:  # found elsewhere
         return None
-    mask = segmenter.left_out(row)
+    mask = segmenter.mask(row, row.target)
     if pixels.shape[:2] != mask.shape:
         return None
     look = appearance(pixels, mask, np.zeros_like(mask))
