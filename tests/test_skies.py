@@ -9,6 +9,7 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.camera.response import displayed
 from hulldown.camera.sensor import Sensor
+from hulldown.camera.weather.kinds import Weather
 from hulldown.camera.world import Plane, World
 from hulldown.dataset.store.runs import Run
 from hulldown.dataset.verification.check_skies import SkyCheck, deviation, radiance
@@ -43,11 +44,11 @@ def picture(image):
     )
     x, y = np.meshgrid(np.arange(image["width"]) + 0.5, np.arange(image["height"]) + 0.5)
     along = camera.ray_directions(np.stack([x.ravel(), y.ravel()], axis=1)).reshape(*x.shape, 3)
-    visibility_m = image["weather"]["visibility_m"] if image["weather"] else None
+    weather = Weather(**image["weather"]) if image["weather"] else None
     yaw = math.radians(image["hdri_yaw_deg"])
     light = Sensor(**image.get("sensor", {})).falloff(x - 80.0, y - 45.0, math.hypot(80.0, 45.0))[..., None]
     seen = displayed(
-        light * radiance(SKIES[image["hdri"]], along, yaw=yaw, strength=image["strength"], visibility_m=visibility_m)
+        light * radiance(SKIES[image["hdri"]], along, yaw=yaw, strength=image["strength"], weather=weather)
     )
     return np.where(along[..., 2:] < 0.0, 70.0, seen).round().astype(np.uint8)
 
@@ -83,6 +84,10 @@ def test_another_sky_turn_strength_or_fog_is_found(change):
     "change",
     [
         *({"id": 10}, {"hdri": "unknown"}, {"scenery": "other"}, {"hdri": []}, {"weather": 3}),
+        *(
+            {"weather": {"visibility_m": visibility, "kind": kind}}
+            for visibility, kind in ((900.0, "hail"), (0, "fog"))
+        ),
         {"world_from_camera": None},
         {"world_from_camera": [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 2], [0, 0, 0, 1]]},  # straight down
     ],
@@ -126,5 +131,5 @@ def test_rows_of_the_map_are_elevations_and_a_horizon_covers_those_below(horizon
 @pytest.mark.parametrize("kind", ["fog", "rain", "snow"])
 def test_snow_and_dust_keep_an_even_sky(kind):
     along = np.array([[1.0, 0.0, 0.0], [0.6, 0.0, 0.8], [0.0, 0.0, 1.0]])
-    found = radiance(np.full((64, 128, 3), 0.5), along, yaw=0.0, strength=3.0, visibility_m=150.0, kind=kind)
+    found = radiance(np.full((64, 128, 3), 0.5), along, yaw=0.0, strength=3.0, weather=Weather(150.0, kind))
     np.testing.assert_allclose(found, 1.5, rtol=1e-6)

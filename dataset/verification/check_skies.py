@@ -19,7 +19,7 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.camera.response import displayed, white_balance
 from hulldown.camera.sensor import Sensor
-from hulldown.camera.weather.kinds import air_layers, airlight, even_sky
+from hulldown.camera.weather.kinds import Weather, air_layers, airlight, even_sky
 from hulldown.camera.world import World
 from hulldown.dataset.records import Finding
 from hulldown.dataset.store.runs import Run, find_run, plan_key
@@ -63,14 +63,13 @@ class SkyCheck:
         try:
             height = max(1, round(WIDTH * image["height"] / image["width"]))
             along, sky, light = self._sky(image, height)
-            weather = image["weather"]
+            weather = Weather(**image["weather"]) if image["weather"] else None
             seen = partial(
                 radiance,
                 along=along,
                 yaw=math.radians(image["hdri_yaw_deg"]),
                 strength=float(image["strength"]),
-                visibility_m=weather["visibility_m"] if weather else None,
-                kind=str(weather["kind"]) if weather else "fog",
+                weather=weather,
                 horizon_deg=image["horizon_deg"],
             )
             response = white_balance(float(image["white_balance_k"])).T * 2.0 ** float(image["exposure_ev"])
@@ -156,8 +155,7 @@ def radiance(
     *,
     yaw: float,
     strength: float,
-    visibility_m: float | None = None,
-    kind: str = "fog",
+    weather: Weather | None = None,
     horizon_deg: float | None = None,
 ) -> Float[np.ndarray, "*n 3"]:
     """Radiance of a sky along rays.
@@ -172,10 +170,8 @@ def radiance(
         Yaw of the sky in radians, counterclockwise seen from above.
     strength
         Factor on its radiance.
-    visibility_m
-        Of the weather, if there is any.
-    kind
-        Of the weather.
+    weather
+        None: clear air.
     horizon_deg
         Elevation whose color continues below; None: the sky is unchanged. See `camera.backdrop`.
     """
@@ -192,16 +188,16 @@ def radiance(
         low, high = fade(horizon)
         share = np.clip((high - z) / (high - low), 0.0, 1.0)[..., None]
         seen = (1.0 - share) * seen + share * even_color(sky, horizon) * strength
-    if visibility_m is None:
+    if weather is None:
         return seen
     depth = np.zeros(along.shape[:-1])
-    for layer in air_layers(kind, visibility_m):
+    for layer in air_layers(weather.kind, weather.visibility_m):
         down = np.where(z > 0.0, layer.above, layer.reach)
         with np.errstate(divide="ignore"):
             sides = np.stack([layer.reach / np.abs(x), layer.reach / np.abs(y), down / np.abs(z)])
         depth += layer.extinction * sides.min(axis=0)
     clear = np.exp(-depth)[..., None]
-    return clear * seen + (1.0 - clear) * airlight(kind, even_sky(sky)) * strength
+    return clear * seen + (1.0 - clear) * airlight(weather.kind, even_sky(sky)) * strength
 
 
 def deviation(
