@@ -34,8 +34,3 @@ class Confinement:
         cards = [str(card) for pattern in CARDS for card in sorted(Path("/dev").glob(pattern))] if gpu else []
         caches = [Path.home() / cache for cache in DRIVER_CACHES] if gpu else []
         return confined([program, *command[1:]], read=self.read, write=[self.write, *caches], devices=cards)
-
-    @property
-    def environment(self) -> dict[str, str]:
-        """Environment variables for its own files."""
-        return {"TMPDIR": str(self.write)}

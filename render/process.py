@@ -298,7 +298,7 @@ class Blender:
                     answers.put(json.loads(text[len(ANSWER) :]))
 
         command = worker_command(self._program)
-        more = self._confinement.environment if self._confinement else {}
+        more = {"TMPDIR": str(self._confinement.write)} if self._confinement else {}
         try:
             self._child = Child(
                 self._confinement.of(command, gpu=self._device != "cpu") if self._confinement else command,
