@@ -83,7 +83,7 @@ def test_another_sky_turn_strength_or_fog_is_found(change):
 @pytest.mark.parametrize(
     "change",
     [
-        *({"id": 10}, {"hdri": "unknown"}, {"scenery": "other"}, {"hdri": []}, {"weather": 3}),
+        *({"id": 10}, {"hdri": "unknown"}, {"scenery": "other"}, {"hdri": []}, {"weather": 3}, {"horizon_deg": "x"}),
         *(
             {"weather": {"visibility_m": visibility, "kind": kind}}
             for visibility, kind in ((900.0, "hail"), (0, "fog"))

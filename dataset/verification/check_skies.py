@@ -70,7 +70,7 @@ class SkyCheck:
                 yaw=math.radians(image["hdri_yaw_deg"]),
                 strength=float(image["strength"]),
                 weather=weather,
-                horizon_deg=image["horizon_deg"],
+                horizon_deg=None if image["horizon_deg"] is None else float(image["horizon_deg"]),
             )
             response = white_balance(float(image["white_balance_k"])).T * 2.0 ** float(image["exposure_ev"])
         except (KeyError, TypeError, ValueError):  # a record that was changed, which is found elsewhere
