@@ -57,21 +57,16 @@ def open_terrain(path: Path, options: Options) -> tuple[Elevations, list[str]]:
     shader.inputs["Roughness"].default_value = 0.95
     shader.inputs["Specular IOR Level"].default_value = 0.1
     color = _by_slope(material.node_tree)
-    files = []
-    if options.texture:
-        file = _beside(path, options.texture)
-        files.append(str(file))
+    texture, outlines = (_beside(path, name) if name else None for name in (options.texture, options.buildings))
+    if texture:
         low, high = vertices[:, :2].min(axis=0), vertices[:, :2].max(axis=0)
         anchor = terrain.anchor[:2]
-        picture = read_orthophoto(file, crs=terrain.crs, low=anchor + low, high=anchor + high)
+        picture = read_orthophoto(texture, crs=terrain.crs, low=anchor + low, high=anchor + high)
         color = _over(material.node_tree, color, picture, low, high)
     material.node_tree.links.new(color, shader.inputs["Base Color"])
-    if options.buildings:
-        file = _beside(path, options.buildings)
-        files.append(str(file))
-        if not _add_buildings(read_buildings(file, terrain.crs), terrain):
-            raise AssetError("has no building on the terrain", path=file, remedy="check its coordinates and the `area`")
-    return terrain, files
+    if outlines and not _add_buildings(read_buildings(outlines, terrain.crs), terrain):
+        raise AssetError("has no building on the terrain", path=outlines, remedy="check its coordinates and the `area`")
+    return terrain, [str(file) for file in (texture, outlines) if file]
 
 
 def _beside(path: Path, name: str) -> Path:
@@ -94,8 +89,8 @@ def _add_buildings(buildings: Sequence[Building], terrain: Elevations) -> int:
     standing = 0
     for rings, height in buildings:
         outlines = [ring - terrain.anchor[:2] for ring in rings]
-        hits = ground.top_hits(np.concatenate(outlines or [np.zeros((1, 2))]))
-        if not outlines or not hits.hit.all():
+        hits = ground.top_hits(np.concatenate(outlines))
+        if not hits.hit.all():
             continue
         standing += 1
         low, high = hits.z.min() - DEEP, max(hits.z.mean() + height, hits.z.max() + 1.0)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -20,11 +21,8 @@ USUAL = 6.0  # meters, for files without these keys
 MOST = 20_000  # each is an object in Blender
 
 
-class Building(NamedTuple):
-    """An outline and those of its courtyards, (n, 2) meters each, and a height in meters."""
-
-    rings: list[Float[np.ndarray, "n 2"]]
-    height: float
+# An outline and those of its courtyards, (n, 2) meters each, and a height in meters.
+Building = tuple[list[Float[np.ndarray, "_ 2"]], float]
 
 
 def read_buildings(path: Path, crs: str) -> list[Building]:
@@ -49,9 +47,9 @@ def read_buildings(path: Path, crs: str) -> list[Building]:
     try:
         with open_regular(path) as file:
             data = msgspec.json.decode(file.read(), type=dict[str, Any])
-        buildings = list(_buildings(data, {}))
         there = ((data.get("crs") or {}).get("properties") or {}).get("name", "OGC:CRS84")
-        buildings = [Building([on_map(ring, there, crs or there) for ring in rings], h) for rings, h in buildings]
+        found = _buildings(data, USUAL)
+        buildings = [([on_map(ring, there, crs or there) for ring in rings], height) for rings, height in found]
     except OSError as error:
         raise AssetError(f"cannot be read ({error.strerror})", path=path, remedy="check its name") from None
     except (msgspec.MsgspecError, AttributeError, LookupError, TypeError, ValueError) as error:
@@ -62,26 +60,25 @@ def read_buildings(path: Path, crs: str) -> list[Building]:
     return buildings
 
 
-def _buildings(record: Mapping[str, Any], properties: Mapping[str, Any]) -> Iterator[Building]:
-    kind = record.get("type")
-    if kind in ("FeatureCollection", "GeometryCollection"):
-        for each in record["features" if kind == "FeatureCollection" else "geometries"]:
-            yield from _buildings(each, properties)
-    elif kind == "Feature":
-        yield from _buildings(record.get("geometry") or {}, record.get("properties") or {})
-    elif kind in ("Polygon", "MultiPolygon"):
-        for rings in record["coordinates"] if kind == "MultiPolygon" else [record["coordinates"]]:
-            outlines = [np.array([point[:2] for point in ring[:-1]], dtype=np.float64) for ring in rings]
-            yield Building([outline for outline in outlines if len(outline) >= 3], _height(properties))
+def _buildings(record: Mapping[str, Any], height: float) -> Iterator[Building]:
+    match record.get("type"):
+        case "FeatureCollection" | "GeometryCollection" as kind:
+            for each in record["features" if kind == "FeatureCollection" else "geometries"]:
+                yield from _buildings(each, height)
+        case "Feature":
+            yield from _buildings(record.get("geometry") or {}, _height(record.get("properties") or {}))
+        case "Polygon" | "MultiPolygon" as kind:
+            for rings in record["coordinates"] if kind == "MultiPolygon" else [record["coordinates"]]:
+                closed = [np.array([point[:2] for point in ring[:-1]], dtype=np.float64) for ring in rings]
+                if outlines := [outline for outline in closed if len(outline) >= 3]:
+                    yield outlines, height
 
 
 def _height(properties: Mapping[str, Any]) -> float:
     """Meters, from numbers or texts such as "12.5 m"."""
     for key, unit in HEIGHTS.items():
-        try:
+        with suppress(ValueError):
             height = float(str(properties.get(key)).removesuffix("m")) * unit
-        except ValueError:
-            continue
-        if 0.0 < height < 1000.0:
-            return height
+            if 0.0 < height < 1000.0:
+                return height
     return USUAL
