@@ -37,7 +37,10 @@ NAMES = (
 
 @dataclass(frozen=True, eq=False, slots=True)
 class BuiltVehicle:
-    """A vehicle with the role and part (-1: none) of each piece, the moving parts, the axes, and the doubts."""
+    """A vehicle with the role and part (-1: none) of each piece, the moving parts, the axes, and the doubts.
+
+    A role's use is the part's name, or "dropped".
+    """
 
     shape: VehicleShape
     roles: list[PieceRole]
@@ -100,11 +103,9 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
     standing = mesh.at(mesh.vertices - base)
     to_base = np.eye(4)
     to_base[:3, 3] = -base
-    for i, why in zip(kept, parts.piece_why, strict=True):
-        if why:
-            roles[i] = PieceRole("vehicle", why)
     piece_part = np.full(len(pieces), -1)
-    piece_part[kept] = parts.piece_part
+    for i, part, why in zip(kept, parts.piece_part, parts.piece_why, strict=True):
+        piece_part[i], roles[i] = part, PieceRole(names[part], why or roles[i].why)
     moving = [replace(row, pivot=xyz(np.array(row.pivot) - base)) for row in parts.moving]
     shape = VehicleShape(
         name=name,

@@ -151,7 +151,7 @@ class Evaluated:
 
 @dataclass(frozen=True, slots=True)
 class PieceRole:
-    """The use of a piece, such as "vehicle", "ground", or "dropped", the reason, and whether it's a scenery's word."""
+    """The use of a piece, such as "turret", "ground", or "dropped", the reason, and whether it's a scenery's word."""
 
     use: str
     why: str

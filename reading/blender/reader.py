@@ -104,7 +104,6 @@ def _write_vehicle(job: Job, keeper: Keeper, upright: Upright, *, unit: float) -
         shape.vehicle_from_file,
         unpainted=unpainted,
     )
-    uses = [shape.part_names[part] if part >= 0 else "dropped" for part in vehicle.piece_part]
     report = FileReport(
         kind="vehicle",
         path=job.path,
@@ -112,9 +111,9 @@ def _write_vehicle(job: Job, keeper: Keeper, upright: Upright, *, unit: float) -
         triangles=len(shape.mesh.faces),
         unit=unit,
         up=upright.up.value,
-        rows=_rows(drawn, uses, vehicle.roles),
+        rows=_rows(drawn, vehicle.roles),
         parts=vehicle.parts,
-        missing=_missing(drawn, uses),
+        missing=_missing(drawn, vehicle.roles),
         axes=vehicle.axes,
         materials=materials,
     )
@@ -128,21 +127,21 @@ def _write_scenery(job: Job, keeper: Keeper, drawn: Evaluated, *, unit: float, u
     scenery, wet = build_scenery(
         Path(job.path).stem, drawn, roles, meters=meters_from_file(unit, up), options=job.options
     )
-    uses = [role.use for role in roles]
     save(job.file("bundle.npz"), replace(scenery, crs=crs))
-    write_scenery(job.file("tidy.blend"), keeper, drawn.pieces, uses, scenery.scenery_from_file)
-    solid = [(p, use) for p, use in zip(drawn.pieces, uses, strict=True) if use in ("ground", "water", "obstacle")]
-    extent = [p.bounds for p, use in solid if use == "ground"] or [p.bounds for p, _ in solid]
+    write_scenery(job.file("tidy.blend"), keeper, drawn.pieces, roles, scenery.scenery_from_file)
+    used = [(p, role.use) for p, role in zip(drawn.pieces, roles, strict=True)]
+    solid = [p for p, use in used if use in ("ground", "water", "obstacle")]
+    extent = [p.bounds for p, use in used if use == "ground"] or [p.bounds for p in solid]
     report = FileReport(
         kind="scenery",
         path=job.path,
         size=xyz(np.max(extent, axis=0)[1] - np.min(extent, axis=0)[0]),
-        triangles=sum(piece.faces for piece, _ in solid),
+        triangles=sum(piece.faces for piece in solid),
         unit=unit,
         up=up,
         origin=xyz(scenery.origin),
-        rows=_rows(drawn, uses, roles),
-        missing=_missing(drawn, uses),
+        rows=_rows(drawn, roles),
+        missing=_missing(drawn, roles),
     )
     return replace(report, doubts=scenery_doubts(report, drawn.pieces, roles, job.options, wet=wet))
 
@@ -162,31 +161,21 @@ def _refuse_nothing(drawn: Evaluated, kind: str | None) -> None:
     )
 
 
-def _missing(drawn: Evaluated, uses: Sequence[str]) -> tuple[Missing, ...]:
+def _missing(drawn: Evaluated, roles: Sequence[PieceRole]) -> tuple[Missing, ...]:
     """Missing files of the used objects."""
-    used = zip(drawn.pieces, uses, strict=True)
-    return missing_files(
-        {link.name for piece, use in used if use not in ("dropped", "removed") for link in piece.chain}
-    )
+    used = [p for p, role in zip(drawn.pieces, roles, strict=True) if role.use not in ("dropped", "removed")]
+    return missing_files({link.name for piece in used for link in piece.chain})
 
 
-def _rows(drawn: Evaluated, uses: Sequence[str], roles: Sequence[PieceRole]) -> tuple[ObjectRow, ...]:
-    """One row for all pieces of an object with the same use, then objects that aren't pieces."""
-    groups: dict[tuple[str, str, str], list[Piece]] = defaultdict(list)
-    for piece, use, role in zip(drawn.pieces, uses, roles, strict=True):
-        groups[piece.name, use, role.why].append(piece)
-    rows = [
-        ObjectRow(
-            name,
-            pieces[0].chain[0].kind,
-            use,
-            reason,
-            len(pieces),
-            pieces[0].faces,
-            xyz(np.max([p.size for p in pieces], axis=0)),
-        )
-        for (name, use, reason), pieces in groups.items()
-    ]
+def _rows(drawn: Evaluated, roles: Sequence[PieceRole]) -> tuple[ObjectRow, ...]:
+    """One row for all pieces of an object with the same role, then objects that aren't pieces."""
+    groups: dict[tuple[str, PieceRole], list[Piece]] = defaultdict(list)
+    for piece, role in zip(drawn.pieces, roles, strict=True):
+        groups[piece.name, role].append(piece)
+    rows = []
+    for (name, role), pieces in groups.items():
+        first, size = pieces[0], xyz(np.max([p.size for p in pieces], axis=0))
+        rows.append(ObjectRow(name, first.chain[0].kind, role.use, role.why, len(pieces), first.faces, size))
     rows += [replace(left, count=count) for left, count in drawn.left.items()]
     return gathered(rows)
 

@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from hulldown.reading.blender.frames import pose as set_pose
 from hulldown.reading.blender.tidy_properties import PART, REST, TIDY, UNPAINTED
-from hulldown.reading.roles import Piece
+from hulldown.reading.roles import Piece, PieceRole
 
 MANY = 8  # from so many on, copies are drawn by one object
 POSE = "pose"
@@ -113,7 +113,7 @@ def write_scenery(
     path: Path,
     keeper: Keeper,
     pieces: Sequence[Piece],
-    uses: Sequence[str],
+    roles: Sequence[PieceRole],
     scenery_from_file: Float[np.ndarray, "4 4"],
 ) -> None:
     """Write everything drawn, except backdrops and dropped objects, as a file with one scene."""
@@ -122,8 +122,8 @@ def write_scenery(
     root = bpy.data.objects.new("hulldown scenery", None)
     scene.collection.objects.link(root)
     alike: dict[tuple[int, str, Look], list[int]] = defaultdict(list)
-    for i, (piece, use) in enumerate(zip(pieces, uses, strict=True)):
-        if use not in ("backdrop", "removed"):
+    for i, (piece, role) in enumerate(zip(pieces, roles, strict=True)):
+        if role.use not in ("backdrop", "removed"):
             alike[piece.mesh, piece.name, keeper.looks[i]].append(i)
     # Blender keeps objects sorted by name and looks for the place of a new one from the end.
     for same in sorted(alike.values(), key=lambda same: pieces[same[0]].name.lower()):
