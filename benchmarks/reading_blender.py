@@ -1,22 +1,19 @@
-"""Writes hard vehicle files with Blender and reads them back.
+"""Write hard vehicle files with Blender and read them back, one after the other in this process."""
 
-`python -P reading_blender.py DEMO FOLDER TUNED SECOND THIRD`, where the last three are how many files of each vehicle.
-All in one process, one after the other; what reading draws of each is pickled, so that it can be judged again and again
-without Blender.
-"""
+from __future__ import annotations
 
-import pickle
-import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+from tempfile import TemporaryDirectory
 
 import bpy
 import numpy as np
 from mathutils import Matrix
 
 from hulldown.benchmarks.reading_cases import Case, Truth, build, cases, file_from_vehicle, world_from_written
-from hulldown.benchmarks.reading_things import LITTER, Model, Thing
+from hulldown.benchmarks.reading_things import LITTER, PARTS, Model, Thing, node
+from hulldown.demo.vehicles import LOOK, write_vehicle
 from hulldown.geometry.transforms import apply
 from hulldown.reading.blender.evaluate import evaluate
 from hulldown.reading.blender.importers import Opened, open_file
@@ -27,114 +24,82 @@ from hulldown.reading.roles import Evaluated
 from hulldown.reading.vehicle.stance import meters_from_file, stand_upright
 
 
-def main() -> None:
-    demo, folder = Path(sys.argv[1]), Path(sys.argv[2])
-    each = [int(count) for count in sys.argv[3:6]]
-    files = sorted(demo.glob("*.blend"))
-    bases = {file.stem: _base(file) for file in files}
-    for number, case in enumerate(cases(list(bases), each=each)):
-        model = build(bases[case.vehicle], case)
-        path = folder / f"{number:04d}{case.suffix}"
-        world_from_vehicle = world_from_written(case) @ file_from_vehicle(case)
-        _write(model, case, path)
-        opened = open_file(path, {".glb": "gltf"}.get(path.suffix, path.suffix[1:]), Options())
-        meters = meters_from_file(opened.unit, opened.up)
-        drawn = _drawn(opened, meters)
-        points = np.concatenate([t.vertices for t in model.things if t.part != LITTER])
-        truth = Truth({t.name: t.part for t in model.things}, model.pivots, world_from_vehicle, np.ptp(points, axis=0))
-        (folder / f"{number:04d}.pickle").write_bytes(pickle.dumps((case, truth, opened, drawn)))
-        if path.suffix != ".blend" or number % 20:
-            path.unlink()  # a few are left to be looked at
+def corpus(each: Sequence[int]) -> Iterator[tuple[Case, Truth, Opened, Evaluated]]:
+    """Each case with `each` files of every demo vehicle and group: its truth, what the importer says, what is drawn."""
+    with TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        for name in LOOK:
+            write_vehicle(name, folder, rng=np.random.default_rng(0))
+        bases = {file.stem: _base(file) for file in sorted(folder.glob("*.blend"))}
+        for case in cases(list(bases), each=each):
+            model, path = build(bases[case.vehicle], case), folder / f"case{case.suffix}"
+            _write(model, case, path)
+            opened, drawn = _read(path, {".glb": "gltf"}.get(path.suffix, path.suffix[1:]))
+            points = np.concatenate([t.vertices for t in model.things if t.part != LITTER])
+            world_from_vehicle = world_from_written(case) @ file_from_vehicle(case)
+            part_of = {t.name: t.part for t in model.things}
+            yield case, Truth(part_of, model.pivots, world_from_vehicle, np.ptp(points, axis=0)), opened, drawn
 
 
-def _drawn(opened: Opened, meters: np.ndarray) -> Evaluated:
+def _read(path: Path, kind: str) -> tuple[Opened, Evaluated]:
+    opened = open_file(path, kind, Options())
+    meters = meters_from_file(opened.unit, opened.up)
     given = {"meters_from_file": meters, "duplicates": opened.duplicates}
-    return evaluate(bpy.context.scene, **given, texture_size=TEXTURE_SIZE, keeper=Keeper())
+    return opened, evaluate(bpy.context.scene, **given, texture_size=TEXTURE_SIZE, keeper=Keeper())
 
 
 def _base(path: Path) -> Model:
     """A demo vehicle as it is rendered: its objects with their parts, empties of parts included, litter left out."""
-    opened = open_file(path, "blend", Options())
+    opened, drawn = _read(path, "blend")
     meters = meters_from_file(opened.unit, "z")
-    drawn = _drawn(opened, meters)
     upright = stand_upright(drawn, unit=opened.unit, stated_up="z", up="z")
     built = build_vehicle(path.stem, upright, Options(forward="+x"))
     names = built.shape.part_names
-    shift = np.linalg.inv(built.shape.vehicle_from_file @ np.linalg.inv(meters))
-    pivots = [
-        apply(shift, built.shape.part_pivot[names.index(p)][None])[0] if p in names else None for p in ("turret", "gun")
-    ]
+    from_vehicle = meters @ np.linalg.inv(built.shape.vehicle_from_file)
+    pivot = dict(zip(names, apply(from_vehicle, built.shape.part_pivot), strict=True))
     things: list[Thing] = []
-    node: dict[str, int] = {}  # empties and meshes that carry a part, by their name
-    part_at = {p: i for i, p in enumerate(("hull", "turret", "gun"))}
-    for link, part in _carriers(drawn, built, names):
-        node[link.name] = len(things)
-        origin = apply(meters, link.pose[:3, 3][None])[0]
-        things.append(Thing(link.name, part_at[part], np.empty((0, 3)), np.empty((0, 3), int), origin))
-    if len(things) == 2:
-        things[1] = Thing(**{f: getattr(things[1], f) for f in Thing.__slots__} | {"parent": 0})
+    links = [link for chain in (*(p.chain for p in drawn.pieces), *drawn.markers) for link in chain]
+    for row in built.parts:  # what carries the part: an empty, or the turret's own mesh
+        carrier = next(link for link in links if link.name == row.why.split("'")[1])
+        origin = apply(meters, carrier.pose[:3, 3][None])[0]
+        things.append(node(carrier.name, PARTS.index(row.name), origin, len(things) - 1))
+    place = {thing.name: i for i, thing in enumerate(things)}
     for piece, part in zip(drawn.pieces, built.piece_part, strict=True):
         if part < 0:
             continue
-        mesh, index = drawn.meshes[piece.mesh], part_at[names[part]]
-        parent = next((i for i, t in enumerate(things) if t.part == index and not len(t.faces)), -1) if index else -1
+        mesh, index = drawn.meshes[piece.mesh], PARTS.index(names[part])
         vertices = apply(meters @ piece.pose, mesh.vertices)
-        if piece.name in node:  # the turret that is itself a mesh
-            i = node[piece.name]
-            things[i] = Thing(piece.name, index, vertices, mesh.faces, things[i].origin, things[i].parent)
+        if (i := place.get(piece.name)) is not None:
+            things[i] = replace(things[i], vertices=vertices, faces=mesh.faces)
             continue
-        parent = next((node[link.name] for link in piece.chain[1:] if link.name in node), parent)
+        parent = next((i for i, t in enumerate(things) if t.part == index and not len(t.faces)), -1) if index else -1
+        parent = next((place[link.name] for link in piece.chain[1:] if link.name in place), parent)
         things.append(Thing(piece.name, index, vertices, mesh.faces, np.zeros(3), parent))
-    return Model(tuple(things), (pivots[0], pivots[1]))
-
-
-def _carriers(drawn, built, names):
-    """The object whose origin is the pivot of turret, and of gun."""
-    found = []
-    for row in built.parts:
-        name = row.why.split("'")[1]
-        links = [k for p in drawn.pieces for k in p.chain] + [k for m in drawn.markers for k in m]
-        found.append((next(k for k in links if k.name == name), row.name))
-    return found
+    return Model(tuple(things), (pivot.get("turret"), pivot.get("gun")))
 
 
 def _write(model: Model, case: Case, path: Path) -> None:
+    """Write the objects, turned as the case is: all of their vertices and origins, or what they hang from."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    scene = bpy.context.scene
-    pose = file_from_vehicle(case)
-    baked = case.layout != "root turned"
-    root = Matrix(pose.tolist())
+    pose, root_turned = file_from_vehicle(case), case.layout == "root turned"
+    baked = np.eye(4) if root_turned else pose
+    origins = apply(baked, np.array([thing.origin for thing in model.things]))
     objects = []
-    for thing in model.things:
+    for thing, origin in zip(model.things, origins, strict=True):
         data = None
         # Origins at zero mean the file's zero, with the turn applied to the vertices.
         if len(thing.faces):
             data = bpy.data.meshes.new(thing.name)
-            local = (
-                (apply(pose, thing.vertices) - apply(pose, thing.origin[None]))
-                if baked
-                else (thing.vertices - thing.origin)
-            )
-            data.from_pydata(local.tolist(), [], thing.faces.tolist())
-        made = bpy.data.objects.new(thing.name, data)
-        scene.collection.objects.link(made)
-        objects.append(made)
-    for thing, made in zip(model.things, objects, strict=True):
+            data.from_pydata((apply(baked, thing.vertices) - origin).tolist(), [], thing.faces.tolist())
+        objects.append(bpy.data.objects.new(thing.name, data))
+        bpy.context.scene.collection.objects.link(objects[-1])
+    for thing, made, origin in zip(model.things, objects, origins, strict=True):
         if thing.parent >= 0:
-            made.parent = objects[thing.parent]
-    bpy.context.view_layer.update()
-    for thing, made in zip(model.things, objects, strict=True):
-        origin = apply(pose, thing.origin[None])[0] if baked else thing.origin
-        inner = model.things[thing.parent].origin if thing.parent >= 0 else np.zeros(3)
-        if baked and thing.parent >= 0:
-            inner = apply(pose, inner[None])[0]
-        made.location = (origin - inner).tolist()
-    if not baked:
-        for thing, made in zip(model.things, objects, strict=True):
-            if thing.parent < 0:
-                made.matrix_basis = (
-                    root @ made.matrix_basis.copy() if False else root @ Matrix.Translation(thing.origin.tolist())
-                )
+            made.parent, made.location = objects[thing.parent], (origin - origins[thing.parent]).tolist()
+        elif root_turned:
+            made.matrix_basis = Matrix(pose.tolist()) @ Matrix.Translation(origin.tolist())
+        else:
+            made.location = origin.tolist()
     bpy.context.view_layer.update()
     for thing, made in zip(model.things, objects, strict=True):
         if thing.hidden:
@@ -148,7 +113,3 @@ def _write(model: Model, case: Case, path: Path) -> None:
     else:
         up, ahead = ("Y", "NEGATIVE_Z") if case.up == "y obj" else ("Z", "Y")
         bpy.ops.wm.obj_export(filepath=str(path), up_axis=up, forward_axis=ahead, export_materials=False)
-
-
-if __name__ == "__main__":
-    main()

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
+PARTS = ("hull", "turret", "gun")
 LITTER = 3  # the part of what is no vehicle
 
 
@@ -32,6 +33,11 @@ class Model:
     pivots: tuple[Float[np.ndarray, "3"] | None, Float[np.ndarray, "3"] | None]
 
 
+def node(name: str, part: int, origin: Float[np.ndarray, "3"], parent: int = -1) -> Thing:
+    """An object without a mesh."""
+    return Thing(name, part, np.empty((0, 3)), np.empty((0, 3), int), origin, parent)
+
+
 def litter_of(model: Model, litter: str, *, scrambled: bool) -> list[Thing]:
     """The objects of one kind of litter, where it would lie."""
     points = np.concatenate([t.vertices for t in model.things if len(t.faces)])
@@ -40,9 +46,17 @@ def litter_of(model: Model, litter: str, *, scrambled: bool) -> list[Thing]:
     middle = (low + high) / 2
     ground = np.array([middle[0], middle[1], low[2]])
     name = (lambda n: f"Object_{900 + len(n)}") if scrambled else str
-    if litter in ("floor", "plain floor"):
-        floor = _box([24, 24, 0.1], [middle[0], middle[1], low[2] - 0.05])
-        return [_thing(name("Floor") if litter == "floor" else "Plane", *floor)]
+    floor = [24, 24, 0.1], [*middle[:2], low[2] - 0.05]
+    boxes = {
+        "floor": (name("Floor"), *floor),
+        "plain floor": ("Plane", *floor),
+        "probe": (name("chrome_ball"), [0.5, 0.5, 0.5], [high[0] + 1.0, middle[1] + 2.0, low[2] + 1.0]),
+        "plinth": (name("Plinth"), [1.2 * size[0], 1.4 * size[1], 0.4], [*middle[:2], low[2] - 0.2]),
+        "figure": ("Human_Reference", [0.35, 0.5, 1.8], [middle[0], high[1] + 1.0, low[2] + 0.9]),
+    }
+    if litter in boxes:
+        called, extent, at = boxes[litter]
+        return [_thing(called, *_box(extent, at))]
     if litter == "backdrop":
         arc = np.linspace(0, np.pi / 2, 9)
         profile = [(8.0, 0.0), *((-8 - 4 * np.sin(a), 4 - 4 * np.cos(a)) for a in arc), (-12.0, 12.0)]
@@ -63,14 +77,6 @@ def litter_of(model: Model, litter: str, *, scrambled: bool) -> list[Thing]:
         above = np.array([middle[0], middle[1], high[2]])
         card = np.array([[-2, -2, 3], [2, -2, 3], [2, 2, 3], [-2, 2, 3]]) + above
         return [_thing(name("Softbox"), card, np.array([[0, 1, 2], [0, 2, 3]]))]
-    if litter == "probe":
-        ball = _box([0.5, 0.5, 0.5], [high[0] + 1.0, middle[1] + 2.0, low[2] + 1.0])
-        return [_thing(name("chrome_ball"), *ball)]
-    if litter == "plinth":
-        return [_thing(name("Plinth"), *_box([1.2 * size[0], 1.4 * size[1], 0.4], [*middle[:2], low[2] - 0.2]))]
-    if litter == "figure":
-        man = _box([0.35, 0.5, 1.8], [middle[0], high[1] + 1.0, low[2] + 0.9])
-        return [_thing("Human_Reference", *man)]
     if litter == "turntable":
         around = np.linspace(0, 2 * np.pi, 33)[:-1]
         rim = np.stack([size[0] * np.cos(around), size[0] * np.sin(around), np.full(32, low[2])], axis=1)
