@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Int
 from PIL import Image, ImageDraw
 
 from hulldown.annotate.drawing import contact_sheet, lettering
@@ -107,52 +107,37 @@ def draw(asset: VehicleShape | Scenery, *, size: int = 480) -> Image.Image:
     size
         Width and height of each of the four views in pixels.
     """
-    subject = _vehicle(asset) if isinstance(asset, VehicleShape) else _scenery(asset)
+    if isinstance(asset, VehicleShape):
+        world, bounds = World(vehicles=[PosedVehicle(VehicleTarget(asset), np.eye(4)[None], {})]), asset.mesh.bounds
+        colors = dict(zip(asset.part_names, COLORS, strict=False))
+    else:
+        world = World.of(asset)
+        bounds = _worth_seeing(asset, world.obstacles.bounds)
+        ground = f"ground ({len(asset.ground_names)})" if asset.ground else "no ground"
+        colors = {ground: COLORS[3], f"obstacles ({len(asset.instance_names)})": OBSTACLE}
+
+    def number(hits: WorldHits) -> Int[np.ndarray, " n"]:
+        """The number of the color of each hit."""
+        if isinstance(asset, VehicleShape):
+            return asset.vertex_part[asset.mesh.faces[hits.face, 0]]
+        return (hits.kind == Kind.OBSTACLE).astype(int)
+
     sheet = Image.new("RGB", (2 * size, 2 * size), (int(PAPER),) * 3)
     for i, (title, sight, up) in enumerate(VIEWS):
-        view = _View(np.array(sight), np.array(up), subject.bounds, size)
-        tile = Image.fromarray(view.shade(subject))
+        view = _View(np.array(sight), np.array(up), bounds, size)
+        hits, light = view.look(world)
+        shaded = np.array(list(colors.values()))[number(hits)] * light[:, None]
+        image = np.where(hits.hit[:, None], shaded, PAPER)
+        tile = Image.fromarray(image.reshape(size, size, 3).astype(np.uint8))
         if isinstance(asset, VehicleShape):
             _mark_pivots(tile, view, asset)
         _caption(tile, view, title if isinstance(asset, VehicleShape) else title.partition(",")[0])
         sheet.paste(tile, (i % 2 * size, i // 2 * size))
     pen, font = ImageDraw.Draw(sheet), lettering(14)
-    for i, name in enumerate(subject.names):
-        pen.rectangle((10, 34 + 20 * i, 22, 46 + 20 * i), fill=tuple(int(c) for c in subject.colors[i]))
+    for i, (name, color) in enumerate(colors.items()):
+        pen.rectangle((10, 34 + 20 * i, 22, 46 + 20 * i), fill=tuple(int(c) for c in color))
         pen.text((28, 32 + 20 * i), name, fill=(0, 0, 0), font=font)
     return sheet
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class _Subject:
-    """The drawn subject: a world, the name of each hit, the visible bounds, names, and colors."""
-
-    world: World
-    name_of: Callable[[WorldHits], Int[np.ndarray, " n"]]
-    bounds: Float[np.ndarray, "2 3"]
-    names: list[str]
-    colors: Float[np.ndarray, "c 3"]
-
-
-def _vehicle(shape: VehicleShape) -> _Subject:
-    part = shape.vertex_part[shape.mesh.faces[:, 0]]
-    world = World(vehicles=[PosedVehicle(VehicleTarget(shape), np.eye(4)[None], {})])
-    return _Subject(world, lambda hits: part[hits.face], shape.mesh.bounds, list(shape.part_names), COLORS)
-
-
-def _scenery(scenery: Scenery) -> _Subject:
-    world = World.of(scenery)
-    names = [
-        f"ground ({len(scenery.ground_names)})" if scenery.ground else "no ground",
-        f"obstacles ({len(scenery.instance_names)})",
-    ]
-    return _Subject(
-        world,
-        lambda hits: (hits.kind == Kind.OBSTACLE).astype(int),
-        _worth_seeing(scenery, world.obstacles.bounds),
-        names,
-        np.stack([COLORS[3], OBSTACLE]),
-    )
 
 
 def _worth_seeing(scenery: Scenery, boxes: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "2 3"]:
@@ -185,19 +170,16 @@ class _View:
         self.scale = size / max(float(np.ptp(flat, axis=0).max()) * 1.25, 1e-9)  # pixels a meter
         self.depth = float(np.linalg.norm(bounds[1] - bounds[0]))
 
-    def shade(self, subject: _Subject) -> UInt8[np.ndarray, "h w 3"]:
-        """Shade each pixel's color by the angle between surface and light."""
+    def look(self, world: World) -> tuple[WorldHits, Float[np.ndarray, " n"]]:
+        """The hit of each pixel, and its brightness by the angle between surface and light."""
         center = (np.arange(self.size) + 0.5 - self.size / 2) / self.scale
         x, y = np.meshgrid(center, -center)
         start = self.middle + x[..., None] * self.right + y[..., None] * self.up - self.depth * self.sight
         origins = start.reshape(-1, 3)
-        hits = subject.world.nearest(origins, np.broadcast_to(self.sight, origins.shape))
+        hits = world.nearest(origins, np.broadcast_to(self.sight, origins.shape))
         # From over the viewer's left shoulder, so that no side is dark.
         light = 0.6 * self.up - 0.6 * self.sight - 0.4 * self.right
-        lit = 0.35 + 0.65 * np.clip(np.nan_to_num(hits.normal) @ light / np.linalg.norm(light), 0.0, 1.0)
-        colors = subject.colors[subject.name_of(hits) % len(subject.colors)] * lit[:, None]
-        image = np.where(hits.hit[:, None], colors, PAPER)
-        return image.reshape(self.size, self.size, 3).astype(np.uint8)
+        return hits, 0.35 + 0.65 * np.clip(np.nan_to_num(hits.normal) @ light / np.linalg.norm(light), 0.0, 1.0)
 
     def pixel(self, point: Float[np.ndarray, "3"]) -> tuple[float, float]:
         """Pixel of a world point."""
