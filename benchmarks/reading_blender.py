@@ -17,7 +17,6 @@ from hulldown.demo.vehicles import LOOK, write_vehicle
 from hulldown.geometry.transforms import apply
 from hulldown.reading.blender.evaluate import evaluate
 from hulldown.reading.blender.importers import Opened, open_file
-from hulldown.reading.blender.tidy import Keeper
 from hulldown.reading.build import build_vehicle
 from hulldown.reading.options import TEXTURE_SIZE, Options
 from hulldown.reading.roles import Evaluated
@@ -45,7 +44,7 @@ def _read(path: Path, kind: str) -> tuple[Opened, Evaluated]:
     opened = open_file(path, kind, Options())
     meters = meters_from_file(opened.unit, opened.up)
     given = {"meters_from_file": meters, "duplicates": opened.duplicates}
-    return opened, evaluate(bpy.context.scene, **given, texture_size=TEXTURE_SIZE, keeper=Keeper())
+    return opened, evaluate(bpy.context.scene, **given, texture_size=TEXTURE_SIZE)
 
 
 def _base(path: Path) -> Model:

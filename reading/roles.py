@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -83,6 +84,8 @@ class Piece:
         Share of its area that is nearly horizontal; 0 if it's too narrow, or too high, to be ground or water.
     filled
         That area over the area of its bounds, seen from above; small for a curb around a track.
+    look
+        Values of `reading.blender.tidy.LOOK`, for the renderer.
     """
 
     data: str
@@ -101,6 +104,7 @@ class Piece:
     clear: bool = False
     level: float = 0.0
     filled: float = 1.0
+    look: tuple[Any, ...] = ()
 
     @property
     def name(self) -> str:
@@ -126,6 +130,8 @@ class Evaluated:
     ----------
     meshes
         Unique evaluated meshes, each in its own frame and the file's units.
+    blocks
+        The mesh or hair curves of each in Blender, for the renderer.
     wet
         By mesh index, the faces whose material is named like water, if only some are.
     pieces
@@ -141,6 +147,7 @@ class Evaluated:
     """
 
     meshes: list[Mesh] = field(default_factory=list)
+    blocks: list[Any] = field(default_factory=list)
     wet: dict[int, Bool[np.ndarray, " f"]] = field(default_factory=dict)
     pieces: list[Piece] = field(default_factory=list)
     markers: list[tuple[Link, ...]] = field(default_factory=list)

@@ -23,7 +23,7 @@ from hulldown.reading.blender.poses import Poses
 from hulldown.reading.blender.strands import curves_mesh, strand_curves, strand_systems
 from hulldown.reading.blender.surfaces.cutouts import CutoutReader
 from hulldown.reading.blender.surfaces.shaders import is_clear, is_displaced, is_volume
-from hulldown.reading.blender.tidy import Keeper
+from hulldown.reading.blender.tidy import lasting, look_of
 from hulldown.reading.report import ObjectRow
 from hulldown.reading.roles import Evaluated, Link, Piece
 from hulldown.reading.scenery.scenery_roles import VOLUME, is_water_name
@@ -50,7 +50,6 @@ def evaluate(
     meters_from_file: Float[np.ndarray, "4 4"],
     duplicates: Mapping[str, Sequence[Duplicate]],
     texture_size: int,
-    keeper: Keeper,
 ) -> Evaluated:
     """Everything that `scene` draws.
 
@@ -64,8 +63,6 @@ def evaluate(
         The duplicates taken out of the scene; each follows the object that it equals.
     texture_size
         Texels on the longer side of stored alpha textures.
-    keeper
-        Collects the contents of the tidy twin.
 
     Raises
     ------
@@ -74,7 +71,7 @@ def evaluate(
     """
     cutouts = CutoutReader(texture_size)
     cutouts.bake([material for material in bpy.data.materials if material.users])
-    reader = _Reader(meters_from_file, duplicates, cutouts, keeper)
+    reader = _Reader(meters_from_file, duplicates, cutouts)
     visit_render(scene, reader.read)
     reader.result.doubts += cutouts.doubts
     _list_hidden(scene, reader.result, duplicates)
@@ -86,7 +83,6 @@ class _Reader:
     meters: Float[np.ndarray, "4 4"]
     duplicates: Mapping[str, Sequence[Duplicate]]
     cutouts: CutoutReader
-    keeper: Keeper
     result: Evaluated = field(default_factory=Evaluated)
     index: dict[tuple[int, tuple[str, ...]], int] = field(default_factory=dict)
     box: list[np.ndarray] = field(default_factory=list)  # corners around each mesh
@@ -95,6 +91,7 @@ class _Reader:
     clear: dict[int, bool] = field(default_factory=dict)  # by mesh, whether all of its materials are transparent
     level: dict[tuple[int, bytes], tuple[float, float]] = field(default_factory=dict)  # by mesh and turn
     chains: dict[tuple[int, int], tuple[Link, ...]] = field(default_factory=dict)
+    looks: dict[tuple[Any, ...], tuple[Any, ...]] = field(default_factory=dict)  # so that equal ones are one in memory
 
     def read(self, depsgraph: Any) -> None:
         """Read every object that the depsgraph draws."""
@@ -173,13 +170,13 @@ class _Reader:
         self.used.append(mesh.vertices if len(used) == len(mesh.vertices) else mesh.vertices[used])
         self.box.append(np.array(list(product(*mesh.bounds.T))))
         self.result.dressed |= any(materials)
-        self.keeper.keep_mesh(drawn, data, materials)
+        self.result.blocks.append(lasting(drawn, data, materials))
 
     def _add_piece(self, instance: Any, key: tuple[int, tuple[str, ...]], data: str, *, hair: bool) -> None:
         drawn, number = instance.object, self.index[key]
         mesh = self.result.meshes[number]
         pose = self.poses.instance_pose(instance)
-        self.keeper.keep_look(drawn)
+        look = look_of(drawn)
         scattered = _is_scattered(instance)
         bounds = self._bounds(drawn.name, pose, self.box[number] if scattered or hair else self.used[number])
         level, filled = (0.0, 0.0) if hair else self._level(number, pose, bounds)
@@ -201,14 +198,14 @@ class _Reader:
                 clear=self.clear.get(number, False),
                 level=level,
                 filled=filled,
+                look=self.looks.setdefault(look, look),
             )
         )
         for duplicate in () if hair else self._duplicates(instance):
-            self._add_twin(duplicate, self.result.pieces[-1], drawn)
+            self._add_twin(duplicate, self.result.pieces[-1])
 
-    def _add_twin(self, duplicate: Duplicate, piece: Piece, drawn: Any) -> None:
-        """Add the duplicates of `drawn`, whose piece is `piece`, with their own names and poses."""
-        self.keeper.keep_look(drawn)
+    def _add_twin(self, duplicate: Duplicate, piece: Piece) -> None:
+        """Add a duplicate of the object of `piece`, with its own name and pose."""
         bounds = self._bounds(duplicate.name, duplicate.pose, self.used[piece.mesh])
         link = replace(piece.chain[0], name=duplicate.name, pose=duplicate.pose)
         level, filled = self._level(piece.mesh, duplicate.pose, bounds)

@@ -27,7 +27,7 @@ from hulldown.reading.blender.pictures import read_picture
 from hulldown.reading.blender.surfaces.materials import material_rows
 from hulldown.reading.blender.surfaces.textures import missing_files, pictures_near, used_files
 from hulldown.reading.blender.terrain import NAME
-from hulldown.reading.blender.tidy import Keeper, write_scenery, write_vehicle
+from hulldown.reading.blender.tidy import write_scenery, write_vehicle
 from hulldown.reading.build import build_scenery, build_vehicle
 from hulldown.reading.doubts import is_pale, scenery_doubts, vehicle_doubts
 from hulldown.reading.export import ANSWER, Job
@@ -60,13 +60,11 @@ def read(job: Job) -> dict[str, Any]:
     if opened.terrain:
         unit = opened.unit  # its scale is that of the elevations alone
     files = sorted({*used_files(), *opened.files})
-    keeper = Keeper()
     drawn = evaluate(
         bpy.context.scene,
         meters_from_file=meters_from_file(unit, up),
         duplicates=opened.duplicates,
         texture_size=options.texture_size,
-        keeper=keeper,
     )
     if opened.terrain:
         (ground,) = (piece.mesh for piece in drawn.pieces if piece.name == NAME)
@@ -83,27 +81,21 @@ def read(job: Job) -> dict[str, Any]:
     odd = refuse_wrong_kind(job.kind, judged, options) if job.kind else ""
     if kind == "vehicle":
         assert upright is not None, "a vehicle is stood upright first"
-        report = _write_vehicle(job, keeper, upright, unit=unit)
+        report = _write_vehicle(job, upright, unit=unit)
     else:
-        report = _write_scenery(job, keeper, drawn, unit=unit, up=up, crs=opened.terrain.crs if opened.terrain else "")
+        report = _write_scenery(job, drawn, unit=unit, up=up, crs=opened.terrain.crs if opened.terrain else "")
     doubts = (*([odd] if odd else []), *report.doubts, *opened.doubts, *drawn.doubts)
     return {"report": asdict(replace(report, doubts=doubts, written_by=opened.written_by)), "files": files}
 
 
-def _write_vehicle(job: Job, keeper: Keeper, upright: Upright, *, unit: float) -> FileReport:
+def _write_vehicle(job: Job, upright: Upright, *, unit: float) -> FileReport:
     """Write bundle and tidy twin of a vehicle."""
     vehicle = build_vehicle(Path(job.path).stem, upright, job.options)
     drawn, shape = upright.drawn, vehicle.shape
     save(job.file("bundle.npz"), shape)
-    materials, unpainted = material_rows(keeper.meshes, drawn.pieces, vehicle.piece_part)
-    write_vehicle(
-        job.file("tidy.blend"),
-        keeper,
-        drawn.pieces,
-        vehicle.piece_part,
-        shape.vehicle_from_file,
-        unpainted=unpainted,
-    )
+    materials, unpainted = material_rows(drawn.blocks, drawn.pieces, vehicle.piece_part)
+    tidy = job.file("tidy.blend")
+    write_vehicle(tidy, drawn, vehicle.piece_part, shape.vehicle_from_file, unpainted=unpainted)
     report = FileReport(
         kind="vehicle",
         path=job.path,
@@ -121,14 +113,14 @@ def _write_vehicle(job: Job, keeper: Keeper, upright: Upright, *, unit: float) -
     return replace(report, doubts=(*vehicle.doubts, *vehicle_doubts(report, job.options, pictures=near)))
 
 
-def _write_scenery(job: Job, keeper: Keeper, drawn: Evaluated, *, unit: float, up: str, crs: str) -> FileReport:
+def _write_scenery(job: Job, drawn: Evaluated, *, unit: float, up: str, crs: str) -> FileReport:
     """Write bundle and tidy twin of a scenery."""
     roles = scenery_roles(drawn.pieces, job.options)
     scenery, wet = build_scenery(
         Path(job.path).stem, drawn, roles, meters=meters_from_file(unit, up), options=job.options
     )
     save(job.file("bundle.npz"), replace(scenery, crs=crs))
-    write_scenery(job.file("tidy.blend"), keeper, drawn.pieces, roles, scenery.scenery_from_file)
+    write_scenery(job.file("tidy.blend"), drawn, roles, scenery.scenery_from_file)
     used = [(p, role.use) for p, role in zip(drawn.pieces, roles, strict=True)]
     solid = [p for p, use in used if use in ("ground", "water", "obstacle")]
     extent = [p.bounds for p, use in used if use == "ground"] or [p.bounds for p in solid]

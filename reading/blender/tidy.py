@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from hulldown.reading.blender.frames import pose as set_pose
 from hulldown.reading.blender.tidy_properties import PART, REST, TIDY, UNPAINTED
-from hulldown.reading.roles import Piece, PieceRole
+from hulldown.reading.roles import Evaluated, Piece, PieceRole
 
 MANY = 8  # from so many on, copies are drawn by one object
 POSE = "pose"
@@ -28,41 +28,23 @@ VISIBILITY = tuple(
     f"visible_{ray}" for ray in ("camera", "diffuse", "glossy", "transmission", "volume_scatter", "shadow")
 )
 LOOK = (*VISIBILITY, "pass_index", "color")
-Look = tuple[Any, ...]
 
 
-class Keeper:
-    """Collects evaluated meshes for the twin while the depsgraph exists.
+def lasting(drawn: Any, data: Any, materials: Sequence[Any]) -> Any:
+    """A mesh or hair curves, drawn by the object `drawn` in evaluated materials, as it outlives the depsgraph."""
+    wanted = [material.original if material else None for material in materials]
+    if _is_as_in_the_file(drawn, data, wanted):
+        return drawn.original.data
+    mesh = data.copy()
+    mesh.animation_data_clear()
+    for slot, material in enumerate(wanted[: len(mesh.materials)]):
+        mesh.materials[slot] = material
+    return mesh
 
-    Attributes
-    ----------
-    meshes
-        The unique meshes.
-    looks
-        The look that each piece's object adds to its mesh: values of `LOOK`.
-    """
 
-    def __init__(self) -> None:
-        self.meshes: list[Any] = []
-        self.looks: list[Look] = []
-        self._known: dict[Look, Look] = {}  # so that equal ones are one in memory
-
-    def keep_mesh(self, drawn: Any, data: Any, materials: Sequence[Any]) -> None:
-        """Keep a unique mesh, or hair curves, with its evaluated materials; `drawn` is an object that draws it."""
-        wanted = [material.original if material else None for material in materials]
-        if _is_as_in_the_file(drawn, data, wanted):
-            self.meshes.append(drawn.original.data)
-            return
-        mesh = data.copy()
-        mesh.animation_data_clear()
-        for slot, material in enumerate(wanted[: len(mesh.materials)]):
-            mesh.materials[slot] = material
-        self.meshes.append(mesh)
-
-    def keep_look(self, drawn: Any) -> None:
-        """Keep the look that a piece's object adds to its mesh."""
-        look = (*(getattr(drawn, name) for name in VISIBILITY), drawn.pass_index, tuple(drawn.color))
-        self.looks.append(self._known.setdefault(look, look))
+def look_of(drawn: Any) -> tuple[Any, ...]:
+    """The look that a piece's object adds to its mesh: values of `LOOK`."""
+    return (*(getattr(drawn, name) for name in VISIBILITY), drawn.pass_index, tuple(drawn.color))
 
 
 def _is_as_in_the_file(drawn: Any, data: Any, materials: Sequence[Any]) -> bool:
@@ -81,8 +63,7 @@ def _is_as_in_the_file(drawn: Any, data: Any, materials: Sequence[Any]) -> bool:
 
 def write_vehicle(
     path: Path,
-    keeper: Keeper,
-    pieces: Sequence[Piece],
+    drawn: Evaluated,
     piece_part: Sequence[int],
     vehicle_from_file: Float[np.ndarray, "4 4"],
     *,
@@ -90,11 +71,11 @@ def write_vehicle(
 ) -> None:
     """Write the pieces whose part is not -1; those that are `unpainted` keep the colors of the file."""
     collection = bpy.data.collections.new("hulldown vehicle")
-    for i, (piece, part) in enumerate(zip(pieces, piece_part, strict=True)):
+    for i, (piece, part) in enumerate(zip(drawn.pieces, piece_part, strict=True)):
         if part < 0:
             continue
         rest = vehicle_from_file @ piece.pose
-        obj = _object(keeper, piece, i)
+        obj = _object(drawn, piece)
         obj[PART] = int(part)
         obj[REST] = rest.ravel().tolist()
         obj[UNPAINTED] = unpainted[i]
@@ -102,38 +83,33 @@ def write_vehicle(
     bpy.data.libraries.write(str(path), {collection}, path_remap="ABSOLUTE", compress=True)
 
 
-def _object(keeper: Keeper, piece: Piece, index: int) -> Any:
-    obj = bpy.data.objects.new(piece.name, keeper.meshes[piece.mesh])
-    for name, value in zip(LOOK, keeper.looks[index], strict=True):
+def _object(drawn: Evaluated, piece: Piece) -> Any:
+    obj = bpy.data.objects.new(piece.name, drawn.blocks[piece.mesh])
+    for name, value in zip(LOOK, piece.look, strict=True):
         setattr(obj, name, value)
     return obj
 
 
 def write_scenery(
-    path: Path,
-    keeper: Keeper,
-    pieces: Sequence[Piece],
-    roles: Sequence[PieceRole],
-    scenery_from_file: Float[np.ndarray, "4 4"],
+    path: Path, drawn: Evaluated, roles: Sequence[PieceRole], scenery_from_file: Float[np.ndarray, "4 4"]
 ) -> None:
     """Write everything drawn, except backdrops and dropped objects, as a file with one scene."""
     scene = bpy.data.scenes.new("hulldown scenery")
     scene[TIDY] = True
     root = bpy.data.objects.new("hulldown scenery", None)
     scene.collection.objects.link(root)
-    alike: dict[tuple[int, str, Look], list[int]] = defaultdict(list)
-    for i, (piece, role) in enumerate(zip(pieces, roles, strict=True)):
+    alike: dict[tuple[int, str, tuple[Any, ...]], list[Piece]] = defaultdict(list)
+    for piece, role in zip(drawn.pieces, roles, strict=True):
         if role.use not in ("backdrop", "removed"):
-            alike[piece.mesh, piece.name, keeper.looks[i]].append(i)
+            alike[piece.mesh, piece.name, piece.look].append(piece)
     # Blender keeps objects sorted by name and looks for the place of a new one from the end.
-    for same in sorted(alike.values(), key=lambda same: pieces[same[0]].name.lower()):
-        poses = scenery_from_file @ np.array([pieces[i].pose for i in same])
+    for same in sorted(alike.values(), key=lambda same: same[0].name.lower()):
+        poses = scenery_from_file @ np.array([piece.pose for piece in same])
         if len(same) >= MANY:
-            thing = _object(keeper, pieces[same[0]], same[0])
-            scene.collection.objects.link(_carrier(thing, poses))
+            scene.collection.objects.link(_carrier(_object(drawn, same[0]), poses))
             continue
-        for i, world_from_mesh in zip(same, poses, strict=True):
-            obj = _object(keeper, pieces[i], i)
+        for piece, world_from_mesh in zip(same, poses, strict=True):
+            obj = _object(drawn, piece)
             obj.parent = root
             set_pose(obj, world_from_mesh)
             scene.collection.objects.link(obj)
