@@ -127,18 +127,19 @@ def test_geographic_and_stretched_grids_are_projected_to_utm(tmp_path):
         assert points[-1, 2] == heights()[-1, -1]
 
 
-@pytest.mark.parametrize(("unit", "meters"), [("m", 1.0), ("ft", 0.3048), ("US survey foot", 1200 / 3937), ("", 1.0)])
-def test_heights_are_converted_to_meters(tmp_path, unit, meters):
-    path = write(tmp_path / "dem.tif", heights(), unit=unit)
+@pytest.mark.parametrize(
+    ("options", "meters"),
+    [
+        *(({"unit": "m"}, 1.0), ({"unit": "ft"}, 0.3048), ({"unit": "US survey foot"}, 1200 / 3937), ({}, 1.0)),
+        ({"crs": "EPSG:32612+6360"}, 1200 / 3937),  # the unit of its datum, NAVD88 height (ftUS)
+    ],
+)
+def test_heights_are_converted_to_meters(tmp_path, options, meters):
+    path = write(tmp_path / "dem.tif", heights(), **options)
     read = elevations(path)
     assert read.mesh.vertices[0, 2] + read.anchor[2] == pytest.approx(heights()[0, 0] * meters, abs=1e-9)
     read = elevations(path, scale=2.0)
     assert read.mesh.vertices[0, 2] + read.anchor[2] == 2.0 * heights()[0, 0]
-
-
-def test_the_unit_of_heights_can_come_from_their_datum(tmp_path):
-    read = elevations(write(tmp_path / "dem.tif", heights(), crs="EPSG:32612+6360"))  # NAVD88 height (ftUS)
-    assert read.mesh.vertices[0, 2] + read.anchor[2] == pytest.approx(heights()[0, 0] * 1200 / 3937, abs=1e-9)
 
 
 def test_an_area_selects_cells_by_their_centers(tmp_path):

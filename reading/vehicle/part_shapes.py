@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
+from scipy.sparse.csgraph import connected_components
 
 from hulldown.assets.naming import ARMED, BODY, FRONT, NO_TURRET, REAR, TURRET, VEHICLE, first_match
 from hulldown.reading.options import Options
@@ -34,20 +35,21 @@ def screened(whole: PlacedPieces, options: Options) -> Namer:
         if options.gun is not None or not is_gun.any() or is_gun.all():
             return namer
         body = whole.where(~is_gun).cloud
-        groups = _clusters(whole.points, np.flatnonzero(is_gun).tolist())
+        groups = _clusters(whole.bounds, np.flatnonzero(is_gun))
         drums = [group for group in groups if _is_drum(np.concatenate([whole.points[i] for i in group]), body)]
         if not drums:
             return namer
         no_guns |= {namer.decided(chains[i])[2] for group in drums for i in group}
 
 
-def _clusters(clouds: Sequence[Float[np.ndarray, "_ 3"]], among: Sequence[int]) -> list[list[int]]:
-    """Clusters of pieces that are close to each other."""
-    groups: list[list[int]] = []
-    for i in among:
-        near = [g for g in groups if any(_touch(clouds[k], clouds[i]) for k in g)]
-        groups = [g for g in groups if g not in near] + [[k for g in near for k in g] + [i]]
-    return groups
+def _clusters(bounds: Float[np.ndarray, "k 2 3"], among: Int[np.ndarray, " n"]) -> list[list[int]]:
+    """Clusters of pieces whose boxes come close to each other."""
+    low, high = bounds[among, 0], bounds[among, 1]
+    longest = (high - low).max(axis=1)
+    slack = 0.05 * np.maximum.outer(longest, longest)[..., None]
+    near = ((low[:, None] < high + slack) & (high[:, None] > low - slack)).all(axis=2)
+    count, label = connected_components(near, directed=False)
+    return [among[label == k].tolist() for k in range(count)]
 
 
 def _is_drum(own: Float[np.ndarray, "n 3"], body: Float[np.ndarray, "m 3"]) -> bool:
@@ -64,12 +66,6 @@ def _is_drum(own: Float[np.ndarray, "n 3"], body: Float[np.ndarray, "m 3"]) -> b
     return bool(
         (stubby or across) and (middle[0] < (low[0] + high[0]) / 2 or middle[2] < low[2] + 0.5 * (high - low)[2])
     )
-
-
-def _touch(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "m 3"]) -> bool:
-    """Whether the boxes around both come close."""
-    slack = 0.05 * max(float(np.ptp(a, axis=0).max()), float(np.ptp(b, axis=0).max()))
-    return bool((a.min(axis=0) < b.max(axis=0) + slack).all() and (a.max(axis=0) > b.min(axis=0) - slack).all())
 
 
 def by_shape(
