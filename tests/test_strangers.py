@@ -57,6 +57,7 @@ CAR = {"hull": box([6, 3, 1], [0, 0, 1]), "cabin": box([2, 2, 1], [1, 0, 2]), **
 HOUSES = [box([6, 6, 20], [x, y, 10]) for x in range(-24, 25, 12) for y in range(-24, 25, 12)]
 NAMELESS = {f"Mesh_{k}": mesh for k, mesh in enumerate(CAR.values())}
 ON_ATLAS = {name: (0.3, 0.5) if name == "Mesh_0" else (0.75, 0.5) for name in NAMELESS}
+HDR = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 32 +X 64\n"
 ATLAS = "newmtl m\nillum 2\nmap_Kd atlas.png\n"
 
 
@@ -253,8 +254,7 @@ def test_an_hdri_with_a_one_colored_sun_is_a_doubt(tmp_path):
     pixels = np.full((32, 64, 4), (128, 128, 128, 128), dtype=np.uint8)
     for name, sun in (("white", (200, 200, 200, 142)), ("blue", (0, 0, 200, 142))):
         pixels[6, 10] = sun
-        header = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 32 +X 64\n"
-        (tmp_path / f"{name}.hdr").write_bytes(header + pixels.tobytes())
+        (tmp_path / f"{name}.hdr").write_bytes(HDR + pixels.tobytes())
     white, blue = read_hdris([tmp_path / "white.hdr", tmp_path / "blue.hdr"], tmp_path / "cache")
     assert white.doubts == ()
     assert len(blue.doubts) == 1
@@ -337,32 +337,24 @@ def test_pivot_helpers_are_pivots(read):
     np.testing.assert_allclose((shape.part_pivot[gun] - shape.part_pivot[turret])[[0, 2]], [0.8, 0.45], atol=0.01)
 
 
-@pytest.mark.parametrize(
-    ("entry", "problem"),
-    [
-        (
-            {"name": "suv", "category": "car"},
-            "2 to 9 m; so it is with twin .6,000 m.; set scale = 0.001",
-        ),
-        ({"name": "suv", "category": "car", "scale": 0.001}, "allow_missing"),
-        ({"name": "suv", "category": "car", "scale": 0.001, "allow_missing": True}, ""),
-    ],
-)
-def test_a_vehicle_of_odd_size_or_without_textures_is_refused_unless_allowed(tmp_path, entry, problem):
+def test_a_vehicle_of_odd_size_or_without_textures_is_refused_unless_allowed(tmp_path):
     big = {name: part.at(1000 * part.vertices) for name, part in CAR.items()}
     write_obj(tmp_path / "cars/suv.obj", big, {"*": "tire"}, MOVED)
     write_obj(tmp_path / "land/land.obj", {"Terrain": hills()}, {"*": "body"}, "")
     pixels = np.full((32, 64, 4), (128, 128, 128, 128), dtype=np.uint8)
     pixels[:8, :, 2] = 160
-    (tmp_path / "sky.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 32 +X 64\n" + pixels.tobytes())
-    vehicles = [{"path": "cars/suv.obj", **entry, "name": name} for name in ("suv", "twin")]
-    assets = {"hdris": ["sky.hdr"], "vehicles": vehicles, "sceneries": [{"path": "land/land.obj"}]}
-    config = Config.of({"assets": assets, "budget": {"images_per_class": 1}}, path=tmp_path / "hulldown.toml")
-    if problem:
-        with pytest.raises(HulldownError, match=problem):
-            load_library(config)
-    else:
-        load_library(config)
+    (tmp_path / "sky.hdr").write_bytes(HDR + pixels.tobytes())
+
+    def load(**more):
+        vehicles = [{"path": "cars/suv.obj", "category": "car", "name": name, **more} for name in ("suv", "twin")]
+        assets = {"hdris": ["sky.hdr"], "vehicles": vehicles, "sceneries": [{"path": "land/land.obj"}]}
+        load_library(Config.of({"assets": assets, "budget": {"images_per_class": 1}}, path=tmp_path / "hulldown.toml"))
+
+    with pytest.raises(HulldownError, match=r"2 to 9 m; so it is with twin .6,000 m.; set scale = 0.001"):
+        load()
+    with pytest.raises(HulldownError, match="allow_missing"):
+        load(scale=0.001)
+    load(scale=0.001, allow_missing=True)
 
 
 def test_dropping_the_hull_is_a_doubt_and_many_pieces_get_a_pattern():
