@@ -104,8 +104,8 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
     to_base = np.eye(4)
     to_base[:3, 3] = -base
     piece_part = np.full(len(pieces), -1)
-    for i, part, why in zip(kept, parts.piece_part, parts.piece_why, strict=True):
-        piece_part[i], roles[i] = part, PieceRole(names[part], why or roles[i].why)
+    for i, number, why in zip(kept, parts.piece_part, parts.piece_why, strict=True):
+        piece_part[i], roles[i] = number, PieceRole(names[number], why or roles[i].why)
     moving = [replace(row, pivot=xyz(np.array(row.pivot) - base)) for row in parts.moving]
     shape = VehicleShape(
         name=name,
