@@ -142,8 +142,6 @@ class Evaluated:
         Rows of objects without a piece, and how often they're drawn.
     doubts
         Sentences about things that are rendered differently than read.
-    dressed
-        Whether anything of it has a material.
     """
 
     meshes: list[Mesh] = field(default_factory=list)
@@ -153,7 +151,6 @@ class Evaluated:
     markers: list[tuple[Link, ...]] = field(default_factory=list)
     left: Counter[ObjectRow] = field(default_factory=Counter)
     doubts: list[str] = field(default_factory=list)
-    dressed: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -169,7 +169,6 @@ class _Reader:
         used = np.unique(mesh.faces)
         self.used.append(mesh.vertices if len(used) == len(mesh.vertices) else mesh.vertices[used])
         self.box.append(np.array(list(product(*mesh.bounds.T))))
-        self.result.dressed |= any(materials)
         self.result.blocks.append(lasting(drawn, data, materials))
 
     def _add_piece(self, instance: Any, key: tuple[int, tuple[str, ...]], data: str, *, hair: bool) -> None:

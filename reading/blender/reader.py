@@ -70,7 +70,7 @@ def read(job: Job) -> dict[str, Any]:
         (ground,) = (piece.mesh for piece in drawn.pieces if piece.name == NAME)
         drawn.meshes[ground] = drawn.meshes[ground].at(opened.terrain.mesh.vertices)  # Blender has float32
     _refuse_nothing(drawn, job.kind)
-    if not drawn.dressed:
+    if not any(material for block in drawn.blocks for material in block.materials):
         drawn.doubts.append(BARE)
     upright, judged = None, drawn.pieces
     kind = job.kind or likely_kind(judged, options)
