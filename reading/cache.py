@@ -33,7 +33,7 @@ from hulldown.reading.formats import format_of
 from hulldown.reading.options import Options
 from hulldown.reading.report import FileReport
 
-EXPORTER = 24
+EXPORTER = 25
 NOTE_NAME = "entry.json"
 LARGEST_NOTE = 1 << 26  # bytes
 KEY_BYTES = 32

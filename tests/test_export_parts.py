@@ -54,6 +54,12 @@ def test_a_turret_can_be_a_collection_or_a_bone(messy: Messy) -> None:
     assert messy.exported["armature"].report.parts[0].why == "origin of 'turret'"
 
 
+def test_objects_of_an_fbx_are_read_by_name(messy: Messy) -> None:
+    """Blender's importer has another order in each process, and so had bundles and plans."""
+    names = [row.name for row in messy.exported["fbx"].report.rows if row.triangles]
+    assert names == sorted(names)
+
+
 def test_scenery_ground_and_obstacles(messy: Messy) -> None:
     scenery = messy.asset("scattered")
     assert sorted(scenery.ground_names) == ["Cube.001", "Ground_cubes", "Ground_spread"]

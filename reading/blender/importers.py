@@ -86,6 +86,7 @@ def open_file(path: Path, kind: str, options: Options) -> Opened:
             bpy.ops.import_scene.gltf(filepath=str(path))
         elif kind == "fbx":
             bpy.ops.wm.fbx_import(filepath=str(path), use_anim=False)
+            _sort_objects()
         else:
             # As it is in the file: then `up` in the config means the file's axis, and y is what OBJ files have.
             bpy.ops.wm.obj_import(filepath=str(path), forward_axis="Y", up_axis="Z")
@@ -96,6 +97,14 @@ def open_file(path: Path, kind: str, options: Options) -> Opened:
         raise AssetError("Blender finds nothing in it to import", remedy="export it again")
     doubts = tuple(find_moved(path))
     return Opened(1.0, "y" if kind == "obj" else "z", kind.upper().replace("GLTF", "glTF"), doubts)
+
+
+def _sort_objects() -> None:
+    """Link the scene's objects by name: the FBX importer's order differs from process to process, as would meshes."""
+    linked = bpy.context.scene.collection.objects
+    for obj in sorted(linked, key=lambda obj: str(obj.name)):
+        linked.unlink(obj)
+        linked.link(obj)
 
 
 def _clear_false_glass(path: Path) -> None:
