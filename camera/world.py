@@ -19,7 +19,7 @@ from hulldown.camera.projection import NEAR, Camera
 from hulldown.camera.target import BATCH, PosedVehicle
 from hulldown.geometry.cutouts import CutoutCaster, caster_of
 from hulldown.geometry.instances import InstancedScene, InstanceHits
-from hulldown.geometry.rays import RayCaster, RayHits, WorkerThreads
+from hulldown.geometry.rays import RayCaster, RayHits, in_threads
 
 TILE = 64  # pixels, each way, that are traced together
 
@@ -183,9 +183,7 @@ class World:
                 to[pixel] = values.reshape(pixel.shape)
             hits.normal[pixel] = met.normal.reshape(*pixel.shape, 3)
 
-        with WorkerThreads(threads) as pool:
-            for _ in pool.map(trace, rows):
-                pass
+        in_threads(trace, rows, threads=threads)
         return hits
 
     def _seen(self, camera_rays: CameraRays, world_from_camera: Float[np.ndarray, "n 4 4"]) -> WorldHits:

@@ -117,30 +117,24 @@ class RayCaster:
         ValueError
             If shapes do not match, a number is not finite or a direction is zero.
         """
-        rays = self._rays(origins, directions, max_distance)
-        distance, face = np.full(len(rays.skipped), np.inf), np.full(len(rays.skipped), -1, dtype=np.int32)
-
-        def trace(i: Int[np.ndarray, " k"]) -> None:
-            met = self._scene.run(rays.origins[i], rays.directions[i], dists=rays.reach[i], output=True)
-            within = (met["primID"] >= 0) & (rays.reach[i] >= 0)
+        start, unit, limit = checked_rays(origins, directions, max_distance)
+        distance, face = np.full(len(start), np.inf), np.full(len(start), -1, dtype=np.int32)
+        for i, entry, along, reach, skipped in self._blocks(start, unit, limit):
+            met = self._scene.run(entry, along, dists=reach.copy(), output=True)
+            within = (met["primID"] >= 0) & (reach >= 0)
             face[i[within]] = met["primID"][within]
-            distance[i[within]] = rays.skipped[i[within]] + met["tfar"][within]
-
-        in_coherent_blocks(trace, rays.passing)
+            distance[i[within]] = skipped[within] + met["tfar"][within]
         return RayHits(distance, face)
 
     def occluded(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Bool[np.ndarray, " n"]:
         """Whether anything lies along each ray; arguments as for `cast`."""
-        rays = self._rays(origins, directions, max_distance)
-        blocked = np.zeros(len(rays.skipped), dtype=bool)
-
-        def trace(i: Int[np.ndarray, " k"]) -> None:
-            met = self._scene.run(rays.origins[i], rays.directions[i], dists=rays.reach[i], query="OCCLUDED")
-            blocked[i] = (met >= 0) & (rays.reach[i] >= 0)
-
-        in_coherent_blocks(trace, rays.passing)
+        start, unit, limit = checked_rays(origins, directions, max_distance)
+        blocked = np.zeros(len(start), dtype=bool)
+        for i, entry, along, reach, _ in self._blocks(start, unit, limit):
+            met = self._scene.run(entry, along, dists=reach.copy(), query="OCCLUDED")
+            blocked[i] = (met >= 0) & (reach >= 0)
         return blocked
 
     def transmittance(
@@ -179,16 +173,18 @@ class RayCaster:
         origins[:, 2] = self._top + 2 * np.spacing(self._top) + np.float32(1e-3) * np.float32(self._radius)
         return origins
 
-    def _rays(self, origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike) -> _Rays:
-        start, unit, limit = checked_rays(origins, directions, max_distance)
+    def _blocks(
+        self, start: Float[np.ndarray, "n 3"], unit: Float[np.ndarray, "n 3"], limit: Float[np.ndarray, " n"]
+    ) -> Iterator[tuple[Int[np.ndarray, " k"], np.ndarray, np.ndarray, np.ndarray, Float[np.ndarray, " k"]]]:
+        """Indices of rays, in blocks; origins, directions, and limits for Embree; how far the origins were moved."""
         relative = start - self._center
         nearest = -np.einsum("ij,ij->i", relative, unit)  # along the ray, to where it passes the center
         # No ray enters the bounding sphere before this distance, so that the start is moved there in float64.
         skipped = np.maximum(nearest - self._radius * (1 + 1e-6), 0.0)
         entry = (relative + skipped[:, None] * unit).astype(np.float32)
-        reach = np.minimum(limit - skipped, _FAR).astype(np.float32)
-        passing = relative + np.maximum(nearest, 0.0)[:, None] * unit
-        return _Rays(entry, unit.astype(np.float32), reach, skipped, passing)
+        along, reach = unit.astype(np.float32), np.minimum(limit - skipped, _FAR).astype(np.float32)
+        for i in coherent_blocks(relative + np.maximum(nearest, 0.0)[:, None] * unit):
+            yield i, entry[i], along[i], reach[i], skipped[i]
 
 
 @functools.cache
@@ -220,15 +216,6 @@ def bounds_within_reach(mesh: Mesh) -> Float[np.ndarray, "2 3"]:
     if np.abs(bounds).max() > _LARGEST:
         raise ValueError(f"mesh {mesh.name!r}: expected coordinates within 1e30 m, got bounds {bounds.tolist()}")
     return bounds
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class _Rays:
-    origins: Float32[np.ndarray, "n 3"]
-    directions: Float32[np.ndarray, "n 3"]
-    reach: Float32[np.ndarray, " n"]
-    skipped: Float[np.ndarray, " n"]
-    passing: Float[np.ndarray, "n 3"]  # where the ray comes nearest to the mesh's center
 
 
 _DOWN = np.array([[0, 0, -1]], dtype=np.float32)
@@ -264,30 +251,11 @@ def coherent_blocks(points: Float[np.ndarray, "n d"]) -> Iterator[Int[np.ndarray
     yield from (order[i : i + BLOCK] for i in range(0, n, BLOCK))
 
 
-class WorkerThreads:
-    """A pool of threads; with one thread, the caller's own."""
-
-    def __init__(self, threads: int) -> None:
-        if threads < 1:
-            raise ValueError(f"threads: expected at least 1, got {threads}")
-        self._executor = ThreadPoolExecutor(threads) if threads > 1 else None
-
-    def __enter__(self) -> WorkerThreads:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._executor:
-            self._executor.shutdown()
-
-    def map(self, work: Callable[[T], R], items: Iterable[T]) -> Iterator[R]:
-        """`work` of each item, in order."""
-        return self._executor.map(work, items) if self._executor else map(work, items)
-
-
-def in_coherent_blocks(
-    work: Callable[[Int[np.ndarray, " k"]], None], points: Float[np.ndarray, "n d"], *, threads: int = 1
-) -> None:
-    """Call `work` with the indices of all points, in spatially compact blocks, on some threads."""
-    with WorkerThreads(threads if len(points) > BLOCK else min(threads, 1)) as pool:
-        for _ in pool.map(work, coherent_blocks(points)):
-            pass
+def in_threads(work: Callable[[T], R], items: Iterable[T], *, threads: int) -> list[R]:
+    """`work` of each item, in order, on so many threads; with one, on the caller's own."""
+    if threads < 1:
+        raise ValueError(f"threads: expected at least 1, got {threads}")
+    if threads == 1:
+        return [work(item) for item in items]
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(work, items))

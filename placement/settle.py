@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.portable import arctan2, hypot, sin_cos
-from hulldown.geometry.rays import WorkerThreads
+from hulldown.geometry.rays import in_threads
 from hulldown.geometry.transforms import facing, rigid
 from hulldown.placement.contact import Footing, gap_and_penetration, stacked
 from hulldown.placement.footprint import Samples, Underside
@@ -184,8 +184,7 @@ def settle_each(
     def work(rows: Int[np.ndarray, " b"]) -> Settled:
         return _settle_block(terrain, footings, which[rows], contacts, xy=xy[rows], yaw=yaw[rows], rules=rules)
 
-    with WorkerThreads(min(threads, len(blocks))) as pool:
-        parts = list(pool.map(work, blocks))
+    parts = in_threads(work, blocks, threads=min(threads, len(blocks)))
     back = np.argsort(order)
     return Settled(*(np.concatenate([getattr(part, f.name) for part in parts])[back] for f in fields(Settled)))
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.predicates import ORIENT_BOUND, TINY
-from hulldown.geometry.rays import RayCaster, bounds_within_reach, in_coherent_blocks
+from hulldown.geometry.rays import BLOCK, RayCaster, bounds_within_reach, coherent_blocks, in_threads
 from hulldown.placement.exact import ExactGround
 from hulldown.placement.ground import Ground, Hits, plane_heights, upward
 from hulldown.placement.sheet_map import EMPTY, SINGLE, SheetMap
@@ -114,7 +114,7 @@ class Terrain:
             with np.errstate(over="ignore", invalid="ignore"):
                 answer(points, i, hits)
 
-        in_coherent_blocks(block, points, threads=threads)
+        in_threads(block, coherent_blocks(points), threads=threads if n > BLOCK else min(threads, 1))
         return hits
 
     def _float32(self, points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"], hits: Hits) -> None:
