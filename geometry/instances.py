@@ -58,7 +58,7 @@ class InstancedScene:
         (k,) for each instance the index into `meshes`; k = 0 is legal.
     world_from_instance
         (k, 4, 4) affine poses: may mirror, shear and scale unevenly. A flattened instance works too, but
-        is stored as a mesh of its own.
+        becomes a mesh of its own, which is in the world.
 
     Raises
     ------
@@ -75,24 +75,16 @@ class InstancedScene:
             raise ValueError(f"instance_mesh: expected indices below {len(meshes)}, got {which.min()} to {which.max()}")
         if (poses[:, 3] != [0.0, 0.0, 0.0, 1.0]).any():
             raise ValueError("world_from_instance: expected last rows (0, 0, 0, 1)")
-        self.meshes = tuple(meshes)
-        self.instance_mesh = which
-        self.world_from_instance = poses
-        self.bounds = _bounds(self.meshes, which, poses)
-
-        # Traced meshes: the unique ones, then flattened instances, which were moved into the world.
-        self.traced_meshes = list(self.meshes)
-        self.traced = which.copy()
-        self.world_from_traced = poses.copy()
+        self.bounds = _bounds(meshes, which, poses)
+        self.meshes, self.instance_mesh, self.world_from_instance = list(meshes), which.copy(), poses.copy()
         stretch = np.linalg.svd(poses[:, :3, :3], compute_uv=False)
         for i in np.flatnonzero(stretch[:, 2] <= FLATTEST * stretch[:, 0]):
-            mesh = self.meshes[which[i]]
-            self.traced[i] = len(self.traced_meshes)
-            self.traced_meshes.append(mesh.at(apply(poses[i], mesh.vertices)))
-            self.world_from_traced[i] = np.eye(4)
-        self.traced_from_world = invert_affine(self.world_from_traced)
-        used = set(self.traced.tolist())
-        self._casters = [caster_of(mesh) if i in used else None for i, mesh in enumerate(self.traced_meshes)]
+            mesh = meshes[which[i]]
+            self.instance_mesh[i] = len(self.meshes)
+            self.meshes.append(mesh.at(apply(poses[i], mesh.vertices)))
+            self.world_from_instance[i] = np.eye(4)
+        self.instance_from_world = invert_affine(self.world_from_instance)
+        self._casters = {i: caster_of(self.meshes[i]) for i in np.unique(self.instance_mesh).tolist()}
         self._tree = BoxTree(_padded(self.bounds))
         roomy = _roomy(self.bounds)
         self._boxes = RayCaster(_box_mesh(roomy)) if len(poses) >= MANY else None
@@ -216,17 +208,15 @@ class InstancedScene:
         self, start: np.ndarray, along: np.ndarray, ray: np.ndarray, instance: np.ndarray
     ) -> Iterator[tuple[RayCaster | CutoutCaster, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
         """For each mesh met: its caster, which pairs meet it, and their rays in the mesh's frame, with the stretch."""
-        traced = self.traced[instance]
-        order = np.argsort(traced, kind="stable")
-        for rows in np.split(order, np.flatnonzero(np.diff(traced[order])) + 1):
+        which = self.instance_mesh[instance]
+        order = np.argsort(which, kind="stable")
+        for rows in np.split(order, np.flatnonzero(np.diff(which[order])) + 1):
             if not len(rows):
                 continue
-            caster = self._casters[traced[rows[0]]]
-            assert caster is not None
-            moves = self.traced_from_world[instance[rows]]
+            moves = self.instance_from_world[instance[rows]]
             inside = np.einsum("kij,kj->ki", moves[:, :3, :3], start[ray[rows]]) + moves[:, :3, 3]
             inward = np.einsum("kij,kj->ki", moves[:, :3, :3], along[ray[rows]])
-            yield caster, rows, inside, inward, np.sqrt((inward**2).sum(axis=1))
+            yield self._casters[which[rows[0]]], rows, inside, inward, np.sqrt((inward**2).sum(axis=1))
 
 
 def _bounds(

@@ -152,9 +152,10 @@ class Obstacles:
         box, instance = box[self._solid[instance]], instance[self._solid[instance]]
         touched = np.zeros(len(half), dtype=bool)
         bounds = self._scene.bounds[instance]
-        for traced in np.unique(self._scene.traced[instance]):
-            of_mesh = np.flatnonzero((self._scene.traced[instance] == traced) & ~touched[box])
-            self._touch_mesh(int(traced), half, world_from_box, box[of_mesh], instance[of_mesh], touched)
+        which = self._scene.instance_mesh[instance]
+        for number in np.unique(which):
+            of_mesh = np.flatnonzero((which == number) & ~touched[box])
+            self._touch_mesh(int(number), half, world_from_box, box[of_mesh], instance[of_mesh], touched)
         within = ((bounds[:, 0] <= center[box]) & (center[box] <= bounds[:, 1])).all(axis=1)
         inside = np.unique(box[within])
         inside = inside[~touched[inside]]
@@ -182,24 +183,24 @@ class Obstacles:
 
     def _touch_mesh(
         self,
-        traced: int,
+        number: int,
         half: Float[np.ndarray, "n 3"],
         world_from_box: Float[np.ndarray, "n 4 4"],
         box: np.ndarray,
         instance: np.ndarray,
         touched: Bool[np.ndarray, " n"],
     ) -> None:
-        mesh = self._scene.traced_meshes[traced]
-        if traced not in self._triangles:
+        mesh = self._scene.meshes[number]
+        if number not in self._triangles:
             corners = mesh.triangles
             tree = BoxTree(np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1))
             solidity = None if mesh.cutouts is None else Solidity(mesh)
-            self._triangles[traced] = tree, np.ascontiguousarray(corners.transpose(1, 2, 0)), solidity
-        tree, triangles, solidity = self._triangles[traced]
-        mesh_from_box = compose(self._scene.traced_from_world[instance], world_from_box[box])
+            self._triangles[number] = tree, np.ascontiguousarray(corners.transpose(1, 2, 0)), solidity
+        tree, triangles, solidity = self._triangles[number]
+        mesh_from_box = compose(self._scene.instance_from_world[instance], world_from_box[box])
         corners = apply(mesh_from_box, _CORNERS * half[box][:, None])
         pair, face = tree.overlapping(corners.min(axis=1), corners.max(axis=1))
-        box_from_mesh = compose(invert_rigid(world_from_box[box]), self._scene.world_from_traced[instance])
+        box_from_mesh = compose(invert_rigid(world_from_box[box]), self._scene.world_from_instance[instance])
         moves = np.ascontiguousarray(np.moveaxis(box_from_mesh[:, :3], 0, 2))
         sizes = np.ascontiguousarray(half.T)
         order = np.argsort(box[pair], kind="stable")
