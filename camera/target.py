@@ -14,7 +14,7 @@ from scipy.spatial import HalfspaceIntersection, QhullError
 from hulldown.assets.vehicle import Articulation, VehicleShape
 from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
 from hulldown.geometry.arrays import joined
-from hulldown.geometry.cutouts import CutoutCaster, caster_of
+from hulldown.geometry.cutouts import caster_of
 from hulldown.geometry.hulls import extreme_points
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster, RayHits
@@ -45,7 +45,7 @@ class TargetPart:
     """
 
     index: int
-    caster: RayCaster | CutoutCaster
+    caster: RayCaster
     face: Int[np.ndarray, " f"]
     hull: Float[np.ndarray, "k 3"]
     around: Float[np.ndarray, "c 3"]

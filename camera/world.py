@@ -17,7 +17,7 @@ from hulldown.camera.camera_rays import CameraRays
 from hulldown.camera.lenses import lenses
 from hulldown.camera.projection import NEAR, Camera
 from hulldown.camera.target import BATCH, PosedVehicle
-from hulldown.geometry.cutouts import CutoutCaster, caster_of
+from hulldown.geometry.cutouts import caster_of
 from hulldown.geometry.instances import InstancedScene, InstanceHits
 from hulldown.geometry.rays import RayCaster, RayHits, in_threads
 
@@ -88,7 +88,7 @@ class WorldHits(RayHits):
         return cls(np.full(n, np.inf), np.full(n, -1), np.zeros(n, np.uint8), np.full(n, -1), np.full((n, 3), np.nan))
 
 
-Thing: TypeAlias = RayCaster | CutoutCaster | Plane | InstancedScene | PosedVehicle
+Thing: TypeAlias = RayCaster | Plane | InstancedScene | PosedVehicle
 _HIDERS = (Kind.GROUND, Kind.OBSTACLE, Kind.VEHICLE)
 NO_OBSTACLES = InstancedScene([], [], [])
 
@@ -115,7 +115,7 @@ class World:
     (2.0, 'GROUND')
     """
 
-    ground: RayCaster | CutoutCaster | Plane | None = None
+    ground: RayCaster | Plane | None = None
     obstacles: InstancedScene = NO_OBSTACLES
     vehicles: Sequence[PosedVehicle] = ()
 
@@ -130,7 +130,7 @@ class World:
         fallback_z
             Height of the plane that replaces missing ground, in the file's coordinates. None: no plane.
         """
-        ground: RayCaster | CutoutCaster | Plane | None = None
+        ground: RayCaster | Plane | None = None
         if scenery.ground is not None:
             ground = caster_of(scenery.ground)
         elif fallback_z is not None:

@@ -8,7 +8,7 @@ A ray that goes on starts beyond its hit by a few units in the last place of the
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int
+from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.geometry.alpha import HIDES, Cut, Footprints
@@ -21,7 +21,7 @@ PASSED = 1e-3  # share of light below which a ray counts as blocked
 ON_PLANE = 1e-4  # cosine from which on a hit is where the ray meets the face's plane in float64
 
 
-def caster_of(mesh: Mesh) -> RayCaster | CutoutCaster:
+def caster_of(mesh: Mesh) -> RayCaster:
     """Return a ray caster for a mesh; one without holes is as fast as `RayCaster`."""
     if mesh.cutouts is None:
         return RayCaster(mesh)
@@ -29,11 +29,11 @@ def caster_of(mesh: Mesh) -> RayCaster | CutoutCaster:
     return RayCaster(mesh) if (cuts == Cut.OPAQUE).all() else CutoutCaster(mesh, cuts)
 
 
-class CutoutCaster:
-    """Casts rays against one mesh with holes; a drop-in for `RayCaster`. Built once, never changes.
+class CutoutCaster(RayCaster):
+    """Casts rays against one mesh with holes. Built once, never changes.
 
     A point at least `HIDES` opaque is hit, for `cast` and `occluded`; `transmittance` multiplies what each face lets
-    through, as Cycles does.
+    through, as Cycles does. The topmost face under a point is that of the mesh without holes.
 
     Parameters
     ----------
@@ -45,13 +45,19 @@ class CutoutCaster:
 
     def __init__(self, mesh: Mesh, cuts: np.ndarray) -> None:
         assert mesh.cutouts is not None
-        self.mesh = mesh
+        super().__init__(mesh)
         whole = np.ones(len(mesh.faces), dtype=bool)
         whole[mesh.cutouts.face[cuts != Cut.OPAQUE]] = False
         self._opaque_face = np.flatnonzero(whole)
         self._opaque = RayCaster(mesh.of_faces(self._opaque_face)) if len(self._opaque_face) else None
         self._mixed_face = mesh.cutouts.face[cuts == Cut.MIXED]
-        self._mixed = _Holes(mesh.of_faces(self._mixed_face)) if len(self._mixed_face) else None
+        self._mixed: RayCaster | None = None
+        if len(self._mixed_face):
+            mixed = mesh.of_faces(self._mixed_face)
+            self._mixed, self._texture = RayCaster(mixed), _Textured(mixed)
+            low, high = mixed.bounds
+            # As RayCaster centers it, which gives the size of what float32 cannot tell apart.
+            self._step = BEYOND * float(np.spacing(np.float32(0.5 * np.linalg.norm(high - low))))
 
     def cast(self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf) -> RayHits:
         """The first face along each ray that hides where it is met; arguments as for `RayCaster.cast`."""
@@ -76,10 +82,6 @@ class CutoutCaster:
     ) -> Float[np.ndarray, " n"]:
         """How much of the light along each ray gets through, from 0 to 1; arguments as for `RayCaster.cast`."""
         return self._left(origins, directions, max_distance, hard=False)
-
-    def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-        """Unit normals of these faces, by their winding; nan for faces without area."""
-        return self.mesh.normals(face)
 
     def _left(
         self, origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike, *, hard: bool
@@ -109,12 +111,12 @@ class CutoutCaster:
         more = np.ones(n)  # of the usual step beyond a hit
         while len(rays):
             origins, onward = start[rays] + from_start[rays, None] * along[rays], along[rays]
-            met = self._mixed.caster.cast(origins, onward, max_distance=reach[rays] - from_start[rays])
+            met = self._mixed.cast(origins, onward, max_distance=reach[rays] - from_start[rays])
             on = np.flatnonzero(met.hit)
             rays, face = rays[on], met.face[on]
             at = from_start[rays] + met.distance[on]
             again = face == last[rays]
-            opacity, step = self._mixed.opacity(face, start[rays], along[rays], at)
+            opacity, step = self._opacity(face, start[rays], along[rays], at)
             if hard:
                 opacity = (opacity >= HIDES).astype(np.float64)
             opacity[again] = 0.0
@@ -126,11 +128,44 @@ class CutoutCaster:
             rays = rays[share > 0.0]
         return left, distance, hit
 
+    def _opacity(
+        self,
+        face: Int[np.ndarray, " k"],
+        start: Float[np.ndarray, "k 3"],
+        along: Float[np.ndarray, "k 3"],
+        at: Float[np.ndarray, " k"],
+    ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+        """Opacity of mixed faces where rays meet them, and how far beyond rays are safe from meeting the same point."""
+        texture = self._texture
+        normal, off = texture.normal[face], start - texture.first[face]
+        facing = _dot(normal, along)
+        steep = np.abs(facing) > ON_PLANE
+        on_plane = -_dot(normal, off) / np.where(steep, facing, 1.0)
+        uv = texture.uv(face, off + np.where(steep, on_plane, at)[:, None] * along)
+        uv = np.clip(uv, texture.low[face], texture.high[face])
+        maps = texture.cutouts.maps
+        if len(maps) == 1:
+            opacity = maps[0].opacity(uv).astype(np.float64)
+        else:
+            opacity, which = np.empty(len(face)), texture.cutouts.face_map[face]
+            for number in np.unique(which):
+                of_map = which == number
+                opacity[of_map] = maps[number].opacity(uv[of_map])
+        return opacity, self._step / np.maximum(np.abs(facing), GRAZING)
+
 
 class _Textured:
-    """Texture coordinates on faces, in float64: they are linear in the point of a face's plane."""
+    """Texture coordinates on faces, in float64: they are linear in the point of a face's plane.
 
-    def __init__(self, triangles: Float[np.ndarray, "m 3 3"], uv: Float32[np.ndarray, "m 3 2"]) -> None:
+    Parameters
+    ----------
+    mesh
+        All of its faces are cut out.
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        assert mesh.cutouts is not None
+        self.cutouts, triangles = mesh.cutouts, mesh.triangles
         self.first = triangles[:, 0]
         a, b = triangles[:, 1] - self.first, triangles[:, 2] - self.first
         normal = np.cross(a, b)
@@ -139,7 +174,7 @@ class _Textured:
         area[flat] = 1.0
         gradient = np.stack([np.cross(b, normal), np.cross(normal, a)], axis=1) / area[:, None, None]
         gradient[flat] = 0.0
-        corners = uv.astype(np.float64)
+        corners = self.cutouts.uv.astype(np.float64)
         across = corners[:, 1:] - corners[:, :1]
         self.normal = normal / np.sqrt(area)[:, None]
         self._uv_first = corners[:, 0]
@@ -150,43 +185,6 @@ class _Textured:
         """At points relative to the faces' first corners, anywhere on their planes or off them."""
         u, v = self.gradient[face].swapaxes(0, 1)
         return self._uv_first[face] + np.stack([_dot(u, off), _dot(v, off)], axis=1)
-
-
-class _Holes:
-    """Mixed faces, and how opaque they are where rays meet them."""
-
-    def __init__(self, mesh: Mesh) -> None:
-        assert mesh.cutouts is not None
-        self.caster = RayCaster(mesh)
-        self._texture = _Textured(mesh.triangles, mesh.cutouts.uv)
-        self._map, self._maps = mesh.cutouts.face_map, mesh.cutouts.maps
-        low, high = mesh.bounds
-        # As RayCaster centers it, which gives the size of what float32 cannot tell apart.
-        self._step = BEYOND * float(np.spacing(np.float32(0.5 * np.linalg.norm(high - low))))
-
-    def opacity(
-        self,
-        face: Int[np.ndarray, " k"],
-        start: Float[np.ndarray, "k 3"],
-        along: Float[np.ndarray, "k 3"],
-        at: Float[np.ndarray, " k"],
-    ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        """Opacity of faces where rays meet them, and how far beyond rays are safe from meeting the same point."""
-        texture = self._texture
-        normal, off = texture.normal[face], start - texture.first[face]
-        facing = _dot(normal, along)
-        steep = np.abs(facing) > ON_PLANE
-        on_plane = -_dot(normal, off) / np.where(steep, facing, 1.0)
-        uv = texture.uv(face, off + np.where(steep, on_plane, at)[:, None] * along)
-        uv = np.clip(uv, texture.low[face], texture.high[face])
-        if len(self._maps) == 1:
-            opacity = self._maps[0].opacity(uv).astype(np.float64)
-        else:
-            opacity, which = np.empty(len(face)), self._map[face]
-            for number in np.unique(which):
-                of_map = which == number
-                opacity[of_map] = self._maps[number].opacity(uv[of_map])
-        return opacity, self._step / np.maximum(np.abs(facing), GRAZING)
 
 
 class Solidity:
@@ -203,8 +201,7 @@ class Solidity:
         assert cutouts is not None
         self._place = np.full(len(mesh.faces), -1)
         self._place[cutouts.face] = np.arange(len(cutouts.face))
-        self._texture = _Textured(mesh.triangles[cutouts.face], cutouts.uv)
-        self._map = cutouts.face_map
+        self._texture = _Textured(mesh.of_faces(cutouts.face))
         self._hiding = [Footprints(alpha, lambda opacity: opacity >= HIDES) for alpha in cutouts.maps]
 
     def solid(
@@ -231,7 +228,7 @@ class Solidity:
         low = np.clip(at - around, self._texture.low[cut], self._texture.high[cut])
         high = np.clip(at + around, self._texture.low[cut], self._texture.high[cut])
         for number, hiding in enumerate(self._hiding):
-            of_map = self._map[cut] == number
+            of_map = self._texture.cutouts.face_map[cut] == number
             solid[asked[of_map]] = hiding.count(low[of_map], high[of_map])[0] > 0
         return solid
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from hulldown.geometry.arrays import checked, rounds
 from hulldown.geometry.boxtree import BoxTree
-from hulldown.geometry.cutouts import CutoutCaster, caster_of
+from hulldown.geometry.cutouts import caster_of
 from hulldown.geometry.meshes import Mesh, unit_normals
 from hulldown.geometry.rays import RayCaster, RayHits, checked_rays
 from hulldown.geometry.transforms import apply, invert_affine
@@ -206,7 +206,7 @@ class InstancedScene:
 
     def _moved(
         self, start: np.ndarray, along: np.ndarray, ray: np.ndarray, instance: np.ndarray
-    ) -> Iterator[tuple[RayCaster | CutoutCaster, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    ) -> Iterator[tuple[RayCaster, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
         """For each mesh met: its caster, which pairs meet it, and their rays in the mesh's frame, with the stretch."""
         which = self.instance_mesh[instance]
         order = np.argsort(which, kind="stable")

@@ -17,7 +17,6 @@ from hulldown.camera.clearance import CameraRoom
 from hulldown.camera.target import VehicleTarget
 from hulldown.camera.world import Plane, World
 from hulldown.geometry.overlap import Obstacles
-from hulldown.geometry.rays import RayCaster
 from hulldown.placement.contact import Footing, stacked
 from hulldown.placement.footprint import underside
 from hulldown.placement.rules import SettleRules
@@ -178,11 +177,7 @@ def _site(scenery: Scenery, fallback_z: float) -> Site:
     world = World.of(scenery, fallback_z=fallback_z)
     ground, scene = world.ground, world.obstacles
     assert ground is not None
-    terrain = (
-        Terrain(ground.z)
-        if isinstance(ground, Plane)
-        else Terrain(ground.mesh, caster=ground if isinstance(ground, RayCaster) else None)
-    )
+    terrain = Terrain(ground.z) if isinstance(ground, Plane) else Terrain(ground.mesh, caster=ground)
     surface, obstacles = scenery.water(), Obstacles(scene, solid=scenery.solid)
     water = Terrain(surface) if surface else None
     bounds = terrain.bounds[:, :2]
