@@ -169,11 +169,17 @@ def run_lengths(segmentation: Any, width: int, height: int) -> Int[np.ndarray, "
     return _counts(rle_codec.merge(rle_codec.frPyObjects(segmentation, height, width))["counts"].decode("ascii"))
 
 
-def extent(segmentation: Any, width: int, height: int) -> tuple[int, Float[np.ndarray, "4"] | None]:
-    """Area and `mask_box` of a COCO segmentation, without decoding it; errors of `decode`."""
+def runs(segmentation: Any, width: int, height: int) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """Where each run of a COCO segmentation's pixels begins and ends, column by column; errors of `decode`."""
     ends = np.cumsum(run_lengths(segmentation, width, height))
     first, end = ends[:-1:2], ends[1::2]
     first, end = first[end > first], end[end > first]
+    return first, end
+
+
+def extent(segmentation: Any, width: int, height: int) -> tuple[int, Float[np.ndarray, "4"] | None]:
+    """Area and `mask_box` of a COCO segmentation, without decoding it; errors of `decode`."""
+    first, end = runs(segmentation, width, height)
     if not len(first):
         return 0, None
     left, right = first // height, (end - 1) // height
@@ -211,11 +217,6 @@ def _is_ring(value: Any) -> bool:
         and len(value) % 2 == 0
         and all(isinstance(n, int | float) and abs(n) <= FARTHEST for n in value)
     )
-
-
-def area(mask: Bool[np.ndarray, "h w"]) -> int:
-    """Pixels of a mask, COCO's ``area``."""
-    return int(np.count_nonzero(mask))
 
 
 def mask_box(mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "4"] | None:

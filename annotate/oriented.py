@@ -12,7 +12,7 @@ import shapely
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from hulldown.annotate.masks import run_lengths
+from hulldown.annotate.masks import runs
 from hulldown.geometry.arrays import checked
 
 ROUNDED = 1e-5  # pixels: more than sides and angles are rounded by
@@ -72,9 +72,7 @@ def fits(rectangle: ArrayLike, segmentation: Any, width: int, height: int) -> bo
 
 def _pixel_corners(segmentation: Any, width: int, height: int) -> Float[np.ndarray, "n 2"]:
     """Corners of pixels of a mask, those of its convex hull among them."""
-    ends = np.cumsum(run_lengths(segmentation, width, height))
-    first, end = ends[:-1:2], ends[1::2]
-    first, end = first[end > first], end[end > first]
+    first, end = runs(segmentation, width, height)
     left, top, right, bottom = first // height, first % height, (end - 1) // height, (end - 1) % height + 1
     # A run that goes through several columns is a bar in the first, one in the last, and a block between them.
     one_column, full = left == right, np.full(len(first), height)

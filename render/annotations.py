@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from hulldown.annotate.keypoints import keypoints_in_image
-from hulldown.annotate.masks import area, encode, vehicle_mask
+from hulldown.annotate.masks import encode, vehicle_mask
 from hulldown.annotate.oriented import mask_rectangle
 from hulldown.assets.keypoints import category_fields
 from hulldown.assets.scenery import Scenery
@@ -62,7 +62,7 @@ class Segmenter:
         for vehicle, record in zip(row.labeled, label_records(row), strict=True):
             mask = self.mask(row, vehicle)
             encoded = encode(mask)
-            record |= {"segmentation": encoded, "area": area(mask), "obb": _rectangle(encoded, row)}
+            record |= {"segmentation": encoded, "area": int(np.count_nonzero(mask)), "obb": _rectangle(encoded, row)}
             records.append(record | (self._seen_keypoints(row, vehicle) if self._keypoints else {}))
         return records
 

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 from pycocotools.coco import COCO
 
-from hulldown.annotate.masks import area, decode, encode, mask_box
+from hulldown.annotate.masks import decode, encode, mask_box
 from hulldown.annotate.outlines import polygons
 from hulldown.dataset.exports.export import LAYOUTS, WITH_POLYGONS, export
 from hulldown.dataset.exports.layouts import webdataset as shards
@@ -68,7 +68,7 @@ def dataset(tmp_path_factory):
         if i % 10 == 4:
             continue
         mask = mask_of(i % 3)
-        label = {"bbox": np.add(mask_box(mask), [0.25, 0.125, -0.5, -0.25]).tolist(), "area": area(mask)}
+        label = {"bbox": np.add(mask_box(mask), [0.25, 0.125, -0.5, -0.25]).tolist(), "area": int(mask.sum())}
         label |= {"segmentation": encode(mask) if render else [], "iscrowd": int(i in (6, 7))}
         annotations.append({"id": len(annotations) + 1, "image_id": i + 1, "category_id": 3 + i // 3 % 2, **label})
     categories = [{"id": 3 + k, "name": name} for k, name in enumerate(NAMES)]
