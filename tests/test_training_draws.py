@@ -30,8 +30,9 @@ def test_draws_are_uniform_over_the_union_as_in_the_paper():
 
 @pytest.mark.parametrize(("share", "expected"), [(0.5, [0.5, 0.125, 0.375]), (0.0, [0, 0.25, 0.75])])
 def test_given_shares_hold_and_the_rest_is_by_size(share, expected):
-    names, sizes = ["real", "a", "b"], [10, 20, 60]
-    draws = make_draws(sizes, 20_000, seed=0, shares=source_shares(names, {"real": share}))
+    sizes = [10, 20, 60]
+    shares = source_shares(dict(zip(("real", "a", "b"), sizes, strict=True)), {"real": share})
+    draws = make_draws(sizes, 20_000, seed=0, shares=shares)
     found = [counts.sum() / 20_000 for counts in draws.counts(sizes)]
     np.testing.assert_allclose(found, expected, atol=0.02)  # six standard deviations
     if share == 0.0:
@@ -39,7 +40,7 @@ def test_given_shares_hold_and_the_rest_is_by_size(share, expected):
 
 
 def test_shares_of_all_sources_add_up_to_1():
-    assert source_shares(["a", "b"], {"a": 0.25, "b": 0.75}) == [0.25, 0.75]
+    assert source_shares({"a": 1, "b": 1}, {"a": 0.25, "b": 0.75}) == [0.25, 0.75]
     for shares, message in (
         ({"c": 0.5}, r"shares\.c: no source has this name; there are a, b"),
         ({"a": 1.5}, r"shares\.a = 1\.5: expected a number from 0 to 1"),
@@ -47,7 +48,7 @@ def test_shares_of_all_sources_add_up_to_1():
         ({"a": 0.5, "b": 0.4}, "they add up to 0.9, expected 1"),
     ):
         with pytest.raises(ConfigError, match=message):
-            source_shares(["a", "b"], shares)
+            source_shares({"a": 1, "b": 1}, shares)
 
 
 def test_a_file_of_draws_round_trips(tmp_path):

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from hulldown.geometry.errors import ConfigError, DatasetError
 
@@ -50,7 +50,7 @@ class Draws:
         return Draws(self.source[rows], self.image[rows], self.seed[rows])
 
 
-def make_draws(sizes: Sequence[int], budget: int, *, seed: int, shares: Sequence[float | None] = ()) -> Draws:
+def make_draws(sizes: Sequence[int], budget: int, *, seed: int, shares: Sequence[float] = ()) -> Draws:
     """Draw pictures with replacement.
 
     Parameters
@@ -62,8 +62,7 @@ def make_draws(sizes: Sequence[int], budget: int, *, seed: int, shares: Sequence
     seed
         From 0 on. Draws of a smaller budget are the beginning of those of a larger one.
     shares
-        Each source's share of the draws, or None: they divide the rest by their sizes. Empty: all are None,
-        and every picture is equally likely.
+        Each source's share of the draws, see `source_shares`. Empty: every picture is equally likely.
 
     Examples
     --------
@@ -71,7 +70,11 @@ def make_draws(sizes: Sequence[int], budget: int, *, seed: int, shares: Sequence
     >>> [int(counts.sum()) for counts in draws.counts([21, 420])]
     [1147, 23853]
     """
-    low = np.concatenate(([0.0], np.cumsum(_parts(sizes, shares))))
+    if not sizes or min(sizes) < 1:
+        raise ValueError(f"sizes: expected at least one picture in each of at least one source, got {list(sizes)}")
+    if shares and len(shares) != len(sizes):
+        raise ValueError(f"shares: expected one for each of {len(sizes)} sources, got {list(shares)}")
+    low = np.concatenate(([0.0], np.cumsum(shares or np.divide(sizes, sum(sizes)))))
     # Raw output of a counter-based generator: the same on every machine and with every version of NumPy.
     raw = np.random.Philox(key=seed).random_raw(3 * budget).reshape(budget, 3)
     unit = (raw[:, :2] >> np.uint64(11)) * 2.0**-53
@@ -80,8 +83,8 @@ def make_draws(sizes: Sequence[int], budget: int, *, seed: int, shares: Sequence
     return Draws(source.astype(np.int64), image, (raw[:, 2] >> np.uint64(32)).astype(np.int64))
 
 
-def source_shares(names: Sequence[str], shares: Mapping[str, float]) -> list[float | None]:
-    """Shares in the order of the sources.
+def source_shares(sizes: Mapping[str, int], shares: Mapping[str, float]) -> list[float]:
+    """Each source's share of the draws: that in `shares`, or a part of the rest by its number of pictures in `sizes`.
 
     Raises
     ------
@@ -89,14 +92,15 @@ def source_shares(names: Sequence[str], shares: Mapping[str, float]) -> list[flo
         If a name is unknown, a share is out of range, or the sum isn't 1.
     """
     for name, share in shares.items():
-        if name not in names:
-            raise ConfigError(f"shares.{name}: no source has this name; there are {', '.join(names)}")
+        if name not in sizes:
+            raise ConfigError(f"shares.{name}: no source has this name; there are {', '.join(sizes)}")
         if not 0.0 <= share <= 1.0:
             raise ConfigError(f"shares.{name} = {share:g}: expected a number from 0 to 1")
     total = math.fsum(shares.values())
-    if total > 1.0 + 1e-9 or (len(shares) == len(names) and total < 1.0 - 1e-9):
+    if total > 1.0 + 1e-9 or (len(shares) == len(sizes) and total < 1.0 - 1e-9):
         raise ConfigError(f"shares: they add up to {total:g}, expected 1", remedy="leave one of them out")
-    return [shares.get(name) for name in names]
+    open_pictures = sum(size for name, size in sizes.items() if name not in shares)
+    return [shares[name] if name in shares else (1.0 - total) * n / open_pictures for name, n in sizes.items()]
 
 
 def draws_text(draws: Draws, names: Sequence[str], file_names: Sequence[Sequence[str]]) -> bytes:
@@ -135,13 +139,3 @@ def read_draws(path: Path, names: Sequence[str], file_names: Sequence[Sequence[s
             except (ValueError, KeyError):
                 raise DatasetError(f"line {k + 2}: no draw: {row}", path=path, remedy="restore the file") from None
     return Draws(*(np.array(column, dtype=np.int64) for column in (source, image, seeds)))
-
-
-def _parts(sizes: Sequence[int], shares: Sequence[float | None]) -> Float[np.ndarray, " sources"]:
-    """The share of the draws of each source."""
-    if not sizes or min(sizes) < 1:
-        raise ValueError(f"sizes: expected at least one picture in each of at least one source, got {list(sizes)}")
-    given = list(shares) or [None] * len(sizes)
-    left = 1.0 - math.fsum(share for share in given if share is not None)
-    open_sizes = sum(size for size, share in zip(sizes, given, strict=True) if share is None)
-    return np.array([left * n / open_sizes if share is None else share for n, share in zip(sizes, given, strict=True)])

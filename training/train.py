@@ -112,7 +112,7 @@ def train(
     small = settings.model == "small"
     weights = usable_weights(settings)
     classes, sources = read_sources(data)
-    shares = source_shares([source.name for source in sources], settings.shares)
+    shares = source_shares({source.name: len(source) for source in sources}, settings.shares)
     held_back = read_sources({"valid": valid}, classes=classes)[1] if valid is not None else ()
     labels = read_labels(Path(valid)) if valid is not None else None
     settings = settings.model_copy(update={"masks": follow_masks(settings.masks, sources)})
@@ -160,7 +160,7 @@ def train(
 
 def _draws(
     folder: RunFolder, sources: Sequence[LabeledPictures], settings: Settings, *,
-    shares: Sequence[float | None], draws_file: Path | None, after: int,
+    shares: Sequence[float], draws_file: Path | None, after: int,
 ) -> Draws:  # fmt: skip
     """The draws of a run: those in its folder, those of a file, or new ones that follow the first `after`."""
     names, files = [source.name for source in sources], [source.file_names for source in sources]
