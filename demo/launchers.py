@@ -18,17 +18,14 @@ def missile(length: float, radius: float) -> Shape:
     """A missile along +x from x = 0: ogive nose, four wings at mid-body, four fins at the tail."""
     nose = [(length * (0.80 + 0.2 * t), radius * np.sqrt(1 - t**1.6)) for t in np.linspace(0, 0.98, 6)]
     body = profile_tube([(0, radius * 0.7), (0.05, radius), *((float(x), float(r)) for x, r in nose)], sides=14)
-    wing = (
-        prism([(0.40, 0), (0.62, 0), (0.46, 1), (0.40, 1)], -0.012, 0.012)
-        .scaled(length, 1, radius * 2.1)
-        .moved(z=radius * 0.9)
+    wings, fins = (
+        prism(outline, -0.012, 0.012).scaled(length, 1, radius * height).moved(z=radius * 0.9)
+        for outline, height in (
+            ([(0.40, 0), (0.62, 0), (0.46, 1), (0.40, 1)], 2.1),
+            ([(0.02, 0), (0.13, 0), (0.07, 1), (0.02, 1)], 2.0),
+        )
     )
-    fin = (
-        prism([(0.02, 0), (0.13, 0), (0.07, 1), (0.02, 1)], -0.012, 0.012)
-        .scaled(length, 1, radius * 2.0)
-        .moved(z=radius * 0.9)
-    )
-    return body + joined((wing + fin).turned("x", a) for a in (45, 135, 225, 315))
+    return body + joined((wings + fins).turned("x", a) for a in (45, 135, 225, 315))
 
 
 def dish(radius: float, depth: float) -> Shape:
