@@ -104,7 +104,8 @@ def test_every_changed_field_is_found(made, planner, tmp_path, whose):
             name = f"number of {key}" if key in ("companions", "distractors") else key
             prefix = f"image {i}: {f'{whose}[0].' if whose else ''}{name} is "
             wanted = "its poses give" if key in FOLLOWS else "planned is"
-            assert any(line.startswith(prefix) and wanted in line for line in findings), (prefix, findings)
+            (finding,) = (line for line in findings if line.startswith(prefix))
+            assert wanted in finding
         assert {int(line.split()[1].rstrip(":")) for line in findings} == set(some)
 
 
