@@ -365,6 +365,20 @@ def test_a_named_arm_draws_like_its_base_with_other_training(pictures, tmp_path)
             load_study(path)
 
 
+def test_a_named_arm_of_another_model_has_that_models_defaults(pictures, tmp_path):
+    train = {"model": "small", "budget": 24, "batch": 6}
+    path = written(pictures, tmp_path / "study.toml", fractions=[1.0], train=train)
+    (tmp_path / "w.pth").write_bytes(b"weights")
+    arm = '{ name = "other", base = "mixed", train.model = "nano", train.weights = "w.pth" }'
+    path.write_text(path.read_text().replace('["real", "mixed"]', f'["mixed", {arm}]'))
+    mixed, other = (run.settings for run in settle(load_study(path)).manifest.runs)
+    assert (mixed.resolution, mixed.batch, mixed.learning_rate, mixed.schedule) == (256, 6, 4e-3, "cosine")
+    assert (other.resolution, other.batch, other.learning_rate, other.schedule) == (384, 6, 1e-4, "step")
+    assert mixed.augmentation
+    assert not other.augmentation
+    assert (mixed.weights, other.weights) == (None, str(tmp_path / "w.pth"))
+
+
 def test_a_dry_run_warns_of_equal_shares_and_of_arms_without_photographs(pictures, tmp_path):
     keys = {"fractions": [1.0, 0.99], "train": SMALL | {"budget": 1}, "seeds": list(range(4))}
     warned = settled(pictures, tmp_path, **keys).warnings

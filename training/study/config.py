@@ -87,6 +87,7 @@ def load_study(path: Path | str) -> StudyConfig:
     for key, instead in (("seed", "seeds"), ("shares", "arms")):
         if key in data.get("train", {}):
             raise ConfigError(f"train.{key}: the study sets this", path=path, remedy=f"set {instead} above [train]")
+    arms: list[Arm | NamedArm] = []
     for arm in study.arms:
         if isinstance(arm, NamedArm):
             if ruled := [key for key in ("seed", "shares", "budget", "masks") if key in arm.train]:
@@ -94,7 +95,11 @@ def load_study(path: Path | str) -> StudyConfig:
                 raise ConfigError(f"arms: {arm.name} sets train.{ruled[0]}", path=path, remedy=remedy)
             if arm.name in get_args(Arm):
                 raise ConfigError(f"arms: {arm.name} is taken", path=path, remedy="choose another name")
-            validated(Settings, {**data.get("train", {}), **arm.train}, path)
+            # Another model has other defaults, which the keys of [train] replace.
+            own = validated(Settings, {**data.get("train", {}), **arm.train}, path)
+            differing = {key: value for key, value in own.model_dump().items() if value != getattr(study.train, key)}
+            arm = arm.model_copy(update={"train": _found_weights(arm.train | differing, path)})
+        arms.append(arm)
     if study.valid is not None and "threshold" in data:
         raise ConfigError("threshold: with valid it is chosen there", path=path, remedy="leave one of the two out")
     datasets = ("real", "synthetic", "test", *(["valid"] if study.valid else []))
@@ -106,10 +111,15 @@ def load_study(path: Path | str) -> StudyConfig:
         folders["plan"] = (path.parent / study.plan).resolve()
         if not folders["plan"].is_file():
             raise ConfigError(f"plan = {str(study.plan)!r}: no such file", path=path)
-    train = study.train
-    if train.weights not in (None, "none"):
-        train = train.model_copy(update={"weights": str(path.parent / train.weights)})
-    return study.model_copy(update={**folders, "train": train})
+    train = study.train.model_copy(update=_found_weights({"weights": study.train.weights}, path))
+    return study.model_copy(update={**folders, "train": train, "arms": tuple(arms)})
+
+
+def _found_weights(train: dict[str, Any], path: Path) -> dict[str, Any]:
+    """Settings whose file of weights, if they name one, is relative to the config's folder."""
+    if train.get("weights") in (None, "none"):
+        return train
+    return {**train, "weights": str(path.parent / train["weights"])}
 
 
 def write_study(path: Path, *, real: Path, synthetic: Path, test: Path, valid: Path | None = None) -> None:
