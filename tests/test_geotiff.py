@@ -283,3 +283,6 @@ def test_files_without_buildings_are_refused(tmp_path, ring, crs, message):
     (tmp_path / "town.geojson").write_text(text)
     with pytest.raises(AssetError, match=rf"town\.geojson: .*{message}"):
         read_buildings(tmp_path / "town.geojson", UTM)
+    (tmp_path / "town.geojson").write_text('{"type": "Point", "coordinates": [1, 2]}')
+    with pytest.raises(AssetError, match="has 0 polygons"):
+        read_buildings(tmp_path / "town.geojson", UTM)
