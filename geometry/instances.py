@@ -76,13 +76,14 @@ class InstancedScene:
         if (poses[:, 3] != [0.0, 0.0, 0.0, 1.0]).any():
             raise ValueError("world_from_instance: expected last rows (0, 0, 0, 1)")
         self.bounds = _bounds(meshes, which, poses)
-        self.meshes, self.instance_mesh, self.world_from_instance = list(meshes), which.copy(), poses.copy()
+        every, self.instance_mesh, self.world_from_instance = list(meshes), which.copy(), poses.copy()
         stretch = np.linalg.svd(poses[:, :3, :3], compute_uv=False)
         for i in np.flatnonzero(stretch[:, 2] <= FLATTEST * stretch[:, 0]):
             mesh = meshes[which[i]]
-            self.instance_mesh[i] = len(self.meshes)
-            self.meshes.append(mesh.at(apply(poses[i], mesh.vertices)))
+            self.instance_mesh[i] = len(every)
+            every.append(mesh.at(apply(poses[i], mesh.vertices)))
             self.world_from_instance[i] = np.eye(4)
+        self.meshes = tuple(every)
         self.instance_from_world = invert_affine(self.world_from_instance)
         self._casters = {i: caster_of(self.meshes[i]) for i in np.unique(self.instance_mesh).tolist()}
         self._tree = BoxTree(_padded(self.bounds))
