@@ -98,7 +98,10 @@ def load_study(path: Path | str) -> StudyConfig:
             # Another model has other defaults, which the keys of [train] replace.
             own = validated(Settings, {**data.get("train", {}), **arm.train}, path)
             differing = {key: value for key, value in own.model_dump().items() if value != getattr(study.train, key)}
-            arm = arm.model_copy(update={"train": _found_weights(arm.train | differing, path)})
+            changes = arm.train | differing
+            if "weights" in changes:
+                changes["weights"] = _weights_seen_from(path.parent, changes["weights"])
+            arm = arm.model_copy(update={"train": changes})
         arms.append(arm)
     if study.valid is not None and "threshold" in data:
         raise ConfigError("threshold: with valid it is chosen there", path=path, remedy="leave one of the two out")
@@ -111,15 +114,13 @@ def load_study(path: Path | str) -> StudyConfig:
         folders["plan"] = (path.parent / study.plan).resolve()
         if not folders["plan"].is_file():
             raise ConfigError(f"plan = {str(study.plan)!r}: no such file", path=path)
-    train = study.train.model_copy(update=_found_weights({"weights": study.train.weights}, path))
+    train = study.train.model_copy(update={"weights": _weights_seen_from(path.parent, study.train.weights)})
     return study.model_copy(update={**folders, "train": train, "arms": tuple(arms)})
 
 
-def _found_weights(train: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Settings whose file of weights, if they name one, is relative to the config's folder."""
-    if train.get("weights") in (None, "none"):
-        return train
-    return {**train, "weights": str(path.parent / train["weights"])}
+def _weights_seen_from(folder: Path, weights: str | None) -> str | None:
+    """`Settings.weights`, of which a file is relative to a folder."""
+    return weights if weights in (None, "none") else str(folder / weights)
 
 
 def write_study(path: Path, *, real: Path, synthetic: Path, test: Path, valid: Path | None = None) -> None:
