@@ -154,6 +154,7 @@ def test_a_video_is_read_by_frame_and_drawn_as_a_video(run, video, tmp_path):
         ("a.pt", b"\x89PNG\r\n\x1a\n", "a PNG picture"), ("b.pt", b'{"a": 1}', "a JSON file"), ("c.pth", b"", "empty"),
         ("d.onnx", b"\x08\x07", ".onnx"), ("e.ckpt", b"hello", "unknown"), ("f.pt", b"PK\x03\x04", "PyTorch"),
         ("g.pth", b"PK\x03\x04 no archive", "not the weights"), ("h.pth", os.urandom(300), "not the weights"),
+        ("i.pth", b"\x80\xba" + bytes(300), "not the weights"),
     ],
 )  # fmt: skip
 def test_a_file_without_weights_is_named_with_its_type(data, tmp_path, name, content, kind):

@@ -7,6 +7,7 @@ import json
 import pickle
 import struct
 import types
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -98,7 +99,8 @@ def read_weights(path: Path) -> dict[str, Any]:
     import torch
 
     try:
-        with torch.serialization.safe_globals([argparse.Namespace, types.SimpleNamespace]):
+        with warnings.catch_warnings(), torch.serialization.safe_globals([argparse.Namespace, types.SimpleNamespace]):
+            warnings.filterwarnings("ignore", "Detected pickle protocol")  # of a file that happens to begin like one
             found = torch.load(path, map_location="cpu", weights_only=True)
     except FileNotFoundError:
         raise DetectorError("no such run folder or checkpoint", path=path, remedy=_REMEDY) from None
