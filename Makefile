@@ -12,9 +12,9 @@ WORKERS ?= 2
 PYTEST = $(BIN)/python -P -m pytest -n $(WORKERS) --dist loadfile
 
 .DEFAULT_GOAL := help
-# What depends on how floats are rounded, where another processor's kernels might be seen.
+# What depends on how floats are rounded, where another processor's kernels might be seen; pytest refuses a missing file.
 KERNEL_TESTS = $(addprefix tests/test_,$(addsuffix .py,portable transforms hulls instances settle rest support \
-	footprint framing size shell projection clearance boxes))
+	footprint camera clearance boxes))
 
 .PHONY: help setup setup-training browser demo study test kernels check bench thorough fuzz clean
 
@@ -54,7 +54,7 @@ test: setup-training browser ## all tests but the thorough ones: 8 minutes on tw
 	HULLDOWN_NO_SKIPS=1 $(PYTEST)
 
 kernels: setup ## the tests of geometry, placement and cameras once more, with OpenBLAS's other kernels
-	for core in Haswell SkylakeX; do OPENBLAS_CORETYPE=$$core $(BIN)/python -P -m pytest -q $(wildcard $(KERNEL_TESTS)) || exit 1; done
+	for core in Haswell SkylakeX; do OPENBLAS_CORETYPE=$$core $(BIN)/python -P -m pytest -q $(KERNEL_TESTS) || exit 1; done
 
 check: setup ## linters: ruff, mypy, import rules, spelling
 	$(BIN)/ruff check .

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from hulldown.annotate.boxes import VehicleBoxes, surface_box, truncated_fraction
+from hulldown.annotate.boxes import VehicleBoxes, truncated_fraction
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
@@ -35,30 +35,6 @@ def test_a_batch_has_a_row_per_pose_and_nan_for_invisible_targets():
     assert found.truncated_fraction[2:].tolist() == [1.0, 1.0]
     assert np.isnan(found.xywh).all(axis=1).tolist() == [False, False, True, True]
     assert np.isnan(found.amodal).all(axis=1).tolist() == [False, False, True, False]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((np.eye(4), np.eye(4)[None], INTRINSICS), "world_from_vehicle: expected shape"),
-        ((np.eye(4)[None], np.tile(np.eye(4), (2, 1, 1)), INTRINSICS), "world_from_camera: expected 1, one for each"),
-        ((np.eye(4)[None], np.eye(4)[None], [INTRINSICS] * 3), "intrinsics: expected 1, one for each"),
-        ((np.eye(4)[None], np.eye(4)[None], INTRINSICS, [{}, {}]), "articulations: expected 1, one for each"),
-        ((np.full((1, 4, 4), np.nan), np.eye(4)[None], INTRINSICS), "world_from_vehicle: expected finite numbers"),
-    ],
-)
-def test_wrong_calls_name_the_argument(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        VehicleBoxes(vehicle()).boxes(*arguments)
-
-
-def test_face_indices_out_of_range_are_refused():
-    with pytest.raises(ValueError, match="faces: expected indices below 8"):
-        surface_box(CUBE, [[0, 1, 8]], camera_at(0, 0, -5))
-
-
-def test_a_mesh_without_faces_has_no_box():
-    assert surface_box(CUBE, np.empty((0, 3), dtype=int), camera_at(0, 0, -5)) is None
 
 
 @pytest.mark.parametrize(

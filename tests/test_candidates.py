@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 
 from hulldown.placement.candidates import candidates
 
@@ -34,18 +33,3 @@ def test_zero_tries_and_a_point_sized_scenery_are_legal():
     assert candidates(BOUNDS, 0, rng=np.random.default_rng(0))[0].shape == (0, 2)
     xy, _ = candidates([[1.0, 2.0], [1.0, 2.0]], 3, rng=np.random.default_rng(0))
     np.testing.assert_array_equal(xy, [[1.0, 2.0]] * 3)
-
-
-@pytest.mark.parametrize(
-    ("bounds", "n", "margin", "message"),
-    [
-        ([[0, 0, 0], [1, 1, 1]], -1, 0.8, "n: expected a count of 0 or more, got -1"),
-        ([[0, 0, 0], [1, 1, 1]], 1, 1.5, r"margin: expected a share in \(0, 1\], got 1.5"),
-        ([[2, 0, 0], [1, 1, 1]], 1, 0.8, "bounds: expected the lowest corner first"),
-        ([[-np.inf, 0, 0], [1, 1, 1]], 1, 0.8, "bounds: expected finite numbers"),
-        ([0, 0, 0], 1, 0.8, r"bounds: expected shape \(2, 2\)"),
-    ],
-)
-def test_a_wrong_call_names_the_argument(bounds, n, margin, message):
-    with pytest.raises(ValueError, match=message):
-        candidates(bounds, n, rng=np.random.default_rng(0), margin=margin)

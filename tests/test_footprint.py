@@ -100,16 +100,6 @@ def test_a_spot_is_as_low_as_the_geometry_around_its_point(n):
     assert (height <= seen.heights + LEAN * spread).all()
 
 
-def test_a_sheet_without_width_is_refused():
-    with pytest.raises(ValueError, match="mesh: expected a length and a width"):
-        underside(Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 0, 1]]), np.array([[0, 1, 2]]), "sheet"))
-
-
-def test_no_vertices_are_refused():
-    with pytest.raises(ValueError, match="vertices: expected at least one vertex"):
-        contact_footprint(np.zeros((0, 3)))
-
-
 def test_one_low_point_is_not_a_footprint():
     hook = np.array([[-2.9, 0.0, 0.3]])
     np.testing.assert_allclose(contact_footprint(np.concatenate([HULL, hook])), [[-3.0, -1.7], [3.0, 1.7]])

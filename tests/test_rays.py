@@ -58,27 +58,6 @@ def test_five_thousand_casters_coexist():
     assert (met == 0).all()
 
 
-@pytest.mark.parametrize(
-    ("origins", "directions", "limit", "message"),
-    [
-        ([[0, 0]], [DOWN], 1.0, r"origins: expected shape \(n, 3\), got \(1, 2\)"),
-        ([[0, 0, np.nan]], [DOWN], 1.0, r"origins: expected finite numbers"),
-        ([[0, 0, 1]] * 2, [DOWN], 1.0, r"directions: expected shape \(2, 3\), got \(1, 3\)"),
-        ([[0, 0, 1]] * 2, [DOWN, [0, 0, 0]], 1.0, r"directions: expected lengths above zero, got a zero at index 1"),
-        ([[0, 0, 1]], [DOWN], [1.0, 2.0], r"max_distance: expected a number or shape \(1,\), got shape \(2,\)"),
-        ([[0, 0, 1]], [DOWN], np.nan, "max_distance: expected meters, got nan"),
-    ],
-)
-def test_the_error_of_a_wrong_call_names_the_argument(origins, directions, limit, message):
-    with pytest.raises(ValueError, match=message):
-        RayCaster(HOUSE).cast(origins, directions, max_distance=limit)
-
-
-def test_coordinates_of_extreme_size_are_refused():
-    with pytest.raises(ValueError, match="mesh 'house': expected coordinates within 1e30 m"):
-        RayCaster(Mesh(HOUSE.vertices * 1e31, HOUSE.faces, "house"))
-
-
 @pytest.mark.parametrize("n", [0, 1, 5000, 3 * BLOCK])
 def test_blocks_contain_every_point_once_and_neighbors_together(n):
     points = np.random.default_rng(4).uniform(0, 100, (n, 2))

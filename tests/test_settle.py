@@ -50,13 +50,6 @@ def test_each_rejection_has_its_reason_and_later_fields_are_nan():
     assert np.isfinite(settled.gap).tolist() == [True, False, False, False, False]
 
 
-@pytest.mark.parametrize("rule", RULES)
-def test_no_candidates_are_legal(rule):
-    settled = placed(SLOPE, np.zeros((0, 2)), np.zeros(0), rule=rule)
-    assert settled.world_from_vehicle.shape == (0, 4, 4)
-    assert settled.ok.shape == (0,)
-
-
 def nose_up(settled):
     return math.degrees(math.asin(settled.world_from_vehicle[0, 2, 0]))
 
@@ -149,33 +142,3 @@ def test_a_triangular_footprint_rests_in_either_direction(corners, mirror):
     settled = settle(SLOPE, [4.0, 3.0, 1.0], [[0.0, 0.0]] * 3, [0.0, 1.0, 2.5], footprint=wedge)
     assert settled.ok.all()
     np.testing.assert_allclose(settled.tilt, 0.1, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"rule": "mean"}, "rule: expected one of averaged, least_squares, support, got 'mean'"),
-        ({"n": 1}, "n: expected at least 2 rays a side"),
-        ({"contact_n": -1}, "contact_n: expected 0 or more points a side, got -1"),
-        ({"max_slope": 1.6}, r"max_slope: expected radians in \[0, pi/2\), got 1.6"),
-        ({"min_share": 1.1}, r"min_share: expected a share in \[0, 1\], got 1.1"),
-        ({"min_share": math.nan}, r"min_share: expected a share in \[0, 1\], got nan"),
-        ({"max_gap": math.nan}, "max_gap: expected meters of 0 or more, got nan"),
-        ({"max_penetration": -0.1}, "max_penetration: expected meters of 0 or more, got -0.1"),
-    ],
-)
-def test_a_wrong_call_names_the_argument(options, message):
-    with pytest.raises(ValueError, match=message):
-        SettleRules(**options)
-
-
-@pytest.mark.parametrize(
-    ("size", "options", "message"),
-    [
-        (TANK, {"footprint": [[1, 1], [0, 2]]}, "footprint: expected the lowest corner first"),
-        ([7.0, 0.0, 2.5], {}, r"size_xyz: expected lengths above 0, got \[7.0, 0.0, 2.5\]"),
-    ],
-)
-def test_an_invalid_vehicle_is_refused(size, options, message):
-    with pytest.raises(ValueError, match=message):
-        settle(SLOPE, size, [[0.0, 0.0]], [0.0], **options)

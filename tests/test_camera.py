@@ -1,0 +1,155 @@
+"""Cameras: equations of the field of view, projection, shells of poses, framing, and distances for a size."""
+
+import itertools
+import json
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from hulldown.camera.framing import frame_target
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.lenses import lenses
+from hulldown.camera.projection import Camera, project
+from hulldown.camera.shell import camera_pose, shell_axes, shell_place
+from hulldown.camera.size import solve_distance
+from hulldown.geometry.transforms import rigid, rotation_about
+
+VGA = Intrinsics(640, 480, math.pi / 2)  # f = 320
+
+
+def test_equations_2_to_6_for_the_papers_image() -> None:
+    hd = Intrinsics(1920, 1080, math.radians(60))
+    assert hd.aspect == 16 / 9
+    # Equation 3 by hand: 2 atan(tan(30 deg) * 9 / 16).
+    assert math.degrees(hd.fov_y) == pytest.approx(35.98339777135764, abs=1e-12)
+    assert hd.f_px == pytest.approx((1080 / 2) / math.tan(hd.fov_y / 2), rel=1e-15)
+    # Equation 6 by hand: 2 m at 20 % of 1080 pixels, f = 960 / tan(30 deg).
+    assert hd.distance_for(2.0, 0.2) == pytest.approx(2.0 * 960 * math.sqrt(3) / 216, rel=1e-15)
+
+
+@pytest.mark.parametrize("fov_deg", [0.1, 1, 60, 120, 179])
+def test_a_point_at_half_the_field_of_view_is_at_the_images_edge(fov_deg: float) -> None:
+    camera = Intrinsics(1920, 1080, math.radians(fov_deg))
+    assert camera.f_px * math.tan(camera.fov_x / 2) == pytest.approx(960, rel=1e-14)
+    assert camera.f_px * math.tan(camera.fov_y / 2) == pytest.approx(540, rel=1e-12)
+    assert camera.half_tangents == pytest.approx((960 / camera.f_px, 540 / camera.f_px), rel=1e-12)
+    # A row has 12 decimals.
+    assert lenses(camera).fov_x_deg.round(12) == fov_deg
+    record = {"width": 1920, "height": 1080, "fov_x_deg": fov_deg}
+    assert Intrinsics.of_record(record) == camera == camera.resized(480, 270).resized(1920, 1080)
+
+
+def test_points_at_or_behind_the_camera_have_a_depth_but_no_pixel() -> None:
+    pixels, depth = Camera(VGA, np.eye(4)).project([[1, 1, 0], [1, 1, -1], [0, 0, -0.0], [0, 0, 1e-300]])
+    assert np.isnan(pixels).all(axis=1).tolist() == [True, True, True, False]
+    assert np.isfinite(pixels[3]).all()
+    assert depth.tolist() == [0, -1, 0, 1e-300]
+
+
+def test_stacks_of_cameras_broadcast() -> None:
+    poses = camera_pose([0, 0, 0], np.full(2, 10.0), [0.0, 3.0], 0.3)
+    points = np.random.default_rng(0).normal(size=(7, 3))
+    for second in (VGA, Intrinsics(10, 10, 1.0)):
+        alone = [Camera(each, pose).project(points).pixels for each, pose in zip((VGA, second), poses, strict=True)]
+        np.testing.assert_allclose(project([VGA, second], poses, points).pixels, alone, atol=1e-9)
+    np.testing.assert_allclose(project(VGA, poses, points).pixels[0], alone[0], atol=1e-9)
+
+
+BLENDER = """
+import json, sys
+import bpy
+from bpy_extras.object_utils import world_to_camera_view
+from mathutils import Matrix, Vector
+scene = bpy.context.scene
+data = bpy.data.cameras.new("camera")
+camera = bpy.data.objects.new("camera", data)
+scene.collection.objects.link(camera)
+data.sensor_fit = "HORIZONTAL"
+out = []
+for case in json.load(sys.stdin):
+    scene.render.resolution_x, scene.render.resolution_y = case["width"], case["height"]
+    data.angle_x = case["fov_x"]
+    # Blender's cameras look along -z with y up.
+    flip = Matrix(((1, 0, 0, 0), (0, -1, 0, 0), (0, 0, -1, 0), (0, 0, 0, 1)))
+    camera.matrix_world = Matrix(case["world_from_camera"]) @ flip
+    bpy.context.view_layer.update()
+    out.append([list(world_to_camera_view(scene, camera, Vector(p))) for p in case["points"]])
+print("RESULT" + json.dumps(out))
+"""
+
+
+@pytest.mark.blender
+def test_projection_equals_blenders_world_to_camera_view_in_float32() -> None:
+    rng = np.random.default_rng(5)
+    cases, expected = [], []
+    for width, height, fov_deg in [(1920, 1080, 60), (640, 480, 20), (300, 900, 35), (1000, 1000, 110)]:
+        pose = camera_pose(rng.uniform(-5, 5, 3), 20.0, rng.uniform(0, 6), rng.uniform(-1.5, 1.5))
+        pose = pose @ rigid(rotation_about([0.0, 0.0, 1.0], 0.2), np.zeros(3))
+        camera = Camera(Intrinsics(width, height, math.radians(fov_deg)), pose)
+        points = camera.unproject(rng.uniform(-0.5, 1.5, (20, 2)) * [width, height], rng.uniform(2, 40, 20))
+        size = {"width": width, "height": height, "fov_x": camera.intrinsics.fov_x}
+        cases.append({**size, "world_from_camera": pose.tolist(), "points": points.tolist()})
+        pixels, depth = camera.project(points)
+        expected.append(np.column_stack([pixels / [width, height] * [1, -1] + [0, 1], depth]))
+    command = [sys.executable, "-c", BLENDER]
+    done = subprocess.run(command, input=json.dumps(cases), capture_output=True, text=True, check=True, timeout=120)
+    result = json.loads(done.stdout.split("RESULT")[1])
+    # Blender's matrices are float32: seven digits of coordinates up to 30 m, with f up to 3 widths.
+    np.testing.assert_allclose(result, expected, atol=2e-5, rtol=2e-6)
+
+
+def test_a_level_camera_in_the_east_looks_west_with_north_to_its_right() -> None:
+    pose = camera_pose([10.0, 20.0, 5.0], 30.0, 0.0, 0.0)
+    np.testing.assert_allclose(pose[:3, 3], [40, 20, 5])
+    np.testing.assert_allclose(pose[:3, :3], np.transpose([[0, 1, 0], [0, 0, -1], [-1, 0, 0]]), atol=1e-15)
+    poses = camera_pose(np.zeros((4, 1, 3)), np.ones(5), np.arange(5), [-math.pi / 2, -0.4, 0.0, 1.0, math.pi / 2])
+    assert poses.shape == (4, 5, 4, 4)
+    assert (poses[..., 2, 0] == 0.0).all()
+
+
+def test_a_position_on_the_shell_has_its_angles() -> None:
+    azimuth, elevation = np.array([0.3, -3.1, 2.0, 0.0]), np.array([0.2, -1.2, 1.5, math.pi / 2])
+    found = shell_place(7.0 * shell_axes(azimuth, elevation)[0])
+    np.testing.assert_allclose(found[0], 7.0, rtol=1e-15)
+    np.testing.assert_allclose(found[1:], [azimuth, elevation], atol=1e-15)
+    assert [float(each) for each in shell_place(np.zeros(3))] == [0.0, 0.0, 0.0]
+
+
+def test_cuts_of_each_side_and_corner_are_as_frequent_and_as_deep_as_their_area() -> None:
+    # The reference: uniform positions in the plane, restricted to a narrow range of shares.
+    size, extent = np.array([2000.0, 1000.0]), np.array([300.0, 500.0])
+    rng = np.random.default_rng(0)
+    place = rng.uniform(-extent, size, (2_000_000, 2))
+    inside = np.clip(np.minimum(place + extent, size) - np.maximum(place, 0), 0, None) / extent
+    place = place[np.abs(inside.prod(axis=1) - 0.4) < 0.005]
+    # With a long lens, an upright rectangle has the same image anywhere.
+    lens = Intrinsics(2000, 1000, math.radians(0.2))
+    corners = np.array([[0, y, z] for y in (-1.5, 1.5) for z in (-2.5, 2.5)])
+    pose = np.tile(camera_pose([0, 0, 0], 20 / (2 * math.tan(math.radians(0.1))), 0.0, 0.0), (20_000, 1, 1))
+    framed = frame_target(pose, corners[None], lens, rng=rng, truncated=(0.6, 0.6))
+    found = project(lens, framed, corners).pixels.min(axis=1)
+    beyond, expected = ((at + extent > size + 0.1).astype(int) - (at < -0.1) for at in (found, place))
+    for sides in itertools.product((-1, 0, 1), repeat=2):
+        here, there = (beyond == sides).all(axis=1), (expected == sides).all(axis=1)
+        assert here.mean() == pytest.approx(there.mean(), abs=0.015)
+        if any(sides):
+            np.testing.assert_allclose(np.std(found[here], axis=0), np.std(place[there], axis=0), rtol=0.1, atol=3)
+
+
+def test_cameras_inside_the_targets_box_are_unchanged() -> None:
+    inside = camera_pose([0, 0, 0], np.ones(1), 0.3, 0.1)
+    corners = np.array([[x, y, z] for x in (-3.5, 3.5) for y in (-1.7, 1.7) for z in (-1.2, 1.2)])
+    np.testing.assert_array_equal(frame_target(inside, corners[None], VGA, rng=np.random.default_rng(0)), inside)
+
+
+def test_a_size_that_no_distance_gives_is_nan() -> None:
+    # The closest point stays in the center, so the height stays below that of the far corners.
+    arrow = np.array([[5.0, 0, 0], [-1, 1, 1], [-1, -1, 1], [-1, 0, -1]])
+    poses = np.tile(camera_pose([0, 0, 0], 50.0, 0.0, 0.0), (2, 1, 1))
+    wanted = 2 * VGA.f_px / 6 * np.array([0.999, 1.001])
+    found = solve_distance(VGA, poses, arrow[None], center=[0, 0, 0], pixels=wanted)
+    assert np.isfinite(found).tolist() == [True, False]
+    assert np.isnan(solve_distance(VGA, poses, np.zeros((1, 1, 3)), center=[0, 0, 0], pixels=1.0)).all()
