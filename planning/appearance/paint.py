@@ -40,17 +40,16 @@ def _several(value: Any) -> Any:
 class PaintEntry(Section):
     """Patterns of a vehicle's materials, and their colors."""
 
-    materials: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = Field(
-        default=("*",), description="patterns of materials; the first table that matches applies"
-    )
-    colors: Annotated[tuple[Annotated[str, BeforeValidator(_color)], ...], Field(strict=False)] = Field(
-        default=(), description='sRGB colors such as "#4b5320", of which one is drawn, or "own", the file\'s'
-    )
-    hue_deg: Annotated[Pair, ranged(-180.0, 180.0)] = Field(default=(0.0, 0.0), description="then turns hues, degrees")
-    saturation: Annotated[Pair, ranged(0.0, 10.0)] = Field(default=(1.0, 1.0), description="factor on saturation")
-    value: Annotated[Pair, ranged(0.0, 10.0)] = Field(
-        default=(1.0, 1.0), description="factor on value (of linear light)"
-    )
+    materials: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("*",)
+    """patterns of materials; the first table that matches applies"""
+    colors: Annotated[tuple[Annotated[str, BeforeValidator(_color)], ...], Field(strict=False)] = ()
+    """sRGB colors such as "#4b5320", of which one is drawn, or "own", the file's"""
+    hue_deg: Annotated[Pair, ranged(-180.0, 180.0)] = (0.0, 0.0)
+    """then turns hues, degrees"""
+    saturation: Annotated[Pair, ranged(0.0, 10.0)] = (1.0, 1.0)
+    """factor on saturation"""
+    value: Annotated[Pair, ranged(0.0, 10.0)] = (1.0, 1.0)
+    """factor on value (of linear light)"""
 
     @model_validator(mode="after")
     def _changes_something(self) -> PaintEntry:

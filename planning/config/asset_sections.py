@@ -48,8 +48,10 @@ Point = Annotated[tuple[_Coordinate, _Coordinate, _Coordinate], Field(strict=Fal
 class FileEntry(Section):
     """A file, with the name of the asset; by default the file's."""
 
-    path: str = Field(description=".blend, .glb, .gltf, .fbx, or .obj file")
-    name: str = Field(default="", description="its name in plans and datasets; unique; default: the file's")
+    path: str
+    """.blend, .glb, .gltf, .fbx, or .obj file"""
+    name: str = ""
+    """its name in plans and datasets; unique; default: the file's"""
 
     @model_validator(mode="before")
     @classmethod
@@ -63,63 +65,46 @@ class FileEntry(Section):
 class ModelEntry(FileEntry):
     """A file, and how the vehicle in it is found and posed."""
 
-    allow_missing: bool = Field(
-        default=False, description="plan it even if textures or libraries are missing, which renders magenta"
-    )
-    forward: Forward = Field(
-        default=None,
-        description=(
-            'where its nose points once z is up: "+x", "-x", "+y", "-y", degrees counterclockwise from +x, or [x, y]; '
-            "default: by wheels, gun, and names"
-        ),
-        examples=["+x"],
-    )
-    yaw_deg: float = Field(
-        default=0.0, ge=-360, le=360, description="turns its nose further, degrees counterclockwise from above"
-    )
-    up: Literal["z", "-z", "y", "-y", "x", "-x"] | None = Field(
-        default=None, description="the axis that points up; default: by the file and the wheels", examples=["z"]
-    )
-    scale: Positive | None = Field(
-        default=None, description="meters per unit of the file; default: from the file", examples=[1.0]
-    )
-    keep: Patterns = Field(default=(), description="patterns of objects that belong to the vehicle")
-    drop: Patterns = Field(default=(), description="patterns of objects that don't belong to the vehicle")
-    turret: str | None = Field(
-        default=None, description='pattern of objects that turn; "" for none; default: by name', examples=["turret*"]
-    )
-    gun: str | None = Field(
-        default=None, description='pattern of objects that rise; "" for none; default: by name', examples=["gun*"]
-    )
-    turret_pivot: PivotPoint = Field(
-        default=None,
-        description=(
-            "point that the turret turns about: [x, y, z] in the file's axes and units, or an object's name; "
-            "default: by origins or shape"
-        ),
-        examples=[[0.0, 0.0, 2.0]],
-    )
-    gun_pivot: PivotPoint = Field(
-        default=None, description="point that the gun rises about, in the same form", examples=[[1.0, 0.0, 2.0]]
-    )
+    allow_missing: bool = False
+    """plan it even if textures or libraries are missing, which renders magenta"""
+    forward: Forward = Field(default=None, examples=["+x"])
+    """where its nose points once z is up: "+x", "-x", "+y", "-y", degrees counterclockwise from +x, or [x, y];
+    default: by wheels, gun, and names"""
+    yaw_deg: float = Field(default=0.0, ge=-360, le=360)
+    """turns its nose further, degrees counterclockwise from above"""
+    up: Literal["z", "-z", "y", "-y", "x", "-x"] | None = Field(default=None, examples=["z"])
+    """the axis that points up; default: by the file and the wheels"""
+    scale: Positive | None = Field(default=None, examples=[1.0])
+    """meters per unit of the file; default: from the file"""
+    keep: Patterns = ()
+    """patterns of objects that belong to the vehicle"""
+    drop: Patterns = ()
+    """patterns of objects that don't belong to the vehicle"""
+    turret: str | None = Field(default=None, examples=["turret*"])
+    """pattern of objects that turn; "" for none; default: by name"""
+    gun: str | None = Field(default=None, examples=["gun*"])
+    """pattern of objects that rise; "" for none; default: by name"""
+    turret_pivot: PivotPoint = Field(default=None, examples=[[0.0, 0.0, 2.0]])
+    """point that the turret turns about: [x, y, z] in the file's axes and units, or an object's name; default: by
+    origins or shape"""
+    gun_pivot: PivotPoint = Field(default=None, examples=[[1.0, 0.0, 2.0]])
+    """point that the gun rises about, in the same form"""
     turret_limits_deg: Annotated[Pair | None, ranged(-360.0, 360.0, optional=True)] = Field(
-        default=None,
-        description="turret's turn from its direction in the file, left positive; default: [-180, 180]",
-        examples=[[-180, 180]],
+        default=None, examples=[[-180, 180]]
     )
+    """turret's turn from its direction in the file, left positive; default: [-180, 180]"""
     gun_limits_deg: Annotated[Pair | None, ranged(-90.0, 90.0, optional=True)] = Field(
-        default=None,
-        description="gun's rise from its direction in the file, up positive; default: [-5, 20]",
-        examples=[[-5, 20]],
+        default=None, examples=[[-5, 20]]
     )
+    """gun's rise from its direction in the file, up positive; default: [-5, 20]"""
     keypoints: dict[str, Point] | None = Field(
-        default=None,
-        description="points to label, by name: [x, y, z] in the file's axes and units; see annotate.keypoints",
-        examples=[{"mirror": [1.0, 0.9, 1.8]}],
-        exclude_if=is_absent,
+        default=None, examples=[{"mirror": [1.0, 0.9, 1.8]}], exclude_if=is_absent
     )
-    paint: Paint = Field(default=(), description="colors of its materials: a table, or several")
-    sceneries: Patterns = Field(default=(), description="patterns of its sceneries; empty: all")
+    """points to label, by name: [x, y, z] in the file's axes and units; see annotate.keypoints"""
+    paint: Paint = ()
+    """colors of its materials: a table, or several"""
+    sceneries: Patterns = ()
+    """patterns of its sceneries; empty: all"""
 
     def is_for(self, scenery: str) -> bool:
         """Whether it may be placed on the scenery of this name."""
@@ -129,56 +114,46 @@ class ModelEntry(FileEntry):
 class VehicleEntry(ModelEntry):
     """One `[[assets.vehicles]]`: a model and its class."""
 
-    category: str = Field(min_length=1, description="its class")
+    category: str = Field(min_length=1)
+    """its class"""
 
 
 class DistractorEntry(ModelEntry):
     """One `[[assets.distractors]]`: an object that is never a target, with a weight and an optional class."""
 
-    category: str | None = Field(
-        default=None, min_length=1, description="its class, if it's labeled; budgets don't count it", examples=["bus"]
-    )
-    weight: AtLeastZero = Field(default=1.0, description="how often it's drawn, relative to others")
+    category: str | None = Field(default=None, min_length=1, examples=["bus"])
+    """its class, if it's labeled; budgets don't count it"""
+    weight: AtLeastZero = 1.0
+    """how often it's drawn, relative to others"""
 
 
 class SceneryEntry(FileEntry):
     """One `[[assets.sceneries]]`: a file, the roles of its objects, and how often it is drawn."""
 
-    path: str = Field(description=".blend, .glb, .gltf, .fbx, or .obj file, or elevations in a GeoTIFF (.tif)")
-    up: Literal["z", "y"] | None = Field(
-        default=None, description="the axis that points up; default: by the file", examples=["z"]
-    )
-    scale: Positive | None = Field(
-        default=None, description="meters per unit, or per unit of elevation; default: from the file", examples=[1.0]
-    )
+    path: str
+    """.blend, .glb, .gltf, .fbx, or .obj file, or elevations in a GeoTIFF (.tif)"""
+    up: Literal["z", "y"] | None = Field(default=None, examples=["z"])
+    """the axis that points up; default: by the file"""
+    scale: Positive | None = Field(default=None, examples=[1.0])
+    """meters per unit, or per unit of elevation; default: from the file"""
     area: tuple[float, float, float, float] | None = Field(
-        default=None,
-        strict=False,
-        description="[west, south, east, north] of a GeoTIFF to read, in its coordinates; default: all",
-        examples=[[447000.0, 5411000.0, 449000.0, 5413000.0]],
-        exclude_if=is_absent,
+        default=None, strict=False, examples=[[447000.0, 5411000.0, 449000.0, 5413000.0]], exclude_if=is_absent
     )
-    texture: str | None = Field(
-        default=None,
-        description="a GeoTIFF's orthophoto, also a GeoTIFF; default: colors by slope",
-        examples=["ortho.tif"],
-        exclude_if=is_absent,
-    )
-    buildings: str | None = Field(
-        default=None,
-        description="GeoJSON outlines of buildings on a GeoTIFF's terrain",
-        examples=["buildings.geojson"],
-        exclude_if=is_absent,
-    )
-    ground: Patterns = Field(default=(), description="patterns of objects that are its ground")
-    not_ground: Patterns = Field(default=(), description="patterns of objects that aren't its ground")
-    water: Patterns | None = Field(
-        default=None,
-        description="patterns of all its water; [] for none; default: by name, material, and shape",
-        examples=[["lake*"]],
-    )
-    drop: Patterns = Field(default=(), description="patterns of objects to leave out")
-    weight: AtLeastZero = Field(default=1.0, description="how often it's drawn, relative to others")
+    """[west, south, east, north] of a GeoTIFF to read, in its coordinates; default: all"""
+    texture: str | None = Field(default=None, examples=["ortho.tif"], exclude_if=is_absent)
+    """a GeoTIFF's orthophoto, also a GeoTIFF; default: colors by slope"""
+    buildings: str | None = Field(default=None, examples=["buildings.geojson"], exclude_if=is_absent)
+    """GeoJSON outlines of buildings on a GeoTIFF's terrain"""
+    ground: Patterns = ()
+    """patterns of objects that are its ground"""
+    not_ground: Patterns = ()
+    """patterns of objects that aren't its ground"""
+    water: Patterns | None = Field(default=None, examples=[["lake*"]])
+    """patterns of all its water; [] for none; default: by name, material, and shape"""
+    drop: Patterns = ()
+    """patterns of objects to leave out"""
+    weight: AtLeastZero = 1.0
+    """how often it's drawn, relative to others"""
 
     @field_validator("area")
     @classmethod
@@ -197,22 +172,18 @@ class SceneryEntry(FileEntry):
 class AssetsSection(Section):
     """Files to read; paths are relative to the config's folder."""
 
-    cache: str = Field(default=CACHE_NAME, description="folder for what was read")
-    texture_size: int = Field(
-        default=TEXTURE_SIZE, ge=1, le=16384, description="longer side, in texels, of stored leaf textures"
-    )
-    hdris: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = Field(
-        default=("hdris/*.exr",), description="patterns of .exr or .hdr files: light and backdrop"
-    )
-    vehicles: Annotated[tuple[VehicleEntry, ...], Field(strict=False, min_length=1)] = Field(
-        description="a [[assets.vehicles]] table for each"
-    )
-    sceneries: Annotated[tuple[SceneryEntry, ...], Field(strict=False, min_length=1)] = Field(
-        description="a [[assets.sceneries]] table for each"
-    )
-    distractors: Annotated[tuple[DistractorEntry, ...], Field(strict=False)] = Field(
-        default=(), description="a [[assets.distractors]] table for each object that isn't a target"
-    )
+    cache: str = CACHE_NAME
+    """folder for what was read"""
+    texture_size: int = Field(default=TEXTURE_SIZE, ge=1, le=16384)
+    """longer side, in texels, of stored leaf textures"""
+    hdris: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("hdris/*.exr",)
+    """patterns of .exr or .hdr files: light and backdrop"""
+    vehicles: Annotated[tuple[VehicleEntry, ...], Field(strict=False, min_length=1)]
+    """a [[assets.vehicles]] table for each"""
+    sceneries: Annotated[tuple[SceneryEntry, ...], Field(strict=False, min_length=1)]
+    """a [[assets.sceneries]] table for each"""
+    distractors: Annotated[tuple[DistractorEntry, ...], Field(strict=False)] = ()
+    """a [[assets.distractors]] table for each object that isn't a target"""
 
     @property
     def entries(self) -> tuple[VehicleEntry | DistractorEntry | SceneryEntry, ...]:

@@ -82,7 +82,7 @@ def _key(name: str, field: FieldInfo, declared: Mapping[str, Any]) -> Key:
         example=toml_value(field.examples[0]) if field.examples else None,
         required=field.is_required(),
         allowed=_allowed(declared),
-        meaning=field.description or "",
+        meaning=" ".join((field.description or "").split()),
     )
 
 

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from functools import partial
-from operator import eq
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -22,20 +20,11 @@ from hulldown.geometry.arrays import are_numbers
 from hulldown.geometry.toml_files import read_toml, validated
 from hulldown.planning.appearance.paint import PaintEntry
 from hulldown.planning.config.asset_sections import AssetsSection
-from hulldown.planning.config.section import (
-    AtLeastZero,
-    Pair,
-    Patterns,
-    Section,
-    is_absent,
-    ranged,
-    with_preset,
-)
+from hulldown.planning.config.section import AtLeastZero, Pair, Patterns, Section, Share, is_absent, ranged, with_preset
 from hulldown.planning.config.sensor_section import SensorSection
 from hulldown.planning.config.weather_section import WeatherSection
 
 MOST_IMAGES = 1_000_000_000  # of a class
-LIKE_SHARE, LIKE_SPREAD = 0.7, 0.2
 
 
 def _exposure(value: Any) -> str | float:
@@ -64,51 +53,52 @@ PerClass = Annotated[int | dict[str, int] | None, BeforeValidator(_per_class)]
 class GroundSection(Section):
     """Which objects are ground in all sceneries, by name (paper, section 2.1.5)."""
 
-    include: Patterns = Field(default=(), description="patterns of objects that are ground")
-    exclude: Patterns = Field(default=(), description="patterns of objects that aren't ground")
-    fallback_z: float = Field(default=0.0, description="height of the plane that replaces missing ground, meters")
+    include: Patterns = ()
+    """patterns of objects that are ground"""
+    exclude: Patterns = ()
+    """patterns of objects that aren't ground"""
+    fallback_z: float = 0.0
+    """height of the plane that replaces missing ground, meters"""
 
 
 class PlacementSection(Section):
     """Where vehicles are placed (paper, section 2.1.5)."""
 
-    margin: float = Field(
-        default=0.8, gt=0, le=1, description="middle share of the scenery's extent in which targets are placed"
-    )
-    max_slope_deg: float = Field(
-        default=30.0, ge=0, lt=90, description="steepest ground under the vehicle's origin and the whole vehicle"
-    )
-    rule: Literal["averaged", "least_squares", "support"] = Field(
-        default="support", description='how the resting plane is found ("averaged": the paper)'
-    )
-    contact: Literal["footprint", "box"] = Field(
-        default="footprint",
-        description=(
-            'what touches the ground: "footprint", tracks, wheels, and belly; "box", as in the paper, a plate '
-            "under the bounding box"
-        ),
-    )
-    footprint: int = Field(default=5, ge=2, le=101, description="n x n rays are cast under the vehicle")
-    min_valid_share: float = Field(
-        default=0.8, gt=0, le=1, description="share of those rays that must meet ground, at least"
-    )
-    max_gap: AtLeastZero = Field(default=1.0, description="meters of air under wheels and tracks, at most")
-    max_penetration: AtLeastZero = Field(default=0.3, description="meters of ground above the underside, at most")
-    fording_depth: AtLeastZero = Field(default=0.0, description="meters of water above the underside, at most")
-    obstacle_clearance: AtLeastZero = Field(default=0.5, description="meters between vehicles and obstacles, at least")
-    vehicle_clearance: AtLeastZero = Field(default=2.0, description="meters between vehicles, at least")
-    vehicles_per_image: Annotated[tuple[int, int], ranged(1.0, 64.0, int)] = Field(
-        default=(1, 1), description="the target and companions; budgets count targets only"
-    )
-    companion_distance: Lengths = Field(default=(8.0, 40.0), description="meters from the target to a companion")
-    distractors_per_image: Annotated[tuple[int, int], ranged(0.0, 64.0, int)] = Field(
-        default=(0, 3), description="distractors in an image, if the scenery has any"
-    )
-    distractor_distance: Lengths = Field(
-        default=(0.0, 40.0), description="meters from the target to a distractor, uniform by area"
-    )
-    articulate: bool = Field(default=True, description="turn turrets and raise guns")
-    max_tries: int = Field(default=10_000, ge=1, le=1_000_000, description="places tried for a position")
+    margin: float = Field(default=0.8, gt=0, le=1)
+    """middle share of the scenery's extent in which targets are placed"""
+    max_slope_deg: float = Field(default=30.0, ge=0, lt=90)
+    """steepest ground under the vehicle's origin and the whole vehicle"""
+    rule: Literal["averaged", "least_squares", "support"] = "support"
+    """how the resting plane is found ("averaged": the paper)"""
+    contact: Literal["footprint", "box"] = "footprint"
+    """what touches the ground: "footprint", tracks, wheels, and belly; "box", as in the paper, a plate under the
+    bounding box"""
+    footprint: int = Field(default=5, ge=2, le=101)
+    """n x n rays are cast under the vehicle"""
+    min_valid_share: float = Field(default=0.8, gt=0, le=1)
+    """share of those rays that must meet ground, at least"""
+    max_gap: AtLeastZero = 1.0
+    """meters of air under wheels and tracks, at most"""
+    max_penetration: AtLeastZero = 0.3
+    """meters of ground above the underside, at most"""
+    fording_depth: AtLeastZero = 0.0
+    """meters of water above the underside, at most"""
+    obstacle_clearance: AtLeastZero = 0.5
+    """meters between vehicles and obstacles, at least"""
+    vehicle_clearance: AtLeastZero = 2.0
+    """meters between vehicles, at least"""
+    vehicles_per_image: Annotated[tuple[int, int], ranged(1.0, 64.0, int)] = (1, 1)
+    """the target and companions; budgets count targets only"""
+    companion_distance: Lengths = (8.0, 40.0)
+    """meters from the target to a companion"""
+    distractors_per_image: Annotated[tuple[int, int], ranged(0.0, 64.0, int)] = (0, 3)
+    """distractors in an image, if the scenery has any"""
+    distractor_distance: Lengths = (0.0, 40.0)
+    """meters from the target to a distractor, uniform by area"""
+    articulate: bool = True
+    """turn turrets and raise guns"""
+    max_tries: int = Field(default=10_000, ge=1, le=1_000_000)
+    """places tried for a position"""
 
 
 class CameraMatrix(Section):
@@ -133,81 +123,53 @@ class Distortion(Section):
 class CameraSection(Section):
     """Where cameras are placed and what they must see (paper, section 2.1.6)."""
 
-    fov_x_deg: Annotated[Pair, ranged(0.1, 179.0)] = Field(
-        default=(40.0, 60.0), description="horizontal field of view, degrees"
-    )
+    fov_x_deg: Annotated[Pair, ranged(0.1, 179.0)] = (40.0, 60.0)
+    """horizontal field of view, degrees"""
     intrinsics: CameraMatrix | None = Field(
-        default=None,
-        description=(
-            "a calibrated camera's focal lengths and principal point, in pixels from the first pixel's "
-            "corner: OpenCV's K, with 0.5 added to cx and cy; replaces fov_x_deg"
-        ),
-        examples=[{"fx": 1420.0, "fy": 1418.5, "cx": 964.2, "cy": 545.7}],
-        exclude_if=is_absent,
+        default=None, examples=[{"fx": 1420.0, "fy": 1418.5, "cx": 964.2, "cy": 545.7}], exclude_if=is_absent
     )
+    """a calibrated camera's focal lengths and principal point, in pixels from the first pixel's corner: OpenCV's K,
+    with 0.5 added to cx and cy; replaces fov_x_deg"""
     distortion: Distortion | None = Field(
-        default=None,
-        description="its lens distortion (OpenCV's Brown-Conrady); needs intrinsics",
-        examples=[{"k1": -0.21, "k2": 0.07, "p1": 0.0003, "p2": -0.0001, "k3": 0.0}],
-        exclude_if=is_absent,
+        default=None, examples=[{"k1": -0.21, "k2": 0.07, "p1": 0.0003, "p2": -0.0001, "k3": 0.0}], exclude_if=is_absent
     )
-    roll_deg: Annotated[Pair, ranged(-180.0, 180.0)] = Field(
-        default=(0.0, 0.0),
-        description="turn about the optical axis, degrees; positive lowers the right side",
-        exclude_if=is_absent,
-    )
-    size_measure: Literal["paper", "height", "width", "diagonal", "area"] = Field(
-        default="paper",
-        description='what target_fraction measures: "paper", the vehicle\'s smallest dimension; else the projected box',
-    )
-    target_fraction: Annotated[Pair, ranged(1e-4, 10.0)] = Field(
-        default=(0.1, 0.3), description="share of the image that the target fills"
-    )
-    distance_factor: Annotated[Pair, ranged(1e-3, 1e3)] = Field(
-        default=(0.7, 4.0), description='factor on equation 6\'s distance; with size_measure = "paper" only'
-    )
-    distance_m: Lengths = Field(default=(2.0, 5000.0), description="bounds on meters from target to camera")
-    elevation_deg: Annotated[Pair, ranged(-90.0, 90.0)] = Field(
-        default=(3.0, 35.0), description="camera's angle above the target's horizon, degrees"
-    )
-    elevation_sampling: Literal["angle", "sphere"] = Field(
-        default="angle", description='"angle": uniform in degrees; "sphere": uniform on the shell\'s area'
-    )
-    framing: float = Field(
-        default=0.8, ge=0, le=1, description="0 centers the target; 1 lets it be anywhere in the frame"
-    )
-    ground_clearance: AtLeastZero = Field(default=0.5, description="meters above ground and water, at least")
-    obstacle_clearance: AtLeastZero = Field(default=1.0, description="meters to obstacles and vehicles, at least")
-    visible_fraction: Fractions = Field(default=(0.3, 1.0), description="unhidden share of the target's outline")
-    visibility_rays: int = Field(default=256, ge=1, le=1_000_000, description="rays that measure visible_fraction")
-    truncated_fraction: Fractions = Field(
-        default=(0.0, 0.0), description="share of the target's box that the frame cuts off"
-    )
-    min_box_px: AtLeastZero = Field(default=8.0, description="least width and height of the target's box, pixels")
-    max_tries: int = Field(
-        default=50, ge=1, le=10_000, description="cameras tried for an image before the vehicle is moved"
-    )
-    like: str | None = Field(
-        default=None,
-        min_length=1,
-        description="photographs whose boxes targets follow: a COCO file, or a folder with one",
-        examples=["photographs/train"],
-        exclude_if=is_absent,
-    )
-    like_share: float = Field(
-        default=LIKE_SHARE,
-        ge=0,
-        le=1,
-        description="share of images that follow photographs",
-        exclude_if=partial(eq, LIKE_SHARE),
-    )
-    like_spread: float = Field(
-        default=LIKE_SPREAD,
-        ge=0,
-        le=0.9,
-        description="largest deviation from the photograph's box, relative to its size",
-        exclude_if=partial(eq, LIKE_SPREAD),
-    )
+    """its lens distortion (OpenCV's Brown-Conrady); needs intrinsics"""
+    roll_deg: Annotated[Pair, ranged(-180.0, 180.0)] = Field(default=(0.0, 0.0), exclude_if=is_absent)
+    """turn about the optical axis, degrees; positive lowers the right side"""
+    size_measure: Literal["paper", "height", "width", "diagonal", "area"] = "paper"
+    """what target_fraction measures: "paper", the vehicle's smallest dimension; else the projected box"""
+    target_fraction: Annotated[Pair, ranged(1e-4, 10.0)] = (0.1, 0.3)
+    """share of the image that the target fills"""
+    distance_factor: Annotated[Pair, ranged(1e-3, 1e3)] = (0.7, 4.0)
+    """factor on equation 6's distance; with size_measure = "paper" only"""
+    distance_m: Lengths = (2.0, 5000.0)
+    """bounds on meters from target to camera"""
+    elevation_deg: Annotated[Pair, ranged(-90.0, 90.0)] = (3.0, 35.0)
+    """camera's angle above the target's horizon, degrees"""
+    elevation_sampling: Literal["angle", "sphere"] = "angle"
+    """"angle": uniform in degrees; "sphere": uniform on the shell's area"""
+    framing: Share = 0.8
+    """0 centers the target; 1 lets it be anywhere in the frame"""
+    ground_clearance: AtLeastZero = 0.5
+    """meters above ground and water, at least"""
+    obstacle_clearance: AtLeastZero = 1.0
+    """meters to obstacles and vehicles, at least"""
+    visible_fraction: Fractions = (0.3, 1.0)
+    """unhidden share of the target's outline"""
+    visibility_rays: int = Field(default=256, ge=1, le=1_000_000)
+    """rays that measure visible_fraction"""
+    truncated_fraction: Fractions = (0.0, 0.0)
+    """share of the target's box that the frame cuts off"""
+    min_box_px: AtLeastZero = 8.0
+    """least width and height of the target's box, pixels"""
+    max_tries: int = Field(default=50, ge=1, le=10_000)
+    """cameras tried for an image before the vehicle is moved"""
+    like: str | None = Field(default=None, min_length=1, examples=["photographs/train"], exclude_if=is_absent)
+    """photographs whose boxes targets follow: a COCO file, or a folder with one"""
+    like_share: Share = Field(default=0.7, exclude_if=(0.7).__eq__)
+    """share of images that follow photographs"""
+    like_spread: float = Field(default=0.2, ge=0, le=0.9, exclude_if=(0.2).__eq__)
+    """largest deviation from the photograph's box, relative to its size"""
 
 
 Lines = Annotated[tuple[Annotated[tuple[str, str], Field(strict=False)], ...], Field(strict=False)]
@@ -216,68 +178,34 @@ Lines = Annotated[tuple[Annotated[tuple[str, str], Field(strict=False)], ...], F
 class AnnotateSection(Section):
     """The least that a labeled vehicle must show; by default, the camera's limits for targets apply."""
 
-    min_box_px: AtLeastZero | None = Field(
-        default=None,
-        description="least width and height of its box, pixels; default: camera.min_box_px",
-        examples=[8.0],
-    )
-    min_visible_fraction: float | None = Field(
-        default=None,
-        ge=0,
-        le=1,
-        description="least unhidden share; default: the least camera.visible_fraction",
-        examples=[0.3],
-    )
-    max_truncated_fraction: float | None = Field(
-        default=None,
-        ge=0,
-        le=1,
-        description=(
-            "largest share of its box that the frame cuts off; default: 0.8, or the largest "
-            "camera.truncated_fraction if that's more"
-        ),
-        examples=[0.8],
-    )
-    below: Literal["ignored", "left_out"] = Field(
-        default="ignored",
-        description='vehicles that show less get a label with iscrowd = 1 ("ignored") or none ("left_out")',
-    )
-    keypoints: Patterns | None = Field(
-        default=None,
-        description="patterns of the keypoints to label, such as muzzle and wheel_*; default: none",
-        examples=[["*"]],
-        exclude_if=is_absent,
-    )
-    skeleton: Lines | None = Field(
-        default=None,
-        description="pairs of keypoints to join; default: muzzle to turret, and wheel to wheel",
-        examples=[[["muzzle", "turret"]]],
-        exclude_if=is_absent,
-    )
+    min_box_px: AtLeastZero | None = Field(default=None, examples=[8.0])
+    """least width and height of its box, pixels; default: camera.min_box_px"""
+    min_visible_fraction: Share | None = Field(default=None, examples=[0.3])
+    """least unhidden share; default: the least camera.visible_fraction"""
+    max_truncated_fraction: Share | None = Field(default=None, examples=[0.8])
+    """largest share of its box that the frame cuts off; default: 0.8, or the largest camera.truncated_fraction if
+    that's more"""
+    below: Literal["ignored", "left_out"] = "ignored"
+    """vehicles that show less get a label with iscrowd = 1 ("ignored") or none ("left_out")"""
+    keypoints: Patterns | None = Field(default=None, examples=[["*"]], exclude_if=is_absent)
+    """patterns of the keypoints to label, such as muzzle and wheel_*; default: none"""
+    skeleton: Lines | None = Field(default=None, examples=[[["muzzle", "turret"]]], exclude_if=is_absent)
+    """pairs of keypoints to join; default: muzzle to turret, and wheel to wheel"""
 
 
 class BudgetSection(Section):
     """How many images: per class (paper, section 2.1.8), or by positions per vehicle (equation 1)."""
 
-    images_per_class: PerClass = Field(
-        default=None,
-        description="a number, or a table such as { tank = 200, truck = 100 }; a class's models take turns",
-        examples=[140],
-    )
-    positions_per_vehicle: int | None = Field(
-        default=None,
-        ge=0,
-        le=MOST_IMAGES,
-        description="instead: vehicles x positions x images_per_position images (equation 1)",
-        examples=[28],
-    )
-    images_per_position: int = Field(default=5, ge=1, le=1_000_000, description="images of each position")
-    background_share: float = Field(
-        default=0.0, ge=0, le=0.99, description="share of images without a target, added to those above"
-    )
-    background_distractors: float = Field(
-        default=0.5, ge=0, le=1, description="share of background positions where a distractor replaces the target"
-    )
+    images_per_class: PerClass = Field(default=None, examples=[140])
+    """a number, or a table such as { tank = 200, truck = 100 }; a class's models take turns"""
+    positions_per_vehicle: int | None = Field(default=None, ge=0, le=MOST_IMAGES, examples=[28])
+    """instead: vehicles x positions x images_per_position images (equation 1)"""
+    images_per_position: int = Field(default=5, ge=1, le=1_000_000)
+    """images of each position"""
+    background_share: float = Field(default=0.0, ge=0, le=0.99)
+    """share of images without a target, added to those above"""
+    background_distractors: Share = 0.5
+    """share of background positions where a distractor replaces the target"""
 
     @model_validator(mode="after")
     def _one_of_two(self) -> BudgetSection:
@@ -302,33 +230,22 @@ def _choice(value: Any) -> Any:
 class LightSection(Section):
     """HDRIs, their rotation, strength, and visible part, and the exposure of the camera."""
 
-    hdris: Annotated[tuple[Annotated[HdriChoice, BeforeValidator(_choice)], ...], Field(strict=False)] = Field(
-        default=(), description='patterns of HDRIs, or { name = "noon*", weight = 2.0 }; empty: all, equally often'
-    )
-    yaw_deg: Annotated[Pair, ranged(-360.0, 360.0)] = Field(
-        default=(0.0, 360.0), description="turn of the HDRI, degrees"
-    )
-    strength: Annotated[Pair, ranged(0.0, 1e9)] = Field(
-        default=(0.7, 1.3), description='factor on the HDRI\'s brightness; exposure = "auto" compensates for it'
-    )
-    backdrop: Literal["auto", "hdri", "sky"] = Field(
-        default="auto",
-        description=(
-            'what the camera sees of the HDRI: "hdri", all; "sky", above its horizon; "auto", "sky" if it shows land'
-        ),
-    )
-    exposure: Exposure = Field(
-        default="auto", description='"auto": a gray card on open land comes out mid-gray; or EV for all images'
-    )
-    exposure_error_ev: Annotated[Pair, ranged(-10.0, 10.0)] = Field(
-        default=(-1.0, 1.0), description="error of the exposure, EV"
-    )
-    white_balance_error_k: Annotated[Pair, ranged(COOLEST, WARMEST)] = Field(
-        default=(0.0, 0.0), description="white balance minus 6500 K; more is warmer"
-    )
-    overcast: Patterns = Field(
-        default=(), description="patterns of HDRIs for rain and snow; empty: as for other weather"
-    )
+    hdris: Annotated[tuple[Annotated[HdriChoice, BeforeValidator(_choice)], ...], Field(strict=False)] = ()
+    """patterns of HDRIs, or { name = "noon*", weight = 2.0 }; empty: all, equally often"""
+    yaw_deg: Annotated[Pair, ranged(-360.0, 360.0)] = (0.0, 360.0)
+    """turn of the HDRI, degrees"""
+    strength: Annotated[Pair, ranged(0.0, 1e9)] = (0.7, 1.3)
+    """factor on the HDRI's brightness; exposure = "auto" compensates for it"""
+    backdrop: Literal["auto", "hdri", "sky"] = "auto"
+    """what the camera sees of the HDRI: "hdri", all; "sky", above its horizon; "auto", "sky" if it shows land"""
+    exposure: Exposure = "auto"
+    """"auto": a gray card on open land comes out mid-gray; or EV for all images"""
+    exposure_error_ev: Annotated[Pair, ranged(-10.0, 10.0)] = (-1.0, 1.0)
+    """error of the exposure, EV"""
+    white_balance_error_k: Annotated[Pair, ranged(COOLEST, WARMEST)] = (0.0, 0.0)
+    """white balance minus 6500 K; more is warmer"""
+    overcast: Patterns = ()
+    """patterns of HDRIs for rain and snow; empty: as for other weather"""
 
 
 PROFILES: Mapping[str, Mapping[str, Any]] = {
@@ -341,18 +258,20 @@ PROFILES: Mapping[str, Mapping[str, Any]] = {
 class RenderSection(Section):
     """Cycles' settings (paper, section 2.1.4); a profile gives defaults for some of them."""
 
-    profile: Literal["paper", "fast", "train"] = Field(
-        default="paper",
-        description='sets the last four keys; "fast" is for a look, "train" for many images in little time',
-    )
-    width: int = Field(default=1920, ge=1, le=65536, description="pixels")
-    height: int = Field(default=1080, ge=1, le=65536, description="pixels")
-    samples: int = Field(default=128, ge=1, le=1_000_000, description="rays per pixel")
-    denoise: bool = Field(default=True, description="OpenImageDenoise")
-    adaptive_threshold: float = Field(
-        default=0.0, ge=0, le=1, description="noise at which a pixel gets no more samples; 0: off"
-    )
-    bounces: int = Field(default=12, ge=0, le=1024, description="light bounces")
+    profile: Literal["paper", "fast", "train"] = "paper"
+    """sets the last four keys; "fast" is for a look, "train" for many images in little time"""
+    width: int = Field(default=1920, ge=1, le=65536)
+    """pixels"""
+    height: int = Field(default=1080, ge=1, le=65536)
+    """pixels"""
+    samples: int = Field(default=128, ge=1, le=1_000_000)
+    """rays per pixel"""
+    denoise: bool = True
+    """OpenImageDenoise"""
+    adaptive_threshold: Share = 0.0
+    """noise at which a pixel gets no more samples; 0: off"""
+    bounces: int = Field(default=12, ge=0, le=1024)
+    """light bounces"""
 
     @model_validator(mode="before")
     @classmethod
@@ -378,7 +297,8 @@ class Config(Section):
     (40.0, 60.0)
     """
 
-    seed: int = Field(default=0, ge=0, lt=2**63, description="seed of all random draws")
+    seed: int = Field(default=0, ge=0, lt=2**63)
+    """seed of all random draws"""
     assets: AssetsSection
     ground: GroundSection = GroundSection()
     placement: PlacementSection = PlacementSection()

@@ -8,14 +8,17 @@ from typing import Annotated, Any
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 Pair = tuple[float, float]
+Share = Annotated[float, Field(ge=0, le=1)]
 Patterns = Annotated[tuple[str, ...], Field(strict=False)]
 AtLeastZero = Annotated[float, Field(ge=0)]
 
 
 class Section(BaseModel):
-    """A frozen model that refuses unknown keys and silent conversions."""
+    """A frozen model that refuses unknown keys and silent conversions; the string below a key is its meaning."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        extra="forbid", strict=True, frozen=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
 
 
 def ranged(lowest: float, highest: float, kind: type = float, *, optional: bool = False) -> BeforeValidator:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from hulldown.camera.sensor import LIMITS
-from hulldown.planning.config.section import Section, ranged, with_preset
+from hulldown.planning.config.section import Pair, Section, ranged, with_preset
 
 PRESETS: Mapping[str, Mapping[str, Any]] = {
     "none": {},
@@ -38,33 +38,24 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
 class SensorSection(Section):
     """Effects of lens, sensor, and image processing; a preset gives defaults."""
 
-    preset: Literal["none", "camera", "phone"] = Field(
-        default="none", description="a system camera or a phone; sets all keys below"
-    )
-    blur_px: Annotated[tuple[float, float], ranged(*LIMITS["blur_px"])] = Field(
-        default=(0.0, 0.0), description="standard deviation of the lens's point spread, pixels"
-    )
-    aberration_px: Annotated[tuple[float, float], ranged(*LIMITS["aberration_px"])] = Field(
-        default=(0.0, 0.0), description="red's offset outward and blue's inward in the corners, pixels"
-    )
-    vignetting_ev: Annotated[tuple[float, float], ranged(*LIMITS["vignetting_ev"])] = Field(
-        default=(0.0, 0.0), description="light lost in the corners, stops"
-    )
-    full_well_e: Annotated[tuple[float, float], ranged(*LIMITS["full_well_e"])] = Field(
-        default=(0.0, 0.0), description="electrons at which a pixel clips, 6.5 stops above middle gray; 0: no noise"
-    )
-    read_noise_e: Annotated[tuple[float, float], ranged(*LIMITS["read_noise_e"])] = Field(
-        default=(0.0, 0.0), description="readout noise, electrons"
-    )
-    gain: Annotated[tuple[float, float], ranged(*LIMITS["gain"])] = Field(
-        default=(1.0, 1.0), description="ISO over base ISO: so many times fewer electrons"
-    )
-    sharpening: Annotated[tuple[float, float], ranged(*LIMITS["sharpening"])] = Field(
-        default=(0.0, 0.0), description="share of detail added again, after the view transform"
-    )
-    jpeg_quality: Annotated[tuple[int, int], ranged(*LIMITS["jpeg_quality"], int)] = Field(
-        default=(0, 0), description="quality of .jpg files; 0: .png files"
-    )
+    preset: Literal["none", "camera", "phone"] = "none"
+    """a system camera or a phone; sets all keys below"""
+    blur_px: Annotated[Pair, ranged(*LIMITS["blur_px"])] = (0.0, 0.0)
+    """standard deviation of the lens's point spread, pixels"""
+    aberration_px: Annotated[Pair, ranged(*LIMITS["aberration_px"])] = (0.0, 0.0)
+    """red's offset outward and blue's inward in the corners, pixels"""
+    vignetting_ev: Annotated[Pair, ranged(*LIMITS["vignetting_ev"])] = (0.0, 0.0)
+    """light lost in the corners, stops"""
+    full_well_e: Annotated[Pair, ranged(*LIMITS["full_well_e"])] = (0.0, 0.0)
+    """electrons at which a pixel clips, 6.5 stops above middle gray; 0: no noise"""
+    read_noise_e: Annotated[Pair, ranged(*LIMITS["read_noise_e"])] = (0.0, 0.0)
+    """readout noise, electrons"""
+    gain: Annotated[Pair, ranged(*LIMITS["gain"])] = (1.0, 1.0)
+    """ISO over base ISO: so many times fewer electrons"""
+    sharpening: Annotated[Pair, ranged(*LIMITS["sharpening"])] = (0.0, 0.0)
+    """share of detail added again, after the view transform"""
+    jpeg_quality: Annotated[tuple[int, int], ranged(*LIMITS["jpeg_quality"], int)] = (0, 0)
+    """quality of .jpg files; 0: .png files"""
 
     @model_validator(mode="before")
     @classmethod

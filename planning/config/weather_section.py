@@ -9,37 +9,45 @@ from pydantic import Field, model_validator
 
 from hulldown.camera.weather.extinction import GHOST
 from hulldown.camera.weather.kinds import KINDS
-from hulldown.planning.config.section import Section, ranged
+from hulldown.planning.config.section import Pair, Section, Share, ranged
 
-Share = Annotated[float, Field(ge=0, le=1)]
-Covers = Annotated[tuple[float, float], ranged(0.0, 1.0)]
-Visibilities = Annotated[tuple[float, float], ranged(1.0, 1e6)]
+Covers = Annotated[Pair, ranged(0.0, 1.0)]
+Visibilities = Annotated[Pair, ranged(1.0, 1e6)]
 
 
 class WeatherSection(Section):
     """Shares of images with each kind of weather, and its ranges; the other images are clear."""
 
-    fog: Share = Field(default=0.0, description="share of images with fog")
-    rain: Share = Field(default=0.0, description="share with rain")
-    snow: Share = Field(default=0.0, description="share with falling snow")
-    dust: Share = Field(default=0.0, description="share with blown dust")
-    visibility_m: Visibilities = Field(default=(300.0, 3000.0), description="visibility in fog, meters; 3000 is haze")
-    rain_mm_h: Annotated[tuple[float, float], ranged(0.1, 300.0)] = Field(
-        default=(2.0, 50.0), description="rate of rain, mm/h: 2 is light, 10 heavy, 50 a cloudburst"
-    )
-    snow_visibility_m: Visibilities = Field(default=(300.0, 2000.0), description="visibility in falling snow, meters")
-    dust_visibility_m: Visibilities = Field(default=(200.0, 2000.0), description="visibility in blown dust, meters")
-    snow_cover: Covers = Field(default=(0.3, 1.0), description="share of the ground under snow")
-    vehicle_snow_cover: Covers = Field(default=(0.0, 0.8), description="share of a vehicle's upper faces under snow")
-    dust_cover: Covers = Field(default=(0.0, 0.5), description="share of the ground under dust")
-    vehicle_dust_cover: Covers = Field(default=(0.1, 0.8), description="share of a vehicle's lower parts under dust")
-    wind_m_s: Annotated[tuple[float, float], ranged(0.0, 60.0)] = Field(
-        default=(0.0, 8.0), description="wind in rain, snow, and dust, from any direction, m/s"
-    )
-    exposure_s: float = Field(default=0.004, gt=0, le=10, description="shutter time, seconds: the length of streaks")
-    min_contrast: Share = Field(
-        default=GHOST, description="contrast that a target must keep after haze; 0 allows ghosts"
-    )
+    fog: Share = 0.0
+    """share of images with fog"""
+    rain: Share = 0.0
+    """share with rain"""
+    snow: Share = 0.0
+    """share with falling snow"""
+    dust: Share = 0.0
+    """share with blown dust"""
+    visibility_m: Visibilities = (300.0, 3000.0)
+    """visibility in fog, meters; 3000 is haze"""
+    rain_mm_h: Annotated[Pair, ranged(0.1, 300.0)] = (2.0, 50.0)
+    """rate of rain, mm/h: 2 is light, 10 heavy, 50 a cloudburst"""
+    snow_visibility_m: Visibilities = (300.0, 2000.0)
+    """visibility in falling snow, meters"""
+    dust_visibility_m: Visibilities = (200.0, 2000.0)
+    """visibility in blown dust, meters"""
+    snow_cover: Covers = (0.3, 1.0)
+    """share of the ground under snow"""
+    vehicle_snow_cover: Covers = (0.0, 0.8)
+    """share of a vehicle's upper faces under snow"""
+    dust_cover: Covers = (0.0, 0.5)
+    """share of the ground under dust"""
+    vehicle_dust_cover: Covers = (0.1, 0.8)
+    """share of a vehicle's lower parts under dust"""
+    wind_m_s: Annotated[Pair, ranged(0.0, 60.0)] = (0.0, 8.0)
+    """wind in rain, snow, and dust, from any direction, m/s"""
+    exposure_s: float = Field(default=0.004, gt=0, le=10)
+    """shutter time, seconds: the length of streaks"""
+    min_contrast: Share = GHOST
+    """contrast that a target must keep after haze; 0 allows ghosts"""
 
     @model_validator(mode="after")
     def _shares_of_one_whole(self) -> WeatherSection:
