@@ -111,6 +111,12 @@ def numbered(counts: Int[np.ndarray, " g"]) -> tuple[Int[np.ndarray, " n"], Int[
     return group, np.arange(len(group)) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
+def batches(n: int, size: int) -> Iterator[Int[np.ndarray, " k"]]:
+    """Yield 0, 1, ..., n - 1, at most `size` at a time; without any, one empty batch."""
+    for start in range(0, max(n, 1), size):
+        yield np.arange(start, min(start + size, n))
+
+
 def joined(keys: Int[np.ndarray, " k"], wanted: Int[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
     """All pairs (i, j) with `keys[i] == wanted[j]`, where `wanted` ascends; ordered by i, then by j."""
     first, last = np.searchsorted(wanted, keys, "left"), np.searchsorted(wanted, keys, "right")

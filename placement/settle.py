@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy.typing import ArrayLike
 
 from hulldown.geometry.arrays import checked
+from hulldown.geometry.columns import join, put, take
 from hulldown.geometry.portable import arctan2, hypot, sin_cos
 from hulldown.geometry.rays import in_threads
 from hulldown.geometry.transforms import facing, rigid
@@ -185,8 +186,7 @@ def settle_each(
         return _settle_block(terrain, footings, which[rows], contacts, xy=xy[rows], yaw=yaw[rows], rules=rules)
 
     parts = in_threads(work, blocks, threads=min(threads, len(blocks)))
-    back = np.argsort(order)
-    return Settled(*(np.concatenate([getattr(part, f.name) for part in parts])[back] for f in fields(Settled)))
+    return take(join(parts), np.argsort(order))
 
 
 def _by_neighborhood(xy: Float[np.ndarray, "k 2"], size: int) -> Int[np.ndarray, " k"]:
@@ -279,8 +279,7 @@ def _rest(
             planes = least_squares(samples.xy, heights[rows], valid[rows])
         else:
             planes = support(samples, heights[rows], valid[rows])
-        for field in fields(Rest):
-            getattr(rest, field.name)[rows] = getattr(planes, field.name)
+        put(rest, rows, planes)
     return Rest(rest.height + spot_z, rest.gradient, rest.found, rest.margin), valid.mean(axis=1)
 
 

@@ -13,10 +13,11 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool
 
 from hulldown.assets.library import Assets
 from hulldown.assets.photographs import read_photographs
+from hulldown.geometry.columns import take
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.light import hdri_weights
 from hulldown.planning.config.schema import Config
@@ -26,7 +27,6 @@ from hulldown.planning.row import MoreOf, Row, encode_rows
 from hulldown.planning.rows import rows_of
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.budget import Positions, make_budget
-from hulldown.planning.search.columns import take
 from hulldown.planning.search.draws import Purpose, RandomStreams, choose
 from hulldown.planning.search.extras import extras_at, framed_on
 from hulldown.planning.search.given import given_of, pose_budget
@@ -96,23 +96,21 @@ class Planner:
         ConfigError
             For the first of these positions that can't meet the config's limits.
         """
-        position = np.arange(start, stop)
-        return self._rows(position) if self.more_of is None else self._chosen(position, self.more_of)
+        positions = take(self.budget.positions, np.arange(start, stop))
+        return self._rows(positions) if self.more_of is None else self._chosen(positions, self.more_of)
 
-    def _chosen(self, position: Int[np.ndarray, " n"], more_of: MoreOf) -> list[Row]:
+    def _chosen(self, positions: Positions, more_of: MoreOf) -> list[Row]:
         """Return rows of these positions, most of them sampled from candidates by their weights."""
-        held = take(self.budget.positions, position)
-        alone = kept(held.ordinal) | held.background
-        planned = [other._rows(position if k == 0 else position[~alone]) for k, other in enumerate(self._candidates)]
-        table = np.ones((CANDIDATES, len(position)))
-        table[1:, alone] = 0.0
+        number, alone = positions.number, kept(positions.ordinal) | positions.background
+        others = take(positions, np.flatnonzero(~alone))
+        planned = [planner._rows(others if k else positions) for k, planner in enumerate(self._candidates)]
+        weights = np.where(alone[:, None] & (np.arange(CANDIDATES) > 0), 0.0, 1.0)
         for k, rows in enumerate(planned):
             for own_position, weight in position_weights(rows, more_of).items():
-                table[k, own_position - position[0]] = weight
-        uniform = self._candidates[0]._draws.uniform(Purpose.MORE_OF, position, 0, count=1)[:, 0]
-        running = np.cumsum(table, axis=0)
-        taken = np.where(alone, 0, (running <= uniform * running[-1]).sum(axis=0))
-        rows = [row for k, some in enumerate(planned) for row in some if taken[row.position - position[0]] == k]
+                weights[own_position - number[0], k] = weight
+        uniform = self._candidates[0]._draws.uniform(Purpose.MORE_OF, number, 0, count=1)[:, 0]
+        taken = choose(weights, uniform)
+        rows = [row for k, some in enumerate(planned) for row in some if taken[row.position - number[0]] == k]
         rows.sort(key=lambda row: row.index)
         return rows
 
@@ -130,35 +128,34 @@ class Planner:
             planners.append(planner)
         return planners
 
-    def _rows(self, position: Int[np.ndarray, " n"]) -> list[Row]:
-        held = take(self.budget.positions, position)
-        held = replace(held, vehicle=self.budget.turned(held.vehicle, self._turn))
-        weights = np.where(held.background[:, None], self.pairs.sites, self.pairs.weights[held.vehicle])
+    def _rows(self, positions: Positions) -> list[Row]:
+        number = positions.number
+        positions = replace(positions, vehicle=self.budget.turned(positions.vehicle, self._turn))
+        weights = np.where(positions.background[:, None], self.pairs.sites, self.pairs.weights[positions.vehicle])
         if self.poses is not None:
-            for k, line in enumerate(self.poses.lines[i] for i in held.first_image.tolist()):
+            for k, line in enumerate(self.poses.lines[i] for i in positions.first_image.tolist()):
                 if line.scenery is not None:
                     weights[k] = [float(site.name == line.scenery) for site in self.stage.sites]
         rows: list[Row] = []
         hopeless: HopelessPosition | None = None
-        pending, attempt = np.arange(len(position)), 0
+        pending, attempt = np.arange(len(number)), 0
         while len(pending):
-            site = self._sites(position[pending], weights[pending], attempt)
+            uniform = self._draws.uniform(Purpose.SCENERY, number[pending], attempt, count=1)[:, 0]
+            site = choose(weights[pending], uniform)
             weights[pending, site] = 0.0
             # A position without a place on its scenery tries the others.
             homeless = [pending[:0]]
             for s in np.unique(site).tolist():
                 here = pending[site == s]
                 if hopeless:
-                    here = here[position[here] < hopeless.position]
+                    here = here[number[here] < hopeless.position]
                 if not len(here):
                     continue
                 movable = weights[here].any(axis=1) & (not self.strict)
-                block = self._block(s, position[here], take(held, here), movable)
-                try:
-                    planned = Planned(block)
-                except HopelessPosition as error:
+                planned = Planned(self._block(s, take(positions, here), movable))
+                if planned.hopeless:
                     # Another block may hold an earlier one: the error must not depend on blocks.
-                    hopeless = error
+                    hopeless = planned.hopeless
                     continue
                 rows += rows_of(planned, self.assets, hdri_weights=self._hdri_weights)
                 homeless.append(here[planned.given_up])
@@ -172,39 +169,12 @@ class Planner:
         rows.sort(key=lambda row: row.index)
         return rows
 
-    def _block(
-        self, site: int, position: Int[np.ndarray, " n"], held: Positions, movable: Bool[np.ndarray, " n"]
-    ) -> Block:
+    def _block(self, site: int, positions: Positions, movable: Bool[np.ndarray, " n"]) -> Block:
         """Return positions on a scenery, of which the movable ones have others left."""
-        stage = self.stage
-        model = framed_on(self.budget, stage, self._draws, position=position, held=held, site=stage.sites[site])
-        return Block(
-            config=self.config,
-            draws=self._draws,
-            site=stage.sites[site],
-            fleet=stage.fleet,
-            extras=self._extras[site],
-            model=model,
-            background=held.background,
-            empty=held.background & stage.fleet.classed[model],
-            movable=movable,
-            position=position,
-            shots=held.shots,
-            first_image=held.first_image,
-            likeness=self.likeness,
-            given=self.given,
-        )
-
-    def _sites(
-        self, position: Int[np.ndarray, " n"], weights: Float[np.ndarray, "n s"], attempt: int
-    ) -> Int[np.ndarray, " n"]:
-        """Draw a scenery for each position by its own weights."""
-        uniform = self._draws.uniform(Purpose.SCENERY, position, attempt, count=1)[:, 0]
-        site = np.zeros(len(position), dtype=np.int64)
-        for row in np.unique(weights, axis=0):
-            rows = (weights == row).all(axis=1)
-            site[rows] = choose(row, uniform[rows])
-        return site
+        stage, draws, scenery = self.stage, self._draws, self.stage.sites[site]
+        model = framed_on(self.budget, stage, draws, positions=positions, site=scenery)
+        extras = self._extras[site]
+        return Block(stage, draws, scenery, extras, positions, model, movable, self.likeness, self.given)
 
     def lines(self, start: int, stop: int) -> tuple[bytes, int]:
         """Return the rows of `rows` as lines of a plan file, and their number."""

@@ -56,7 +56,8 @@ def rows_of(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarray,
         "sensor": sensors,
         "rejected": [{k: n for k, n in zip(kinds, counts, strict=True) if n} for counts in planned.rejected.tolist()],
     }
-    given_up, background, position = planned.given_up.tolist(), block.background.tolist(), block.position.tolist()
+    given_up, held = planned.given_up.tolist(), block.positions
+    background, position = held.background.tolist(), held.number.tolist()
     images = zip(block.owner.tolist(), seen_in_rows(views), records(columns), strict=True)
     return [
         Row(
@@ -137,7 +138,7 @@ def _vehicles(planned: Planned, assets: Assets) -> list[dict[str, Any]]:
     """Return the fields of each instance that don't depend on the camera."""
     block, table, settled = planned.block, planned.table, planned.table.settled
     turned = table.articulation() if block.config.placement.articulate else [{}] * len(table)
-    models = [block.fleet.models[model] for model in table.model.tolist()]
+    models = [table.fleet.models[model] for model in table.model.tolist()]
     return records(
         {
             "vehicle": [model.shape.name for model in models],
@@ -159,8 +160,8 @@ def _vehicles(planned: Planned, assets: Assets) -> list[dict[str, Any]]:
 def _tracks(planned: Planned) -> list[int | None]:
     """Return a number for each instance of a sequence, and None for the others."""
     block, table = planned.block, planned.table
-    number = 1 + (block.position[table.row] * len(Role) + table.role) * MOST + table.number
-    named = (block.given_of(block.first_image).sequence >= 0)[table.row]
+    number = 1 + (block.positions.number[table.row] * len(Role) + table.role) * MOST + table.number
+    named = (block.given_of(block.positions.first_image).sequence >= 0)[table.row]
     return [track if inside else None for track, inside in zip(number.tolist(), named.tolist(), strict=True)]
 
 
@@ -175,9 +176,10 @@ def _coats(planned: Planned, assets: Assets) -> list[list[Coat]]:
     coats: list[list[Coat]] = [[]] * len(table)
     for model in np.unique(table.model).tolist():
         of_model = np.flatnonzero(table.model == model)
-        name = block.fleet.models[model].shape.name
+        name = table.fleet.models[model].shape.name
         paint = () if name in assets.without_material else block.config.paint_of(name)
-        sampled = draw_coats(paint, block.draws, position=block.position[table.row[of_model]], place=places[of_model])
+        position = block.positions.number[table.row[of_model]]
+        sampled = draw_coats(paint, block.draws, position=position, place=places[of_model])
         for i, coat in zip(of_model.tolist(), sampled, strict=True):
             coats[i] = coat
     return coats

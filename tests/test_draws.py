@@ -59,7 +59,9 @@ def test_a_generator_by_row_refuses_unsupported_calls():
 def test_choices_follow_their_weights_and_zero_weights_are_never_chosen():
     u = (np.arange(100_000) + 0.5) / 100_000
     assert np.bincount(choose([1.0, 0.0, 3.0], u)).tolist() == [25_000, 0, 75_000]
-    assert choose([0.0, 1.0, 1.0, 0.0], [0.0, np.nextafter(0.5, 0.0), 0.5, 1.0 - 2.0**-53]).tolist() == [1, 1, 2, 2]
+    numbers = [0.0, np.nextafter(0.5, 0.0), 0.5, 1.0 - 2.0**-53]
+    assert choose([0.0, 1.0, 1.0, 0.0], numbers).tolist() == [1, 1, 2, 2]
+    assert choose([[0.0, 1.0, 1.0, 0.0]] * 3 + [[2.0, 0.0, 0.0, 0.0]], numbers).tolist() == [1, 1, 2, 0]
 
 
 def test_between_never_leaves_its_bounds():

@@ -11,6 +11,7 @@ from hulldown.planning.check import check_plan
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.planner import Planner
 from hulldown.planning.row import encode_rows
+from hulldown.planning.search.draws import Purpose, choose
 from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
 from hulldown.tests.planning_assets import hills, plan, small_assets, small_config, vehicle
@@ -75,8 +76,8 @@ def test_a_position_without_a_place_moves_to_another_scenery_for_any_worker(tmp_
     assert not planner.pairs.left_out
     in_two = planner.rows(0, 3) + planner.rows(3, len(rows))
     assert encode_rows(in_two) == encode_rows(rows)
-    position = np.arange(len(rows))
-    drawn = planner._sites(position, planner.pairs.weights[planner.budget.positions.vehicle], 0)
+    uniform = planner._draws.uniform(Purpose.SCENERY, np.arange(len(rows)), 0, count=1)[:, 0]
+    drawn = choose(planner.pairs.weights[planner.budget.positions.vehicle], uniform)
     moved = [row for row, site in zip(rows, drawn.tolist(), strict=True) if row.scenery != ("hills", "bare")[site]]
     assert len(moved) > 1
     assert {row.scenery for row in moved} == {"bare"}

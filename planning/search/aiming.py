@@ -12,11 +12,11 @@ from jaxtyping import Bool, Float, Int
 from hulldown.camera.framing import frame_target, turned
 from hulldown.camera.lenses import Lenses, lenses
 from hulldown.camera.shell import draw_azimuth, draw_elevation, shell_axes, shell_place
+from hulldown.geometry.columns import take
 from hulldown.geometry.transforms import rigid
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import rounded
 from hulldown.planning.search.block import Block
-from hulldown.planning.search.columns import take
 from hulldown.planning.search.draws import Purpose, RowStreams, between
 from hulldown.planning.search.given import Given
 from hulldown.planning.search.instances import Instances, hull_of

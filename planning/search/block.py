@@ -9,15 +9,16 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from hulldown.geometry.arrays import numbered
+from hulldown.geometry.columns import take
 from hulldown.placement.settle import Settled, unsettled
 from hulldown.planning.config.schema import Config
-from hulldown.planning.search.columns import take
+from hulldown.planning.search.budget import Positions
 from hulldown.planning.search.draws import Purpose, RandomStreams
 from hulldown.planning.search.extras import MOST, Extras, Role
 from hulldown.planning.search.given import Given, nothing_given
 from hulldown.planning.search.instances import Instances, drawn_angles
 from hulldown.planning.search.likeness import Likeness
-from hulldown.planning.search.stage import Fleet, Site
+from hulldown.planning.search.stage import PlanStage, Site
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -26,56 +27,58 @@ class Block:
 
     Parameters
     ----------
-    config, draws
-        The plan's config and random numbers.
-    site, fleet
-        The scenery, and all vehicles and distractors of the plan.
+    stage, draws
+        The plan's config, vehicles, and distractors, and its random numbers.
+    site
+        The scenery.
     extras
         Companions and distractors that may occur, by whether the position is of backgrounds.
+    positions
+        The n positions, ascending by number.
     model
         (n,) index in the fleet of the vehicle that the cameras are framed on.
-    background, empty
-        (n,) whether the images show no target, and whether the vehicle that they are framed on is left out.
     movable
         (n,) whether another scenery may be tried if this one has no place.
-    position, shots, first_image
-        (n,) ascending number of each position, its number of images, and the index of the first of them.
     likeness
         The photographs that cameras follow.
     given
         The poses that users give of all images of the plan.
     """
 
-    config: Config
+    stage: PlanStage
     draws: RandomStreams
     site: Site
-    fleet: Fleet
     extras: Mapping[bool, tuple[Extras, ...]]
+    positions: Positions
     model: Int[np.ndarray, " n"]
-    background: Bool[np.ndarray, " n"]
-    empty: Bool[np.ndarray, " n"]
     movable: Bool[np.ndarray, " n"]
-    position: Int[np.ndarray, " n"]
-    shots: Int[np.ndarray, " n"]
-    first_image: Int[np.ndarray, " n"]
     likeness: Likeness | None = None
     given: Given | None = None
 
     @property
+    def config(self) -> Config:
+        """The plan's config."""
+        return self.stage.config
+
+    @property
+    def empty(self) -> Bool[np.ndarray, " n"]:
+        """Whether the vehicle that a position's images are framed on is left out."""
+        return self.positions.background & self.stage.fleet.classed[self.model]
+
+    @property
     def owner(self) -> Int[np.ndarray, " m"]:
         """The row of each image's position."""
-        return numbered(self.shots)[0]
+        return numbered(self.positions.shots)[0]
 
     @property
     def shot(self) -> Int[np.ndarray, " m"]:
         """Number of each image at its position."""
-        return numbered(self.shots)[1]
+        return numbered(self.positions.shots)[1]
 
     @property
     def image(self) -> Int[np.ndarray, " m"]:
         """Index of each image."""
-        owner, shot = numbered(self.shots)
-        return self.first_image[owner] + shot
+        return self.positions.first_image[self.owner] + self.shot
 
     @property
     def scene(self) -> Int[np.ndarray, " m"]:
@@ -113,17 +116,19 @@ class InstanceTable(Instances):
 
 def instances_of(block: Block) -> InstanceTable:
     """Draw targets, companions, and distractors of a block's positions; none has a place yet."""
-    n, fleet, draws = len(block.position), block.fleet, block.draws
-    turns = draws.uniform(Purpose.ARTICULATION, block.position, 0, count=fleet.parts)
+    positions, fleet, draws = block.positions, block.stage.fleet, block.draws
+    n = len(positions.number)
+    turns = draws.uniform(Purpose.ARTICULATION, positions.number, 0, count=fleet.parts)
     zero, photographed, likeness = np.zeros(n, dtype=np.int64), np.full(n, -1), block.likeness
     if likeness is not None:
-        photographed = likeness.companions(likeness.sampled(draws, fleet, model=block.model, image=block.first_image))
+        sampled = likeness.sampled(draws, fleet, model=block.model, image=positions.first_image)
+        photographed = likeness.companions(sampled)
     columns = [(np.arange(n), zero, zero, block.model, turns)]
     for background, kinds in block.extras.items():
-        rows = np.flatnonzero(block.background == background)
+        rows = np.flatnonzero(positions.background == background)
         for kind in kinds if len(rows) else ():
             wanted = photographed[rows] if kind.role == Role.COMPANION else np.full(len(rows), -1)
-            models, numbers = kind.drawn(draws, block.position[rows], wanted)
+            models, numbers = kind.drawn(draws, positions.number[rows], wanted)
             i, j = np.nonzero(models >= 0)
             turned = np.zeros((len(i), fleet.parts))
             turned[:, :MOST] = numbers[i, j, : fleet.parts]

@@ -28,6 +28,8 @@ class Positions:
 
     Parameters
     ----------
+    number
+        (n,) place in the plan.
     vehicle
         (n,) index into `Budget.vehicles`; -1 for backgrounds.
     ordinal
@@ -36,6 +38,7 @@ class Positions:
         (n,) number of images, at least 1, and the index of the first of them.
     """
 
+    number: Int[np.ndarray, " n"]
     vehicle: Int[np.ndarray, " n"]
     ordinal: Int[np.ndarray, " n"]
     shots: Int[np.ndarray, " n"]
@@ -137,4 +140,4 @@ def _positions(
     order[np.argsort(background, kind="stable")] = np.lexsort((of_class, turn, empty))
     vehicle, ordinal = vehicle[order], ordinal[order]
     shots = np.minimum(counts[vehicle] - ordinal * most, most)
-    return Positions(np.where(background, -1, vehicle), ordinal, shots, np.cumsum(shots) - shots)
+    return Positions(np.arange(n), np.where(background, -1, vehicle), ordinal, shots, np.cumsum(shots) - shots)

@@ -123,12 +123,19 @@ def between(low: ArrayLike, high: ArrayLike, uniform: ArrayLike) -> Float[np.nda
     return np.clip(lowest + np.asarray(uniform) * (highest - lowest), lowest, highest)
 
 
-def choose(weights: ArrayLike, uniform: ArrayLike) -> Int[np.ndarray, "..."]:
-    """Return indices into `weights` (k,), with probabilities in proportion to them, from `uniform` in [0, 1)."""
-    running = np.cumsum(np.asarray(weights, dtype=np.float64))
-    index = np.searchsorted(running, np.asarray(uniform) * running[-1], side="right")
+def choose(weights: ArrayLike, uniform: ArrayLike) -> Int[np.ndarray, " n"]:
+    """Return n indices, with probabilities in proportion to weights, from numbers in [0, 1).
+
+    `weights` are (k,), or (n, k) with a row for each number; each row has one above 0.
+    """
+    table = np.asarray(weights, dtype=np.float64)
+    running = np.cumsum(table, axis=-1)
     # Rounding may reach the end; clip to the last index with a weight.
-    return np.minimum(index, np.flatnonzero(weights)[-1])
+    last = table.shape[-1] - 1 - (table[..., ::-1] > 0.0).argmax(axis=-1)
+    wanted = np.asarray(uniform) * running[..., -1]
+    if table.ndim == 1:
+        return np.minimum(np.searchsorted(running, wanted, side="right"), last)
+    return np.minimum((running <= wanted[:, None]).sum(axis=1), last)
 
 
 def _numbers(states: UInt64[np.ndarray, " n"], count: int, *, first: int = 0) -> UInt64[np.ndarray, "n {count}"]:

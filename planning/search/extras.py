@@ -107,13 +107,7 @@ def distractors_at(
 
 
 def framed_on(
-    budget: Budget,
-    stage: PlanStage,
-    draws: RandomStreams,
-    *,
-    position: Int[np.ndarray, " n"],
-    held: Positions,
-    site: Site,
+    budget: Budget, stage: PlanStage, draws: RandomStreams, *, positions: Positions, site: Site
 ) -> Int[np.ndarray, " n"]:
     """Return the vehicle that the cameras of each position are framed on, as an index in the fleet.
 
@@ -123,16 +117,16 @@ def framed_on(
 
     Parameters
     ----------
-    position, held, site
-        (n,) number of each position, what the budget assigns to it, and their scenery.
+    positions, site
+        n positions, and their scenery.
     """
     index = np.array([stage.fleet.index[name] for name in budget.vehicles])
-    model, rows = index[held.vehicle], np.flatnonzero(held.background)
-    uniform = draws.uniform(Purpose.BACKGROUND, position[rows], 0, count=2)
+    model, rows = index[positions.vehicle], np.flatnonzero(positions.background)
+    uniform = draws.uniform(Purpose.BACKGROUND, positions.number[rows], 0, count=2)
     planned = budget.positions.vehicle[~budget.positions.background]
     shown = np.minimum((uniform[:, 0] * len(planned)).astype(np.int64), len(planned) - 1)
     model[rows] = index[planned[shown]]
-    share, ordinal = stage.config.budget.background_distractors, held.ordinal[rows]
+    share, ordinal = stage.config.budget.background_distractors, positions.ordinal[rows]
     replaced = np.floor((ordinal + 1) * share) > np.floor(ordinal * share)
     models, weights = distractors_at(site, stage, unlabeled=True)
     if weights.any():

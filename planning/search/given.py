@@ -105,4 +105,5 @@ def pose_budget(poses: GivenPoses, budget: Budget) -> Budget:
         vehicle[k], ordinal[k] = v, before[v]
         before[v] += 1
         images[v] += shots[k] if line.scenery is None else 0
-    return Budget(budget.vehicles, budget.class_starts, images, Positions(vehicle, ordinal, shots, starts))
+    positions = Positions(np.arange(len(starts)), vehicle, ordinal, shots, starts)
+    return Budget(budget.vehicles, budget.class_starts, images, positions)

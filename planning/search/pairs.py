@@ -17,7 +17,7 @@ from hulldown.geometry.errors import ConfigError
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import LeftOut
 from hulldown.planning.search.block import Block
-from hulldown.planning.search.budget import Budget
+from hulldown.planning.search.budget import Budget, Positions
 from hulldown.planning.search.draws import RandomStreams
 from hulldown.planning.search.positions import HopelessPosition, Planned
 from hulldown.planning.search.stage import Model, PlanStage, Site
@@ -134,22 +134,9 @@ def _try(
     n = len(models)
     if not n:
         return {}
-    trial = np.full(n, number)
-    block = Block(
-        config=stage.config,
-        draws=draws,
-        site=site,
-        fleet=stage.fleet,
-        extras={},
-        model=models,
-        background=np.zeros(n, dtype=bool),
-        empty=np.zeros(n, dtype=bool),
-        movable=np.ones(n, dtype=bool),
-        position=trial,
-        shots=np.ones(n, dtype=np.int64),
-        first_image=trial,
-    )
-    return Planned(block).problems
+    zero, one, trial = np.zeros(n, dtype=np.int64), np.ones(n, dtype=np.int64), np.full(n, number)
+    positions = Positions(trial, vehicle=zero, ordinal=zero, shots=one, first_image=trial)
+    return Planned(Block(stage, draws, site, {}, positions, models, movable=one > 0)).problems
 
 
 def _too_large(site: Site, model: Model, config: Config) -> ConfigError | None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float
 
+from hulldown.geometry.columns import put
 from hulldown.geometry.overlap import boxes_touch
 from hulldown.geometry.transforms import apply, compose, invert_rigid, rigid, rotation_z
 from hulldown.placement.contact import depth_below
@@ -14,7 +15,6 @@ from hulldown.placement.rejection import Rejection
 from hulldown.placement.settle import Settled, limit_contact, settle_each, unsettled
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import rounded
-from hulldown.planning.search.columns import put
 from hulldown.planning.search.instances import Instances
 from hulldown.planning.search.stage import Site, settle_rules
 

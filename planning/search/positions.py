@@ -12,9 +12,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, UInt8
 
-from hulldown.geometry.arrays import joined, numbered
+from hulldown.geometry.arrays import batches, joined, numbered
+from hulldown.geometry.columns import join, put, take
 from hulldown.geometry.errors import ConfigError
 from hulldown.placement.candidates import candidates
 from hulldown.placement.rejection import Rejection
@@ -22,7 +23,6 @@ from hulldown.placement.settle import Settled, unsettled
 from hulldown.planning.appearance.air import draw_weathers
 from hulldown.planning.search.aiming import Tries, drawn_lenses
 from hulldown.planning.search.block import Block, instances_of
-from hulldown.planning.search.columns import join, put, take
 from hulldown.planning.search.draws import Purpose, RowStreams
 from hulldown.planning.search.extras import MOST, Role, offsets
 from hulldown.planning.search.likeness import PATIENCE, directions_of
@@ -74,18 +74,16 @@ class Planned:
         Weather of the images; None where it is clear.
     problems
         Row of a position without a place -> the error that names its rejections.
-
-    Raises
-    ------
-    HopelessPosition
-        For the first position that isn't movable and has no place, or no camera, within the config's tries.
+    hopeless
+        The error of the first position that isn't movable; None without one. With one, other values are incomplete.
     """
 
     def __init__(self, block: Block) -> None:
         self.block, self.config, self.draws = block, block.config, block.draws
         self.weathers = draw_weathers(block.config.weather, draws=block.draws, image=block.scene)
         self._visibility_m = np.array([weather.visibility_m if weather else np.nan for weather in self.weathers])
-        n = len(block.position)
+        self.fleet, self.number = block.stage.fleet, block.positions.number
+        n = len(self.number)
         self.owner, self.image = block.owner, block.image
         self.problems: dict[int, HopelessPosition] = {}
         self.given_up = np.zeros(n, dtype=bool)
@@ -95,7 +93,7 @@ class Planned:
         self.views = no_views(len(self.image))
         self.place_rejections = np.zeros((n, KINDS), dtype=np.int64)
         self.camera_rejections = np.zeros((len(self.image), KINDS), dtype=np.int64)
-        early = block.position.min(initial=BEGINNING) < BEGINNING
+        early = self.number.min(initial=BEGINNING) < BEGINNING
         ranks = np.empty(len(block.model), dtype=np.int64)
         for model in np.unique(block.model):
             of_model = np.flatnonzero(block.model == model)
@@ -104,11 +102,10 @@ class Planned:
         self._settle(np.flatnonzero(scouts))
         self._settle(np.flatnonzero(~scouts))
         fixed = [error for row, error in self.problems.items() if not block.movable[row]]
-        if fixed:
-            raise min(fixed, key=lambda error: error.position)
+        self.hopeless = min(fixed, key=lambda error: error.position, default=None)
         self.seen = self._see_extras()
         self.rejected = self.camera_rejections.copy()
-        self.rejected[np.cumsum(block.shots) - block.shots] += self.place_rejections
+        self.rejected[block.shot == 0] += self.place_rejections
 
     @property
     def tries(self) -> Int[np.ndarray, " n"]:
@@ -132,7 +129,7 @@ class Planned:
     def _place_targets(self, pending: Int[np.ndarray, " p"]) -> None:
         """Take the next acceptable try of each position; the number of tries in a batch doubles."""
         limit, ahead, table = self.config.placement.max_tries, 1, self.table
-        given = self.block.given_of(self.block.first_image)
+        given = self.block.given_of(self.block.positions.first_image)
         self._give_up_if_placeless(pending)
         while len(pending := self._hopeful(pending)):
             now = pending[: max(1, CANDIDATES // ahead)]
@@ -140,7 +137,7 @@ class Planned:
             ahead = min(ahead, int(left.max()))
             row = np.repeat(now, ahead)
             attempt = (self.tries[now, None] + np.arange(ahead)).ravel()
-            rng = RowStreams(self.draws, Purpose.PLACE, self.block.position[row], attempt)
+            rng = RowStreams(self.draws, Purpose.PLACE, self.number[row], attempt)
             xy, yaw = candidates(self.block.site.bounds, len(row), rng=rng, margin=self.config.placement.margin)
             here = take(given, row)
             xy = np.where(np.isnan(here.xyz[:, :2]), xy, here.xyz[:, :2])
@@ -148,15 +145,10 @@ class Planned:
             settled = settle_clear(
                 self.block.site, self.table.at(self.target[row]), self.config, xy=xy, yaw=yaw, z=here.xyz[:, 2]
             )
-            rejection = settled.rejection.reshape(-1, ahead)
-            allowed = np.arange(ahead) < left[:, None]
-            good = allowed & (rejection == Rejection.NONE)
-            taken, first = good.any(axis=1), good.argmax(axis=1)
-            used = np.where(taken, first, np.minimum(left, ahead))
-            at, column = np.nonzero(np.arange(ahead) < used[:, None])
-            self.place_rejections[now] += tally(rejection[at, column].astype(np.int64), at, len(now))
-            put(table.settled, self.target[now[taken]], take(settled, np.flatnonzero(taken) * ahead + first[taken]))
-            table.tries[self.target[now]] += used + taken
+            taken, chosen, counts = first_accepted(settled.rejection.reshape(-1, ahead), left)
+            self.place_rejections[now] += counts
+            put(table.settled, self.target[now[taken]], take(settled, chosen))
+            table.tries[self.target[now]] += counts.sum(axis=1) + taken
             # Further tries at a given place would fail, too.
             table.tries[self.target[now[~taken & given.fixed[now]]]] = limit
             self._give_up_if_placeless(now[~taken])
@@ -194,7 +186,7 @@ class Planned:
             settled = self._settle_extras(new, number, photographed)
             settles = settled.rejection == Rejection.NONE
             which, attempt = np.append(which, new[settles]), np.append(attempt, number[settles])
-            ready = join(ready, take(settled, np.flatnonzero(settles)))
+            ready = join([ready, take(settled, np.flatnonzero(settles))])
             active = rows
             while len(active):
                 due = np.flatnonzero(np.isin(which, turn[active]))
@@ -221,7 +213,7 @@ class Planned:
         if likeness is None or not len(extras):
             return places
         row = table.row[extras]
-        image, attempt = self.block.first_image[row], self.tries[row] * self.config.camera.max_tries
+        image, attempt = self.block.positions.first_image[row], self.tries[row] * self.config.camera.max_tries
         targets = self.table.at(self.target[row])
         first = RowStreams(self.draws, Purpose.CAMERA, image, attempt).random((len(row), 3))
         places[extras] = likeness.places_beside(
@@ -241,14 +233,13 @@ class Planned:
 
         Offsets move from those in the photograph to random ones as tries go on.
         """
-        table, tries = self.table, unsettled(len(which))
-        for start in range(0, len(which), CANDIDATES):
-            batch = slice(start, start + CANDIDATES)
+        table, tries = self.table, []
+        for batch in batches(len(which), CANDIDATES):
             extras = which[batch]
             role, row = table.role[extras], table.row[extras]
             uniform = self.draws.uniform(
                 np.where(role == Role.COMPANION, Purpose.COMPANION, Purpose.DISTRACTOR),
-                self.block.position[row] * MOST + table.number[extras],
+                self.number[row] * MOST + table.number[extras],
                 # The number counts all places of the target, so that every place has new random numbers.
                 self.tries[row] * COMPANION_TRIES + number[batch],
                 count=3,
@@ -259,9 +250,8 @@ class Planned:
             xy = np.where(np.isnan(shown), xy, shown + anywhere * (xy - shown))
             xy += table.world_from_vehicle[self.target[row], :2, 3]
             yaw = 2.0 * math.pi * uniform[:, 2] - math.pi
-            settled = settle_clear(self.block.site, self.table.at(extras), self.config, xy=xy, yaw=yaw)
-            put(tries, np.arange(len(which))[batch], settled)
-        return tries
+            tries.append(settle_clear(self.block.site, self.table.at(extras), self.config, xy=xy, yaw=yaw))
+        return join(tries)
 
     def _clear_of_others(self, which: Int[np.ndarray, " q"], settled: Settled) -> Bool[np.ndarray, " q"]:
         """Whether these tries of extras are clear of the target and of the extras with places."""
@@ -284,10 +274,8 @@ class Planned:
         while len(pending) and done < max_tries:
             ahead = min(ahead, max_tries - done)
             now = np.repeat(pending, ahead)
-            attempt = done + np.tile(np.arange(ahead), len(pending))
-            tried = no_views(len(now))
-            for start in range(0, len(now), CAMERAS):
-                batch = np.arange(start, min(start + CAMERAS, len(now)))
+            attempt, views = done + np.tile(np.arange(ahead), len(pending)), []
+            for batch in batches(len(now), CAMERAS):
                 rows, owner = now[batch], self.owner[now[batch]]
                 tries = Tries(
                     self.table.at(self.target[owner]),
@@ -299,13 +287,11 @@ class Planned:
                     quarter=np.maximum(4 * attempt[batch] // max_tries, blind[owner]),
                     visibility_m=self._visibility_m[rows],
                 )
-                put(tried, batch, try_cameras(self.block, tries))
-            rejection = tried.rejection.reshape(-1, ahead)
-            good = rejection == Rejection.NONE
-            taken, first = good.any(axis=1), good.argmax(axis=1)
-            put(self.views, pending[taken], take(tried, np.flatnonzero(taken) * ahead + first[taken]))
-            at, column = np.nonzero(np.arange(ahead) < np.where(taken, first, ahead)[:, None])
-            self.camera_rejections[pending] += tally(rejection[at, column].astype(np.int64), at, len(pending))
+                views.append(try_cameras(self.block, tries))
+            tried = join(views)
+            taken, chosen, counts = first_accepted(tried.rejection.reshape(-1, ahead))
+            put(self.views, pending[taken], take(tried, chosen))
+            self.camera_rejections[pending] += counts
             pending, done = pending[~taken], done + ahead
             ahead = max(1, min(2 * ahead, CAMERAS // max(len(pending), 1)))
         return np.unique(self.owner[pending])
@@ -317,10 +303,8 @@ class Planned:
         extras = np.flatnonzero(table.found & (table.role != Role.TARGET))
         pair, of = joined(self.owner[shown], table.row[extras])
         image, instance = shown[pair], extras[of]
-        seen = Seen(image, instance, no_views(len(image)), np.zeros(len(image), dtype=bool))
-        standing = self.table.at(present)
-        for start in range(0, len(image), CAMERAS):
-            batch = np.arange(start, min(start + CAMERAS, len(image)))
+        seen, standing = [], self.table.at(present)
+        for batch in batches(len(image), CAMERAS):
             others, which = standing.beside(self.owner[image[batch]])
             not_itself = np.flatnonzero(present[which] != instance[batch][others.row])
             views, pixels = views_of_others(
@@ -331,9 +315,8 @@ class Planned:
                 visibility_m=self._visibility_m[image[batch]],
                 config=self.config,
             )
-            put(seen.views, batch, views)
-            seen.pixels[batch] = pixels
-        return seen
+            seen.append(Seen(image[batch], instance[batch], views, pixels))
+        return join(seen)
 
     def _hopeful(self, rows: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
         """Return the positions among these that aren't given up."""
@@ -362,7 +345,7 @@ class Planned:
         self.table.found[np.isin(self.table.row, rows)] = False
         for row in rows.tolist():
             counts = self.place_rejections[row] + self.camera_rejections[self.owner == row].sum(axis=0)
-            model, position = block.fleet.models[block.model[row]], int(block.position[row])
+            model, position = self.fleet.models[block.model[row]], int(self.number[row])
             self.problems[row] = HopelessPosition(
                 position,
                 f"vehicle {model.shape.name!r} on scenery {block.site.name!r} {what}: "
@@ -371,4 +354,25 @@ class Planned:
                 remedy=remedy,
             )
             if not block.movable[row]:
-                self.given_up |= block.position > position
+                self.given_up |= self.number > position
+
+
+def first_accepted(
+    rejection: UInt8[np.ndarray, "n t"], limit: Int[np.ndarray, " n"] | None = None
+) -> tuple[Bool[np.ndarray, " n"], Int[np.ndarray, " q"], Int[np.ndarray, "n kinds"]]:
+    """Find the first accepted of t tries in each row, of which the first `limit` count.
+
+    Returns
+    -------
+    taken, chosen
+        (n,) whether there is one, and the indices of the q accepted tries among all n * t.
+    counts
+        Rejections of each row before that try.
+    """
+    n, t = rejection.shape
+    number, limits = np.arange(t), np.full(n, t) if limit is None else np.minimum(limit, t)
+    good = (rejection == Rejection.NONE) & (number < limits[:, None])
+    taken, first = good.any(axis=1), good.argmax(axis=1)
+    row, column = np.nonzero(number < np.where(taken, first, limits)[:, None])
+    counts = tally(rejection[row, column].astype(np.int64), row, n)
+    return taken, np.flatnonzero(taken) * t + first[taken], counts

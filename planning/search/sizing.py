@@ -13,8 +13,8 @@ from hulldown.camera.framing import turned
 from hulldown.camera.lenses import Lenses
 from hulldown.camera.shell import camera_pose
 from hulldown.camera.size import Measure, box_length, refine_distance, solve_distance
+from hulldown.geometry.columns import put
 from hulldown.planning.config.schema import RenderSection
-from hulldown.planning.search.columns import put
 from hulldown.planning.search.instances import Instances
 
 # Framing turns the camera, which changes the size a little; correcting the distance changes the framing less.

@@ -14,12 +14,12 @@ from hulldown.camera.lenses import Lenses
 from hulldown.camera.shell import camera_pose
 from hulldown.camera.visibility import visible_fraction
 from hulldown.camera.weather.extinction import air_contrast
+from hulldown.geometry.columns import put
 from hulldown.placement.rejection import Rejection
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import rounded
 from hulldown.planning.search.aiming import Aims, Tries
 from hulldown.planning.search.block import Block
-from hulldown.planning.search.columns import put
 from hulldown.planning.search.instances import Instances
 from hulldown.planning.search.sizing import boxes_of, fraction_of, no_boxes
 from hulldown.planning.search.stage import Site

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
@@ -35,8 +36,9 @@ def put(table: Table, rows: Int[np.ndarray, " k"], values: Table) -> None:
             put(column, rows, new)
 
 
-def join(table: Table, more: Table) -> Table:
-    """Concatenate two tables whose fields are arrays."""
-    return type(table)(
-        *(np.concatenate([getattr(table, field.name), getattr(more, field.name)]) for field in fields(table))
+def join(tables: Sequence[Table]) -> Table:
+    """Concatenate one or more tables."""
+    columns = ([getattr(table, field.name) for table in tables] for field in fields(tables[0]))
+    return type(tables[0])(
+        *(np.concatenate(parts) if isinstance(parts[0], np.ndarray) else join(parts) for parts in columns)
     )
