@@ -44,8 +44,9 @@ class Assets:
         Shape of each distractor, in the order of the config.
     skies
         Light of HDRIs on open land; those without an entry are even skies of radiance 1, made in memory.
-    vehicle_files, scenery_files, hdri_files, distractor_files
-        The files they came from; assets without an entry were made in memory.
+    files
+        The files they came from, by "vehicles", "distractors", "sceneries", or "hdris", then by name; assets without an
+        entry were made in memory.
     without_material
         Names of vehicles and distractors whose files have no material, so that they can't be painted.
     photographs
@@ -61,11 +62,8 @@ class Assets:
     categories: Mapping[str, str]
     sceneries: Mapping[str, Scenery]
     hdris: tuple[str, ...]
-    vehicle_files: Mapping[str, Source] = field(default_factory=dict)
-    scenery_files: Mapping[str, Source] = field(default_factory=dict)
-    hdri_files: Mapping[str, HdriSource] = field(default_factory=dict)
+    files: Mapping[str, Mapping[str, Source]] = field(default_factory=dict)
     distractors: Mapping[str, VehicleShape] = field(default_factory=dict)
-    distractor_files: Mapping[str, Source] = field(default_factory=dict)
     skies: Mapping[str, SkyLight] = field(default_factory=dict)
     without_material: frozenset[str] = frozenset()
     photographs: Photographs | None = None

@@ -25,9 +25,9 @@ from hulldown.annotate.notebooks import ShownInNotebooks
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import ConfigError, HulldownError
 from hulldown.geometry.files import open_in_place
+from hulldown.placement.rejection import BY_KEY
 from hulldown.planning.misfit import misfit
 from hulldown.planning.row import FORMAT, Header, Row, decode_header, decode_row, encode, picture_name
-from hulldown.planning.search.tally import BY_KEY
 
 if TYPE_CHECKING:
     import pandas

@@ -11,9 +11,8 @@ from jaxtyping import Bool, Float
 
 from hulldown.assets.library import Assets
 from hulldown.placement.rejection import Rejection
-from hulldown.planning.appearance.light import draw_lights
+from hulldown.planning.appearance.light import draw_lights, draw_sensors
 from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, Coat, draw_coats
-from hulldown.planning.appearance.sensor import draw_sensors
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import Bounds, Box, Followed, Label, OnMap, PlannedVehicle, Row, picture_name, rounded
 from hulldown.planning.search.block import Block

@@ -19,9 +19,9 @@ from rich.table import Table
 from hulldown.annotate.sheets import SOFTWARE, refuse_foreign
 from hulldown.camera.weather.kinds import KINDS
 from hulldown.geometry.files import replacing
+from hulldown.placement.rejection import AIMING, BY_KEY, PLACING
 from hulldown.planning.appearance.paint import OWN
 from hulldown.planning.row import LeftOut, Row
-from hulldown.planning.search.tally import AIMING, BY_KEY, PLACING
 from hulldown.planning.shortcuts import nuisances, shortcuts
 
 # COCO's classes of size, by area in square pixels.

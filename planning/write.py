@@ -10,7 +10,7 @@ import sys
 import threading
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -186,8 +186,8 @@ def make_header(planner: Planner, path: str | Path) -> Header:
     """Return the first line of a planner's plan with this name."""
     config, assets = planner.config, planner.assets
 
-    def recorded(files: Mapping[str, Source], name: str) -> dict[str, str]:
-        return structs.asdict(files.get(name, Source()))
+    def recorded(kind: str, name: str) -> dict[str, str]:
+        return structs.asdict(assets.files.get(kind, {}).get(name, Source()))
 
     photographs = assets.photographs
     return Header(
@@ -197,16 +197,16 @@ def make_header(planner: Planner, path: str | Path) -> Header:
         root=os.path.relpath(config.folder, Path(path).parent),
         config=config.model_dump(mode="json"),
         vehicles={
-            name: VehicleSource(**recorded(assets.vehicle_files, name), category=assets.categories[name])
+            name: VehicleSource(**recorded("vehicles", name), category=assets.categories[name])
             for name in assets.vehicles
         },
         sceneries={
-            name: ScenerySource(**recorded(assets.scenery_files, name), origin=tuple(scenery.origin.tolist()))
+            name: ScenerySource(**recorded("sceneries", name), origin=tuple(scenery.origin.tolist()))
             for name, scenery in assets.sceneries.items()
         },
-        hdris={name: assets.hdri_files.get(name, HdriSource()) for name in assets.hdris},
+        hdris={name: HdriSource(**recorded("hdris", name)) for name in assets.hdris},
         distractors={
-            entry.name: DistractorSource(**recorded(assets.distractor_files, entry.name), category=entry.category)
+            entry.name: DistractorSource(**recorded("distractors", entry.name), category=entry.category)
             for entry in config.assets.distractors
         },
         versions={

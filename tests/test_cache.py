@@ -246,9 +246,9 @@ def test_the_assets_of_a_config(exporter: Exporter, tmp_path: Path) -> None:
     assert assets.categories == {"b": "small", "T": "large"}
     assert list(assets.sceneries) == ["field"]
     assert assets.hdris == ("sky",)
-    assert assets.vehicle_files["T"].path == "a.blend"
-    assert assets.hdri_files["sky"].path == "sky.exr"
-    assert len(assets.hdri_files["sky"].sha256) == 64
+    assert assets.files["vehicles"]["T"].path == "a.blend"
+    assert assets.files["hdris"]["sky"].path == "sky.exr"
+    assert len(assets.files["hdris"]["sky"].sha256) == 64
     odd = {str(tmp_path / file): ["odd"] for file in ("b.blend", "a.blend", "field.blend")}
     assert library.doubts(backdrop=False) == odd
     load_library(config_in(tmp_path))

@@ -70,11 +70,9 @@ def test_a_killed_plan_is_continued_with_the_same_bytes(tmp_path, rows, kept):
 
 
 def test_the_header_has_the_plans_inputs(tmp_path):
-    made = replace(
-        ASSETS,
-        vehicle_files={"t72": Source(path="vehicles/t72.blend", sha256="ab" * 32)},
-        hdri_files={"noon": HdriSource(path="hdris/noon.exr", sha256="cd" * 32)},
-    )  # fmt: skip
+    vehicles = {"t72": Source(path="vehicles/t72.blend", sha256="ab" * 32)}
+    hdris = {"noon": HdriSource(path="hdris/noon.exr", sha256="cd" * 32)}
+    made = replace(ASSETS, files={"vehicles": vehicles, "hdris": hdris})
     config = small_config(seed=5)
     header = write_plan(config, made, tmp_path / "plan.jsonl").header
     assert header.seed == 5

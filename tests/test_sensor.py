@@ -6,7 +6,7 @@ from scipy import ndimage
 
 from hulldown.camera.sensor import Sensor
 from hulldown.geometry.errors import ConfigError
-from hulldown.planning.appearance.sensor import draw_sensors
+from hulldown.planning.appearance.light import draw_sensors
 from hulldown.planning.config.sensor_section import PRESETS, SensorSection
 from hulldown.planning.search.draws import RandomStreams
 from hulldown.render.sensor import BAND, WHITE, Lens, develop, read_out

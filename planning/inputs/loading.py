@@ -65,7 +65,7 @@ class Library:
 
     def doubts(self, *, backdrop: bool) -> dict[str, list[str]]:
         """Return doubts by the file's path; `backdrop` tells whether pictures show all of an HDRI, with its land."""
-        files = self.assets.hdri_files
+        files = self.assets.files["hdris"]
         doubts = [(e.report.path, e.report.doubts) for e in (*self.models.values(), *self.sceneries.values())]
         for name, hdri in self.hdris.items():
             doubts.append((files[name].path, (*hdri.notes, *hdri.doubts, *hdri.misfits[:backdrop])))
@@ -162,24 +162,22 @@ def load_library(
     def shapes(entries: Sequence[ModelEntry]) -> dict[str, VehicleShape]:
         return {e.name: _as_listed(load_vehicle(models[e.name].bundle), e, config) for e in entries}
 
-    def asset_files(kind: type[ModelEntry] | type[SceneryEntry]) -> dict[str, Source]:
-        return {e.name: Source(path=e.path, sha256=sha256) for e, (_, sha256) in files if isinstance(e, kind)}
-
+    kinds = {"vehicles": VehicleEntry, "distractors": DistractorEntry, "sceneries": SceneryEntry}
+    sources: dict[str, dict[str, Source]] = {
+        key: {e.name: Source(path=e.path, sha256=sha256) for e, (_, sha256) in files if isinstance(e, kind)}
+        for key, kind in kinds.items()
+    }
+    sources["hdris"] = {
+        name: HdriSource(path=_as_given(path, config), sha256=sky.sha256, mended_sha256=sky.mended_sha256)
+        for (name, path), sky in zip(hdris.items(), skies.values(), strict=True)
+    }
     assets = Assets(
         vehicles=shapes(listed.vehicles),
         categories={entry.name: entry.category for entry in listed.vehicles},
         sceneries={name: replace(load_scenery(e.bundle), name=name) for name, e in sceneries.items()},
         hdris=tuple(hdris),
-        vehicle_files=asset_files(VehicleEntry),
-        scenery_files=asset_files(SceneryEntry),
-        hdri_files={
-            name: HdriSource(
-                path=_as_given(path, config), sha256=skies[name].sha256, mended_sha256=skies[name].mended_sha256
-            )
-            for name, path in hdris.items()
-        },
+        files=sources,
         distractors=shapes(listed.distractors),
-        distractor_files=asset_files(DistractorEntry),
         skies={name: sky.light for name, sky in skies.items()},
         without_material=frozenset(name for name, exported in models.items() if not exported.report.materials),
     )
@@ -231,14 +229,9 @@ def refuse_changed(plan: Plan, assets: Assets) -> None:
     ConfigError
         Naming the first of them.
     """
-    header = plan.header
-    kinds: tuple[tuple[str, Mapping[str, Source], Mapping[str, Source]], ...] = (
-        ("vehicles", header.vehicles, assets.vehicle_files),
-        ("distractors", header.distractors, assets.distractor_files),
-        ("sceneries", header.sceneries, assets.scenery_files),
-        ("hdris", header.hdris, assets.hdri_files),
-    )
-    for kind, planned, files in kinds:
+    for kind in ("vehicles", "distractors", "sceneries", "hdris"):
+        planned: Mapping[str, Source] = getattr(plan.header, kind)
+        files = assets.files.get(kind, {})
         for name, was in planned.items():
             if name not in files or (was.sha256 and _digests(files[name]) != _digests(was)):
                 raise ConfigError(
