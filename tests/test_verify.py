@@ -5,12 +5,16 @@ import pytest
 from PIL import Image
 
 from hulldown.annotate.masks import encode
+from hulldown.cli import main
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.verification import check_pictures
 from hulldown.dataset.verification.verify import Finding, verify
 from hulldown.geometry.errors import ConfigError, DatasetError
+from hulldown.reading.confinement.watch import GIB
+from hulldown.render.masks import MaskReport
 from hulldown.tests.editing import append, edit
 from hulldown.tests.plan_lines import IMAGE, POSE, VEHICLE, row, write_lines
+from hulldown.tests.render_plans import CUBES
 
 MASK = np.zeros((24, 32), dtype=bool)
 MASK[4:10, 5:15] = True
@@ -201,6 +205,20 @@ def test_a_plan_that_was_not_rendered_here_is_reported(planned):
     plan.write_text(plan.read_text().replace("0.75", "0.7"))
     (finding,) = verify(folder, plan=plan)
     assert str(finding) == "error: plan.jsonl: nothing here was rendered from this file, as it is now"
+
+
+def test_a_plans_assets_are_read_once_within_the_users_limits(planned, monkeypatch):
+    folder, plan = planned
+    read = []
+
+    def load(plan, *, limits, **_):
+        read.append(limits)
+        return CUBES
+
+    monkeypatch.setattr("hulldown.planning.inputs.loading.load_planned_library", load)
+    monkeypatch.setattr("hulldown.render.masks.verify_masks", lambda *_, **__: MaskReport((), ()))
+    main(["verify", str(folder), "--plan", str(plan), "--masks", "1", "--read-timeout", "7", "--read-memory", "3"])
+    assert [(limits.silence_s, limits.memory_bytes) for limits in read] == [(7, 3 * GIB)]
 
 
 def test_a_missing_plan_and_a_missing_dataset_are_errors(dataset, tmp_path_factory):

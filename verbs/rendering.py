@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+from functools import cache, partial
 from pathlib import Path
 
 from hulldown.geometry.errors import HulldownError
@@ -82,12 +83,13 @@ def _verify(arguments: argparse.Namespace) -> int:
 
     if arguments.masks and not arguments.plan:
         raise HulldownError("--masks needs --plan, whose poses are rendered again")
-    findings = verify(arguments.dataset, arguments.plan, fast=arguments.fast, cache=arguments.cache)
+    assets = cache(partial(planned_library, arguments.plan, arguments))
+    findings = verify(arguments.dataset, arguments.plan, fast=arguments.fast, assets=assets)
     checked = 0
     if arguments.masks:
         from hulldown.render.masks import verify_masks
 
-        library, count = planned_library(arguments.plan, arguments), arguments.masks
+        library, count = assets(), arguments.masks
         with progress_bar("rendering masks") as advance:
             measured = verify_masks(arguments.dataset, arguments.plan, library, count=count, progress=advance)
         checked = len(measured.rows)

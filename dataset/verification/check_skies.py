@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -23,7 +22,7 @@ from hulldown.camera.weather.kinds import Weather, air_layers, airlight, even_sk
 from hulldown.camera.world import World
 from hulldown.dataset.records import Finding
 from hulldown.dataset.store.runs import Run, find_run, plan_key
-from hulldown.planning.inputs.loading import load_planned_library
+from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan_file import Plan
 from hulldown.reading.skies.hdri import sky_map
 
@@ -109,7 +108,7 @@ class SkyCheck:
         return along.reshape(height, WIDTH, 3), ~met.reshape(height, WIDTH), light[..., None]
 
 
-def sky_check(plan: Plan, coco: Mapping[str, Any], *, cache: str | os.PathLike[str] | None = None) -> SkyCheck | None:
+def sky_check(plan: Plan, coco: Mapping[str, Any], read: Callable[[], Library]) -> SkyCheck | None:
     """A check of a plan's images in a dataset; None if there are none.
 
     Parameters
@@ -118,8 +117,8 @@ def sky_check(plan: Plan, coco: Mapping[str, Any], *, cache: str | os.PathLike[s
         The plan.
     coco
         The dataset.
-    cache
-        The cache of the plan's assets; None: next to the plan.
+    read
+        Reads the plan's assets.
 
     Raises
     ------
@@ -129,7 +128,7 @@ def sky_check(plan: Plan, coco: Mapping[str, Any], *, cache: str | os.PathLike[s
     run = find_run(coco, plan_key(plan.path))
     if run is None:
         return None
-    library = load_planned_library(plan, cache=cache)
+    library = read()
     used = {image.get("hdri") for image in coco["images"] if run.has_image(image["id"])}
     skies = {name: sky_map(hdri) for name, hdri in library.hdris.items() if name in used}
     sceneries = library.assets.sceneries

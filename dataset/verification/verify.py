@@ -8,6 +8,7 @@ import json
 import os
 from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,8 @@ from hulldown.dataset.verification.check_skies import sky_check
 from hulldown.dataset.verification.planned import check_planned
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.terminal import reading_status, shown
-from hulldown.planning.plan_file import read_plan
+from hulldown.planning.inputs.loading import Library, load_planned_library
+from hulldown.planning.plan_file import Plan, read_plan
 
 
 def verify(
@@ -30,6 +32,7 @@ def verify(
     *,
     fast: bool = False,
     cache: str | os.PathLike[str] | None = None,
+    assets: Callable[[], Library] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Finding]:
     """Find everything that is wrong with a dataset.
@@ -45,6 +48,8 @@ def verify(
         Whether to skip opening pictures and comparing hashes.
     cache
         The cache of the plan's assets; None: next to the plan.
+    assets
+        Reads the plan's assets, in place of `load_planned_library` with that cache.
     progress
         Called with (done, all) after each image; None: a bar in a terminal or notebook.
 
@@ -71,8 +76,7 @@ def verify(
     planned = None if plan is None else read_plan(plan)
     if planned is not None and not fast:
         try:
-            with reading_status():
-                look = sky_check(planned, coco, cache=cache)
+            look = sky_check(planned, coco, assets or partial(_assets, planned, cache))
         except HulldownError as error:
             findings.append(Finding("warning", planned.path.name, f"skies are not looked at: {error}"))
     findings += check_categories(coco["categories"])
@@ -90,6 +94,11 @@ def verify(
     with shown("checking", progress) as advance:
         findings += check_pictures(folder, coco, fast=fast, look=look, progress=advance)
     return findings
+
+
+def _assets(plan: Plan, cache: str | os.PathLike[str] | None) -> Library:
+    with reading_status() as reading:
+        return load_planned_library(plan, cache=cache, progress=reading)
 
 
 def _check_loading(path: Path) -> Iterator[Finding]:
