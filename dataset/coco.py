@@ -143,12 +143,18 @@ class CocoDataset:
         keypoints
             Refuse an existing category with other keypoints, or without keypoints.
         """
-        categories: list[dict[str, Any]] = []
-        for record in records:
-            if keypoints and record.get("keypoints") and record["name"] in self._document.category_ids:
-                self._check_keypoints(record["name"], record["keypoints"])
-            self._category_id(record, categories)
-        if categories:
+        known = {str(category.get("name")): category for category in reversed(self._document.categories)}
+        records = list(records)
+        for record in records if keypoints else ():
+            there = known.get(record["name"], record).get("keypoints")
+            if (wanted := record.get("keypoints")) and there != wanted:
+                has = f"the keypoints {there}" if there else "no keypoints"
+                raise DatasetError(
+                    f"category {record['name']!r} has {has}, expected {wanted}",
+                    path=self.folder / ANNOTATIONS_NAME,
+                    remedy="add them there, or write to another folder",
+                )
+        if categories := self._document.new_categories(records):
             self._write({"categories": categories})
             self._document.pending += 1
 
@@ -222,31 +228,28 @@ class CocoDataset:
         document = self._document
         record = plain_json(image, "image")
         check_image(record)
-        seals = record.get(PICTURE_KEY) is not None
         if self.finished(record["file_name"]):
             raise ValueError(f"image: file_name: {record['file_name']!r} is in the dataset already")
         image_id = free_id(record, "image", document.images.highest + 1, document.images.ids)
-        categories: list[dict[str, Any]] = []
-        records: list[dict[str, Any]] = []
-        used: set[int] = set()
+        labels: dict[int, dict[str, Any]] = {}
         next_id = document.annotations.highest + 1
         for i, annotation in enumerate(annotations):
             name = f"annotations[{i}]"
-            plain = plain_json(annotation, name)
-            check_annotation(plain, name)
-            annotation_id = free_id(plain, name, next_id, document.annotations.ids, used)
-            used.add(annotation_id)
-            next_id = max(next_id, annotation_id + 1)
-            category_id = self._category_id(new_category(plain.pop("category")), categories)
-            box = plain["bbox"]
-            defaults = {"area": box[2] * box[3], "iscrowd": 0, "segmentation": []}
-            ids = {"id": annotation_id, "image_id": image_id, "category_id": category_id}
-            full = {**ids, **defaults, **plain, **ids}
-            records.append(sealed(full) if seals or RECORD_KEY in full else full)
-        full = {"id": image_id, **record}
-        full = sealed(full) if seals or RECORD_KEY in full else full
-        line: dict[str, Any] = {"image": full, "annotations": records}
-        return {**line, "categories": categories} if categories else line
+            label = plain_json(annotation, name)
+            check_annotation(label, name)
+            label_id = free_id(label, name, next_id, document.annotations.ids, labels)
+            labels[label_id] = label
+            next_id = max(next_id, label_id + 1)
+        categories = document.new_categories(new_category(label["category"]) for label in labels.values())
+        category_ids = document.category_ids | {category["name"]: category["id"] for category in categories}
+        records = [{"id": image_id, **record} | {"id": image_id}]
+        for label_id, label in labels.items():
+            ids = {"id": label_id, "image_id": image_id, "category_id": category_ids[label.pop("category")]}
+            defaults = {"area": label["bbox"][2] * label["bbox"][3], "iscrowd": 0, "segmentation": []}
+            records.append({**ids, **defaults, **label, **ids})
+        seals = record.get(PICTURE_KEY) is not None
+        full, *of_image = (sealed(each) if seals or RECORD_KEY in each else each for each in records)
+        return {"image": full, "annotations": of_image} | ({"categories": categories} if categories else {})
 
     def merge(self) -> None:
         """Bring ``annotations.json`` up to date, replacing it in one step."""
@@ -298,23 +301,3 @@ class CocoDataset:
     def _write(self, line: dict[str, Any]) -> None:
         self._journal.append(line)
         self._document.apply(line)
-
-    def _category_id(self, category: Mapping[str, Any], new: list[dict[str, Any]]) -> int:
-        name = category["name"]
-        if name in (known := self._document.category_ids):
-            return known[name]
-        for record in new:
-            if record["name"] == name:
-                return int(record["id"])
-        highest = max([record["id"] for record in (*self._document.categories, *new)], default=0)
-        new.append({**category, "id": max(highest, 0) + 1})
-        return int(new[-1]["id"])
-
-    def _check_keypoints(self, name: str, wanted: Sequence[str]) -> None:
-        there = next(record.get("keypoints") for record in self._document.categories if record.get("name") == name)
-        if there != wanted:
-            raise DatasetError(
-                f"category {name!r} has {f'the keypoints {there}' if there else 'no keypoints'}, expected {wanted}",
-                path=self.folder / ANNOTATIONS_NAME,
-                remedy="add them there, or write to another folder",
-            )

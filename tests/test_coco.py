@@ -55,6 +55,15 @@ def test_a_new_dataset(tmp_path):
     assert (second["id"], second["category_id"], second["pose"]) == (2, 2, [[1.0, 0.0], [0.0, 1.0]])
 
 
+def test_an_id_of_none_is_the_next_one_and_of_true_is_refused(tmp_path):
+    with CocoDataset.open(tmp_path) as dataset:
+        assert dataset.append({**image(1), "id": None}, [annotation(id=None)]) == 1
+        with pytest.raises(ValueError, match="expected a whole number above 0"):
+            dataset.append({**image(2), "id": True}, [])
+    coco = load(tmp_path)
+    assert [record["id"] for record in (*coco["images"], *coco["annotations"])] == [1, 1]
+
+
 def test_a_foreign_dataset_keeps_all_its_fields(tmp_path):
     (tmp_path / "annotations.json").write_text(json.dumps(FOREIGN))
     with CocoDataset.open(tmp_path, categories=["truck", "launcher"]) as dataset:

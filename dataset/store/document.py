@@ -29,6 +29,7 @@ ANNOTATIONS_NAME = "annotations.json"
 JOURNAL_NAME = "journal.jsonl"
 COCO_NAME = "_annotations.coco.json"  # of RF-DETR and Roboflow, in every split's folder
 NO_RECORDS = msgspec.Raw(b"[]")
+KINDS = {"categories": "category", "images": "image", "annotations": "annotation"}
 LINE_KEYS = {"categories", "run", "image", "annotations", "merged"}  # all keys of a journal's lines
 
 
@@ -73,52 +74,44 @@ class Records:
 
 
 class Document:
-    """A COCO document that grows line by line.
+    """A COCO document that grows line by line; empty at first.
 
-    Parameters
+    Attributes
     ----------
     head
-        A COCO dictionary without the records.
+        The COCO dictionary without the records.
     categories, images, annotations
-        Its records as iterables, read once, in this order.
-    path
-        Its file, for errors.
+        The records.
+    file_names
+        The images' names in normal form.
+    runs
+        The reservation of each plan by its key.
+    pending
+        Number of lines that the file lacks.
     """
 
-    def __init__(
-        self,
-        head: dict[str, Any],
-        categories: Iterable[dict[str, Any]],
-        images: Iterable[dict[str, Any]],
-        annotations: Iterable[dict[str, Any]],
-        path: Path,
-    ) -> None:
-        self.categories = list(categories)
-        self.category_ids: dict[str, int] = {}
-        for record in self.categories:
-            # The first of two with the same name, so that reopening doesn't change the choice.
-            self.category_ids.setdefault(str(record.get("name")), _id(record, "category", path))
+    def __init__(self) -> None:
+        self.head: dict[str, Any] = {}
+        self.categories: list[dict[str, Any]] = []
         self.images, self.annotations = Records(), Records()
         self.file_names: set[str] = set()
         self.runs: dict[str, Run] = {}
         self.pending = 0
-        try:
-            for record in images:
-                _id(record, "image", path)
-                self.images.add(record)
-                self.file_names.add(place_of(str(record.get("file_name"))))
-            for record in annotations:
-                _id(record, "annotation", path)
-                self.annotations.add(record)
-            orjson.dumps([head, self.categories])
-        except TypeError as error:
-            raise _unusable(path, f"a record cannot be written again ({error})") from None
-        try:
-            for run in runs_of(head):
-                self._add_run(run)
-        except ValueError as error:
-            raise _unusable(path, f"'info' has 'hulldown_runs' that are not as they were written ({error})") from None
-        self.head = head
+
+    @property
+    def category_ids(self) -> dict[str, int]:
+        """The id of each name: the first of two with the same name, so that reopening doesn't change the choice."""
+        return {str(record.get("name")): record["id"] for record in reversed(self.categories)}
+
+    def new_categories(self, records: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+        """The records with new names, each once, with the next ids."""
+        known = self.category_ids
+        new: dict[str, Mapping[str, Any]] = {}
+        for record in records:
+            if record["name"] not in known:
+                new.setdefault(record["name"], record)
+        following = max((record["id"] for record in self.categories), default=0)
+        return [{**record, "id": i} for i, record in enumerate(new.values(), start=max(following, 0) + 1)]
 
     def apply(self, line: Mapping[str, Any]) -> None:
         """Apply a line of the journal.
@@ -129,19 +122,35 @@ class Document:
             If it isn't a line of this document's journal.
         """
         for category in line.get("categories", ()):
-            self._add_category(category)
+            name, number = category["name"], category["id"]
+            if self.category_ids.get(name) == number:
+                continue
+            if name in self.category_ids or any(c["id"] == number for c in self.categories) or type(number) is not int:
+                raise ValueError(f"category {name!r} with id {number}")
+            self.categories.append(category)
         if "run" in line:
-            self._add_run(msgspec.convert(line["run"], Run))
+            self.add_run(msgspec.convert(line["run"], Run))
         image = line.get("image")
-        if image is None or (place := place_of(image["file_name"])) in self.file_names:
+        if image is None or place_of(image["file_name"]) in self.file_names:
             return
         if not all(isinstance(record["id"], int) for record in (image, *line["annotations"])):
             raise TypeError(f"ids of {image['file_name']!r}")
         self.pending += 1
-        self.file_names.add(place)
+        self.add(image, line["annotations"])
+
+    def add(self, image: Mapping[str, Any], annotations: Iterable[Mapping[str, Any]]) -> None:
+        """Add an image and its annotations."""
+        self.file_names.add(place_of(str(image.get("file_name"))))
         self.images.add(image)
-        for annotation in line["annotations"]:
+        for annotation in annotations:
             self.annotations.add(annotation)
+
+    def add_run(self, new: Run) -> None:
+        """Add a reservation; ValueError if its plan has another one."""
+        if (run := self.runs.setdefault(new.key, new)) != new:
+            raise ValueError(f"two records of what is set aside for {new.key!r}")
+        self.images.highest = max(self.images.highest, run.image_offset + run.images)
+        self.annotations.highest = max(self.annotations.highest, run.annotation_offset + run.annotations)
 
     def to_dict(self) -> dict[str, Any]:
         """The whole as one COCO dictionary, in the order it is written."""
@@ -170,23 +179,6 @@ class Document:
             self.images.ordered(run.image_offset for run in runs),
             self.annotations.ordered(run.annotation_offset for run in runs),
         )
-
-    def _add_category(self, category: dict[str, Any]) -> None:
-        known = self.category_ids.setdefault(category["name"], category["id"])
-        if (
-            not isinstance(known, int)
-            or known != category["id"]
-            or any(c["id"] == category["id"] and c.get("name") != category["name"] for c in self.categories)
-        ):
-            raise ValueError(f"category {category['name']!r} with id {category['id']}")
-        if all(c.get("name") != category["name"] for c in self.categories):
-            self.categories.append(category)
-
-    def _add_run(self, new: Run) -> None:
-        if (run := self.runs.setdefault(new.key, new)) != new:
-            raise ValueError(f"two records of what is set aside for {new.key!r}")
-        self.images.highest = max(self.images.highest, run.image_offset + run.images)
-        self.annotations.highest = max(self.annotations.highest, run.annotation_offset + run.annotations)
 
 
 def write_coco(file: BinaryIO, head: Mapping[str, Any], images: Iterable[bytes], annotations: Iterable[bytes]) -> None:
@@ -225,7 +217,7 @@ def read_document(folder: Path) -> Document:
     # First, since another process may merge meanwhile: its lines are then read from the journal.
     merged = last_merged(journal)
     exists = path.exists()
-    document = _read_annotations(path) if exists else Document({}, (), (), (), path)
+    document = _read_annotations(path) if exists else Document()
     since: dict[str | int, tuple[int, dict[str, Any]]] = {}
     number = 0
     try:
@@ -301,24 +293,38 @@ def read_coco(folder: Path | str) -> dict[str, Any]:
 
 def _read_annotations(path: Path) -> Document:
     """Read a COCO file, record by record, which takes less than half the memory of a parser of the whole."""
+    document = Document()
     try:
         with open_regular(path) as file:
             content = file.read()
         parts = msgspec.json.decode(content, type=dict[str, msgspec.Raw])
         categories, images, annotations = (
-            _records(parts.pop(key, NO_RECORDS), key, path) for key in ("categories", "images", "annotations")
+            _records(parts.pop(key, NO_RECORDS), key, kind, path) for key, kind in KINDS.items()
         )
-        head = {key: orjson.loads(memoryview(part)) for key, part in parts.items()}
-        return Document(head, categories, images, annotations, path)
+        document.head = {key: orjson.loads(memoryview(part)) for key, part in parts.items()}
+        document.categories += categories
+        for image in images:
+            document.add(image, ())
+        for annotation in annotations:
+            document.annotations.add(annotation)
+        orjson.dumps([document.head, document.categories])
     except OSError as error:
         raise _unusable(path, f"cannot be read ({error.strerror})") from error
     except msgspec.ValidationError as error:
         raise _unusable(path, f"isn't a COCO object ({error})") from error
+    except TypeError as error:
+        raise _unusable(path, f"a record cannot be written again ({error})") from None
     except (ValueError, RecursionError) as error:
         raise _unusable(path, f"is not valid JSON ({error})") from error
+    try:
+        for run in runs_of(document.head):
+            document.add_run(run)
+    except ValueError as error:
+        raise _unusable(path, f"'info' has 'hulldown_runs' that are not as they were written ({error})") from None
+    return document
 
 
-def _records(content: msgspec.Raw, key: str, path: Path) -> Iterator[dict[str, Any]]:
+def _records(content: msgspec.Raw, key: str, kind: str, path: Path) -> Iterator[dict[str, Any]]:
     """Parse a list of records, one at a time."""
     try:
         records = msgspec.json.decode(content, type=list[msgspec.Raw])
@@ -328,14 +334,9 @@ def _records(content: msgspec.Raw, key: str, path: Path) -> Iterator[dict[str, A
         record = orjson.loads(memoryview(part))
         if not isinstance(record, dict):
             raise _unusable(path, f"{key!r} is not a list of objects")
+        if type(number := record.get("id")) is not int:
+            raise _unusable(path, f"{kind} id {number!r} is not a whole number")
         yield record
-
-
-def _id(record: Mapping[str, Any], kind: str, path: Path) -> int:
-    value = record.get("id")
-    if type(value) is not int:
-        raise _unusable(path, f"{kind} id {value!r} is not a whole number")
-    return value
 
 
 def _unusable(path: Path, what: str) -> DatasetError:

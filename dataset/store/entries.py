@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import posixpath
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from typing import Any, TypeGuard
 
 import numpy as np
@@ -82,11 +82,11 @@ def new_category(name: str) -> dict[str, Any]:
     return {"id": 0, "name": name, "supercategory": "vehicle"}
 
 
-def free_id(record: Mapping[str, Any], name: str, following: int, *used: set[int]) -> int:
+def free_id(record: Mapping[str, Any], name: str, following: int, *used: Container[int]) -> int:
     """The record's requested id, if it's free, or the next one without a request."""
     wanted = record.get("id")
     if wanted is None:
         return following
-    if not isinstance(wanted, int) or wanted < 1 or any(wanted in ids for ids in used):
+    if type(wanted) is not int or wanted < 1 or any(wanted in ids for ids in used):
         raise ValueError(f"{name}: id: expected a whole number above 0 that is not in use, got {wanted!r}")
     return wanted
