@@ -41,21 +41,30 @@ class PictureFile:
     pixels: UInt8[np.ndarray, "h w 3"] | None
 
 
-def read_picture(path: Path, *, largest: int | None = None) -> PictureFile:
+def read_picture(path: Path, size: tuple[int, int] | None = None, *, largest: int | None = None) -> PictureFile:
     """Read a picture. Everything in hulldown that needs a dataset's pixels reads them here.
 
     Parameters
     ----------
     path
         The file.
+    size
+        Width and height that its record states; None: any.
     largest
         Don't decode pictures of more pixels than this; only check their structure and read their size.
 
     Raises
     ------
     DatasetError
-        If the file is missing, damaged, not a picture, or of a kind whose values have no known range.
+        If the file is missing, damaged, not a picture, of another size, or of a kind whose values have no known range.
     """
+    picture = _read_picture(path, largest)
+    if size is not None and picture.size != size:
+        raise DatasetError(size_problem(picture, size), path=path, remedy="correct the record or the picture")
+    return picture
+
+
+def _read_picture(path: Path, largest: int | None) -> PictureFile:
     try:
         with open_regular(path) as file:
             content = file.read()
@@ -83,25 +92,10 @@ def read_picture(path: Path, *, largest: int | None = None) -> PictureFile:
 
 
 def read_pixels(path: Path, size: tuple[int, int] | None = None) -> UInt8[np.ndarray, "h w 3"]:
-    """Return a picture's colors as displayed, (h, w, 3).
-
-    Parameters
-    ----------
-    path
-        The file.
-    size
-        Width and height that its record states; None: any.
-
-    Raises
-    ------
-    DatasetError
-        As `read_picture`, or if the picture has another size.
-    """
-    picture = read_picture(path)
-    if size is not None and picture.size != size:
-        raise DatasetError(size_problem(picture, size), path=path, remedy="correct the record or the picture")
-    assert picture.pixels is not None
-    return picture.pixels
+    """Return a picture's colors as displayed, (h, w, 3); parameters and errors as of `read_picture`."""
+    pixels = read_picture(path, size).pixels
+    assert pixels is not None
+    return pixels
 
 
 def size_problem(picture: PictureFile, stated: tuple[object, object]) -> str:

@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 
 from hulldown.annotate.masks import decode, run_lengths
 from hulldown.dataset.exports.clipping import clipped_boxes
-from hulldown.dataset.picture_files import read_picture, read_pixels, size_problem
+from hulldown.dataset.picture_files import read_picture, read_pixels
 from hulldown.dataset.records import by_image, read_usable
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
 from hulldown.geometry.errors import ConfigError, DatasetError
@@ -201,9 +201,7 @@ def shared_pictures(
 
 
 def _hashes(path: Path, size: tuple[int, int]) -> tuple[bytes, Bool[np.ndarray, "256"] | None]:
-    picture = read_picture(path)
-    if picture.size != size:
-        raise DatasetError(size_problem(picture, size), path=path, remedy="correct the record or the picture")
+    picture = read_picture(path, size)
     assert picture.pixels is not None
     return hashlib.sha256(picture.content).digest(), picture_hash(picture.pixels)
 

@@ -12,7 +12,7 @@ from hulldown.annotate.masks import extent
 from hulldown.annotate.outlines import polygons
 from hulldown.dataset.exports.clipping import ALL_LABELS, LabelFloors, clipped_boxes, refuse_all
 from hulldown.dataset.exports.layouts import coco, dota, huggingface, kitti, voc, webdataset, yolo
-from hulldown.dataset.exports.shares import Shares, check_sound
+from hulldown.dataset.exports.shares import Item, Shares, flat_names, sound_pictures
 from hulldown.dataset.exports.split import SPLITS, share_out
 from hulldown.dataset.oriented import ground_corners, visible_corners
 from hulldown.dataset.records import by_image, read_usable
@@ -45,7 +45,6 @@ def export(
     *,
     layout: str = "coco",
     fractions: tuple[float, float, float] = (0.7, 0.2, 0.1),
-    seed: int = 0,
     polygons_within: float | None = None,
     floors: LabelFloors = ALL_LABELS,
     clip: bool = False,
@@ -62,7 +61,7 @@ def export(
         A folder that does not exist or is empty.
     layout
         One of `LAYOUTS`.
-    fractions, seed
+    fractions
         See `dataset.exports.split.share_out`; the split does not depend on the floors.
     polygons_within
         Write masks as polygons without corners that move the outline by at most this many pixels; None: unchanged,
@@ -107,19 +106,19 @@ def export(
     document = read_usable(folder)
     images = document["images"]
     labels = by_image(images, clipped_boxes(document["annotations"], images, folder=folder, clip=clip))
-    split_of = share_out(images, labels, fractions=fractions, seed=seed)
-    allowed = [Path(each) for each in allow_links]
+    split_of = share_out(images, labels, fractions=fractions)
     _check_masks(images, labels, folder)
-    check_sound(folder, images, allowed)
-    for image in images:
+    pictures = sound_pictures(folder, images, [Path(each) for each in allow_links])
+    items: dict[str, list[Item]] = {split: [] for split in SPLITS}
+    for image, name, picture in zip(images, flat_names(images), pictures, strict=True):
         kept = floors.kept(labels[image["id"]])
         if polygons_within is not None:
             kept = [_outlined(label, (image["width"], image["height"]), polygons_within) for label in kept]
-        labels[image["id"]] = kept
+        items[split_of[image["id"]]].append(Item(image, kept, name, picture))
     head = {key: value for key, value in document.items() if key not in ("images", "annotations")}
     with shown("linking images", progress) as advance, all_or_nothing(Path(out)) as unfinished:
-        LAYOUTS[layout](Shares(folder, head, images, labels, split_of, allowed, advance), unfinished)
-    return {split: sum(part == split for part in split_of.values()) for split in SPLITS}
+        LAYOUTS[layout](Shares(folder, head, items, advance), unfinished)
+    return {split: len(of_split) for split, of_split in items.items()}
 
 
 def _check_masks(

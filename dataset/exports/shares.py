@@ -10,8 +10,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from hulldown.dataset.exports.clipping import refuse_all
-from hulldown.dataset.exports.split import SPLITS
-from hulldown.dataset.picture_files import DECODERS, read_picture, size_problem
+from hulldown.dataset.picture_files import DECODERS, read_picture
 from hulldown.dataset.store.pictures import LinkError, link_or_copy, own_picture
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.geometry.errors import DatasetError
@@ -55,7 +54,7 @@ class Item:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Shares:
-    """A dataset, and the split of each of its images.
+    """A dataset divided into splits.
 
     Parameters
     ----------
@@ -63,29 +62,22 @@ class Shares:
         Of the dataset.
     head
         Its COCO dictionary without images and annotations.
-    images, labels
-        Image records, and each image's annotation records by its id.
-    split_of
-        Image id -> one of `SPLITS`.
-    allowed
-        Folders outside the dataset that symbolic links may lead to.
+    items
+        The images of each of `SPLITS`, in the order of the dataset.
     progress
         Called with (done, all) after each image.
     """
 
     folder: Path
     head: Mapping[str, Any]
-    images: Sequence[Mapping[str, Any]]
-    labels: Mapping[int, Sequence[Mapping[str, Any]]]
-    split_of: Mapping[int, str]
-    allowed: Sequence[Path]
+    items: Mapping[str, Sequence[Item]]
     progress: Callable[[int, int], None]
 
     def __iter__(self) -> Iterator[tuple[str, Iterator[Item]]]:
-        """Each split with its items, in the order of the dataset."""
-        names, done = flat_names(self.images), count(1)
-        for split in SPLITS:
-            yield split, self._items(split, names, done)
+        """Each split with its items."""
+        done = count(1)
+        for split, items in self.items.items():
+            yield split, self._counted(items, done)
 
     @property
     def categories(self) -> list[Mapping[str, Any]]:
@@ -97,51 +89,49 @@ class Shares:
         """Category id -> name, in the order of the ids."""
         return {category["id"]: str(category["name"]) for category in self.categories}
 
-    def _items(self, split: str, names: Mapping[int, str], done: Iterator[int]) -> Iterator[Item]:
-        for image in self.images:
-            key = image["id"]
-            if self.split_of[key] == split:
-                picture = own_picture(self.folder, image["file_name"], self.allowed)
-                yield Item(image, self.labels[key], names[key], picture)
-                self.progress(next(done), len(self.images))
+    def _counted(self, items: Sequence[Item], done: Iterator[int]) -> Iterator[Item]:
+        for item in items:
+            yield item
+            self.progress(next(done), sum(map(len, self.items.values())))
 
 
-def check_sound(folder: Path, images: Sequence[Mapping[str, Any]], allowed: Sequence[Path]) -> None:
-    """Refuse pictures that are missing, damaged, or of another size than their records state.
-
-    A picture with the hash in its record isn't decoded.
+def sound_pictures(folder: Path, images: Sequence[Mapping[str, Any]], allowed: Sequence[Path]) -> list[Path]:
+    """The picture's file of each image, links resolved; a picture with the hash in its record isn't decoded.
 
     Raises
     ------
     DatasetError
-        Naming all such pictures, or the first link that leads out of the dataset.
+        Naming all pictures that are missing, damaged, or of another size than their records state; or the first link
+        that leads out of the dataset, and to none of the allowed folders.
     """
 
-    def problem(image: Mapping[str, Any]) -> str | None:
+    def checked(image: Mapping[str, Any]) -> Path | str:
         name = image["file_name"]
         try:
             path, recorded = own_picture(folder, name, allowed), image.get(PICTURE_KEY)
             known = recorded is not None and digest(path.read_bytes()) == recorded
-            picture, stated = read_picture(path, largest=0 if known else None), (image["width"], image["height"])
+            read_picture(path, (image["width"], image["height"]), largest=0 if known else None)
         except LinkError:
             raise
         except DatasetError as error:
             return f"{name} {error.problem}"
         except OSError as error:
             return f"{name} cannot be read ({error.strerror})"
-        return None if picture.size == stated else f"{name} {size_problem(picture, stated)}"
+        return path
 
     with ThreadPoolExecutor(DECODERS) as pool:
-        wrong = [message for message in pool.map(problem, images) if message is not None]
+        found = list(pool.map(checked, images))
+    wrong = [problem for problem in found if isinstance(problem, str)]
     refuse_all(wrong, "picture", folder, remedy="replace them or delete their records")
+    return [path for path in found if isinstance(path, Path)]
 
 
-def flat_names(images: Sequence[Mapping[str, Any]]) -> dict[int, str]:
-    """A name without folders for each image id; stems are unique, since label files have them.
+def flat_names(images: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A name without folders for each image; stems are unique, since label files have them.
 
     Dots in stems become underscores, because some readers take the first dot for the suffix's.
     """
-    names: dict[int, str] = {}
+    names = []
     taken: set[str] = set()
     for image in images:
         path = PurePosixPath(image["file_name"])
@@ -151,7 +141,7 @@ def flat_names(images: Sequence[Mapping[str, Any]]) -> dict[int, str]:
         while stem.casefold() in taken:
             stem += "-again"
         taken.add(stem.casefold())
-        names[image["id"]] = stem + path.suffix
+        names.append(stem + path.suffix)
     return names
 
 

@@ -25,7 +25,8 @@ def write(shares: Shares, out: Path) -> None:
     (COCO's), ``category`` (its name), ``iscrowd``, and on request ``segmentation`` (polygons; for a label without a
     mask its box). Readers infer types from the lines, so a split without any label doesn't fit the others.
     """
-    outlined = any(isinstance(label.get("segmentation"), list) for labels in shares.labels.values() for label in labels)
+    labels = [label for items in shares.items.values() for item in items for label in item.labels]
+    outlined = any(isinstance(label.get("segmentation"), list) for label in labels)
     names = shares.class_names
     for split, items in shares:
         folder = out / FOLDERS[split]
