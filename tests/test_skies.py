@@ -102,7 +102,8 @@ def test_a_vehicle_in_front_of_the_sky_is_excluded():
     hidden = picture(IMAGE)
     hidden[:60, 20:140] = 0
     assert list(CHECK(IMAGE, [], hidden))
-    assert list(CHECK(IMAGE, [{"bbox": [20.0, 0.0, 120.0, 60.0]}], hidden)) == []
+    damaged = [{}, *({"bbox": wrong} for wrong in (None, "x", [1, 2, 3], [1e308] * 4))]
+    assert list(CHECK(IMAGE, [*damaged, {"bbox": [20.0, 0.0, 120.0, 60.0]}], hidden)) == []
 
 
 def test_deviation_is_the_smoothed_difference():

@@ -21,6 +21,7 @@ from hulldown.camera.sensor import Sensor
 from hulldown.camera.weather.kinds import Weather, air_layers, airlight, even_sky
 from hulldown.camera.world import World
 from hulldown.dataset.records import Finding
+from hulldown.dataset.store.entries import is_box
 from hulldown.dataset.store.runs import Run, find_run, plan_key
 from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan_file import Plan
@@ -139,12 +140,12 @@ def sky_check(plan: Plan, coco: Mapping[str, Any], read: Callable[[], Library]) 
 def _labeled(
     image: Mapping[str, Any], labels: Sequence[Mapping[str, Any]], shape: tuple[int, ...]
 ) -> Bool[np.ndarray, "h w"]:
-    """The boxes of all labels, in the small picture."""
+    """The boxes of all labels, in the small picture; unusable ones are found elsewhere."""
     taken = np.zeros(shape, dtype=bool)
-    scale = WIDTH / image["width"]
-    for label in labels:
-        x, y, w, h = (scale * float(side) for side in label["bbox"])
-        taken[max(0, int(y)) : math.ceil(y + h), max(0, int(x)) : math.ceil(x + w)] = True
+    for x, y, w, h in (label["bbox"] for label in labels if is_box(label.get("bbox"))):
+        sides = np.array([x, y, x + w, y + h]).clip(0, max(image["width"], image["height"])) * WIDTH / image["width"]
+        left, top, right, bottom = sides.tolist()
+        taken[int(top) : math.ceil(bottom), int(left) : math.ceil(right)] = True
     return taken
 
 
