@@ -231,17 +231,18 @@ class Cutouts:
 
 def merged_cutouts(cutouts: Sequence[Cutouts | None], face_counts: Sequence[int]) -> Cutouts | None:
     """The cut-outs of meshes put one after the other; None if there are none."""
-    maps: dict[int, int] = {}
+    maps: dict[tuple[object, ...], int] = {}
     every: list[AlphaMap] = []
     found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for cut, first in zip(cutouts, np.cumsum([0, *face_counts[:-1]]), strict=True):
         if cut is None:
             continue
-        for alpha in cut.maps:
-            if id(alpha) not in maps:
-                maps[id(alpha)] = len(every)
+        keys = [(id(alpha.texels), alpha.extension, alpha.smooth, id(alpha.curve)) for alpha in cut.maps]
+        for key, alpha in zip(keys, cut.maps, strict=True):
+            if key not in maps:
+                maps[key] = len(every)
                 every.append(alpha)
-        number = np.array([maps[id(alpha)] for alpha in cut.maps])
+        number = np.array([maps[key] for key in keys])
         found.append((cut.face + first, cut.uv, number[cut.face_map]))
     if not found:
         return None

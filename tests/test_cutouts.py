@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hulldown.assets.bundle import packed, unpacked
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import World
 from hulldown.geometry.alpha import GRADES, AlphaMap, Cut, Cutouts, Extension, fewer_texels
@@ -151,25 +150,6 @@ def test_boxes_touch_the_opaque_parts_of_a_card():
     assert touched[opaque].all()
     whole = Obstacles(InstancedScene([replace(card(), cutouts=None)], [0], scene.world_from_instance))
     assert whole.touched(np.full((500, 3), 0.05), world_from_box).all()
-
-
-def test_bundles_keep_holes_and_each_texture_once():
-    stepped = AlphaMap(SOFT.texels, Extension.CLIP, smooth=False, curve=0.5 * HARD)
-    both, _ = merge([card(SOFT), card(stepped)])
-    plain, floats = Mesh(SQUARE, HALVES), card(AlphaMap(np.full((2, 3), 0.25, dtype=np.float32)))
-    found = unpacked(packed([mesh.cutouts for mesh in (both, plain, floats)]))
-    assert found[1] is None
-    for mesh, kept in ((both, found[0]), (floats, found[2])):
-        assert mesh.cutouts is not None
-        assert kept is not None
-        for field in ("face", "uv", "face_map"):
-            np.testing.assert_array_equal(getattr(kept, field), getattr(mesh.cutouts, field))
-        for was, now in zip(mesh.cutouts.maps, kept.maps, strict=True):
-            assert (now.extension, now.smooth, now.curve is None) == (was.extension, was.smooth, was.curve is None)
-            np.testing.assert_array_equal(now.curve, was.curve)
-            np.testing.assert_array_equal(now.texels, was.texels)
-    assert found[0] is not None
-    assert found[0].maps[0].texels is found[0].maps[1].texels
 
 
 @pytest.mark.parametrize(("longest", "shape"), [(8, (8, 8)), (5, (5, 5)), (1, (1, 1))])

@@ -52,18 +52,17 @@ class CutoutReader:
         if not any(cutters):
             return None
         slot = read(data.loop_triangles, "material_index", np.int32).clip(0, len(materials) - 1)
-        kept = [cutter for cutter in dict.fromkeys(cutters) if cutter is not None]
         face = np.flatnonzero(np.array([cutter is not None for cutter in cutters])[slot])
         if not len(face):
             return None
         corners = read(data.loop_triangles, "loops", np.int32, 3).reshape(-1, 3)[face]
-        maps = list(dict.fromkeys(cutter.alpha for cutter in kept))
         uv, face_map = np.empty((len(face), 3, 2), dtype=np.float32), np.empty(len(face), dtype=np.int64)
+        maps: dict[AlphaMap, int] = {}  # those that a face wears, and their numbers
         for number, cutter in enumerate(cutters):
             of_slot = slot[face] == number
             if cutter is not None and of_slot.any():
                 uv[of_slot] = _coordinates(data, cutter, corners[of_slot])
-                face_map[of_slot] = maps.index(cutter.alpha)
+                face_map[of_slot] = maps.setdefault(cutter.alpha, len(maps))
         return Cutouts(face, uv, face_map, tuple(maps))
 
     def _cutter(self, material: Any) -> Cutter | None:
