@@ -1,20 +1,26 @@
-"""Bake opacity over texture coordinates with Cycles, for node trees that are more than one lookup."""
+"""Bake opacity with Cycles: over the values of one image lookup, or over texture coordinates if there is more."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
 from typing import Any
 
 import bpy
 import numpy as np
+from jaxtyping import Float, Float32
 
-from hulldown.geometry.alpha import AlphaMap, Extension
+from hulldown.geometry.alpha import GRADES, AlphaMap, Extension
+from hulldown.geometry.color import linear_from_srgb
 from hulldown.reading.blender.arrays import coordinates
 from hulldown.reading.blender.light_pictures import rendered, see_pixel_centers
-from hulldown.reading.blender.surfaces.nodes import material_output, upstream
-from hulldown.reading.blender.surfaces.opacity import Cutter, NotUnderstoodError
+from hulldown.reading.blender.surfaces.nodes import material_output, trees, upstream
+from hulldown.reading.blender.surfaces.opacity import Cutter, Lookup, NotUnderstoodError, lookup_of
 from hulldown.reading.blender.surfaces.opacity_nodes import show_opacity
 
+NOISE = 2e-6  # of Cycles, whose luminance of white is 1.000001
+UNIT = np.array([[0.0, 0.0], [1.0, 1.0]])
 WIDEST = 16.0  # times that an image may repeat in what is baked
 # Nodes whose outputs follow from their inputs.
 PLAIN = (
@@ -23,6 +29,65 @@ PLAIN = (
     *("HueSaturation", "RGBToBW", "Value", "RGB", "Mapping", "VectorRotate", "Emission", "MixShader"),
 )
 TEXTURES = tuple(f"Tex{name}" for name in ("Noise", "Voronoi", "Wave", "Magic", "Checker", "Brick", "Gradient"))
+
+
+def opacities(materials: Sequence[Any]) -> dict[int, Lookup | float]:
+    """The opacity of materials, by their pointers, without those that aren't a monotone function of one lookup."""
+    found: dict[int, Lookup | float] = {}
+    shown, lookups = [], dict[int, Lookup | None]()
+    with ExitStack() as copies:
+        images = [copies.enter_context(_grades(values)) for values in (GRADES, linear_from_srgb(GRADES))]
+        for material in materials:
+            copy = copies.enter_context(_emitting(material))
+            with suppress(NotUnderstoodError):
+                lookups[material.as_pointer()] = lookup = lookup_of(copy)
+                _look_up(copy, images[lookup is not None and lookup.curved])
+                shown.append(copy)
+        rows = _render(shown, "", UNIT, (len(GRADES), 1))[:, 0] if shown else np.empty((0, 0))
+    for (key, lookup), curve in zip(lookups.items(), rows, strict=True):
+        is_texel = bool(np.abs(curve - GRADES).max() <= NOISE)
+        one_way = (np.diff(curve) >= -NOISE).all() or (np.diff(curve) <= NOISE).all()
+        if lookup is None or (np.ptp(curve) <= NOISE and lookup.bounded()):
+            found[key] = round(float(curve[0]), 6)
+        elif one_way and (is_texel or lookup.bounded()):
+            found[key] = replace(lookup, curve=None if is_texel else curve)
+    return found
+
+
+@contextmanager
+def _emitting(material: Any) -> Iterator[Any]:
+    """A copy of a material that emits its opacity."""
+    copy = material.copy()
+    groups = list(_own_groups(copy.node_tree))
+    try:
+        show_opacity(copy)
+        yield copy
+    finally:
+        bpy.data.materials.remove(copy)
+        for group in groups:
+            bpy.data.node_groups.remove(group)
+
+
+@contextmanager
+def _grades(values: Float[np.ndarray, " g"]) -> Iterator[Any]:
+    """An image of one row with these values in all channels."""
+    image = bpy.data.images.new("hulldown grades", len(values), 1, alpha=True, float_buffer=True, is_data=True)
+    image.alpha_mode = "CHANNEL_PACKED"
+    image.pixels.foreach_set(np.repeat(values.astype(np.float32), 4))
+    try:
+        yield image
+    finally:
+        bpy.data.images.remove(image)
+
+
+def _look_up(material: Any, image: Any) -> None:
+    """Make all lookups of a material those of an image, from one end to the other."""
+    for tree in trees(material.node_tree):
+        for node in tree.nodes:
+            if node.bl_idname == "ShaderNodeTexImage":
+                node.image, node.interpolation, node.extension = image, "Closest", "EXTEND"
+                for link in node.inputs["Vector"].links:
+                    tree.links.remove(link)
 
 
 def baked(material: Any, size: int) -> Cutter:
@@ -40,17 +105,11 @@ def baked(material: Any, size: int) -> Cutter:
     NotUnderstoodError
         Naming what it depends on, besides texture coordinates.
     """
-    copy = material.copy()
-    groups = list(_own_groups(copy.node_tree))
-    try:
-        show_opacity(copy)
+    with _emitting(material) as copy:
         layer = _layer(copy)
-        low, high = _range(material, layer)
-        texels = _render(copy, layer, low, high, size)
-    finally:
-        bpy.data.materials.remove(copy)
-        for group in groups:
-            bpy.data.node_groups.remove(group)
+        low, high = uv = _range(material, layer)
+        extent = (high - low) / (high - low).max()
+        (texels,) = _render([copy], layer, uv, np.maximum(np.rint(extent * size), 1).astype(int).tolist())
     whole = (low == 0.0).all() and (high == 1.0).all()
     extension = Extension.REPEAT if whole else Extension.EXTEND
     (x_scale, y_scale), (x, y) = (1.0 / (high - low)).tolist(), (-low / (high - low)).tolist()
@@ -92,8 +151,8 @@ def _layer_read_by(node: Any, socket: Any) -> str | None:
     raise NotUnderstoodError(f"the node {node.name!r}")
 
 
-def _range(material: Any, layer: str) -> tuple[np.ndarray, np.ndarray]:
-    """All coordinates of meshes with the material, and from 0 to 1."""
+def _range(material: Any, layer: str) -> Float[np.ndarray, "2 2"]:
+    """Lowest and highest coordinates of meshes with the material, and of 0 and 1."""
     low, high = np.zeros(2), np.ones(2)
     for mesh in bpy.data.meshes:
         if material.name not in mesh.materials:
@@ -103,32 +162,50 @@ def _range(material: Any, layer: str) -> tuple[np.ndarray, np.ndarray]:
             low, high = np.minimum(low, uv.min(axis=0)), np.maximum(high, uv.max(axis=0))
     if (high - low).max() > WIDEST:
         raise NotUnderstoodError(f"nodes whose texture repeats {(high - low).max():.0f} times")
-    return low, high
+    return np.stack([low, high])
 
 
-def _render(material: Any, layer: str, low: np.ndarray, high: np.ndarray, size: int) -> np.ndarray:
-    extent = (high - low) / (high - low).max()
-    width, height = np.maximum(np.rint(extent * size), 1).astype(int).tolist()
-    scene = bpy.data.scenes.new("hulldown bake")
+def _render(
+    materials: Sequence[Any], layer: str, uv: Float[np.ndarray, "2 2"], size: Sequence[int]
+) -> Float32[np.ndarray, "n h w"]:
+    """The light of materials, from 0 to 1, each on a rectangle of its own.
+
+    Parameters
+    ----------
+    materials
+        All emit light.
+    layer
+        Name of the texture coordinates' layer.
+    uv
+        Coordinates of the lower left and the upper right corner.
+    size
+        Width and height of each in pixels.
+    """
+    scene, lens = bpy.data.scenes.new("hulldown bake"), bpy.data.cameras.new("hulldown bake")
     mesh = bpy.data.meshes.new("hulldown bake")
-    lens = bpy.data.cameras.new("hulldown bake")
-    x, y = width / max(width, height), height / max(width, height)
-    mesh.from_pydata([(0, 0, 0), (x, 0, 0), (x, y, 0), (0, y, 0)], [], [(0, 1, 2, 3)])
-    corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]]], dtype=np.float32)
-    mesh.uv_layers.new(name=layer or "UVMap").uv.foreach_set("vector", corners.ravel())
-    mesh.materials.append(material)
+    (width, height), count = size, len(materials)
+    x, y = np.array([width, height]) / max(width, count * height)
+    ends = [(0, 0), (1, 0), (1, 1), (0, 1)]  # of a rectangle's corners, along both sides
+    points = [(x * i, y * (k + j), 0.0) for k in range(count) for i, j in ends]
+    mesh.from_pydata(points, [], np.arange(4 * count).reshape(-1, 4).tolist())
+    corners = np.tile([(uv[i, 0], uv[j, 1]) for i, j in ends], (count, 1))
+    mesh.uv_layers.new(name=layer or "UVMap").uv.foreach_set("vector", corners.astype(np.float32).ravel())
+    for material in materials:
+        mesh.materials.append(material)
+    mesh.polygons.foreach_set("material_index", np.arange(count, dtype=np.int32))
     plane, camera = bpy.data.objects.new("hulldown bake", mesh), bpy.data.objects.new("hulldown bake", lens)
     lens.type, lens.ortho_scale = "ORTHO", 1.0
-    camera.location = (x / 2, y / 2, 1.0)
+    camera.location = (x / 2, count * y / 2, 1.0)
     for obj in (plane, camera):
         scene.collection.objects.link(obj)
     scene.camera, scene.frame_current = camera, bpy.context.scene.frame_current
     scene.render.engine = "CYCLES"
     scene.cycles.device, scene.cycles.samples, scene.cycles.use_adaptive_sampling = "CPU", 1, False
     scene.cycles.use_denoising, scene.cycles.max_bounces = False, 0
-    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = width, height, 100
+    scene.render.resolution_x, scene.render.resolution_y = width, count * height
+    scene.render.resolution_percentage = 100
     see_pixel_centers(scene)
     try:
-        return rendered(scene)[..., 0].clip(0.0, 1.0)
+        return rendered(scene)[..., 0].clip(0.0, 1.0).reshape(count, height, width)
     finally:
         bpy.data.batch_remove([plane, camera, mesh, lens, scene])

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float32, Int
 
-from hulldown.geometry.alpha import GRADES, AlphaMap, Cutouts, Extension, fewer_texels
+from hulldown.geometry.alpha import AlphaMap, Cutouts, Extension, fewer_texels
 from hulldown.reading.blender.arrays import coordinates, read
-from hulldown.reading.blender.surfaces.bake import baked
-from hulldown.reading.blender.surfaces.opacity import IDENTITY, Cutter, NotUnderstoodError, Value, opacity_of
+from hulldown.reading.blender.surfaces.bake import baked, opacities
+from hulldown.reading.blender.surfaces.opacity import IDENTITY, Cutter, Lookup, NotUnderstoodError, is_opaque
 from hulldown.reading.blender.surfaces.texels import texels
 
 
@@ -27,21 +27,20 @@ class CutoutReader:
 
     def __init__(self, longest: int) -> None:
         self._longest = longest
+        self._opacities: dict[int, Lookup | float] = {}
         self._cutters: dict[int, Cutter | None] = {}
         self._texels: dict[Any, np.ndarray] = {}
         self.doubts: list[str] = []
 
     def bake(self, materials: Iterable[Any]) -> None:
-        """Bake the opacity of materials that are more than one lookup; call it while nothing is evaluated."""
+        """Bake the opacity of materials; call it while nothing is evaluated."""
+        materials = [material for material in materials if not is_opaque(material)]
+        self._opacities = opacities(materials)
         for material in materials:
-            try:
-                opacity_of(material)
-            except NotUnderstoodError:
-                key = material.as_pointer()
+            if material.as_pointer() not in self._opacities:
                 try:
-                    self._cutters[key] = baked(material, self._longest)
+                    self._cutters[material.as_pointer()] = baked(material, self._longest)
                 except NotUnderstoodError as reason:
-                    self._cutters[key] = None
                     self.doubts.append(
                         f"the material {material.name!r} counts as opaque: its transparency depends on {reason}"
                     )
@@ -68,30 +67,26 @@ class CutoutReader:
     def _cutter(self, material: Any) -> Cutter | None:
         key = material.original.as_pointer()
         if key not in self._cutters:
-            self._cutters[key] = self._cut(opacity_of(material))
+            self._cutters[key] = self._cut(self._opacities[key]) if key in self._opacities else None
         return self._cutters[key]
 
-    def _cut(self, value: Value) -> Cutter | None:
-        if value.lookup is None:
-            if value.curve >= 1.0:
-                return None
-            return Cutter(AlphaMap(value.curve.reshape(1, 1), Extension.EXTEND, smooth=False), "", IDENTITY)
-        found = value.lookup
-        image = found.node.image
-        if image is None or not (image.has_data or all(image.original.size)):  # asking for the size loads it
+    def _cut(self, opacity: Lookup | float) -> Cutter | None:
+        if isinstance(opacity, float):
+            texel = np.full((1, 1), opacity, dtype=np.float32)
+            return Cutter(AlphaMap(texel, Extension.EXTEND, smooth=False), "", IDENTITY) if opacity < 1.0 else None
+        image, channel = opacity.image, opacity.channel
+        if image is None or not (image.has_data or all(image.size)):  # asking for the size loads it
             return None  # Cycles renders it pink; the report lists it as missing
-        key = (image.original.as_pointer(), found.channel, found.node.outputs["Alpha"].is_linked)
+        key = (image.as_pointer(), channel, opacity.alpha_used)
         if key not in self._texels:
-            self._texels[key] = texels(image.original, found.channel, alpha_used=key[-1])
-        curve = None if (value.curve == GRADES).all() else value.curve
-        smooth = found.node.interpolation != "Closest"
-        alpha = AlphaMap(self._texels[key], Extension[found.node.extension], smooth, curve)
+            self._texels[key] = texels(image, channel, alpha_used=opacity.alpha_used)
+        alpha = AlphaMap(self._texels[key], opacity.extension, opacity.smooth, opacity.curve)
         if max(alpha.texels.shape) > self._longest:
-            small = (*key, value.curve.tobytes())
+            small = (*key, opacity.curve is not None and opacity.curve.tobytes())
             if small not in self._texels:
                 self._texels[small] = fewer_texels(alpha, self._longest)
             alpha = replace(alpha, texels=self._texels[small], curve=None)
-        return Cutter(alpha, found.layer, found.image_from_uv)
+        return Cutter(alpha, opacity.layer, opacity.image_from_uv)
 
 
 def _coordinates(data: Any, cutter: Cutter, corners: Int[np.ndarray, "m 3"]) -> Float32[np.ndarray, "m 3 2"]:

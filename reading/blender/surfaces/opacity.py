@@ -1,26 +1,27 @@
-"""Opacity of a material as a curve over the values of one image lookup, from the node tree.
+"""The image lookup that the opacity of a material is a function of, from the node tree.
 
 Cycles lets a ray through what Transparent BSDFs leave of a surface. All other shaders stop it, whatever they do with
 light. So the opacity of a surface is 1 for those and 0 for Transparent, Principled has its own, and mixes mix it.
-A lookup takes 0.2 ms of CPU time and keeps every texel where a texture repeats; baking 1024 x 1024 takes 420 ms.
+A lookup keeps every texel where a texture repeats, and needs no baking, which takes 420 ms for 1024 x 1024.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from mathutils import Euler, Matrix
 
-from hulldown.geometry.alpha import GRADES, AlphaMap
-from hulldown.geometry.color import LUMINANCE, linear_from_srgb
+from hulldown.geometry.alpha import AlphaMap, Extension
 from hulldown.reading.blender.surfaces.nodes import Stack, material_output, source
+from hulldown.reading.blender.surfaces.shaders import TRANSPARENT, surface_shaders
 from hulldown.reading.blender.surfaces.texels import is_curved, texels
 
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 Affine = tuple[tuple[float, float, float], tuple[float, float, float]]
+# Nodes that make of a gray value what they make of each color's luminance.
+OF_GRAY = ("Emission", "Math", "Mix", "MapRange", "Clamp", "Invert", "RGBToBW", "Value", "RGB")
 
 
 class NotUnderstoodError(Exception):
@@ -29,16 +30,46 @@ class NotUnderstoodError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Lookup:
-    """An image, a channel, and a layer of coordinates; an empty name is the rendered layer.
+    """An image, one of its channels, and how it's looked up.
 
-    `bounded` tells whether all texels are from 0 to 1, where curves are known.
+    Parameters
+    ----------
+    image
+        An original, not evaluated; None: none is chosen.
+    channel
+        "alpha", "red", "green", "blue", or "gray", which is the luminance.
+    layer
+        Layer of texture coordinates; "": the rendered one.
+    image_from_uv
+        Transform of the coordinates.
+    extension, smooth
+        As of `AlphaMap`.
+    alpha_used
+        Whether the image node's alpha is used too.
+    curve
+        Opacity at every texel value of `GRADES`; None: the texels' own values.
     """
 
-    node: Any
+    image: Any
     channel: str
     layer: str
     image_from_uv: Affine
-    bounded: bool
+    extension: Extension
+    smooth: bool
+    alpha_used: bool
+    curve: np.ndarray | None = field(default=None, compare=False)
+
+    @property
+    def curved(self) -> bool:
+        """Whether its values are sRGB, which Cycles makes linear after it has interpolated."""
+        return self.image is not None and is_curved(self.image, self.channel)
+
+    def bounded(self) -> bool:
+        """Whether all texels are from 0 to 1, where curves are known."""
+        if self.image is None or not self.image.is_float:
+            return True
+        values = texels(self.image, self.channel, alpha_used=True)
+        return bool(values.min() >= 0.0 and values.max() <= 1.0)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -50,201 +81,70 @@ class Cutter:
     image_from_uv: Affine
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Value:
-    """A number at every texel value of `GRADES`, or, without a lookup, one number."""
+def is_opaque(material: Any) -> bool:
+    """Whether nothing can be seen through a material, whatever its textures."""
+    for shader, around in surface_shaders(material):
+        if shader.type == TRANSPARENT:
+            return False
+        if shader.type == "BSDF_PRINCIPLED":
+            alpha, _ = source(shader.inputs["Alpha"], around) or (shader.inputs["Alpha"], around)
+            if alpha.is_output or alpha.default_value < 1.0:
+                return False
+    return True
 
-    lookup: Lookup | None
-    curve: np.ndarray
 
+def lookup_of(material: Any) -> Lookup | None:
+    """The one lookup that the light of a material depends on; None if the light is constant.
 
-def constant(number: float) -> Value:
-    """The same value everywhere."""
-    return Value(None, np.array(number, dtype=np.float32))
-
-
-def opacity_of(material: Any) -> Value:
-    """The opacity of a material, from 0 to 1.
+    Parameters
+    ----------
+    material
+        It emits its opacity.
 
     Raises
     ------
     NotUnderstoodError
-        If it isn't a monotone function of one lookup.
+        If it depends on more than that.
     """
-    output = material_output(material)
-    if not output or not output.inputs["Surface"].is_linked:
-        return constant(1.0)
-    value = _clamped(_shader(output.inputs["Surface"], ()))
-    if value.lookup and not ((np.diff(value.curve) >= 0.0).all() or (np.diff(value.curve) <= 0.0).all()):
-        raise NotUnderstoodError("a texture's values in both directions")
-    return value
-
-
-def _of(function: Callable[..., np.ndarray], *values: Value) -> Value:
-    """A function of values."""
-    lookups = {value.lookup for value in values if value.lookup}
-    if len(lookups) > 1:
+    found = _lookups(material_output(material).inputs["Surface"], ())
+    if len(found) > 1:
         raise NotUnderstoodError("two textures")
-    curve = np.asarray(function(*(value.curve for value in values)), dtype=np.float32)
-    if not all(lookup.bounded for lookup in lookups) and not np.array_equal(curve, GRADES):
-        raise NotUnderstoodError("a texture's values beyond 1")
-    if (curve == curve.flat[0]).all():
-        return constant(float(curve.flat[0]))
-    return Value(lookups.pop(), curve)
+    return next(iter(found), None)
 
 
-def _clamped(value: Value) -> Value:
-    return _of(lambda x: np.clip(x, 0.0, 1.0), value)
-
-
-def _shader(socket: Any, stack: Stack) -> Value:
+def _lookups(socket: Any, stack: Stack) -> set[Lookup]:
+    """All that the value of a socket depends on."""
     found = source(socket, stack)
     if found is None or not found[0].is_output:
-        return constant(1.0)
-    node, stack = found[0].node, found[1]
-    kind = node.bl_idname
-    if kind == "ShaderNodeBsdfTransparent":
-        return _of(lambda color: 1.0 - color, _value(node.inputs["Color"], stack))
-    if kind == "ShaderNodeBsdfPrincipled":
-        return _clamped(_value(node.inputs["Alpha"], stack))
-    if kind == "ShaderNodeMixShader":
-        share = _clamped(_value(node.inputs[0], stack))
-        return _mixed(share, lambda: _shader(node.inputs[1], stack), lambda: _shader(node.inputs[2], stack))
-    if kind == "ShaderNodeAddShader":
-        return _clamped(_of(lambda a, b: a + b - 1.0, *(_shader(below, stack) for below in node.inputs)))
-    return constant(1.0)
-
-
-def _value(socket: Any, stack: Stack) -> Value:
-    """Value of a number socket, or of a color socket by its luminance."""
-    found = source(socket, stack)
-    if found is None:
-        return constant(_own(socket))
+        return set()
     output, stack = found
-    if not output.is_output:
-        return constant(_own(output))
-    node = output.node
-    read = _READ.get(node.bl_idname)
-    if read is None:
+    node, kind = output.node, output.node.bl_idname.removeprefix("ShaderNode")
+    if kind == "TexImage":
+        return {_lookup(node, "alpha" if output.name == "Alpha" else "gray", stack)}
+    if kind == "SeparateColor" and node.mode == "RGB":
+        below = source(node.inputs[0], stack)
+        if below is None or not below[0].is_output:
+            return set()
+        if below[0].node.bl_idname == "ShaderNodeTexImage" and below[0].name == "Color":
+            return {_lookup(below[0].node, output.name.lower(), below[1])}
+    if kind == "LightPath" and output.name.startswith("Is "):
+        return set()
+    odd = kind == "Mix" and (node.data_type, node.blend_type) not in (("RGBA", "MIX"), ("RGBA", "MULTIPLY"))
+    if kind not in OF_GRAY or (odd and node.data_type != "FLOAT"):
         raise NotUnderstoodError(f"the node {node.name!r}")
-    return read(node, output, stack)
+    return {one for below in node.inputs if below.enabled for one in _lookups(below, stack)}
 
 
-def _own(socket: Any) -> float:
-    value: Any = getattr(socket, "default_value", 0.0)
-    return float(np.dot(LUMINANCE, value[:3])) if hasattr(value, "__len__") else float(value)
-
-
-def _mixed(share: Value, first: Callable[[], Value], second: Callable[[], Value]) -> Value:
-    """(1 - share) first + share second; a side without a share isn't evaluated."""
-    if share.lookup is None and share.curve in (0.0, 1.0):
-        return second() if share.curve else first()
-    return _of(lambda s, a, b: a + s * (b - a), share, first(), second())
-
-
-def _divided(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The quotient; 0 where there is none, as in Cycles."""
-    return np.where(b == 0.0, 0.0, a / np.where(b == 0.0, 1.0, b))
-
-
-_MATH: dict[str, Callable[..., np.ndarray]] = {
-    "ADD": np.add,
-    "SUBTRACT": np.subtract,
-    "MULTIPLY": np.multiply,
-    "MULTIPLY_ADD": lambda a, b, c: a * b + c,
-    "DIVIDE": _divided,
-    "GREATER_THAN": np.greater,
-    "LESS_THAN": np.less,
-    "MINIMUM": np.minimum,
-    "MAXIMUM": np.maximum,
-    "ROUND": lambda a: np.floor(a + np.float32(0.5)),
-    "FLOOR": np.floor,
-    "CEIL": np.ceil,
-    "POWER": lambda a, b: np.maximum(a, 0.0) ** b,
-}
-
-
-def _math(node: Any, _: Any, stack: Stack) -> Value:
-    if node.operation not in _MATH:
-        raise NotUnderstoodError(f"the node {node.name!r}")
-    value = _of(_MATH[node.operation], *(_value(socket, stack) for socket in node.inputs if socket.enabled))
-    return _clamped(value) if node.use_clamp else value
-
-
-def _mix(node: Any, _: Any, stack: Stack) -> Value:
-    colors = node.data_type == "RGBA"
-    if node.data_type not in ("FLOAT", "RGBA") or (colors and node.blend_type not in ("MIX", "MULTIPLY")):
-        raise NotUnderstoodError(f"the node {node.name!r}")
-    share, a, b = [socket for socket in node.inputs if socket.enabled]
-    weight = _value(share, stack)
-    if node.clamp_factor:
-        weight = _clamped(weight)
-    if colors and node.blend_type == "MULTIPLY":
-        first = _value(a, stack)
-        value = _mixed(weight, lambda: first, lambda: _of(np.multiply, first, _value(b, stack)))
-    else:
-        value = _mixed(weight, lambda: _value(a, stack), lambda: _value(b, stack))
-    return _clamped(value) if colors and node.clamp_result else value
-
-
-def _map_range(node: Any, _: Any, stack: Stack) -> Value:
-    if node.data_type != "FLOAT" or node.interpolation_type != "LINEAR":
-        raise NotUnderstoodError(f"the node {node.name!r}")
-    value, low, high, *to = (_value(socket, stack) for socket in node.inputs if socket.enabled)
-    share = _of(lambda x, a, b: _divided(x - a, b - a), value, low, high)
-    return _of(lambda s, c, d: c + s * (d - c), _clamped(share) if node.clamp else share, *to)
-
-
-def _clamp(node: Any, _: Any, stack: Stack) -> Value:
-    if node.clamp_type != "MINMAX":
-        raise NotUnderstoodError(f"the node {node.name!r}")
-    return _of(np.clip, *(_value(socket, stack) for socket in node.inputs))
-
-
-def _invert(node: Any, _: Any, stack: Stack) -> Value:
-    color = _value(node.inputs["Color"], stack)
-    return _mixed(_value(node.inputs["Fac"], stack), lambda: color, lambda: _of(lambda c: 1.0 - c, color))
-
-
-def _channel(node: Any, output: Any, stack: Stack) -> Value:
-    """One of red, green and blue, of a texture."""
-    found = source(node.inputs[0], stack)
-    mode = getattr(node, "mode", "RGB")
-    if found is None or not found[0].is_output:
-        color = (found[0] if found else node.inputs[0]).default_value
-        return constant(color[list(node.outputs).index(output)])
-    below, around = found
-    if mode != "RGB" or below.node.bl_idname != "ShaderNodeTexImage" or below.name != "Color":
-        raise NotUnderstoodError(f"the node {node.name!r}")
-    return _lookup(below.node, ("red", "green", "blue")[list(node.outputs).index(output)], around)
-
-
-def _image(node: Any, output: Any, stack: Stack) -> Value:
-    return _lookup(node, "alpha" if output.name == "Alpha" else "gray", stack)
-
-
-def _lookup(node: Any, channel: str, stack: Stack) -> Value:
-    image = node.image
+def _lookup(node: Any, channel: str, stack: Stack) -> Lookup:
+    image, own = node.image, node.texture_mapping
     if image is not None and image.source not in ("FILE", "GENERATED"):
         raise NotUnderstoodError(f"an image that is a {image.source.lower()}")
-    if node.projection != "FLAT" or node.extension == "MIRROR" or _is_mapped(node):
+    mapped = (tuple(own.translation), tuple(own.rotation), tuple(own.scale)) != ((0, 0, 0), (0, 0, 0), (1, 1, 1))
+    if node.projection != "FLAT" or node.extension == "MIRROR" or mapped:
         raise NotUnderstoodError(f"the projection of the node {node.name!r}")
-    curved = image is not None and is_curved(image, channel)
-    curve = linear_from_srgb(GRADES).astype(np.float32) if curved else GRADES
     layer, image_from_uv = _coordinates(node.inputs["Vector"], stack)
-    return Value(Lookup(node, channel, layer, image_from_uv, _is_bounded(image, channel)), curve)
-
-
-def _is_bounded(image: Any, channel: str) -> bool:
-    if image is None or not image.is_float:
-        return True
-    values = texels(image.original, channel, alpha_used=True)
-    return bool(values.min() >= 0.0 and values.max() <= 1.0)
-
-
-def _is_mapped(node: Any) -> bool:
-    own = node.texture_mapping
-    return (tuple(own.translation), tuple(own.rotation), tuple(own.scale)) != ((0, 0, 0), (0, 0, 0), (1, 1, 1))
+    smooth, alpha_used = node.interpolation != "Closest", node.outputs["Alpha"].is_linked
+    return Lookup(image, channel, layer, image_from_uv, Extension[node.extension], smooth, alpha_used)
 
 
 def _coordinates(socket: Any, stack: Stack) -> tuple[str, Affine]:
@@ -284,24 +184,3 @@ def _after(matrix: Matrix, before: Affine) -> Affine:
     both = np.array(matrix)[:2][:, [0, 1, 3]] @ np.array([*before, (0.0, 0.0, 1.0)])
     (a, b, c), (d, e, f) = both.tolist()
     return (a, b, c), (d, e, f)
-
-
-def _light_path(node: Any, output: Any, _: Stack) -> Value:
-    if not output.name.startswith("Is "):
-        raise NotUnderstoodError(f"the node {node.name!r}")
-    return constant(output.name == "Is Camera Ray")
-
-
-_READ: dict[str, Callable[[Any, Any, Stack], Value]] = {
-    "ShaderNodeTexImage": _image,
-    "ShaderNodeMath": _math,
-    "ShaderNodeMix": _mix,
-    "ShaderNodeMapRange": _map_range,
-    "ShaderNodeClamp": _clamp,
-    "ShaderNodeInvert": _invert,
-    "ShaderNodeSeparateColor": _channel,
-    "ShaderNodeRGBToBW": lambda node, _, stack: _value(node.inputs["Color"], stack),
-    "ShaderNodeValue": lambda _, output, __: constant(_own(output)),
-    "ShaderNodeRGB": lambda _, output, __: constant(_own(output)),
-    "ShaderNodeLightPath": _light_path,
-}

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from hulldown.geometry.color import LUMINANCE
 from hulldown.reading.blender.add_nodes import add_node, feed, maths
 from hulldown.reading.blender.surfaces.nodes import group_output, linked, material_output
 
@@ -42,11 +43,15 @@ def _of_output(tree: Any, node: Any, given: Any, made: dict[Any, Any]) -> Any:
     if kind == "NodeReroute":
         return _opacity(tree, node.inputs[0], made)
     if kind == "ShaderNodeBsdfTransparent":
-        return maths(tree, "SUBTRACT", 1.0, add_node(tree, "RGBToBW", {0: _own(node.inputs["Color"])}).outputs[0])
+        if linked(color := node.inputs["Color"]) is None:  # Cycles' luminance of white is 1.000001
+            return 1.0 - float(LUMINANCE @ color.default_value[:3])
+        return maths(tree, "SUBTRACT", 1.0, add_node(tree, "RGBToBW", {0: _own(color)}).outputs[0])
     if kind == "ShaderNodeBsdfPrincipled":
         return _clamped(tree, _own(node.inputs["Alpha"]))
     if kind == "ShaderNodeMixShader":
         share = _clamped(tree, _own(node.inputs[0]))
+        if share in (0.0, 1.0):
+            return _opacity(tree, node.inputs[1 + int(share)], made)
         first, second = _opacity(tree, node.inputs[1], made), _opacity(tree, node.inputs[2], made)
         if first == second == 1.0:
             return 1.0
