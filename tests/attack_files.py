@@ -1,8 +1,8 @@
 """Build asset files that each try to read one file outside their folder, or to write there; run in Blender.
 
-``python attack_files.py build ASSETS SECRET TARGET`` writes ASSETS/<case>.<suffix>, which refers to SECRET/<case>*, and
-ASSETS/all/everything.blend, a scenery with all attacks. ``python attack_files.py open FILE...`` opens and
-renders files as Blender does, without hulldown's precautions.
+``python attack_files.py build ASSETS SECRET TARGET`` writes ASSETS/<case>.<suffix>, which refers to SECRET/<case>* or
+would write below TARGET or next to itself, and ASSETS/all/everything.blend, a scenery with all attacks.
+``python attack_files.py open FILE...`` opens and renders files as Blender does, without hulldown's precautions.
 """
 
 import json
@@ -17,10 +17,9 @@ import matplotlib
 import numpy as np
 
 from hulldown.reading.blender.add_nodes import add_node
-from hulldown.tests.blend_parts import fresh, from_library, link, place, save
+from hulldown.reading.blender.tidy_properties import PART, REST
+from hulldown.tests.blend_parts import collection, cube, fresh, from_library, link, place, save
 from hulldown.tests.node_trees import node_group, shader_of, textured, write_picture
-from hulldown.tests.writing_blends import CASES as WRITERS
-from hulldown.tests.writing_blends import cube, sky
 
 FONT = Path(matplotlib.get_data_path()) / "fonts/ttf/DejaVuSans.ttf"
 
@@ -184,6 +183,59 @@ READERS = (
 )
 
 
+def particles(target):
+    obj = cube()
+    obj.modifiers.new("dust", "PARTICLE_SYSTEM")
+    system = obj.particle_systems[0]
+    system.settings.count, system.settings.frame_start = 10, -10
+    system.point_cache.name = "dust"
+    system.point_cache.use_disk_cache = True
+
+
+def paint(target):
+    canvas = cube().modifiers.new("paint", "DYNAMIC_PAINT")
+    canvas.ui_type = "CANVAS"
+    bpy.ops.dpaint.type_toggle(type="CANVAS")
+    surface = canvas.canvas_settings.canvas_surfaces[0]
+    surface.image_output_path = str(target)
+    surface.point_cache.use_disk_cache = True
+
+
+def fluid(target):
+    domain = cube().modifiers.new("water", "FLUID")
+    domain.fluid_type = "DOMAIN"
+    domain.domain_settings.cache_type = "REPLAY"
+    domain.domain_settings.cache_directory = str(target / "fluid")
+    domain.domain_settings.resolution_max = 6
+    cube("Hull")
+
+
+def nothing(target):
+    cube()
+
+
+def outputs(target):
+    cube()
+    render = bpy.context.scene.render
+    render.filepath = str(target / "picture")
+    render.use_render_cache = True
+    tree = bpy.data.node_groups.new("out", "CompositorNodeTree")
+    bpy.context.scene.compositing_node_group = tree
+    node = tree.nodes.new("CompositorNodeOutputFile")
+    node.directory = str(target / "composited")
+
+
+WRITERS = (particles, paint, fluid, outputs, nothing)
+
+
+def as_vehicle():
+    """Move all objects into a collection, as in prepared vehicles."""
+    vehicle = collection("A vehicle")
+    for obj in [obj for obj in bpy.context.scene.objects if obj.type == "MESH"]:
+        vehicle.objects.link(obj)
+        obj[PART], obj[REST] = 0, np.eye(4).ravel().tolist()
+
+
 def gltf(path, owner, uri):
     """A glTF file whose image or buffer is elsewhere."""
     fresh()
@@ -217,12 +269,14 @@ def build(assets, secret, target):
         fresh()
         cube("Loot")
         save(secret / f"{name}.blend")
-    attacks = [(case, secret) for case in READERS] + [(case, target) for case in WRITERS.values()]
+    attacks = [(case, secret) for case in READERS] + [(case, target) for case in WRITERS]
     for case, aim in attacks:
         path = assets / f"{case.__name__}.blend"
         fresh()
         save(path)  # relative paths need it
         case(aim)
+        if case in WRITERS:
+            as_vehicle()
         save(path, relative_remap=False)
     files_of_other_formats(assets, secret)
     fresh()
@@ -247,7 +301,7 @@ def build(assets, secret, target):
     bpy.context.object.modifiers[0].node_group = again
     importing("CSV", text(assets / "table.csv", "position:3,a\n1,2\n5,6\n"))
     save(assets / "all/neighbors.blend", relative_remap=False)
-    sky(assets / "sky.exr")
+    write_picture(assets / "sky.exr", np.linspace(0.1, 1.0, 3 * 64 * 32).reshape(32, 64, 3))
 
 
 def open_it(path):

@@ -46,6 +46,12 @@ def mesh(name, vertices, faces):
     return made
 
 
+def cube(name="Body"):
+    bpy.ops.mesh.primitive_cube_add(size=2.0)
+    bpy.context.object.name = name
+    return bpy.context.object
+
+
 def cuboid(name, size, at, material=None, parent=None):
     """A scaled cube with texture coordinates; the parent stays where it is."""
     bpy.ops.mesh.primitive_cube_add(size=1.0, location=at)

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import bpy
 
-from hulldown.tests.blend_parts import collection, fresh, from_library, link, save
+from hulldown.tests.blend_parts import collection, cube, fresh, from_library, link, save
 from hulldown.tests.node_trees import node_group
-from hulldown.tests.writing_blends import cube
 
 
 def nan_location(_):

@@ -1,30 +1,43 @@
-"""Asset files that try to read a secret outside their folders, or to write there.
+"""Asset files that try to read a secret outside their folders, or to write there, with and without Landlock.
 
 The kernel reports which files were opened (inotify).
 """
 
 import ctypes
 import os
+import shutil
 import struct
+from dataclasses import replace
 from pathlib import Path
 
+import orjson
 import pytest
 
 from hulldown.geometry.errors import AssetError
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.plan_file import read_plan
+from hulldown.planning.row import decode_row
 from hulldown.planning.write import write_plan
 from hulldown.reading.confinement.landlock import abi
 from hulldown.reading.export import export
 from hulldown.render.cluster.scheduler import Scheduler
+from hulldown.render.confinement import Confinement
 from hulldown.render.engine import Engine
+from hulldown.render.jobs import render_job
+from hulldown.render.messages import CyclesSettings, to_json
+from hulldown.render.process import Blender
 from hulldown.render.supervisor import render_plan
 from hulldown.tests.blender_plans import run_script
 from hulldown.tests.clusters import cluster
+from hulldown.tests.parameters import few
+from hulldown.tests.render_plans import cube_library, make_row, moved
 
 OPEN, ACCESS = 0x20, 0x01  # from inotify(7)
-pytestmark = [pytest.mark.blender, pytest.mark.xfail(not abi(), reason="this kernel has no Landlock", run=False)]
+WRITES_WHEN_OPENED = ("particles", "paint", "fluid")
+WRITERS = (*WRITES_WHEN_OPENED, "outputs")
+pytestmark = pytest.mark.blender
+needs_landlock = pytest.mark.xfail(not abi(), reason="this kernel has no Landlock", run=False)
 
 
 class Opened:
@@ -64,6 +77,14 @@ def written(folder: Path) -> set[str]:
     return {str(path) for path in folder.rglob("*") if "mine/out" not in str(path)}
 
 
+def cleaned(folder: Path) -> set[str]:
+    """The same after removing what earlier attempts left."""
+    for left in [*folder.glob("target/*"), *folder.glob("mine/assets/blendcache*")]:
+        shutil.rmtree(left) if left.is_dir() else left.unlink()
+    return written(folder)
+
+
+@needs_landlock
 def test_a_file_with_all_attacks_reads_and_writes_nothing_outside(attack: Path, tmp_path: Path) -> None:
     before, opened = written(attack), Opened(attack / "secret")
     report = export(attack / "mine/assets/all/everything.blend", tmp_path, kind="scenery").report
@@ -75,12 +96,14 @@ def test_a_file_with_all_attacks_reads_and_writes_nothing_outside(attack: Path, 
     assert written(attack) == before
 
 
+@needs_landlock
 def test_texts_and_tables_next_to_an_asset_are_not_imported(attack: Path, tmp_path: Path) -> None:
     report = export(attack / "mine/assets/all/neighbors.blend", tmp_path, kind="vehicle").report
     assert report.triangles == 3 * 12, "three cubes, and nothing imported"
     assert sum("is left out, since it isn't a model or picture" in doubt for doubt in report.doubts) == 3
 
 
+@needs_landlock
 @pytest.mark.thorough
 def test_blender_without_precautions_opens_the_secrets(attack: Path) -> None:
     """This shows that the attacks work."""
@@ -88,6 +111,53 @@ def test_blender_without_precautions_opens_the_secrets(attack: Path) -> None:
     secrets = {path.name.split(".")[0] for path in (attack / "secret").iterdir()}
     run_script("attack_files.py", "open", *(path for path in assets(attack) if path.stem in secrets))
     assert secrets <= opened.names()
+
+
+@pytest.mark.parametrize("case", few(WRITES_WHEN_OPENED, "particles"))
+def test_these_files_write_when_blender_opens_them(attack: Path, case: str) -> None:
+    """This shows that the attacks work."""
+    before = cleaned(attack)
+    run_script("attack_files.py", "open", attack / f"mine/assets/{case}.blend", check=False)
+    assert written(attack) > before
+
+
+@pytest.mark.parametrize("case", WRITERS)
+def test_the_list_of_risky_features_alone_stops_them_when_read(
+    attack: Path, tmp_path: Path, case: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HULLDOWN_CONFINEMENT", "off")
+    before = cleaned(attack)
+    exported = export(attack / f"mine/assets/{case}.blend", tmp_path, kind="vehicle")
+    assert written(attack) == before
+    lost = [doubt for doubt in exported.report.doubts if "is left out, since its cache isn't in the file" in doubt]
+    assert len(lost) == (case in ("fluid", "paint"))
+    assert {p.name for p in tmp_path.iterdir()} == {"bundle.npz", "tidy.blend", "answer.json"}
+
+
+@pytest.mark.parametrize("role", ["scenery", "vehicle"])
+def test_the_list_of_risky_features_alone_stops_them_when_rendered(
+    attack: Path, tmp_path: Path, role: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A worker renders a file in place of a prepared one, as in a cache that came with a plan."""
+    monkeypatch.setenv("HULLDOWN_CONFINEMENT", "off")
+    before, folder = cleaned(attack), attack / "mine/assets"
+    settings = CyclesSettings(samples=1, denoise=False, adaptive_threshold=0.0, bounces=0)
+    messages = []
+    for case in WRITERS:
+        files = {"scenery": "nothing", "vehicle": "nothing", role: case}
+        there = {role: folder / f"{name}.blend" for role, name in files.items()}
+        library = cube_library(folder)
+        library = replace(
+            library,
+            models={"cube": moved(library.models["cube"], there["vehicle"])},
+            sceneries={"void": moved(library.sceneries["void"], there["scenery"])},
+        )
+        row = decode_row(orjson.dumps(make_row(0)))
+        messages.append(to_json(render_job(row, library, settings, tmp_path / f"{case}.png")))
+    with Blender(tmp_path / "log", device="cpu", confinement=Confinement(tmp_path, ())) as blender:
+        assert not any(blender.do(message).reasons for message in messages)
+    assert {path.stem for path in tmp_path.glob("*.png")} == set(WRITERS)
+    assert written(attack) == before
 
 
 @pytest.fixture(scope="module")
@@ -108,6 +178,7 @@ def planned(attack: Path) -> Path:
     return plan.path
 
 
+@needs_landlock
 @pytest.mark.thorough
 @pytest.mark.parametrize("where", ["here", "cluster"])
 def test_no_attack_succeeds_from_plan_to_picture(attack: Path, planned: Path, where: str, tmp_path: Path) -> None:

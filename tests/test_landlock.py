@@ -1,32 +1,19 @@
-"""Files that write when Blender opens them, and a process that tries forbidden things, with and without Landlock."""
+"""A process that tries forbidden things, with and without Landlock."""
 
 import json
 import os
 import socket
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
-import orjson
 import pytest
 
 from hulldown.cli import main
-from hulldown.planning.row import decode_row
 from hulldown.reading.confinement import landlock
 from hulldown.reading.confinement.landlock import abi, asset_folders, confined
-from hulldown.reading.export import export
-from hulldown.render.confinement import Confinement
-from hulldown.render.jobs import render_job
-from hulldown.render.messages import CyclesSettings, to_json
-from hulldown.render.process import Blender
-from hulldown.tests.blender_plans import run_script
-from hulldown.tests.parameters import few
-from hulldown.tests.render_plans import cube_library, make_row, moved
 
 ROOT = Path(__file__).resolve().parents[1]
-WRITES_WHEN_OPENED = ("particles", "paint", "fluid")
-CASES = (*WRITES_WHEN_OPENED, "outputs")
 # Each line is tried separately. IN is writable, OUT isn't; both are folders with a file.
 TRIES = """
 open(f"{OUT}/new", "w")
@@ -156,78 +143,6 @@ def test_the_folders_of_an_asset(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert asset_folders(deep / "a.blend") == [deep], "not the user's home"
     assert asset_folders(Path("/srv/a.blend")) == [Path("/srv")]
     assert asset_folders(Path("/srv/models/a.blend")) == [Path("/srv/models")]
-
-
-@pytest.fixture(scope="module")
-def blends(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("writing")
-    (folder / "blends").mkdir()
-    (folder / "target").mkdir()
-    run_script("writing_blends.py", "build", folder / "blends", folder / "target")
-    return folder
-
-
-def cleaned(folder: Path) -> set[str]:
-    """Content of a folder besides the files that try, after removing what earlier attempts left."""
-    for left in [folder / "target", *(folder / "blends").glob("blendcache*")]:
-        subprocess.run(["rm", "-rf", str(left)], check=True)
-    (folder / "target").mkdir()
-    return contents(folder)
-
-
-def contents(folder: Path) -> set[str]:
-    return {str(path) for path in folder.rglob("*")}
-
-
-@pytest.mark.blender
-@pytest.mark.parametrize("case", few(WRITES_WHEN_OPENED, "particles"))
-def test_these_files_write_when_blender_opens_them(blends: Path, case: str) -> None:
-    """This shows that the attacks work."""
-    before = cleaned(blends)
-    run_script("writing_blends.py", "open", blends / "blends" / f"{case}.blend", check=False)
-    assert contents(blends) > before
-
-
-@pytest.mark.blender
-@pytest.mark.parametrize("case", CASES)
-def test_the_list_of_risky_features_alone_stops_them_when_read(
-    blends: Path, tmp_path: Path, case: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """`tests/test_attacks.py` reads and renders them with confinement."""
-    monkeypatch.setenv("HULLDOWN_CONFINEMENT", "off")
-    before = cleaned(blends)
-    exported = export(blends / "blends" / f"{case}.blend", tmp_path, kind="vehicle")
-    assert contents(blends) == before
-    lost = [doubt for doubt in exported.report.doubts if "is left out, since its cache isn't in the file" in doubt]
-    assert len(lost) == (case in ("fluid", "paint"))
-    assert {p.name for p in tmp_path.iterdir()} == {"bundle.npz", "tidy.blend", "answer.json"}
-
-
-@pytest.mark.blender
-@pytest.mark.parametrize("role", ["scenery", "vehicle"])
-def test_the_list_of_risky_features_alone_stops_them_when_rendered(
-    blends: Path, tmp_path: Path, role: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A worker renders a file in place of a prepared one, as in a cache that came with a plan."""
-    monkeypatch.setenv("HULLDOWN_CONFINEMENT", "off")
-    before = cleaned(blends)
-    settings = CyclesSettings(samples=1, denoise=False, adaptive_threshold=0.0, bounces=0)
-    messages = []
-    for case in CASES:
-        there = dict.fromkeys(("scenery", "vehicle"), blends / "blends/nothing.blend")
-        there[role] = blends / "blends" / f"{case}.blend"
-        library = cube_library(blends / "blends")
-        library = replace(
-            library,
-            models={"cube": moved(library.models["cube"], there["vehicle"])},
-            sceneries={"void": moved(library.sceneries["void"], there["scenery"])},
-        )
-        row = decode_row(orjson.dumps(make_row(0)))
-        messages.append(to_json(render_job(row, library, settings, tmp_path / f"{case}.png")))
-    with Blender(tmp_path / "log", device="cpu", confinement=Confinement(tmp_path, ())) as blender:
-        assert not any(blender.do(message).reasons for message in messages)
-    assert {path.stem for path in tmp_path.glob("*.png")} == set(CASES)
-    assert contents(blends) == before
 
 
 @pytest.mark.parametrize("required", [False, True])
