@@ -16,7 +16,7 @@ import msgspec
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.confinement.landlock import asset_folders, confined
 from hulldown.reading.confinement.references import refuse_odd_references
-from hulldown.reading.confinement.watch import DEFAULT_LIMITS, Ended, ReadLimits, watched
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits, watched
 from hulldown.reading.formats import format_of
 from hulldown.reading.libraries import remedy_for
 from hulldown.reading.options import DEFAULTS, Options
@@ -160,7 +160,7 @@ def ask_reader(jobs: Sequence[Job], *, limits: ReadLimits = DEFAULT_LIMITS) -> l
         )
     for job in jobs:
         if not job.file(ANSWER).is_file():  # it was at this one when it ended
-            _explain(ended, job.path)
+            _explain(job.path, *ended)
     return [_answer(job) for job in jobs]
 
 
@@ -171,15 +171,14 @@ def _answer(job: Job) -> dict[str, Any]:
     return answer
 
 
-def _explain(ended: Ended, path: str) -> NoReturn:
-    """Reason why there is no answer."""
-    if ended.exceeded:
-        raise AssetError(
-            ended.exceeded, path=path, remedy="make it smaller, leave it out, or raise --read-timeout or --read-memory"
-        )
-    if remedy := remedy_for(ended.last_words):
-        raise AssetError("needs Blender to be read", path=path, remedy=remedy)
-    if ended.code < 0:
-        problem = f"Blender crashed reading it (signal {-ended.code})"
+def _explain(path: str, code: int, last_words: str, exceeded: str) -> NoReturn:
+    """Raise the reason why a process that ended like this, as `watched` returns it, has no answer."""
+    if exceeded:
+        remedy = "make it smaller, leave it out, or raise --read-timeout or --read-memory"
+        raise AssetError(exceeded, path=path, remedy=remedy)
+    if missing := remedy_for(last_words):
+        raise AssetError("needs Blender to be read", path=path, remedy=missing)
+    if code < 0:
+        problem = f"Blender crashed reading it (signal {-code})"
         raise AssetError(problem, path=path, remedy="open it in Blender, save it again, or leave it out")
-    raise RuntimeError(f"{path}: reading it failed:\n{ended.last_words[-LAST_WORDS:]}")
+    raise RuntimeError(f"{path}: reading it failed:\n{last_words[-LAST_WORDS:]}")

@@ -42,27 +42,16 @@ class ReadLimits:
 DEFAULT_LIMITS = ReadLimits()
 
 
-@dataclass(frozen=True, slots=True)
-class Ended:
-    """How a child process ended.
+def watched(
+    command: Sequence[str], *, env: Mapping[str, str], limits: ReadLimits = DEFAULT_LIMITS
+) -> tuple[int, str, str]:
+    """Run `command` to its end, or until it exceeds a limit; every line that it writes is a sign of life.
 
-    Parameters
-    ----------
-    code
-        Its exit code; negative for a signal.
-    last_words
-        The end of its output.
-    exceeded
-        The limit that it exceeded, with both figures; empty if it ended by itself.
+    Returns
+    -------
+    Its exit code, negative for a signal; the end of its output; and the limit that it exceeded, with both figures, if
+    it was ended.
     """
-
-    code: int
-    last_words: str
-    exceeded: str
-
-
-def watched(command: Sequence[str], *, env: Mapping[str, str], limits: ReadLimits = DEFAULT_LIMITS) -> Ended:
-    """Run `command` to its end, or until it exceeds a limit; every line that it writes is a sign of life."""
     lines: deque[bytes] = deque(maxlen=LAST_LINES)
     heard = time.monotonic()
 
@@ -82,4 +71,4 @@ def watched(command: Sequence[str], *, env: Mapping[str, str], limits: ReadLimit
                 exceeded = f"reading it got nowhere for {limits.silence_s:g} s, which is the limit"
             time.sleep(0 if exceeded else POLL_S)
         code = child.kill()
-    return Ended(code, b"".join(lines).decode("utf-8", "replace"), exceeded)
+    return code, b"".join(lines).decode("utf-8", "replace"), exceeded
