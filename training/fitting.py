@@ -87,22 +87,15 @@ class Training:
         done = int(self._checkpoint()["global_step"]) if self.folder.checkpoint.exists() else 0
         return Batches(len(self.examples), batch=settings.batch, parts=settings.accumulate, first=done)
 
-    def loader(self, collate: Callable[[list[Example]], Any]) -> DataLoader[Example]:
-        """Return a loader of collated batches, in order."""
-        return DataLoader(
-            self.examples, batch_sampler=self.batches, collate_fn=collate, num_workers=self.workers,
-            prefetch_factor=4 if self.workers else None,
-        )  # fmt: skip
-
     def fit(
         self,
         module: pl.LightningModule,
         average: Any,
         trainer: Callable[..., pl.Trainer],
         *,
+        collate: Callable[[list[Example]], Any],
         detector: Callable[[Any], Detector],
         saved: Callable[[Any], dict[str, Any]],
-        **data: Any,
     ) -> dict[str, Any]:
         """Train a module, or continue from the checkpoint; write weights and metrics.
 
@@ -114,12 +107,12 @@ class Training:
             The callback that averages its weights: RF-DETR's or `AveragedWeights`.
         trainer
             Makes the trainer from the common arguments.
+        collate
+            Makes the module's batch of some examples.
         detector
             Makes the detector of a network.
         saved
             Returns the contents of a network's weights file.
-        data
-            The data, as arguments of `pl.Trainer.fit`.
 
         Returns
         -------
@@ -139,13 +132,17 @@ class Training:
         validator = Validator(self.batches.steps, judged if valid else None)
         recorder = Recorder(self, validator)
         logger = logger_of(self.settings.logger, self.folder.path) if self.settings.logger else False
+        loader = DataLoader(
+            self.examples, batch_sampler=self.batches, collate_fn=collate, num_workers=self.workers,
+            prefetch_factor=4 if self.workers else None,
+        )  # fmt: skip
         self._run(
             trainer(
                 devices=[self.device.index] if self.device.type == "cuda" and self.device.index else 1,
                 accumulate_grad_batches=self.settings.accumulate,
                 callbacks=[StepSeeds(self.settings.seed), average, validator, recorder], logger=logger, **_OURS,
             ),
-            module, **data,
+            module, loader,
         )  # fmt: skip
         figures = _figures(recorder.rows, self.settings, time.monotonic() - started)
         content: Any = content_of(saved(module.model))
@@ -164,7 +161,7 @@ class Training:
         self.folder.write_metrics(recorder.rows, validated)
         return figures
 
-    def _run(self, trainer: pl.Trainer, module: pl.LightningModule, **data: Any) -> None:
+    def _run(self, trainer: pl.Trainer, module: pl.LightningModule, loader: DataLoader[Example]) -> None:
         before = torch.are_deterministic_algorithms_enabled(), torch.is_deterministic_algorithms_warn_only_enabled()
         checkpoint = str(self.folder.checkpoint) if self.folder.checkpoint.exists() else None
         if checkpoint:
@@ -172,7 +169,7 @@ class Training:
             if held != wanted:
                 raise self._foreign("holds other weights")
         try:
-            trainer.fit(module, ckpt_path=checkpoint, weights_only=True if checkpoint else None, **data)
+            trainer.fit(module, loader, ckpt_path=checkpoint, weights_only=True if checkpoint else None)
         except SystemExit:  # raised by Lightning on Ctrl-C
             raise KeyboardInterrupt from None
         except HulldownError as error:

@@ -1,8 +1,8 @@
 """RF-DETR through its own training stack, with draws as its data and schedules by budget.
 
 Its LightningModule and `build_trainer` are used unchanged. Settings replace everything that conflicts with a fixed
-budget of draws: learning rates follow the steps of the budget instead of epochs, its data module doesn't shuffle or
-pad, its own augmentation is off, and the result is the averaged weights at the end.
+budget of draws: learning rates follow the steps of the budget instead of epochs, the draws replace its data module and
+augmentation, and the result is the averaged weights at the end.
 
 References
 ----------
@@ -11,7 +11,7 @@ Robinson et al., RF-DETR, 2026: the model of the paper, section 2.2. Its package
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,6 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 from torch.optim.lr_scheduler import LambdaLR
-from torch.utils.data import DataLoader
 from torchvision.transforms.functional import normalize
 
 from hulldown.dataset.reports.comparison import Encoder
@@ -48,9 +47,9 @@ with quiet():  # its dependencies give deprecation warnings
     from rfdetr.models.weights import load_pretrain_weights
     from rfdetr.training.callbacks.best_model import BestModelCallback
     from rfdetr.training.callbacks.ema import RFDETREMACallback
-    from rfdetr.training.module_data import RFDETRDataModule
     from rfdetr.training.module_model import RFDETRModelModule
     from rfdetr.training.trainer import build_trainer
+    from rfdetr.utilities.tensors import collate_fn
 
 CONFIGS = {
     "nano": rf_config.RFDETRNanoConfig,
@@ -172,23 +171,9 @@ def detr_configs(
     return model, train
 
 
-class DrawnData(RFDETRDataModule):
-    """RF-DETR's data module with a training's draws, in order."""
-
-    def __init__(self, model_config: Any, train_config: Any, training: Training) -> None:
-        super().__init__(model_config, train_config)
-        self._training = training
-
-    def setup(self, stage: str) -> None:
-        """Do nothing, since the draws are given."""
-
-    def train_dataloader(self) -> DataLoader[Example]:
-        """The draws, in order."""
-        return self._training.loader(partial(_collated, collate=self._collate_fn_train))
-
-
-def _collated(batch: list[Example], *, collate: Callable[[Any], Any]) -> Any:
-    return collate([_target(k, example) for k, example in enumerate(batch)])
+def _collated(batch: Sequence[Example]) -> tuple[Any, list[dict[str, Tensor]]]:
+    pictures, targets = collate_fn([_target(k, example) for k, example in enumerate(batch)])
+    return pictures, list(targets)
 
 
 def _target(k: int, example: Example) -> tuple[Tensor, dict[str, Tensor]]:
@@ -295,9 +280,9 @@ def fit_detr(training: Training) -> dict[str, Any]:
     return training.fit(
         module, RFDETREMACallback(decay=train_config.ema_decay, tau=train_config.ema_tau),
         partial(build_trainer, train_config, model_config),
+        collate=_collated,
         detector=lambda network: DetrDetector(network, module.postprocess, names, resolution, training.device),
         saved=partial(save_detr, module, training.classes),
-        datamodule=DrawnData(model_config, train_config, training),
     )  # fmt: skip
 
 

@@ -164,7 +164,7 @@ def fit_small(training: Training) -> dict[str, Any]:
             pl.Trainer, max_epochs=1, accelerator="gpu" if cuda else "cpu",
             precision="bf16-mixed" if cuda else "32-true", gradient_clip_val=10.0,
         ),
+        collate=collated,
         detector=lambda network: SmallDetector(network, classes, size, device),
         saved=partial(save_small, classes=classes, size=size),
-        train_dataloaders=training.loader(collated),
     )  # fmt: skip
