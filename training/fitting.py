@@ -19,7 +19,7 @@ from torch.utils.data import DataLoader
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.files import replace_file
 from hulldown.training.data import Batches, DrawnExamples, Example
-from hulldown.training.detectors.callbacks import Recorder, StepSeeds, Validator, log, logger_of
+from hulldown.training.detectors.callbacks import Recorder, log, logger_of
 from hulldown.training.detectors.detector import DAMAGED, Detector, DetectorError, first_line
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.labels import Labels
@@ -125,12 +125,11 @@ class Training:
             network.load_state_dict(average.get_ema_model_state_dict())
             assert valid is not None
             found = validation_figures(detector(network), valid)
-            if keep_best and found["ap50"] > max((row[2] for row in validator.rows), default=-1.0):
+            if keep_best and found["ap50"] > max((row[2] for row in recorder.validated), default=-1.0):
                 replace_file(self.folder.best, content_of(saved(network)))
             return found
 
-        validator = Validator(self.batches.steps, judged if valid else None)
-        recorder = Recorder(self, validator)
+        recorder = Recorder(self, judged if valid else None)
         logger = logger_of(self.settings.logger, self.folder.path) if self.settings.logger else False
         loader = DataLoader(
             self.examples, batch_sampler=self.batches, collate_fn=collate, num_workers=self.workers,
@@ -140,13 +139,13 @@ class Training:
             trainer(
                 devices=[self.device.index] if self.device.type == "cuda" and self.device.index else 1,
                 accumulate_grad_batches=self.settings.accumulate,
-                callbacks=[StepSeeds(self.settings.seed), average, validator, recorder], logger=logger, **_OURS,
+                callbacks=[average, recorder], logger=logger, **_OURS,
             ),
             module, loader,
         )  # fmt: skip
         figures = _figures(recorder.rows, self.settings, time.monotonic() - started)
         content: Any = content_of(saved(module.model))
-        validated = validator.rows
+        validated = recorder.validated
         if valid:
             progress = partial(self.progress, "validating")
             found = figures["valid"] = validation_figures(detector(module.model), valid, progress=progress)
@@ -194,7 +193,8 @@ class Training:
         parts = ("global_step", "state_dict", "callbacks", "loops", "optimizer_states", "lr_schedulers")
         if not isinstance(found, dict) or any(part not in found for part in parts):
             raise self._foreign("is no checkpoint of a training")
-        if not isinstance(found["callbacks"], dict) or Recorder.__qualname__ not in found["callbacks"]:
+        callbacks = found["callbacks"]
+        if not isinstance(callbacks, dict) or "validated" not in callbacks.get(Recorder.__qualname__, ()):
             raise self._foreign("is of another training")
         return found
 

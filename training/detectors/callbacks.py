@@ -1,4 +1,4 @@
-"""Lightning callbacks of a run: seeds, averaged weights, figures, checkpoints; and its loggers."""
+"""Lightning callbacks of a run: averaged weights, figures, validations, checkpoints; and its loggers."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from pytorch_lightning.callbacks import WeightAveraging
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.files import replacing
 from hulldown.geometry.terminal import duration
+from hulldown.training.evaluation.average_precision import AVERAGES
 
 if TYPE_CHECKING:
     from hulldown.training.fitting import Training
@@ -26,23 +27,6 @@ AVERAGE_DECAY = 0.998
 ESTIMATE_AFTER = 10  # steps
 CHECKPOINT_S = 60.0
 VALIDATIONS = 10  # points of a run's curve; the last one is the result
-
-
-class StepSeeds(pl.Callback):
-    """Seeds PyTorch in each step by the run's seed and the step.
-
-    So a killed run continues identically, without a generator's state in its checkpoints.
-    """
-
-    def __init__(self, seed: int) -> None:
-        self._seed = seed
-
-    def on_train_batch_start(
-        self, trainer: pl.Trainer, pl_module: pl.LightningModule, batch: Any, batch_idx: int
-    ) -> None:
-        """Seed PyTorch for one batch."""
-        entropy = np.random.SeedSequence([self._seed, batch_idx])
-        torch.manual_seed(int(entropy.generate_state(1)[0]))
 
 
 class AveragedWeights(WeightAveraging):
@@ -99,68 +83,44 @@ def log(loggers: Sequence[pl_loggers.Logger], figures: Mapping[str, float], step
         logger.log_metrics(dict(figures), step)
 
 
-class Rows(pl.Callback):
-    """Rows of figures that are stored in checkpoints."""
+class Recorder(pl.Callback):
+    """Seeds each step, records its figures, validates the averaged weights several times, and writes checkpoints.
 
-    def __init__(self) -> None:
-        self.rows: list[list[float]] = []
-
-    def state_dict(self) -> dict[str, Any]:
-        """The rows for a checkpoint."""
-        return {"rows": self.rows}
-
-    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Restore the rows of a checkpoint."""
-        self.rows = [list(row) for row in state_dict["rows"]]
-
-
-class Validator(Rows):
-    """Measures the averaged weights several times in a run, without effect on the training.
-
-    Parameters
-    ----------
-    steps
-        Number of steps in the run.
-    measure
-        Returns AP, AP50, and AP75 of the averaged weights; None: there is no validation set.
-    """
-
-    def __init__(self, steps: int, measure: Callable[[], Mapping[str, float]] | None) -> None:
-        super().__init__()  # rows of step, AP, AP50, AP75
-        self._due = {round(steps * k / VALIDATIONS) for k in range(1, VALIDATIONS)} - {0, steps}
-        self._measure = measure
-
-    def on_train_batch_end(
-        self, trainer: pl.Trainer, pl_module: pl.LightningModule, outputs: Any, batch: Any, batch_idx: int
-    ) -> None:
-        """Measure after the steps of the curve."""
-        step = trainer.global_step
-        if self._measure is None or step not in self._due or (self.rows and self.rows[-1][0] >= step):
-            return
-        found = self._measure()
-        self.rows.append([float(step), *(found[key] for key in ("ap", "ap50", "ap75"))])
-        log(trainer.loggers, {f"valid/{key}": found[key] for key in ("ap", "ap50", "ap75")}, step)
-
-
-class Recorder(Rows):
-    """Records figures of each step, and writes checkpoints.
+    PyTorch is seeded in each step by the run's seed and the step. So a killed run continues identically, without a
+    generator's state in its checkpoints.
 
     Parameters
     ----------
     training
         The training.
-    validator
-        The callback with its validations, which are written with each checkpoint.
+    measure
+        Returns AP, AP50, and AP75 of the averaged weights, without effect on the training; None: there is no
+        validation set.
+
+    Attributes
+    ----------
+    rows
+        Step, loss, learning rate, seconds, and seconds waited for data of each step, also of those before a stop.
+    validated
+        Step, AP, AP50, and AP75 of each validation.
     """
 
-    def __init__(self, training: Training, validator: Validator) -> None:
-        super().__init__()  # rows of step, loss, learning rate, seconds, seconds waited for data
-        self._training, self._validator, self._steps = training, validator, training.batches.steps
+    def __init__(self, training: Training, measure: Callable[[], Mapping[str, float]] | None) -> None:
+        self.rows: list[list[float]] = []
+        self.validated: list[list[float]] = []
+        self._training, self._measure, self._steps = training, measure, training.batches.steps
+        self._due = {round(self._steps * k / VALIDATIONS) for k in range(1, VALIDATIONS)} - {0, self._steps}
         self._losses: list[torch.Tensor] = []
         self._done = 0  # steps in this process
-        self._first = self._last = self._saved = time.monotonic()
         self._waited = 0.0
-        self._fetching = time.monotonic()
+
+    def state_dict(self) -> dict[str, Any]:
+        """The rows for a checkpoint."""
+        return {"rows": self.rows, "validated": self.validated}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Restore the rows of a checkpoint."""
+        self.rows, self.validated = ([list(row) for row in state_dict[key]] for key in ("rows", "validated"))
 
     def on_train_start(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
         """Start the clocks."""
@@ -169,8 +129,10 @@ class Recorder(Rows):
     def on_train_batch_start(
         self, trainer: pl.Trainer, pl_module: pl.LightningModule, batch: Any, batch_idx: int
     ) -> None:
-        """Record the wait for the batch."""
+        """Record the wait for the batch, and seed PyTorch."""
         self._waited += time.monotonic() - self._fetching
+        entropy = np.random.SeedSequence([self._training.settings.seed, batch_idx])
+        torch.manual_seed(int(entropy.generate_state(1)[0]))
 
     def on_train_batch_end(
         self, trainer: pl.Trainer, pl_module: pl.LightningModule, outputs: Any, batch: Any, batch_idx: int
@@ -183,13 +145,17 @@ class Recorder(Rows):
         self._fetching = time.monotonic()
 
     def _end_step(self, trainer: pl.Trainer) -> None:
+        step, training = trainer.global_step, self._training
+        if self._measure is not None and step in self._due:
+            found = self._measure()
+            self.validated.append([float(step), *(found[key] for key in AVERAGES)])
+            log(trainer.loggers, {f"valid/{key}": found[key] for key in AVERAGES}, step)
         now = time.monotonic()
         rate = max(group["lr"] for group in trainer.optimizers[0].param_groups)
         loss = float(torch.stack(self._losses).mean())
-        self.rows.append([float(trainer.global_step), loss, rate, now - self._last, self._waited])
-        log(trainer.loggers, {"train/loss": loss, "train/learning_rate": rate}, trainer.global_step)
+        self.rows.append([float(step), loss, rate, now - self._last, self._waited])
+        log(trainer.loggers, {"train/loss": loss, "train/learning_rate": rate}, step)
         self._losses, self._waited, self._last, self._done = [], 0.0, now, self._done + 1
-        step, training = trainer.global_step, self._training
         training.progress("training", step, self._steps)
         if self._done == ESTIMATE_AFTER:
             left = (now - self._first) / self._done * (self._steps - step)
@@ -199,5 +165,5 @@ class Recorder(Rows):
         if due and step < self._steps:
             with replacing(training.folder.checkpoint) as file:
                 trainer.save_checkpoint(file.name)
-            training.folder.write_metrics(self.rows, self._validator.rows)
+            training.folder.write_metrics(self.rows, self.validated)
             self._saved = time.monotonic()
