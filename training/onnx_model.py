@@ -87,8 +87,7 @@ def _small(detector: SmallDetector) -> bytes:
             self.network = network
 
         def forward(self, pictures: torch.Tensor) -> tuple[torch.Tensor, ...]:
-            found = peaks(self.network(pictures), MOST)
-            return found.xyxy, found.score, found.label
+            return peaks(self.network(pictures), MOST)
 
     content = io.BytesIO()
     with quiet():

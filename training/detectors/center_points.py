@@ -53,42 +53,6 @@ class CenterMaps(NamedTuple):
     box: Float[Tensor, "n 4 h w"]
 
 
-class Truth(NamedTuple):
-    """The ground truth of n pictures: k objects, concatenated.
-
-    Parameters
-    ----------
-    owner
-        (k,) picture of each object.
-    xyxy
-        (k, 4) corners, pixels.
-    label
-        (k,) its class.
-    """
-
-    owner: Int[Tensor, " k"]
-    xyxy: Float[Tensor, "k 4"]
-    label: Int[Tensor, " k"]
-
-
-class Peaks(NamedTuple):
-    """The k most likely objects of each of n pictures, by falling score.
-
-    Parameters
-    ----------
-    xyxy
-        (n, k, 4) corners, pixels, possibly outside of the picture.
-    score
-        (n, k) from 0 to 1; 0 if there are fewer peaks.
-    label
-        (n, k) classes.
-    """
-
-    xyxy: Float[Tensor, "n k 4"]
-    score: Float[Tensor, "n k"]
-    label: Int[Tensor, "n k"]
-
-
 class CenterNetwork(nn.Module):
     """Residual blocks down to stride 32, a pyramid back to the maps' stride, and the maps of each class."""
 
@@ -134,14 +98,6 @@ def _stage(before: int, after: int, blocks: int) -> nn.Module:
     return stage
 
 
-def truth_of(xyxy: Sequence[Tensor], label: Sequence[Tensor]) -> Truth:
-    """Concatenate the objects of pictures."""
-    counts = torch.tensor([len(one) for one in label])
-    return Truth(
-        torch.repeat_interleave(torch.arange(len(label)), counts), torch.cat(list(xyxy)), torch.cat(list(label))
-    )
-
-
 def center_bumps(xyxy: Float[Tensor, "k 4"], height: int, width: int) -> Float[Tensor, "k h w"]:
     """Target maps: for each object a Gaussian of its box's size around its center, 1 in the center's cell."""
     middle = (xyxy[:, :2] + xyxy[:, 2:]) / (2 * STRIDE)
@@ -155,27 +111,36 @@ def center_bumps(xyxy: Float[Tensor, "k 4"], height: int, width: int) -> Float[T
     return along(1, height)[:, :, None] * along(0, width)[:, None, :]
 
 
-def center_loss(maps: CenterMaps, truth: Truth) -> Tensor:
+def center_loss(maps: CenterMaps, xyxy: Sequence[Float[Tensor, "_ 4"]], labels: Sequence[Int[Tensor, " _"]]) -> Tensor:
     """The focal loss of centers and, over the cells near each, the loss of boxes and the cross-entropy of classes.
 
     The focal loss treats each class separately and mostly teaches whether there is an object: a small network finds
     objects long before it distinguishes classes.
+
+    Parameters
+    ----------
+    maps
+        Of n pictures.
+    xyxy, labels
+        Corners in pixels, and classes, of the objects in each.
     """
     height, width = maps.heat.shape[-2:]
-    bumps = center_bumps(truth.xyxy, height, width)
+    picture = torch.tensor([i for i, own in enumerate(labels) for _ in own], dtype=torch.int64, device=maps.heat.device)
+    boxes, label = torch.cat(list(xyxy)), torch.cat(list(labels))
+    bumps = center_bumps(boxes, height, width)
     target = torch.zeros_like(maps.heat)
-    for owner, label, bump in zip(truth.owner.tolist(), truth.label.tolist(), bumps, strict=True):
-        target[owner, label] = torch.maximum(target[owner, label], bump)
+    for at, bump in zip(zip(picture.tolist(), label.tolist(), strict=True), bumps, strict=True):
+        target[at] = torch.maximum(target[at], bump)
     heat = _focal(maps.heat, target) / max(1, len(bumps))
     if not len(bumps):
         return heat
     which, row, column, weight = _near(bumps, NEAR_BOX)
-    wanted = encoded(truth.xyxy[which], row, column)
-    away = (maps.box[truth.owner[which], :, row, column] - wanted).abs() * wanted.new_tensor(AXIS_WEIGHTS)
+    wanted = encoded(boxes[which], row, column)
+    away = (maps.box[picture[which], :, row, column] - wanted).abs() * wanted.new_tensor(AXIS_WEIGHTS)
     box = (away.sum(dim=1) * weight).sum()
     which, row, column, weight = _near(bumps, NEAR_CLASS)
-    logits = maps.heat[truth.owner[which], :, row, column]
-    between = (functional.cross_entropy(logits, truth.label[which], reduction="none") * weight).sum()
+    logits = maps.heat[picture[which], :, row, column]
+    between = (functional.cross_entropy(logits, label[which], reduction="none") * weight).sum()
     return heat + box + between
 
 
@@ -209,8 +174,13 @@ def corners(box: Float[Tensor, "k 4"], row: Int[Tensor, " k"], column: Int[Tenso
     return torch.cat((middle - half, middle + half), dim=1)
 
 
-def peaks(maps: CenterMaps, count: int) -> Peaks:
-    """The most likely objects: cells at least as likely as their eight neighbors."""
+def peaks(maps: CenterMaps, count: int) -> tuple[Float[Tensor, "n k 4"], Float[Tensor, "n k"], Int[Tensor, "n k"]]:
+    """The k most likely objects of each picture, by falling score: cells at least as likely as their eight neighbors.
+
+    Returns
+    -------
+    Corners in pixels, possibly outside of the picture; scores from 0 to 1, 0 if there are fewer peaks; classes.
+    """
     scores = maps.heat.sigmoid()
     highest = functional.max_pool2d(scores, 3, 1, 1)
     n, _, height, width = scores.shape
@@ -218,6 +188,6 @@ def peaks(maps: CenterMaps, count: int) -> Peaks:
     score, place = flat.topk(min(count, flat.shape[1]))
     label, cell = place // (height * width), place % (height * width)
     row, column = cell // width, cell % width
-    owner = torch.arange(n, device=row.device).repeat_interleave(row.shape[1])
-    boxes = maps.box[owner, :, row.flatten(), column.flatten()]
-    return Peaks(corners(boxes, row.flatten(), column.flatten()).view(n, -1, 4), score, label)
+    picture = torch.arange(n, device=row.device).repeat_interleave(row.shape[1])
+    boxes = maps.box[picture, :, row.flatten(), column.flatten()]
+    return corners(boxes, row.flatten(), column.flatten()).view(n, -1, 4), score, label

@@ -21,6 +21,7 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 from torch.optim.lr_scheduler import LambdaLR
+from torchvision.ops import box_convert
 from torchvision.transforms.functional import normalize
 
 from hulldown.dataset.reports.comparison import Encoder
@@ -179,15 +180,13 @@ def _collated(batch: Sequence[Example]) -> tuple[Any, list[dict[str, Tensor]]]:
 def _target(k: int, example: Example) -> tuple[Tensor, dict[str, Tensor]]:
     """An example in RF-DETR's form: boxes as center and size, in shares of the picture."""
     height, width = example.picture.shape[1:]
-    corners = example.xyxy
-    sizes = corners[:, 2:] - corners[:, :2]
-    boxes = torch.cat((corners[:, :2] + sizes / 2, sizes), dim=1) / torch.tensor([width, height] * 2)
+    boxes = box_convert(example.xyxy, "xyxy", "cxcywh")
     target = {
-        "boxes": boxes,
+        "boxes": boxes / torch.tensor([width, height] * 2),
         "labels": example.label,
         "image_id": torch.tensor([k]),
-        "area": sizes.prod(dim=1),
-        "iscrowd": torch.zeros(len(corners), dtype=torch.int64),
+        "area": boxes[:, 2:].prod(dim=1),
+        "iscrowd": torch.zeros_like(example.label),
         "orig_size": torch.tensor([height, width]),
         "size": torch.tensor([height, width]),
     }
@@ -244,7 +243,15 @@ class DetrDetector:
             return []
         pictures = normalized(network_pictures(images, self._size).to(self._device))
         sizes = torch.tensor([image.shape[:2] for image in images], device=self._device)
-        return [self._detections(found) for found in self._postprocess(self._network(pictures), sizes)]
+        known = torch.tensor(list(self._index), device=self._device)
+        detections = []
+        for found in self._postprocess(self._network(pictures), sizes):
+            rows = found["scores"].argsort(descending=True, stable=True)
+            rows = rows[torch.isin(found["labels"][rows], known)]
+            xywh = box_convert(found["boxes"][rows].double(), "xyxy", "xywh").cpu().numpy()
+            label = np.array([self._index[logit] for logit in found["labels"][rows].tolist()], dtype=np.int64)
+            detections.append(Detections(xywh, found["scores"][rows].cpu().double().numpy(), label))
+        return detections
 
     @torch.inference_mode()
     def features(self, images: Sequence[UInt8[np.ndarray, "_ _ 3"]]) -> Float[np.ndarray, "n d"]:
@@ -255,17 +262,6 @@ class DetrDetector:
             maps = self._network.backbone[0].encoder(normalized(batch))
             found.append(maps[-1].mean(dim=(2, 3)).cpu().double().numpy())
         return np.concatenate(found)
-
-    def _detections(self, found: dict[str, Tensor]) -> Detections:
-        label = found["labels"].cpu().numpy()
-        order = found["scores"].argsort(descending=True, stable=True)
-        rows = [row for row in order.tolist() if int(label[row]) in self._index]
-        corners = found["boxes"].cpu().double().numpy()[rows]
-        return Detections(
-            np.concatenate((corners[:, :2], corners[:, 2:] - corners[:, :2]), axis=1).reshape(-1, 4),
-            found["scores"].cpu().double().numpy()[rows],
-            np.array([self._index[int(label[row])] for row in rows], dtype=np.int64),
-        )
 
 
 def fit_detr(training: Training) -> dict[str, Any]:

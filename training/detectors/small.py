@@ -8,18 +8,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytorch_lightning as pl
 import torch
 from jaxtyping import UInt8
+from pytorch_lightning.callbacks import WeightAveraging
 from torch import Tensor
 from torch.optim.lr_scheduler import LambdaLR
+from torchvision.ops import box_convert
 
 from hulldown.training.data import Example, network_pictures
-from hulldown.training.detectors.callbacks import AveragedWeights
-from hulldown.training.detectors.center_points import CenterNetwork, Peaks, Truth, center_loss, peaks, truth_of
+from hulldown.training.detectors.center_points import CenterNetwork, center_loss, peaks
 from hulldown.training.detectors.detector import DAMAGED, Detections, DetectorError, first_line, read_weights
 from hulldown.training.fitting import Training, seed_weights
 from hulldown.training.settings import Settings, rate_factor
@@ -28,6 +29,7 @@ ASPECT = 9 / 16
 STEP = 16  # pixels: sides are multiples of it
 MOST = 100  # objects found in a picture
 MIN_SCORE = 0.01
+AVERAGE_DECAY = 0.998
 WEIGHTS_KIND = "center points"  # kind of weights in a file
 
 
@@ -58,18 +60,14 @@ class SmallDetector:
         if not images:
             return []
         found = peaks(self.network(network_pictures(images, self.size).to(self._device)), MOST)
-        return [self._detections(found, i, image.shape[1], image.shape[0]) for i, image in enumerate(images)]
-
-    def _detections(self, found: Peaks, i: int, width: int, height: int) -> Detections:
-        """Detections in a picture, clipped to it."""
-        kept = found.score[i] >= MIN_SCORE
-        corners = found.xyxy[i][kept].cpu().double().numpy() * ([width / self.size[0], height / self.size[1]] * 2)
-        corners = corners.clip(0.0, [width, height] * 2)
-        return Detections(
-            np.concatenate((corners[:, :2], corners[:, 2:] - corners[:, :2]), axis=1),
-            found.score[i][kept].cpu().double().numpy(),
-            found.label[i][kept].cpu().numpy(),
-        )
+        detections = []
+        for image, *own in zip(images, *(part.cpu() for part in found), strict=True):
+            xyxy, score, label = (part[own[1] >= MIN_SCORE] for part in own)
+            sides = torch.tensor(image.shape[1::-1], dtype=torch.float64).repeat(2)  # of what the boxes are clipped to
+            corners = (xyxy * (sides / torch.tensor(self.size).repeat(2))).clip(min=0.0).minimum(sides)
+            xywh = box_convert(corners, "xyxy", "xywh")
+            detections.append(Detections(xywh.numpy(), score.double().numpy(), label.numpy()))
+        return detections
 
 
 def starting_network(classes: Sequence[str], weights: Path | None) -> CenterNetwork:
@@ -133,10 +131,10 @@ class SmallModule(pl.LightningModule):
         self.model = network.to(memory_format=torch.channels_last)
         self._settings, self._steps = settings, steps
 
-    def training_step(self, batch: tuple[Tensor, Truth], batch_idx: int) -> Tensor:
+    def training_step(self, batch: tuple[Tensor, list[Tensor], list[Tensor]], batch_idx: int) -> Tensor:
         """The loss of a batch."""
-        pictures, truth = batch
-        return center_loss(self.model(pictures), truth)
+        pictures, xyxy, labels = batch
+        return center_loss(self.model(pictures), xyxy, labels)
 
     def configure_optimizers(self) -> dict[str, object]:
         """AdamW with the run's schedule."""
@@ -146,10 +144,28 @@ class SmallModule(pl.LightningModule):
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": rates, "interval": "step"}}
 
 
-def collated(batch: Sequence[Example]) -> tuple[Tensor, Truth]:
-    """The pictures of a batch, and their ground truth."""
-    truth = truth_of([example.xyxy for example in batch], [example.label for example in batch])
-    return torch.stack([example.picture for example in batch]), truth
+class AveragedWeights(WeightAveraging):
+    """The exponential moving average of a module's weights; early steps are forgotten sooner."""
+
+    def __init__(self) -> None:
+        super().__init__(avg_fn=_averaged)
+
+    def get_ema_model_state_dict(self) -> dict[str, torch.Tensor]:
+        """Return the average of the module's `model`; RF-DETR's callback has the same method."""
+        assert self._average_model is not None
+        return cast("pl.LightningModule", self._average_model.module).model.state_dict()
+
+
+def _averaged(average: torch.Tensor, weights: torch.Tensor, steps: int | torch.Tensor) -> torch.Tensor:
+    """The average after another step; `steps` is the number before it."""
+    decay = min(AVERAGE_DECAY, (2 + int(steps)) / (11 + int(steps)))
+    return decay * average + (1.0 - decay) * weights
+
+
+def collated(batch: Sequence[Example]) -> tuple[Tensor, list[Tensor], list[Tensor]]:
+    """The pictures of a batch, and the corners and classes of each one's boxes."""
+    pictures = torch.stack([example.picture for example in batch])
+    return pictures, [example.xyxy for example in batch], [example.label for example in batch]
 
 
 def fit_small(training: Training) -> dict[str, Any]:
