@@ -8,7 +8,7 @@ import trimesh
 from numpy.typing import ArrayLike
 
 from hulldown.geometry.errors import AssetError
-from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.meshes import Mesh, merge
 from hulldown.geometry.transforms import apply, rigid, rotation_about, rotation_z
 from hulldown.reading.build import BuiltVehicle, build_vehicle
 from hulldown.reading.options import Options
@@ -251,6 +251,64 @@ def test_launch_tubes_point_ahead_and_turn_at_the_top_of_their_plates() -> None:
         inner = apply(np.linalg.inv(built.shape.vehicle_from_file @ pose), at[None])[0]
         assert np.allclose(inner, [-1.0, 0, 2.2], atol=1e-6)
         assert any("gun_pivot" in d for d in built.doubts)
+
+
+TUBES = {f"cannon_{k}": tube((-2.75, y, z), (2.75, y, z), 0.12, sides=12)
+         for k, (z, y) in enumerate((z, y) for z in (0.0, 0.3) for y in (-0.45, -0.15, 0.15, 0.45))}  # fmt: skip
+LORRY = {
+    **{f"W{x}{y}": tube((x, y - 0.15, 0.5), (x, y + 0.15, 0.5), 0.5) for x in (-3.4, -2.2, 2.8) for y in (-1.1, 1.1)},
+    "chassis": box((9, 2.5, 0.5), (0, 0, 1)), "cab": box((1.8, 2.5, 1.6), (3.6, 0, 2)),
+    "windshield": box((0.05, 2.2, 0.7), (4.52, 0, 2.5)), "towhook": box((0.3, 0.3, 0.3), (-4.6, 0, 1)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("rise_deg", "named", "words"),
+    [
+        (40.0, False, "only its raised tubes tell"),
+        (40.0, True, "what is named front is at the other"),
+        (6.0, True, "names of what is in front"),  # flat tubes are no evidence
+    ],
+)
+def test_names_outweigh_tubes_that_rise_at_the_tail(rise_deg: float, named: bool, words: str) -> None:
+    rise = rigid(rotation_about([0.0, 1.0, 0.0], np.radians(rise_deg)), [-1.5, 0.0, 2.6])
+    lorry = LORRY if named else {k.replace("cab", "body_a"): m for k, m in LORRY.items() if k[:3] not in ("win", "tow")}
+    built = read(lorry | {k: m.at(apply(rise, m.vertices)) for k, m in TUBES.items()})
+    assert words in f"{built.axes} {built.doubts}"
+    assert (built.shape.vehicle_from_file[0, 0] > 0) == named  # the cab is in front
+
+
+def test_helpers_named_for_a_part_are_pivots_and_objects_on_the_turret_turn() -> None:
+    pivots = {"turretpivot": box((0.1, 0.1, 0.1), (0.5, 0, 1.5)), "gun_axis": box((0.1, 0.1, 0.1), (1.3, 0, 1.95))}
+    aboard = {"turretgunbase": box((0.6, 0.6, 0.3), (0.6, 0, 2.4)), "gun_rack": box((0.4, 1.5, 0.3), (-1.2, 0, 2.45))}
+    built = read(TANK | pivots | aboard)
+    uses = dict(zip((TANK | pivots | aboard), (role.use for role in built.roles), strict=True))
+    assert {uses[name] for name in ("turretgunbase", "gun_rack", "turretpivot")} == {"turret"}
+    assert uses["gun_axis"] == "gun"
+    _, turret, gun = built.shape.part_pivot
+    np.testing.assert_allclose(gun - turret, [0.8, 0.0, 0.45], atol=1e-9)
+
+
+def test_a_tire_and_its_rim_are_one_wheel() -> None:
+    rims = {f"rim{k}": m.at(m.vertices * [1, 1.03, 1]) for k, m in CAR.items() if k[0] == "W"}
+    assert "4 wheels" in read(CAR | rims).axes
+
+
+def test_a_protruding_gun_shows_the_front_of_a_hull() -> None:
+    """The gun's mesh includes its mantlet, so it isn't a slender barrel."""
+    stub, _ = merge([box((1, 1.2, 1), (1.5, 0, 2)), box((2.6, 0.5, 0.5), (-1, 0, 2.1))])
+    hull = {k: m for k, m in CAR.items() if k != "Cab"} | {"Casemate": box((2, 2.4, 1), (1.8, 0, 2))}
+    built = read(hull | {"Mesh_Canon": stub})
+    assert "'Mesh_Canon' sticks out there" in built.axes
+    assert not any("set forward" in doubt for doubt in built.doubts)
+
+
+def test_a_vehicle_on_a_show_platform_faces_along_its_gun() -> None:
+    shown = {"body": box((6, 3, 1), (0, 0, 1)), "tower": TANK["Turret"], "gun": TANK["Gun"]}
+    shown |= {"crate": box((1.2, 2, 0.7), (2.2, 2, 0.65)), "mine": box((0.7, 0.4, 0.4), (-1.1, -2, 0.5))}
+    built = read(shown | {"Show_Platform": box((11, 11, 0.3), (0, 0, 0.15))}, turned(90.0))
+    assert [role.use for role in built.roles] == ["hull", "turret", "gun", "hull", "hull", "dropped"]
+    assert "along its gun, 'gun' points ahead" in built.axes
 
 
 def test_a_vehicle_is_read_beside_thousands_of_larger_solids() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hulldown.assets.bundle import load_scenery, load_vehicle
+from hulldown.assets.bundle import load_scenery
 from hulldown.assets.skylight import SkyLight
 from hulldown.camera.weather.kinds import airlight
 from hulldown.geometry.color import LUMINANCE, linear_color
@@ -44,11 +44,6 @@ def wheel(at):
 
 
 WHEELS = {f"wheel_{x}_{y}": wheel([x, y, 0.5]) for x in (-2, 0, 2) for y in (-1.2, 1.2)}
-LORRY_WHEELS = {f"wheel_{x}_{y}": wheel([x, y, 0.5]) for x in (-3.4, -2.2, 2.8) for y in (-1.1, 1.1)}
-
-
-def barrel(at):
-    return tube(np.subtract(at, (2, 0, 0)), np.add(at, (2, 0, 0)), 0.1)
 
 
 CAR = {"hull": box([6, 3, 1], [0, 0, 1]), "cabin": box([2, 2, 1], [1, 0, 2]), **WHEELS}
@@ -99,42 +94,6 @@ def curb(half, width):
     return Mesh(vertices, np.array(faces))
 
 
-def shapes():
-    """Vehicles of one material: meshes by name."""
-
-    def tubes(tilt):
-        along = 2.75 * np.array([np.sin(tilt), 0.0, np.cos(tilt)])
-        for k in range(8):
-            at = np.array([-1.5, 0.3 * (k % 4) - 0.45, 2.6 + 0.3 * (k // 4)])
-            yield f"cannon_{k}", tube(at - along, at + along, 0.12, sides=12)
-
-    truck = {"chassis": box([9, 2.5, 0.5], [0, 0, 1]), "body_a": box([1.8, 2.5, 1.6], [3.6, 0, 2]), **LORRY_WHEELS}
-    glass, hook = box([0.05, 2.2, 0.7], [4.52, 0, 2.5]), box([0.3] * 3, [-4.6, 0, 1])
-    signed = {"cab": truck["body_a"], "windshield": glass, "towhook": hook}
-    back, flat = np.radians(-50), np.radians(-84)
-    pivots = {"turretpivot": box([0.1] * 3, [0.5, 0, 1.5]), "gun_axis": box([0.1] * 3, [1.3, 0, 1.95])}
-    aboard = {"turretgunbase": box([0.6, 0.6, 0.3], [0.6, 0, 2.4]), "gun_rack": box([0.4, 1.5, 0.3], [-1.2, 0, 2.45])}
-    tank = {"hull": CAR["hull"], "turret": box([2.5, 2, 0.8], [-0.4, 0, 1.9]), "gun": barrel([3, 0, 2]), **WHEELS}
-    rims = {f"rim_{x}_{y}": wheel([x + 0.02, y * 1.03, 0.5]) for x in (-2, 2) for y in (-1.2, 1.2)}
-    four = {name: part for name, part in CAR.items() if "_0_" not in name}
-    stub, _ = merge([box([1, 1.2, 1], [1.5, 0, 2]), box([2.6, 0.5, 0.5], [-1, 0, 2.1])])
-    howitzer = {"hull": CAR["hull"], "casemate": box([2, 2.6, 1], [1.8, 0, 2]), "Mesh_Canon": stub}
-    howitzer |= {name: part for name, part in four.items() if name.startswith("wheel")}
-    shown = {"body": CAR["hull"], "tower": box([2, 2, 1], [-0.4, 0, 2]), "gun": barrel([2.5, 0, 2])}
-    shown |= {"crate": box([1.2, 2, 0.7], [2.2, 2, 0.65]), "mine": box([0.7, 0.4, 0.4], [-1.1, -2, 0.5])}
-    shown = {name: turned(part, [0.0, 0.0, 1.0]) for name, part in shown.items()}
-    shown |= {"Show_Platform": box([11, 11, 0.3], [0, 0, 0.15])}
-    return {
-        "howitzer": howitzer,
-        "shown": shown,
-        "raised": {**truck, **dict(tubes(back))},
-        "signed": {**truck, **signed, **dict(tubes(back))},
-        "flat": {**truck, **signed, **dict(tubes(flat))},
-        "pivots": {**tank, **pivots, **aboard},
-        "rims": {**four, **rims},
-    }
-
-
 @pytest.fixture(scope="module")
 def read(tmp_path_factory):
     """The assets read from each file, by its name."""
@@ -158,7 +117,8 @@ def read(tmp_path_factory):
         "plain": (NAMELESS, {"*": "m"}, "newmtl m\nKd 0.5 0.5 0.5\nillum 2\n"),
         "white": (NAMELESS, {"*": "m"}, "newmtl m\nKd 0.8 0.8 0.8\nillum 2\n"),
         "moved": (CAR, {"*": "tire", "hull": "body"}, MOVED),
-        **{name: (parts, {"*": "body"}, "") for name, parts in (sceneries | shapes()).items()},
+        "bare": (NAMELESS, {"*": "body"}, ""),
+        **{name: (parts, {"*": "body"}, "") for name, parts in sceneries.items()},
     }
     files = {
         name: write_obj(folder / name / ("meshes" * (name == "moved")) / f"{name}.obj", *how)
@@ -207,9 +167,9 @@ def test_a_file_that_looks_wrong_has_a_doubt_about_it(read, name, doubt, sound, 
 
 def test_a_white_vehicle_is_a_doubt_about_lost_textures(read):
     doubts = {name: [d for d in read[name].report.doubts if "white or light gray" in d] for name in read}
-    assert [len(doubts[name]) for name in ("max", "plain", "atlas", "pivots", "white")] == [0, 0, 0, 1, 1]
+    assert [len(doubts[name]) for name in ("max", "plain", "atlas", "bare", "white")] == [0, 0, 0, 1, 1]
     assert "'Diffuse.png'" in doubts["white"][0]
-    assert "beside it" not in doubts["pivots"][0]
+    assert "beside it" not in doubts["bare"][0]
 
 
 def test_an_unambiguous_texture_near_the_file_is_found(read):
@@ -300,30 +260,6 @@ def test_parts_are_left_unpainted_by_name(names, materials, kept):
     assert parts_left_alone(names, np.ones(4), materials).tolist() == kept
 
 
-def test_flat_tubes_are_no_evidence_and_names_outweigh_raised_tubes(read):
-    reports = {name: read[name].report for name in ("raised", "signed", "flat")}
-    assert any("only its raised tubes tell" in doubt for doubt in reports["raised"].doubts)
-    assert any("what is named front is at the other" in doubt for doubt in reports["signed"].doubts)
-    assert "names of what is in front" in reports["flat"].axes
-    for name in ("signed", "flat"):  # the cab is in front
-        shape = load_vehicle(read[name].bundle)
-        high = shape.mesh.vertices[shape.mesh.vertices[:, 2] > 2.6]
-        assert high[:, 0].max() > 4.0
-
-
-def test_pivot_helpers_are_pivots_and_objects_on_the_turret_turn(read):
-    shape = load_vehicle(read["pivots"].bundle)
-    parts = {row.name: row.use for row in read["pivots"].report.rows}
-    assert {parts[name] for name in ("turretgunbase", "gun_rack", "turretpivot")} == {"turret"}
-    assert parts["gun_axis"] == "gun"
-    turret, gun = (shape.part_names.index(name) for name in ("turret", "gun"))
-    np.testing.assert_allclose((shape.part_pivot[gun] - shape.part_pivot[turret])[[0, 2]], [0.8, 0.45], atol=0.01)
-
-
-def test_a_tire_and_its_rim_are_one_wheel(read):
-    assert "4 wheels" in read["rims"].report.axes
-
-
 def test_a_vehicle_of_odd_size_or_without_textures_is_refused_unless_allowed(tmp_path):
     big = {name: part.at(1000 * part.vertices) for name, part in CAR.items()}
     write_obj(tmp_path / "cars/suv.obj", big, {"*": "tire"}, MOVED)
@@ -356,18 +292,6 @@ def test_dropping_the_hull_is_a_doubt_and_many_pieces_get_a_pattern():
     report = FileReport("scenery", "", (4000.0, 100.0, 9.0), 0, 1.0, "z")
     doubts = scenery_doubts(report, [*tiles, *posts], roles, Options())
     assert 'ground = ["TERR*"]' in doubts[0]
-
-
-def test_a_protruding_gun_shows_the_front_of_a_hull(read):
-    """The gun's mesh includes its mantlet, so it isn't a slender barrel."""
-    assert "'Mesh_Canon' sticks out there" in read["howitzer"].report.axes
-    assert not any("set forward" in doubt for doubt in read["howitzer"].report.doubts)
-
-
-def test_a_vehicle_on_a_show_platform_faces_along_its_gun(read):
-    uses = {row.name: row.use for row in read["shown"].report.rows}
-    assert (uses["Show_Platform"], uses["tower"], uses["gun"]) == ("dropped", "turret", "gun")
-    assert "along its gun, 'gun' points ahead" in read["shown"].report.axes
 
 
 def test_a_curb_around_a_track_is_not_water(read):
