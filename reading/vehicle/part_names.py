@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from hulldown.assets.naming import (
     GUN,
@@ -18,16 +19,26 @@ from hulldown.assets.naming import (
     hints,
     words,
 )
+from hulldown.reading.options import Options
 from hulldown.reading.roles import Link
+from hulldown.reading.vehicle.solids import PlacedPieces
 
 HELPER_WORDS = ("pivot", "axis", "axle", "joint", "hinge")
 HULL, TURRET_PART, GUN_PART = "hull", "turret", "gun"
 Key = tuple[str, bytes]
+Marked = Mapping[Key, tuple[str, str]]  # the part that an object is regardless of its name, and the reason
+
+
+def _turret_word(name: str, stems: tuple[str, ...]) -> bool:
+    """Whether a word is or begins with "turret", as in "turretgunbase"."""
+    return bool(first_match(name, stems)) or any(word.startswith(stems) for word in words(name))
+
+
 # For each part the words that name it, the next ones only where no name matches: how they are matched, and words that
 # speak against it.
 TIERS = {
     TURRET_PART: (
-        (first_match, TURRET, ()),
+        (_turret_word, TURRET, ()),
         (hints, TURRET_HINTS, ((first_match, NOT_LAUNCHER),)),
         (first_match, LAUNCHER, ((first_match, NOT_LAUNCHER),)),
         (hints, LAUNCHER_HINTS, ((hints, NOT_GUN_HINTS),)),
@@ -56,76 +67,26 @@ def pivot_named(name: str) -> str | None:
     return None
 
 
-def _after_turret(name: str) -> bool:
-    """Whether a word begins with "turret", as in "turretgunbase"."""
-    return any(word.startswith(TURRET) for word in words(name))
-
-
-class Namer:
-    """Finds the part that a chain of objects belongs to, by the nearest name of a part.
+@dataclass(frozen=True, eq=False, slots=True)
+class Naming:
+    """What decides which part an object belongs to.
 
     Parameters
     ----------
-    chains
-        Of all pieces of the vehicle.
-    turret, gun
-        The user's pattern instead of the built-in words; "" for none.
+    parts
+        Name of an object or a collection -> the part that it names.
     no_gun
         Names of guns that aren't guns by their shape.
-
-    Attributes
-    ----------
     marked
-        Objects that are a part regardless of their names: the part, and the reason.
+        Objects that are a part regardless of their names.
     """
 
-    def __init__(
-        self,
-        chains: Sequence[tuple[Link, ...]],
-        turret: str | None,
-        gun: str | None,
-        *,
-        no_gun: Collection[str] = (),
-    ) -> None:
-        all_names = [{n for link in c for n in (link.name, *link.collections)} for c in chains]
-        # A name that covers the whole vehicle is the vehicle's, not a part's.
-        self.whole = set.intersection(*all_names) if all_names else set()
-        self.no_gun, self.marked = frozenset(no_gun), dict[Key, tuple[str, str]]()
-        some = set().union(*all_names) - self.whole
-        self.given = {TURRET_PART: turret, GUN_PART: gun}
-        self.tier = {TURRET_PART: 0, GUN_PART: 0}
-        self.turns = False
-        for part, tiers in TIERS.items():
-            while self.tier[part] < len(tiers) and not any(self._says(part, n) for n in some):
-                self.tier[part] += 1
-        self.turns = True
-        # "turret_gun" is a gun beside a turret, and a turret where there is none other.
-        alone = any(self._says(TURRET_PART, n) and not self._says(GUN_PART, n) for n in some)
-        self.both = GUN_PART if alone else TURRET_PART
-
-    def _says(self, part: str, name: str) -> bool:
-        pattern, tier = self.given[part], self.tier[part]
-        if pattern is not None:
-            return bool(pattern and first_match(name, (pattern,)))
-        if tier == len(TIERS[part]) or (part == GUN_PART and name in self.no_gun):
-            return False
-        # A helper isn't the part if another object has the name, but turns with it.
-        if (helped := pivot_named(name)) and (self.turns or tier == 0):
-            return helped == part and self.turns
-        if part == TURRET_PART and tier == 0 and _after_turret(name):
-            return True
-        match, wanted, unless = TIERS[part][tier]
-        return bool(match(name, wanted)) and not any(other(name, unwanted) for other, unwanted in unless)
-
-    def part_named(self, name: str) -> str | None:
-        """The part named by an object or collection, if any."""
-        if name in self.whole:
-            return None
-        is_turret, is_gun = self._says(TURRET_PART, name), self._says(GUN_PART, name)
-        return self.both if is_turret and is_gun else TURRET_PART if is_turret else GUN_PART if is_gun else None
+    parts: Mapping[str, str]
+    no_gun: frozenset[str]
+    marked: Marked = field(default_factory=dict)
 
     def part_of(self, chain: Sequence[Link]) -> str | None:
-        """The part that the first object of `chain` belongs to; None: the hull."""
+        """The part that the first object of `chain` belongs to, by the nearest name of a part; None: the hull."""
         return self.decided(chain)[0]
 
     def decided(self, chain: Sequence[Link]) -> tuple[str | None, str, str]:
@@ -134,7 +95,49 @@ class Namer:
             if mark := self.marked.get(key_of(link)):
                 return (*mark, link.name)
             for name in (link.name, *link.collections):
-                if part := self.part_named(name):
+                if part := self.parts.get(name):
                     what = "collection" if name != link.name else "parent" if i else "name"
                     return part, f"by its {what} {name!r}", name
         return None, "", ""
+
+
+def names_of_parts(whole: PlacedPieces, options: Options, *, no_gun: Collection[str]) -> dict[str, str]:
+    """The part that each name of an object or a collection names, if any.
+
+    Parameters
+    ----------
+    whole
+        The vehicle's pieces.
+    options
+        The user's patterns for turret and gun instead of the built-in words; "" for none.
+    no_gun
+        Names of guns that aren't guns by their shape.
+    """
+    of_pieces = [_names(piece.chain) for piece in whole.pieces]
+    # A name that covers the whole vehicle is the vehicle's, not a part's.
+    shared = set.intersection(*of_pieces) if of_pieces else set()
+    drawn = set().union(*of_pieces) - shared
+    known = drawn.union(*map(_names, whole.markers)) - shared
+    turret = _naming(TURRET_PART, options.turret, known, drawn)
+    gun = _naming(GUN_PART, options.gun, known.difference(no_gun), drawn)
+    # "turret_gun" is a gun beside a turret, and a turret where there is none other.
+    both = GUN_PART if (turret - gun) & drawn else TURRET_PART
+    return dict.fromkeys(turret, TURRET_PART) | dict.fromkeys(gun, GUN_PART) | dict.fromkeys(turret & gun, both)
+
+
+def _names(chain: Sequence[Link]) -> set[str]:
+    return {name for link in chain for name in (link.name, *link.collections)}
+
+
+def _naming(part: str, pattern: str | None, known: set[str], drawn: set[str]) -> set[str]:
+    """Those of the known names that name a part, by the first words that a drawn object has."""
+    if pattern is not None:
+        return {name for name in known if pattern and first_match(name, (pattern,))}
+    helped = {name: pivot_named(name) for name in known}
+    helpers = {name for name in known if helped[name]}
+    for tier, (match, wanted, unless) in enumerate(TIERS[part]):
+        found = {n for n in known if match(n, wanted) and not any(other(n, unwanted) for other, unwanted in unless)}
+        if (found if tier else found - helpers) & drawn:
+            # A helper isn't the part if another object has the name, but turns with it.
+            return (found - helpers) | {name for name in helpers if helped[name] == part}
+    return set()

@@ -12,9 +12,10 @@ from hulldown.assets.naming import ARMED, BODY, FRONT, NO_TURRET, REAR, TURRET, 
 from hulldown.reading.options import Options
 from hulldown.reading.roles import Link, Piece
 from hulldown.reading.vehicle.nose import gun_barrel, rising
-from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Namer, key_of
+from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Marked, Naming, key_of, names_of_parts
 from hulldown.reading.vehicle.pivots import RING
 from hulldown.reading.vehicle.solids import PlacedPieces, Solids
+from hulldown.reading.wording import quoted
 
 STUBBY = 2.5  # times its width; shorter pieces have no direction
 SMALL = 0.2  # of the vehicle's length: a drum, not a gun
@@ -22,24 +23,25 @@ NARROW = 0.45  # of the vehicle's width: what a gun with all that hangs on it is
 LOW = 0.3  # of the vehicle's height: no turret reaches below
 KNOWN = (*VEHICLE, *FRONT, *REAR, *BODY)
 WHOLE = 0.7  # of a piece's length: then the piece is the barrel, and not a body with a barrel
+NAMES = 6  # that a sentence lists
 PREFIXED = 2  # objects named turret: more of them, and the author has named all that belongs to it
 
 
-def screened(whole: PlacedPieces, options: Options) -> Namer:
-    """A namer that doesn't call drum-shaped parts guns."""
+def screened(whole: PlacedPieces, options: Options) -> Naming:
+    """What names parts, without calling drum-shaped ones guns."""
     chains = [piece.chain for piece in whole.pieces]
     no_guns: set[str] = set()
     while True:
-        namer = Namer(chains, options.turret, options.gun, no_gun=no_guns)
-        is_gun = np.array([namer.part_of(chain) == GUN_PART for chain in chains], bool)
+        naming = Naming(names_of_parts(whole, options, no_gun=no_guns), frozenset(no_guns))
+        is_gun = np.array([naming.part_of(chain) == GUN_PART for chain in chains], bool)
         if options.gun is not None or not is_gun.any() or is_gun.all():
-            return namer
+            return naming
         body = whole.where(~is_gun).cloud
         groups = _clusters(whole.bounds, np.flatnonzero(is_gun))
         drums = [group for group in groups if _is_drum(np.concatenate([whole.points[i] for i in group]), body)]
         if not drums:
-            return namer
-        no_guns |= {namer.decided(chains[i])[2] for group in drums for i in group}
+            return naming
+        no_guns |= {naming.decided(chains[i])[2] for group in drums for i in group}
 
 
 def _clusters(bounds: Float[np.ndarray, "k 2 3"], among: Int[np.ndarray, " n"]) -> list[list[int]]:
@@ -68,10 +70,10 @@ def _is_drum(own: Float[np.ndarray, "n 3"], body: Float[np.ndarray, "m 3"]) -> b
     )
 
 
-def by_shape(
-    whole: PlacedPieces, part_of: Sequence[str | None], *, turret_asked: bool
-) -> tuple[dict[Key, tuple[str, str]], list[str]]:
+def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Options) -> tuple[Marked, list[str]]:
     """The gun, and the turret if none is named, by a barrel's shape and its parents; and doubts."""
+    if options.gun is not None or GUN_PART in part_of:
+        return {}, []
     pieces, solids, bounds = whole.pieces, whole.solids, whole.bounds
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     wide = np.ptp(bounds[:, :, 0], axis=1) < 0.9 * (high - low)[0]
@@ -97,7 +99,7 @@ def by_shape(
     gun = narrow[-1] if narrow else chain[0]
     marks = {key_of(gun): (GUN_PART, f"by the shape of {name!r}")}
     taken = f"{gun.name!r} is taken for the gun by its shape"
-    if TURRET_PART not in part_of and not turret_asked:
+    if TURRET_PART not in part_of and options.turret is None:
         upper = [
             k
             for k in chain
@@ -119,21 +121,21 @@ def _carried(pieces: Sequence[Piece]) -> dict[Key, list[int]]:
     return carried
 
 
-def riding(whole: PlacedPieces, part_of: Sequence[str | None]) -> list[int]:
-    """Pieces on a turret without children, for files without a hierarchy."""
+def riding(whole: PlacedPieces, part_of: Sequence[str | None], options: Options) -> tuple[Marked, list[str]]:
+    """Pieces on a turret without children, for files without a hierarchy; and a doubt about them."""
     chains = [piece.chain for piece in whole.pieces]
-    members = [i for i, part in enumerate(part_of) if part == TURRET_PART]
+    members = [i for i, part in enumerate(part_of) if part == TURRET_PART and options.turret is None]
     if not members or any(len(chains[i]) > 1 and chains[i][1].kind == "MESH" for i in members):
-        return []
+        return {}, []
     roots = {key_of(chains[i][-1]) if len(chains[i]) > 1 else None for i in members}
     parents = [key_of(chain[1]) if len(chain) > 1 else None for chain in chains]
     named = sum(first_match(chains[i][0].name, TURRET) is not None for i in members)
     if len(roots) > 1 or len({parents[i] for i in members}) > 1 or named > PREFIXED:
-        return []
+        return {}, []
     bounds = whole.bounds
     low, high = bounds[members, 0].min(axis=0), bounds[members, 1].max(axis=0)
     slack = 0.15 * (high - low)
-    found = []
+    aboard = []
     for i, part in enumerate(part_of):
         if part is not None or parents[i] != parents[members[0]]:
             continue
@@ -141,8 +143,14 @@ def riding(whole: PlacedPieces, part_of: Sequence[str | None]) -> list[int]:
         middle = (own_low + own_high) / 2
         over = bool(((middle > low - slack) & (middle < high + slack))[:2].all()) and middle[2] > low[2] + slack[2]
         if over and own_low[2] > low[2] and (own_high - own_low)[1] < 1.3 * (high - low)[1]:
-            found.append(i)
-    return found
+            aboard.append(chains[i][0])
+    if not aboard:
+        return {}, []
+    doubt = (
+        f"{quoted((link.name for link in aboard), most=NAMES)} are on the turret and turn with it; if that is wrong, "
+        "set turret and gun to the parts that turn and rise"
+    )
+    return {key_of(link): (TURRET_PART, "by its place on the turret") for link in aboard}, [doubt]
 
 
 def unnamed(whole: PlacedPieces) -> list[str]:

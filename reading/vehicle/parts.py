@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -11,7 +11,7 @@ from jaxtyping import Float
 from hulldown.reading.options import DEFAULTS, Options
 from hulldown.reading.report import PartRow, xyz
 from hulldown.reading.vehicle.nose import snapped
-from hulldown.reading.vehicle.part_names import GUN_PART, HULL, TURRET_PART, Namer, key_of
+from hulldown.reading.vehicle.part_names import GUN_PART, HULL, TURRET_PART, Naming
 from hulldown.reading.vehicle.part_shapes import by_shape, riding, screened, unnamed
 from hulldown.reading.vehicle.pivots import PIVOT_KEYS, find_pivot
 from hulldown.reading.vehicle.solids import PlacedPieces
@@ -19,7 +19,6 @@ from hulldown.reading.wording import quoted
 
 LIMITS = {TURRET_PART: (-np.pi, np.pi), GUN_PART: (float(np.radians(-5.0)), float(np.radians(20.0)))}
 STRAIGHT = np.radians(15.0)  # a gun that points this close to an axis of the vehicle points along it
-NAMES = 6  # that a sentence lists
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -53,8 +52,8 @@ def find_parts(whole: PlacedPieces, options: Options = DEFAULTS) -> Parts:
     ValueError
         If `options` name a missing pivot.
     """
-    namer, doubts = _named(whole, options)
-    decided = [namer.decided(piece.chain) for piece in whole.pieces]
+    naming, doubts = _named(whole, options)
+    decided = [naming.decided(piece.chain) for piece in whole.pieces]
     part_of = [part for part, _, _ in decided]
     moving: list[PartRow] = []
     piece_part = np.zeros(len(whole.pieces), int)
@@ -64,7 +63,7 @@ def find_parts(whole: PlacedPieces, options: Options = DEFAULTS) -> Parts:
         members = np.array([part == name for part in part_of], bool)
         if not members.any() or members.all():
             continue
-        pivot = find_pivot(whole, namer, name, part_of=part_of, behind=behind, options=options)
+        pivot = find_pivot(whole, naming, name, part_of=part_of, behind=behind, options=options)
         if pivot.guessed:
             doubts.append(f"the {name} turns about {pivot.why}; set {PIVOT_KEYS[name]} if that is wrong")
         behind = pivot.at
@@ -74,11 +73,11 @@ def find_parts(whole: PlacedPieces, options: Options = DEFAULTS) -> Parts:
         parent = moving[0].name if moving else HULL
         moving.append(PartRow(name, parent, xyz(pivot.at), xyz(axis), LIMITS[name], pivot.why))
         piece_part[members] = len(moving)
-    doubts += _missing_parts([row.name for row in moving], options, namer.no_gun)
+    doubts += _missing_parts([row.name for row in moving], options, naming.no_gun)
     if not moving and not doubts and options.turret is None and options.gun is None:
         doubts += unnamed(whole)
     links = [piece.chain[0] for piece in whole.pieces]
-    shape = [next((name for name in (link.name, *link.collections) if name in namer.no_gun), "") for link in links]
+    shape = [next((name for name in (link.name, *link.collections) if name in naming.no_gun), "") for link in links]
     return Parts(
         tuple(moving),
         tuple(int(i) for i in piece_part),
@@ -90,24 +89,14 @@ def find_parts(whole: PlacedPieces, options: Options = DEFAULTS) -> Parts:
     )
 
 
-def _named(whole: PlacedPieces, options: Options) -> tuple[Namer, list[str]]:
+def _named(whole: PlacedPieces, options: Options) -> tuple[Naming, list[str]]:
     """What names each piece's part, and doubts."""
-    chains = [piece.chain for piece in whole.pieces]
-    namer, doubts = screened(whole, options), list[str]()
-    aboard = riding(whole, [namer.part_of(chain) for chain in chains]) if options.turret is None else []
-    if aboard:
-        namer.marked |= {key_of(chains[i][0]): (TURRET_PART, "by its place on the turret") for i in aboard}
-        those = quoted((chains[i][0].name for i in aboard), most=NAMES)
-        doubts.append(
-            f"{those} are on the turret and turn with it; if that is wrong, set turret and gun to the parts that turn "
-            "and rise"
-        )
-    part_of = [namer.part_of(chain) for chain in chains]
-    if options.gun is None and GUN_PART not in part_of:
-        found, shape_doubts = by_shape(whole, part_of, turret_asked=options.turret is not None)
-        doubts += shape_doubts
-        namer.marked |= found
-    return namer, doubts
+    naming, doubts = screened(whole, options), list[str]()
+    for find in (riding, by_shape):
+        marked, more = find(whole, [naming.part_of(piece.chain) for piece in whole.pieces], options)
+        naming = replace(naming, marked={**naming.marked, **marked})
+        doubts += more
+    return naming, doubts
 
 
 def _missing_parts(names: Sequence[str], options: Options, no_guns: Collection[str]) -> list[str]:

@@ -14,7 +14,7 @@ from hulldown.geometry.transforms import apply
 from hulldown.reading.options import Options
 from hulldown.reading.roles import Link
 from hulldown.reading.vehicle.keypoints import keypoint_of
-from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Namer, key_of, pivot_named
+from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Naming, key_of, pivot_named
 from hulldown.reading.vehicle.solids import PlacedPieces
 
 BELIEVED = 0.25  # a mesh object's origin may lie outside the part by this share of the part's longest side
@@ -54,7 +54,7 @@ class Pivot:
 
 def find_pivot(
     whole: PlacedPieces,
-    namer: Namer,
+    naming: Naming,
     part: str,
     *,
     part_of: Sequence[str | None],
@@ -67,7 +67,7 @@ def find_pivot(
     ----------
     whole
         The vehicle's pieces.
-    namer, part_of
+    naming, part_of
         What names each object's part, and the part of each piece.
     part
         "turret" or "gun", which some pieces are.
@@ -91,7 +91,7 @@ def find_pivot(
         if pivot_named(piece.name) == part:
             return Pivot(middles[key_of(piece.chain[0])], f"the middle of {piece.name!r}, named as a pivot")
     own = whole.where([its == part for its in part_of])
-    nodes, guess = _nodes(own, namer, part), _guess(whole, part_of, part, behind)
+    nodes, guess = _nodes(own, naming, part), _guess(whole, part_of, part, behind)
     # One origin shared by most of the hull's objects isn't a pivot.
     resting = np.array([whole.origin(p.chain[0]) for p, its in zip(whole.pieces, part_of, strict=True) if its is None])
     low, high = own.cloud.min(axis=0), own.cloud.max(axis=0)
@@ -158,20 +158,20 @@ def _asked(whole: PlacedPieces, part: str, options: Options) -> Pivot | None:
     raise ValueError(f"{key} = {wanted!r} is no object or empty of the file")
 
 
-def _nodes(own: PlacedPieces, namer: Namer, part: str) -> list[Node]:
+def _nodes(own: PlacedPieces, naming: Naming, part: str) -> list[Node]:
     """The objects of a part and their parents."""
     links: dict[Key, tuple[Link, bool]] = {}
     faces: dict[Key, int] = {}
     carried = [(piece.chain, piece.faces) for piece in own.pieces]
     for chain, count in [*carried, *((m, 0) for m in own.markers if keypoint_of(m[0].name) is None)]:
         for i, link in enumerate(chain):
-            if namer.part_of(chain[i:]) != part:
+            if naming.part_of(chain[i:]) != part:
                 break
             key = key_of(link)
-            links.setdefault(key, (link, namer.part_of(chain[i + 1 :]) != part))
+            links.setdefault(key, (link, naming.part_of(chain[i + 1 :]) != part))
             faces[key] = faces.get(key, 0) + count
     return [
-        Node(link, topmost, namer.part_named(link.name) == part, faces[key]) for key, (link, topmost) in links.items()
+        Node(link, topmost, naming.parts.get(link.name) == part, faces[key]) for key, (link, topmost) in links.items()
     ]
 
 
