@@ -61,24 +61,15 @@ def arm_draws(arm: Arm, photographs: Int[np.ndarray, " k"], synthetic: int, *, b
     >>> matched.source.tolist(), bool((matched.image[::2] == real.image).all())
     ([0, 1, 0, 1, 0, 1, 0, 1], True)
     """
-    k = len(photographs)
-    match arm:
-        case "real":
-            draws = make_draws([k], budget, seed=seed)
-        case "synthetic" | "loop":  # the loop's first detector
-            return make_draws([synthetic], budget, seed=seed)
-        case "mixed":
-            draws = make_draws([k, synthetic], budget, seed=seed)
-        case "balanced":
-            draws = make_draws([k, synthetic], budget, seed=seed, shares=[0.5, 0.5])
-        case "matched" | "pretrain":
-            real, made = (make_draws([n], budget, seed=seed) for n in (k, synthetic))
-            both = Draws(np.repeat([0, 1], budget), np.append(real.image, made.image), np.append(real.seed, made.seed))
-            of_each = np.arange(2 * budget).reshape(2, budget)
-            half = budget // 2
-            in_turn, one_after_another = of_each.T.ravel(), np.append(of_each[1, :half], of_each[0, half:])
-            draws = both.take(in_turn if arm == "matched" else one_after_another)
-    of_real = draws.source == 0
-    image = draws.image.copy()
-    image[of_real] = photographs[image[of_real]]
-    return Draws(draws.source, image, draws.seed)
+    pictures = [photographs if name == "real" else np.arange(synthetic) for name in SOURCES[arm]]
+    sizes = list(map(len, pictures))
+    if arm in ("matched", "pretrain"):
+        real, made = (make_draws([size], budget, seed=seed) for size in sizes)
+        both = Draws(np.repeat([0, 1], budget), np.append(real.image, made.image), np.append(real.seed, made.seed))
+        of_each, half = np.arange(2 * budget).reshape(2, budget), budget // 2
+        in_turn, one_after_another = of_each.T.ravel(), np.append(of_each[1, :half], of_each[0, half:])
+        draws = both.take(in_turn if arm == "matched" else one_after_another)
+    else:
+        draws = make_draws(sizes, budget, seed=seed, shares=[0.5, 0.5] if arm == "balanced" else ())
+    first = np.cumsum([0, *sizes])[draws.source]
+    return Draws(draws.source, np.concatenate(pictures)[first + draws.image], draws.seed)
