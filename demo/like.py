@@ -18,13 +18,11 @@ from hulldown.demo.build import FILES, build_demo_assets
 from hulldown.demo.study import SHARED, STAND_INS, SYNTHETIC, Side, make_side, write_stand_ins
 from hulldown.geometry.files import replace_file
 from hulldown.planning.config.schema import CameraSection
-from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold
 from hulldown.training.evaluation.labels import read_labels
-from hulldown.training.evaluation.predictions import read_predictions
 from hulldown.training.evaluation.report import evaluate_files
 from hulldown.training.settings import load_settings
 from hulldown.training.study.manifest import PlannedRun
-from hulldown.training.study.results import Cell, Judged, cell_interval, cells, difference, judged, mean
+from hulldown.training.study.results import Cell, Judged, cells, estimate, judge
 
 # Cameras of the stand-ins. The default one is at 3 to 35 degrees, and half of its targets fill less than 0.13 of the
 # image's height. Stand-ins as small as those have no class that this detector could see.
@@ -98,26 +96,26 @@ def found(run: Path, photographs: Path) -> Path:
     return path
 
 
-def judge(run: Path, photographs: Path, *, arm: str, seed: int) -> Judged:
+def judged(run: Path, photographs: Path, *, arm: str, seed: int) -> Judged:
     """A detector's figures on the test photographs, at the threshold that is best on the validation photographs."""
-    valid, test = (read_labels(photographs / split) for split in ("valid", "test"))
-    best = best_threshold(valid, read_predictions(found(run, photographs / "valid"), valid), iou=0.5)
-    threshold = Threshold(1.0 if best is None else best, "validation")
-    predictions = read_predictions(found(run, photographs / "test"), test)
+    splits = {name: photographs / name for name in ("test", "valid")}
+    labels = {name: read_labels(folder) for name, folder in splits.items()}
     about = PlannedRun(
         name=run.name, folder=run.name, arm=arm, base="synthetic", fraction=None, seed=seed, photographs=0,
         sources=ARMS[arm], drawn={}, settings=load_settings(None, SETTINGS),
     )  # fmt: skip
-    return judged(about, Evaluation(test, predictions, threshold=threshold, iou=0.5))
+    return judge(about, labels, {name: found(run, folder) for name, folder in splits.items()})
 
 
 def table(arms: Mapping[str, Cell]) -> tuple[list[str], dict[str, Any]]:
     """Lines of a Markdown table, and its numbers: figures of each arm, and their differences from `like`."""
     lines, numbers = ["| arm | AP50 | F1 | AP50 minus `like` | F1 minus `like` |", "|---|---|---|---|---|"], {}
     for name, cell in arms.items():
-        own = {key: [mean(cell, key), *cell_interval(cell, key).tolist()] for key in MEASURES}
-        gains = {} if name == "like" else {key: difference(arms["like"], cell, key) for key in MEASURES}
-        gained = {key: [one.value, *one.ends.tolist()] for key, one in gains.items()}
+        figures = {key: estimate(cell, key) for key in MEASURES}
+        gains = {} if name == "like" else {key: estimate(cell, key, minus=arms["like"]) for key in MEASURES}
+        own, gained = (
+            {key: [one.value, *one.ends.tolist()] for key, one in found.items()} for found in (figures, gains)
+        )
         of_seeds = {key: [one.values[key] for one in cell.judged.values()] for key in MEASURES}
         numbers[name] = {"figures": own, "minus_like": gained, "of_seeds": of_seeds}
         shown = ["{:.3f} ({:.3f} to {:.3f})".format(*one) for one in own.values()]
@@ -152,7 +150,7 @@ def main() -> None:
         for arm, parts in ARMS.items():
             run = runs / (f"{name}-{arm}-{seed}" if arm != "default" else f"{arm}-{seed}")
             detector(run, [data[part] for part in parts], seed)
-            results.append(judge(run, photographs, arm=arm, seed=seed))
+            results.append(judged(run, photographs, arm=arm, seed=seed))
             print(run.name, {key: round(results[-1].values[key], 3) for key in MEASURES}, flush=True)
     lines, numbers = table({cell.arm: cell for cell in cells(results)})
     replace_file(folder / f"{name}.json", json.dumps(numbers, indent=2).encode() + b"\n")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import subprocess
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -21,7 +22,7 @@ class Child:
     """A running child process. Leaving it as a context kills it.
 
     It has a session of its own, so that Ctrl-C in the terminal reaches this process alone. Its stdin ends when this
-    process does, even by ``kill -9``.
+    process does, even by ``kill -9``; see `end_with_parent`.
 
     Parameters
     ----------
@@ -130,6 +131,18 @@ class Child:
 
     def __exit__(self, *error: object) -> None:
         self.kill()
+
+
+def end_with_parent(signum: int) -> None:
+    """Send this process a signal when its stdin ends, which happens when the process of its `Child` ends."""
+
+    def wait() -> None:
+        # Not through sys.stdin, whose lock, held while reading, would stay locked in forked processes.
+        while os.read(0, 1):
+            pass
+        os.kill(os.getpid(), signum)
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 def memory_limit(given: int | None, processes: int) -> float:

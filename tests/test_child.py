@@ -13,6 +13,7 @@ import pytest
 from hulldown.geometry.child import Child
 
 ECHO = "import sys\nfor line in sys.stdin: print(line.strip()[::-1], flush=True)"
+WATCH = "import time; from hulldown.geometry.child import end_with_parent; end_with_parent(9); time.sleep(600)"
 SLEEP = "import time; print('here', flush=True); time.sleep(600)"
 
 
@@ -61,10 +62,11 @@ def test_a_surviving_grandchild_does_not_block(heard):
     os.kill(grandchild, signal.SIGKILL)
 
 
-def test_it_notices_the_end_of_its_parent():
+@pytest.mark.parametrize("child", [ECHO, WATCH])
+def test_it_notices_the_end_of_its_parent(child):
     code = (
         "import os, sys; from hulldown.geometry.child import Child;"
-        f"child = Child([sys.executable, '-I', '-c', {ECHO!r}], env=os.environ, hear=print);"
+        f"child = Child([sys.executable, '-P', '-c', {child!r}], env=os.environ, hear=print);"
         "print(child.pid, flush=True); os.kill(os.getpid(), 9)"
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

@@ -145,4 +145,4 @@ def test_every_arm_of_a_study_follows_the_same_rule(tmp_path):
     for seed, name in enumerate(("real", "synthetic", "test")):
         make_dataset(tmp_path / name, 8, seed=seed, masks=name == "synthetic")
     study = settled(tmp_path, tmp_path, arms=["real", "synthetic"], fractions=[1.0])
-    assert {run.settings.masks for run in study.manifest.runs} == {False}
+    assert {run.settings.masks for run in study.runs} == {False}

@@ -4,14 +4,12 @@ import json
 import os
 import shutil
 import signal
-import subprocess
-import sys
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
+import tomlkit
 import torch
 from PIL import Image
 
@@ -22,12 +20,12 @@ from hulldown.tests.test_train import in_child
 from hulldown.tests.training_pictures import make_dataset, make_datasets
 from hulldown.training.study.arms import SOURCES, arm_draws, study_runs
 from hulldown.training.study.config import load_study
-from hulldown.training.study.manifest import read_manifest, settle, write_manifest
-from hulldown.training.study.runs import RunOptions, predictions_path, read_failures, run_one, run_study
+from hulldown.training.study.manifest import predictions_paths, read_manifest, settle
+from hulldown.training.study.runs import RunOptions, read_failures, run_one, run_study
 
-ROOT = Path(__file__).parents[1]
 SMALL = {"model": "small", "resolution": 64, "budget": 24, "batch": 4}
 NANO = {"model": "nano", "resolution": 64, "budget": 4, "batch": 1, "weights": "none", "queries": 8, "groups": 1}
+FAST = {"name": "fast", "base": "mixed", "train": {"warmup": 0.5}}
 
 
 @pytest.fixture(scope="module")
@@ -37,11 +35,9 @@ def pictures(tmp_path_factory):
 
 def written(folder, path, *, train=SMALL, **keys):
     """A study.toml for the pictures."""
-    keys = {"arms": ["real", "mixed"], "fractions": [1.0, 0.5], "seeds": [0]} | keys
-    lines = [f"{name} = {json.dumps(str(folder / name))}" for name in ("real", "synthetic", "test") if name not in keys]
-    lines += [f"{key} = {json.dumps(value)}" for key, value in keys.items()]
-    lines += ["[train]", *(f"{key} = {json.dumps(value)}" for key, value in train.items())]
-    path.write_text("\n".join(lines))
+    folders = {name: str(folder / name) for name in ("real", "synthetic", "test")}
+    default = {"arms": ["real", "mixed"], "fractions": [1.0, 0.5], "seeds": [0]}
+    path.write_text(tomlkit.dumps(folders | default | keys | {"train": train}))
     return path
 
 
@@ -58,14 +54,14 @@ def here(study, names, options, progress):
 
 def pretend(study, out, name, found=None):
     """Write the files of a finished run with detections in test and validation pictures, without training."""
-    run = study.manifest.run(name)
+    run = study.run(name)
     folder = out / "runs" / run.folder
     folder.mkdir(parents=True)
     (folder / "weights.pt").write_bytes(b"")
     run_json = {"model": "small", "status": "finished", "figures": {"seconds": 1.0}}
     (folder / "run.json").write_text(json.dumps(run_json))
-    for which, records in (found or {"test": []}).items():
-        predictions_path(out, study.manifest, run, which).write_text(json.dumps(records))
+    for which, path in predictions_paths(out, study, run).items():
+        path.write_text(json.dumps(found[which] if found else []))
 
 
 def study_in_child(study, out, *, kill_at=None):
@@ -115,15 +111,6 @@ def test_a_study_killed_twice_ends_like_an_undisturbed_one(pictures, tmp_path, k
     assert len(tree(tmp_path / "alone")) == (4 if not keys else 2)
 
 
-def test_the_papers_runs_are_eleven_and_the_first_seed_comes_first(pictures, tmp_path):
-    keys = {"arms": ["real", "mixed", "synthetic"], "fractions": [1.0, 0.5, 0.25, 0.1, 0.05], "seeds": [4, 5]}
-    runs = settled(pictures, tmp_path, **keys).manifest.runs
-    assert len(runs) == 2 * 11
-    assert [run.seed for run in runs] == [4] * 11 + [5] * 11
-    assert len({run.name for run in runs}) == 22
-    assert {run.name for run in runs[:4]} == {"real-100-seed4", "mixed-100-seed4", "real-50-seed4", "mixed-50-seed4"}
-
-
 @pytest.mark.parametrize("arm", ["real", "mixed", "synthetic", "matched", "balanced", "pretrain", "loop"])
 def test_draws_add_up_to_the_budget(arm):
     photographs, budget = np.array([2, 3, 7]), 600
@@ -139,21 +126,14 @@ def test_draws_add_up_to_the_budget(arm):
     assert len(by_source.get("real", ())) / len(draws) == pytest.approx(share, abs=0.05)
 
 
-def test_the_loop_uses_validation_photographs_and_its_config_is_part_of_its_run(pictures, tmp_path):
-    config = tmp_path / "hulldown.toml"
-    config.write_text("seed = 1")
-    keys = {"arms": ["synthetic", "loop"], "plan": str(config), "valid": str(pictures / "valid")}
-    folders = []
+def test_the_loops_config_is_part_of_its_run(pictures, tmp_path):
+    config, folders = tmp_path / "hulldown.toml", []
     for seed in (1, 2):
         config.write_text(f"seed = {seed}")
-        folders.append([run.folder for run in settled(pictures, tmp_path, **keys).manifest.runs])
+        keys = {"arms": ["synthetic", "loop"], "plan": str(config), "valid": str(pictures / "valid")}
+        folders.append([run.folder for run in settled(pictures, tmp_path, **keys).runs])
     assert folders[0][0] == folders[1][0]  # `synthetic` doesn't depend on it
     assert folders[0][1] != folders[1][1]
-    for key in ("plan", "valid"):
-        with pytest.raises(HulldownError, match="loop needs"):
-            settled(pictures, tmp_path, **{name: value for name, value in keys.items() if name != key})
-    with pytest.raises(HulldownError, match="no such file"):
-        settled(pictures, tmp_path, **keys | {"plan": str(tmp_path / "missing.toml")})
 
 
 def test_matched_keeps_all_draws_of_the_real_arm_and_pretrain_takes_the_synthetic_ones_first():
@@ -168,12 +148,14 @@ def test_matched_keeps_all_draws_of_the_real_arm_and_pretrain_takes_the_syntheti
     assert (pretrain.image[20:] == real.image[20:]).all()
 
 
-def test_smaller_fractions_are_subsets_of_larger_ones_in_both_arms(pictures, tmp_path):
-    train = SMALL | {"budget": 600}  # so that every picture is drawn
-    study = settled(pictures, tmp_path, fractions=[1.0, 0.5, 0.25], seeds=[0, 1], train=train)
+def test_seeds_are_complete_and_smaller_fractions_are_subsets_of_larger_ones(pictures, tmp_path):
+    keys = {"arms": ["real", "mixed", "synthetic"], "fractions": [1.0, 0.5, 0.25], "seeds": [0, 1]}
+    runs = settled(pictures, tmp_path, train=SMALL | {"budget": 600}, **keys).runs  # so that every picture is drawn
+    shared = [f"{arm}-{share}" for share in (100, 50, 25) for arm in ("real", "mixed")]
+    assert [run.name for run in runs] == [f"{name}-seed{seed}" for seed in (0, 1) for name in (*shared, "synthetic")]
     drawn = {}
-    for run in study.manifest.runs:
-        rows = [line.split(",") for line in study.draws[run.folder].decode().splitlines()[1:]]
+    for run in runs:
+        rows = [line.split(",") for line in run.draws.decode().splitlines()[1:]]
         drawn[run.name] = {row[2] for row in rows if row[1] == "real"}
         assert sum(run.drawn.values()) == len(rows) == run.settings.budget
     for seed in (0, 1):
@@ -184,17 +166,15 @@ def test_smaller_fractions_are_subsets_of_larger_ones_in_both_arms(pictures, tmp
 
 
 def test_a_runs_folder_is_named_by_all_its_inputs(pictures, tmp_path):
-    before = {run.name: run.folder for run in settled(pictures, tmp_path).manifest.runs}
-    assert before == {run.name: run.folder for run in settled(pictures, tmp_path, iou=0.6).manifest.runs}
-    other = settled(pictures, tmp_path, train=SMALL | {"learning_rate": 0.001}).manifest.runs
-    assert not {run.folder for run in other} & set(before.values())
-    changed = tmp_path / "synthetic"
-    make_dataset(changed, 12, seed=9)
-    mixed_only = {
-        run.name for run in settled(pictures, tmp_path, synthetic=str(changed)).manifest.runs
-        if run.folder != before[run.name]
-    }  # fmt: skip
-    assert mixed_only == {"mixed-100-seed0", "mixed-50-seed0"}
+    def folders(**keys):
+        return {run.name: run.folder for run in settled(pictures, tmp_path, **keys).runs}
+
+    before = folders()
+    assert before == folders(iou=0.6)
+    assert not {*folders(train=SMALL | {"learning_rate": 0.001}).values()} & {*before.values()}
+    changed = make_dataset(tmp_path / "synthetic", 12, seed=9)
+    differing = {name for name, folder in folders(synthetic=str(changed)).items() if folder != before[name]}
+    assert differing == {"mixed-100-seed0", "mixed-50-seed0"}
 
 
 def test_a_failed_run_is_set_aside_and_the_others_continue(pictures, tmp_path):
@@ -238,34 +218,20 @@ def test_two_slots_run_two_runs_at_once_and_a_bug_stops_both(pictures, tmp_path,
     assert read_failures(tmp_path / "broken") == {}
 
 
-def test_a_run_in_a_separate_process_finishes(pictures, tmp_path):
-    study = settled(pictures, tmp_path, arms=["real"], fractions=[1.0])
-    [run] = study.manifest.runs
+def test_a_run_in_a_separate_process_finishes_or_fails_with_its_reason(pictures, tmp_path):
+    study = settled(pictures, tmp_path, fractions=[1.0])
+    real, mixed = study.runs
+    other = tmp_path / "out" / "runs" / mixed.folder / "config.json"
+    other.parent.mkdir(parents=True)
+    other.write_text("{}")
+    (tmp_path / "out" / "study.json").touch()
     steps = []
     # With a loader process, since a forked process must not wait for a lock of its parent.
     done = run_study(study, tmp_path / "out", options=RunOptions("cpu", 1), progress=lambda *told: steps.append(told))
-    assert done.finished == (run.name,)
-    assert (f"{run.name} (1 of 1): training", 6, 6) in steps
-    assert (f"{run.name} (1 of 1): looking at test", 8, 8) in steps
-
-
-@pytest.mark.thorough
-def test_a_run_in_a_separate_process_fails_with_its_reason_and_ends_with_its_study(pictures, tmp_path):
-    study = settled(pictures, tmp_path, arms=["real"], fractions=[1.0])
-    [run] = study.manifest.runs
-    write_manifest(study, tmp_path / "out")
-    weights = tmp_path / "out" / "runs" / run.folder / "weights.pt"
-    weights.parent.mkdir(parents=True)
-    (weights.parent / "config.json").write_text("{}")
-    failed = run_study(study, tmp_path / "out", options=RunOptions("cpu", 0)).failed
-    assert "the run in this folder has" in failed[run.name]
-
-    child = subprocess.Popen(
-        [sys.executable, "-c", "from hulldown.training.study.worker import _end_with_parent as wait; wait()"],
-        stdin=subprocess.PIPE, cwd=ROOT,
-    )  # fmt: skip
-    child.stdin.close()  # as when its parent is killed
-    assert child.wait(600) == 1
+    assert done.finished == (real.name,)
+    assert (f"{real.name} (1 of 2): training", 6, 6) in steps
+    assert (f"{real.name} (1 of 2): looking at test", 8, 8) in steps
+    assert "the run in this folder has" in done.failed[mixed.name]
 
 
 @pytest.mark.parametrize(
@@ -274,13 +240,20 @@ def test_a_run_in_a_separate_process_fails_with_its_reason_and_ends_with_its_stu
         ({"real": "nowhere"}, r"s\.toml: real = 'nowhere': no such folder"),
         ({"arms": ["real", "fake"]}, r"arms\[1\] = 'fake': expected 'real', 'mixed', 'synthetic'"),
         ({"arms": ["real", "real"]}, "arms: real is given twice"),
+        ({"arms": ["loop"], "plan": "s.toml"}, "arms: loop needs plan"),
+        ({"arms": ["loop"], "valid": "."}, "arms: loop needs plan"),
+        ({"arms": ["loop"], "plan": "missing.toml", "valid": "."}, "plan = 'missing.toml': no such file"),
+        ({"arms": [FAST | {"train": {"seed": 3}}]}, r"arms: fast sets train\.seed; one value is for all arms"),
+        ({"arms": [FAST | {"train": {"warmup": 7}}]}, "warmup = 7: expected less than 1"),
+        ({"arms": [FAST | {"train": {"nothing": 1}}]}, "unknown key nothing"),
+        ({"arms": [FAST | {"name": "real"}]}, "arms: real is taken"),
         ({"fractions": [0.0]}, r"fractions\[0\] = 0\.0: expected greater than 0"),
         ({"seeds": []}, "seeds = "),
         ({"sedes": [1]}, "unknown key sedes; did you mean seeds"),
         ({"train": SMALL | {"seed": 3}}, r"train\.seed: the study sets this; set seeds above \[train\]"),
         ({"train": SMALL | {"bugdet": 3}}, r"unknown key train\.bugdet; did you mean train\.budget"),
         ({"train": SMALL | {"model": "tiny"}}, r"train\.model = 'tiny': expected 'small'"),
-        ({"valid": "v", "threshold": 0.4}, "threshold: with valid it is chosen there; leave one of the two out"),
+        ({"valid": ".", "threshold": 0.4}, "threshold: with valid it is chosen there; leave one of the two out"),
     ],
 )
 def test_the_error_of_a_mistake_in_a_config_names_file_and_key(pictures, tmp_path, keys, words):
@@ -348,30 +321,19 @@ def test_a_dry_run_shows_runs_draws_and_hours_and_writes_nothing(pictures, tmp_p
 
 
 def test_a_named_arm_draws_like_its_base_with_other_training(pictures, tmp_path):
-    path = written(pictures, tmp_path / "study.toml", fractions=[1.0])
-    text = path.read_text().replace(
-        '["real", "mixed"]', '["mixed", { name = "fast", base = "mixed", train.warmup = 0.5 }]'
-    )
-    path.write_text(text)
-    study = settle(load_study(path))
-    mixed, fast = study.manifest.runs
+    mixed, fast = settled(pictures, tmp_path, arms=["mixed", FAST], fractions=[1.0]).runs
     assert (mixed.name, fast.name) == ("mixed-100-seed0", "fast-100-seed0")
-    assert study.draws[mixed.folder] == study.draws[fast.folder]
+    assert mixed.draws == fast.draws
     assert (mixed.settings.warmup, fast.settings.warmup) == (0.02, 0.5)
     assert fast.settings.model_copy(update={"warmup": 0.02}) == mixed.settings
-    for wrong, key in (("seed = 3", "seed"), ("warmup = 7", "warmup"), ("nothing = 1", "nothing")):
-        path.write_text(text.replace("train.warmup = 0.5", f"train.{wrong}"))
-        with pytest.raises(HulldownError, match=key):
-            load_study(path)
 
 
 def test_a_named_arm_of_another_model_has_that_models_defaults(pictures, tmp_path):
-    train = {"model": "small", "budget": 24, "batch": 6}
-    path = written(pictures, tmp_path / "study.toml", fractions=[1.0], train=train)
     (tmp_path / "w.pth").write_bytes(b"weights")
-    arm = '{ name = "other", base = "mixed", train.model = "nano", train.weights = "w.pth" }'
-    path.write_text(path.read_text().replace('["real", "mixed"]', f'["mixed", {arm}]'))
-    mixed, other = (run.settings for run in settle(load_study(path)).manifest.runs)
+    other = {"name": "other", "base": "mixed", "train": {"model": "nano", "weights": "w.pth"}}
+    train = {"model": "small", "budget": 24, "batch": 6}
+    study = settled(pictures, tmp_path, arms=["mixed", other], fractions=[1.0], train=train)
+    mixed, other = (run.settings for run in study.runs)
     assert (mixed.resolution, mixed.batch, mixed.learning_rate, mixed.schedule) == (256, 6, 4e-3, "cosine")
     assert (other.resolution, other.batch, other.learning_rate, other.schedule) == (384, 6, 1e-4, "step")
     assert mixed.augmentation

@@ -16,8 +16,7 @@ from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.study.manifest import write_manifest
 from hulldown.training.study.page import PAPER, PAPER_FIGURES, beside, over_photographs, page, png
 from hulldown.training.study.report import compared_runs, write_report
-from hulldown.training.study.results import Difference, needed
-from hulldown.training.study.runs import JUDGED
+from hulldown.training.study.results import Estimate, needed
 
 ARMS = ("real", "mixed", "synthetic")
 # Share of a hundred labels that the detectors of these tests find.
@@ -45,8 +44,8 @@ def finished_study(pictures, folder, *, skill=SKILL, **keys):
     """Return a study's folder as `run` leaves it, with detectors that need no training."""
     study, out = settled(pictures, folder, **({"arms": ARMS, "fractions": [1.0, 0.5, 0.25]} | keys)), folder / "out"
     write_manifest(study, out)
-    judged = {which: read_labels(one.folder) for which, one in study.manifest.datasets.items() if which in JUDGED}
-    for run in study.manifest.runs:
+    judged = {which: read_labels(one.folder) for which, one in study.datasets.items() if which in ("test", "valid")}
+    for run in study.runs:
         share = skill[run.arm, run.fraction] + 2 * run.seed
         found = {which: looked(labels, share, seed=run.seed) for which, labels in judged.items()}
         pretend(study, out, run.name, found)
@@ -215,6 +214,6 @@ def test_worth_of_the_papers_synthetic_images():
 
 
 def test_an_interval_that_touches_0_shows_nothing():
-    assert Difference(0.1, np.array([0.01, 0.2])).shown
-    assert not Difference(0.1, np.array([0.0, 0.2])).shown
-    assert not Difference(0.1, np.array([np.nan, np.nan])).shown
+    assert Estimate(0.1, np.array([0.01, 0.2])).shown
+    assert not Estimate(0.1, np.array([0.0, 0.2])).shown
+    assert not Estimate(0.1, np.array([np.nan, np.nan])).shown

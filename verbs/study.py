@@ -6,12 +6,16 @@ import argparse
 import dataclasses
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from hulldown.geometry.terminal import duration, progress_bar, progress_bars, say, warn
 from hulldown.verbs.arguments import Subparsers, add_verb
 from hulldown.verbs.cluster import add_scheduler, scheduler_of, training_workers
 from hulldown.verbs.terminal import DONE, FOUND, STDOUT, print_json
+
+if TYPE_CHECKING:
+    from hulldown.training.study.manifest import Manifest
+    from hulldown.training.study.runs import RunOptions
 
 
 def _init(arguments: argparse.Namespace) -> int:
@@ -36,35 +40,35 @@ def _run(arguments: argparse.Namespace) -> int:
 
     changed_table(config.train.augmentation)
     with progress_bar("checking pictures") as advance:
-        settled = settle(config, progress=advance)
-    for line in settled.warnings:
+        manifest = settle(config, progress=advance)
+    for line in manifest.warnings:
         warn(line)
     options = RunOptions(arguments.device, arguments.workers)
     if arguments.dry_run:
-        return _dry_run(arguments, settled, options)
+        return _dry_run(arguments, manifest, options)
     usable_weights(config.train)
     scheduler = scheduler_of(arguments)
     with progress_bars() as advance, training_workers(scheduler) if scheduler else nullcontext() as launch:
-        done = run_study(settled, arguments.output, options=options, launch=launch, progress=advance, say=say)
+        done = run_study(manifest, arguments.output, options=options, launch=launch, progress=advance, say=say)
     if arguments.json:
         print_json(dataclasses.asdict(done))
     for name, reason in done.failed.items():
         warn(f"{name} was set aside: {reason}")
     say(
-        f"{len(done.finished) + len(done.already)} of {len(settled.manifest.runs)} runs are finished; "
+        f"{len(done.finished) + len(done.already)} of {len(manifest.runs)} runs are finished; "
         f"next: hulldown study report {arguments.output}"
     )
     return FOUND if done.failed else DONE
 
 
-def _dry_run(arguments: argparse.Namespace, settled: Any, options: Any) -> int:
+def _dry_run(arguments: argparse.Namespace, manifest: Manifest, options: RunOptions) -> int:
     from rich.table import Column, Table
 
     from hulldown.training.study.estimate import hours, overview, seconds_per_step
     from hulldown.training.study.runs import gpu_places
 
-    rows = overview(arguments.output, settled.manifest)
-    seconds = seconds_per_step(arguments.output, settled.manifest, options, say=say)
+    rows = overview(arguments.output, manifest)
+    seconds = seconds_per_step(arguments.output, manifest, options, say=say)
     left = hours(rows, seconds, len(gpu_places(options)))
     if arguments.json:
         print_json({"runs": rows, "seconds_per_step": seconds, "hours": left})

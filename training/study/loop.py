@@ -10,12 +10,11 @@ import os
 import runpy
 import signal
 import sys
-import threading
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from hulldown.geometry.child import Child
+from hulldown.geometry.child import Child, end_with_parent
 from hulldown.geometry.errors import HulldownError
 from hulldown.training.study.manifest import RUNS_NAME, Manifest, PlannedRun, draws_path
 
@@ -50,7 +49,7 @@ def train_loop(
     synthetic, valid = manifest.datasets["synthetic"].folder, manifest.datasets["valid"].folder
     if not plan.exists():
         train(
-            {"synthetic": synthetic}, first, settings=run.settings, draws_file=draws_path(study, run.folder),
+            {"synthetic": synthetic}, first, settings=run.settings, draws_file=draws_path(study, run),
             workers=workers, device=device, progress=progress,
         )  # fmt: skip
         if not found.exists():
@@ -75,13 +74,6 @@ def _hulldown(*arguments: str, log: Path) -> None:
         raise HulldownError(f"hulldown {arguments[0]}: {child.last_words()}", path=log, remedy="look at the file")
 
 
-def _interrupt_with_parent() -> None:
-    """Interrupt this process when stdin ends, which happens when the parent ends, even by kill -9."""
-    while os.read(0, 1):
-        pass
-    os.kill(os.getpid(), signal.SIGINT)
-
-
 if __name__ == "__main__":
-    threading.Thread(target=_interrupt_with_parent, daemon=True).start()
+    end_with_parent(signal.SIGINT)
     runpy.run_module("hulldown.cli", run_name="__main__")

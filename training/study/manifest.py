@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import orjson
 from jaxtyping import Int
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from hulldown.dataset.records import by_image
 from hulldown.dataset.store.document import read_coco
@@ -65,10 +64,11 @@ class PlannedRun(BaseModel):
     sources: tuple[str, ...]
     drawn: dict[str, int]  # draws from each source
     settings: Settings
+    draws: bytes = Field(default=b"", exclude=True)  # its file of draws, which study.json doesn't contain
 
 
 class Manifest(BaseModel):
-    """The contents of study.json."""
+    """The contents of study.json, and what is known before it's written."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -77,32 +77,14 @@ class Manifest(BaseModel):
     classes: tuple[str, ...]
     datasets: dict[str, StudyData]
     runs: tuple[PlannedRun, ...]
+    warnings: tuple[str, ...] = Field(default=(), exclude=True)  # to show before the study runs
 
     def run(self, name: str) -> PlannedRun:
         """The run with a name."""
         return next(run for run in self.runs if run.name == name)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class SettledStudy:
-    """A manifest, and the draws of its runs.
-
-    Parameters
-    ----------
-    manifest
-        The runs.
-    draws
-        Folder name of each run -> its file of draws.
-    warnings
-        Warnings to show before the study runs.
-    """
-
-    manifest: Manifest
-    draws: Mapping[str, bytes]
-    warnings: tuple[str, ...]
-
-
-def settle(config: StudyConfig, *, progress: Callable[[int, int], None] | None = None) -> SettledStudy:
+def settle(config: StudyConfig, *, progress: Callable[[int, int], None] | None = None) -> Manifest:
     """Fix everything that determines the runs of a study; every picture is read.
 
     Parameters
@@ -124,16 +106,15 @@ def settle(config: StudyConfig, *, progress: Callable[[int, int], None] | None =
     sources = {source.name: source for source in found}
     _check_classes(sources, classes)
     checked = check_pictures(found, progress=progress)
-    digests = {name: one.sha256 for name, one in checked.items()}
     _check_apart(sources, checked)
     datasets = {
         name: StudyData(folder=str(folders[name].resolve()), images=len(source), boxes=_boxes(source, classes),
-                      sha256=digests[name])
+                      sha256=checked[name].sha256)
         for name, source in sources.items()
     }  # fmt: skip
     masks = follow_masks(config.train.masks, [sources["real"], sources["synthetic"]])  # one rule for all arms
     shares = _shares(config, sources["real"])
-    runs, draws, warnings = [], {}, _equal_shares(shares)
+    runs, warnings = [], _equal_shares(shares)
     for arm, fraction, seed in study_runs(config):
         photographs = shares[seed, fraction] if fraction is not None else np.zeros(0, dtype=np.int64)
         synthetic, budget, used = len(sources["synthetic"]), config.train.budget, SOURCES[arm.base]
@@ -141,36 +122,33 @@ def settle(config: StudyConfig, *, progress: Callable[[int, int], None] | None =
         text = draws_text(own_draws, used, [sources[name].file_names for name in used])
         ruled = {"seed": seed, "budget": len(own_draws), "masks": masks}
         settings = Settings.model_validate({**config.train.model_dump(), **arm.train, **ruled})
-        data = {name: digests[name] for name in used}
+        data = {name: datasets[name].sha256 for name in used}
         if arm.base == "loop" and config.plan is not None:
-            data |= {"valid": digests["valid"], "plan": hashlib.sha256(config.plan.read_bytes()).hexdigest()}
+            data |= {"valid": datasets["valid"].sha256, "plan": hashlib.sha256(config.plan.read_bytes()).hexdigest()}
         share = "" if fraction is None else f"-{subset_name(fraction)}"
         name = f"{arm.name}{share}-seed{seed}"
         counts = np.bincount(own_draws.source, minlength=len(used)).tolist()
         run = PlannedRun(
             name=name, folder=f"{name}-{_key(settings, data, text)}", arm=arm.name, base=arm.base, fraction=fraction,
             seed=seed, photographs=len(photographs), sources=used, drawn=dict(zip(used, counts, strict=True)),
-            settings=settings,
+            settings=settings, draws=text,
         )  # fmt: skip
         runs.append(run)
-        draws[run.folder] = text
         if not run.drawn.get("real", 1):
             warnings.append(f"{run.name} draws no photograph: raise budget, or leave the arm {run.arm} out")
         if run.arm == "real":
             warnings += _missing(run, sources["real"], photographs, classes)
-    return SettledStudy(
-        Manifest(config=config, classes=classes, datasets=datasets, runs=tuple(runs)), draws, tuple(warnings)
-    )
+    return Manifest(config=config, classes=classes, datasets=datasets, runs=tuple(runs), warnings=tuple(warnings))
 
 
-def write_manifest(study: SettledStudy, folder: Path) -> None:
+def write_manifest(manifest: Manifest, folder: Path) -> None:
     """Write study.json and the files of draws."""
     (folder / DRAWS_NAME).mkdir(parents=True, exist_ok=True)
-    for name, text in study.draws.items():
-        path = draws_path(folder, name)
+    for run in manifest.runs:
+        path = draws_path(folder, run)
         if not path.exists():
-            replace_file(path, text)
-    content = orjson.dumps(study.manifest.model_dump(mode="json"), option=orjson.OPT_INDENT_2)
+            replace_file(path, run.draws)
+    content = orjson.dumps(manifest.model_dump(mode="json"), option=orjson.OPT_INDENT_2)
     replace_file(folder / MANIFEST_NAME, content + b"\n")
 
 
@@ -194,9 +172,21 @@ def read_manifest(folder: Path) -> Manifest:
         raise ConfigError(f"cannot be read ({line})", path=path, remedy="run `hulldown study run` again") from None
 
 
-def draws_path(folder: Path, run: str) -> Path:
-    """The file of draws of a run, by its folder's name."""
-    return folder / DRAWS_NAME / f"{run}.csv"
+def draws_path(study: Path, run: PlannedRun) -> Path:
+    """The file of draws of a run."""
+    return study / DRAWS_NAME / f"{run.folder}.csv"
+
+
+def predictions_paths(study: Path, manifest: Manifest, run: PlannedRun) -> dict[str, Path]:
+    """A run's files of detections in the test pictures and, if there are any, in the validation pictures.
+
+    Their names are specific to these pictures.
+    """
+    return {
+        which: study / RUNS_NAME / run.folder / f"{which}-{manifest.datasets[which].sha256[:10]}.json"
+        for which in ("test", "valid")
+        if which in manifest.datasets
+    }
 
 
 def _key(settings: Settings, digests: Mapping[str, str], draws: bytes) -> str:
@@ -259,10 +249,9 @@ def _check_classes(sources: Mapping[str, LabeledPictures], classes: Sequence[str
 def _missing(
     run: PlannedRun, real: LabeledPictures, photographs: Int[np.ndarray, " k"], classes: Sequence[str]
 ) -> list[str]:
-    labels = [real.label[real.starts[i] : real.starts[i + 1]] for i in photographs]
-    there = set(np.concatenate([np.zeros(0, dtype=np.int64), *labels]).tolist())
-    lacking = [name for c, name in enumerate(classes) if c not in there]
-    if not lacking:
+    of_box = np.repeat(np.arange(len(real)), np.diff(real.starts))
+    there = np.bincount(real.label[np.isin(of_box, photographs)], minlength=len(classes))
+    if not (lacking := [name for name, boxes in zip(classes, there, strict=True) if not boxes]):
         return []
     return [f"{run.name}: its {len(photographs)} photographs show no {', '.join(lacking)}; stratified = true may help"]
 

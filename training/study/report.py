@@ -14,34 +14,29 @@ from hulldown.dataset.reports.charts import svg
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.files import replace_file
 from hulldown.training.detectors.detector import read_run
-from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold
-from hulldown.training.evaluation.labels import Labels, read_labels
-from hulldown.training.evaluation.predictions import read_predictions
+from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.evaluation.report import plain
-from hulldown.training.study.manifest import RUNS_NAME, Manifest, PlannedRun, read_manifest
+from hulldown.training.study.manifest import RUNS_NAME, Manifest, PlannedRun, predictions_paths, read_manifest
 from hulldown.training.study.page import charts_of, page, png
 from hulldown.training.study.results import (
-    COMPARED,
     COUNTS,
     ENOUGH,
     MEASURES,
     TITLES,
     BinDifference,
     Cell,
-    Difference,
     Equivalent,
+    Estimate,
     Judged,
     bin_differences,
-    cell_interval,
     cells,
-    difference,
     equivalent_photographs,
-    judged,
+    estimate,
+    judge,
     known_ends,
-    mean,
     pairs,
 )
-from hulldown.training.study.runs import is_finished, predictions_path, read_failures
+from hulldown.training.study.runs import is_finished, read_failures
 
 WORTH_BY = ("f1", "recall", "ap50")
 MOST_BINS = 3  # reported bins of each sign
@@ -85,34 +80,19 @@ def compared_runs(study: Path | str, *, progress: Callable[[int, int], None] | N
     finished = [run for run in manifest.runs if is_finished(study, manifest, run)]
     if not finished:
         raise HulldownError("no run is finished", path=study, remedy="run `hulldown study run` first")
-    labels = read_labels(manifest.datasets["test"].folder)
-    valid = read_labels(manifest.datasets["valid"].folder) if "valid" in manifest.datasets else None
-    runs = []
-    for done, run in enumerate(finished, start=1):
-        runs.append(_judge(study, manifest, run, labels, valid))
+    config, failures = manifest.config, read_failures(study)
+    detections = [predictions_paths(study, manifest, run) for run in finished]
+    labels = {which: read_labels(manifest.datasets[which].folder) for which in detections[0]}
+    runs: list[Judged] = []
+    for run, files in zip(finished, detections, strict=True):
+        runs.append(judge(run, labels, files, threshold=config.threshold, iou=config.iou))
         if progress is not None:
-            progress(done, len(finished))
-    found = _compared(manifest, runs)
-    failures = read_failures(study)
+            progress(len(runs), len(finished))
     return {
-        **found,
+        **_compared(manifest, runs),
         "missing": {run.name: failures.get(run.name, "not run yet") for run in manifest.runs if run not in finished},
         "times": {run.name: _time(study, run) for run in finished},
     }
-
-
-def _judge(study: Path, manifest: Manifest, run: PlannedRun, labels: Labels, valid: Labels | None) -> Judged:
-    """A run's figures at its threshold."""
-    config = manifest.config
-    path = predictions_path(study, manifest, run, "test")
-    threshold = Threshold(config.threshold, "given")
-    if valid is not None:
-        looked = read_predictions(predictions_path(study, manifest, run, "valid"), valid)
-        best = best_threshold(valid, looked, iou=config.iou)
-        # A detector without any detection there is given the highest threshold.
-        threshold = Threshold(1.0 if best is None else best, "validation")
-    predictions = read_predictions(path, labels, name=run.name)
-    return judged(run, Evaluation(labels, predictions, threshold=threshold, iou=config.iou))
 
 
 def _compared(manifest: Manifest, runs: Sequence[Judged]) -> dict[str, Any]:
@@ -122,9 +102,9 @@ def _compared(manifest: Manifest, runs: Sequence[Judged]) -> dict[str, Any]:
     records = [_pair_record(first, second) for first, second in compared]
     summary = [record["measures"]["f1"]["words"] for record in records]
     largest = max(real, key=lambda cell: cell.photographs, default=None)
-    if largest is not None and mean(largest, "ap50") < 0.5:
+    if largest is not None and (reached := estimate(largest, "ap50").value) < 0.5:
         summary.append(
-            f"{largest.name} reaches an AP50 of {mean(largest, 'ap50'):.2f} only. A study whose best photographs teach "
+            f"{largest.name} reaches an AP50 of {reached:.2f} only. A study whose best photographs teach "
             "so little can't show the worth of synthetic images. Use a larger budget, or clearer pictures."
         )
     bins = {
@@ -135,7 +115,7 @@ def _compared(manifest: Manifest, runs: Sequence[Judged]) -> dict[str, Any]:
     return plain({
         "study": _described(manifest),
         "summary": summary,
-        "sureness": sureness(manifest, len(records) * len(COMPARED)),
+        "sureness": sureness(manifest, len(records) * len(MEASURES)),
         "cells": [_cell_record(cell) for cell in found],
         "pairs": records,
         "worth": [
@@ -171,20 +151,22 @@ def _described(manifest: Manifest) -> dict[str, Any]:
 
 
 def _cell_record(cell: Cell) -> dict[str, Any]:
+    seeds, estimates = sorted(cell.judged), {key: estimate(cell, key) for key in MEASURES}
     return {
         "arm": cell.arm,
         "fraction": cell.fraction,
         "name": cell.name,
         "photographs": cell.photographs,
-        "seeds": sorted(cell.judged),
-        **{key: mean(cell, key) for key in (*COUNTS, *MEASURES)},
-        "intervals": {key: known_ends(cell_interval(cell, key)) for key in MEASURES},
-        "of_seeds": {key: [cell.judged[seed].values[key] for seed in sorted(cell.judged)] for key in MEASURES},
+        "seeds": seeds,
+        **{key: np.mean([cell.judged[seed].values[key] for seed in seeds]) for key in COUNTS},
+        **{key: one.value for key, one in estimates.items()},
+        "intervals": {key: known_ends(one.ends) for key, one in estimates.items()},
+        "of_seeds": {key: [cell.judged[seed].values[key] for seed in seeds] for key in MEASURES},
     }
 
 
 def _pair_record(first: Cell, second: Cell) -> dict[str, Any]:
-    differences = {key: difference(first, second, key) for key in COMPARED}
+    differences = {key: estimate(second, key, minus=first) for key in MEASURES}
     return {
         "first": first.name,
         "second": second.name,
@@ -215,7 +197,7 @@ def _time(study: Path, run: PlannedRun) -> float | None:
     return None if seconds is None else round(float(seconds), 1)
 
 
-def difference_words(first: Cell, second: Cell, measure: str, found: Difference) -> str:
+def difference_words(first: Cell, second: Cell, measure: str, found: Estimate) -> str:
     """A sentence about a pair of arms by one measure; `found` is second minus first."""
     title = TITLES[measure]
     if np.isnan(found.value):

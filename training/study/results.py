@@ -12,12 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from hulldown.training.evaluation.average_precision import AVERAGES, class_mean
+from hulldown.training.evaluation.bins import BinnedField
 from hulldown.training.evaluation.bootstrap import (
     combined_error,
     difference_interval,
@@ -25,8 +27,10 @@ from hulldown.training.evaluation.bootstrap import (
     share_interval,
     standard_error,
 )
-from hulldown.training.evaluation.evaluate import Evaluation
-from hulldown.training.evaluation.metrics import SHARES, SUMS, figures, ratio
+from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold
+from hulldown.training.evaluation.labels import Labels
+from hulldown.training.evaluation.metrics import SHARES, SUMS, figures, ratio, sums_by
+from hulldown.training.evaluation.predictions import read_predictions
 from hulldown.training.study.manifest import PlannedRun
 
 COUNTS = ("tp", "fp", "fn")
@@ -43,7 +47,6 @@ TITLES = {
     "ap": "AP",
 }
 MEASURES = tuple(TITLES)[len(COUNTS) :]
-COMPARED = ("f1", "recall", "precision", "ap50", "ap", "mean_iou", "mean_confidence")
 ENOUGH = 10  # least labels of a reported bin
 
 
@@ -95,15 +98,15 @@ class Cell:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Difference:
-    """The difference of a measure, second minus first.
+class Estimate:
+    """A measure of a cell, or a difference of two cells.
 
     Parameters
     ----------
     value
-        The mean over seeds.
+        The mean over seeds; nan if a run doesn't define it.
     ends
-        (2,) its interval; nan if there is none.
+        (2,) its interval for other test sets and, with several seeds, other trainings; nan if there is none.
     """
 
     value: float
@@ -115,8 +118,35 @@ class Difference:
         return bool(self.ends[0] > 0.0 or self.ends[1] < 0.0)
 
 
-def judged(run: PlannedRun, evaluation: Evaluation) -> Judged:
-    """Evaluate a run."""
+def judge(
+    run: PlannedRun,
+    labels: Mapping[str, Labels],
+    detections: Mapping[str, Path],
+    *,
+    threshold: float = 0.5,
+    iou: float = 0.5,
+) -> Judged:
+    """Evaluate a run on the test pictures.
+
+    Parameters
+    ----------
+    run
+        The run.
+    labels, detections
+        Ground truth, and the run's file of detections, in ``test`` and, if there is one, ``valid``, on which the best
+        F1 chooses the threshold.
+    threshold
+        The confidence threshold without ``valid``.
+    iou
+        Least IoU of a match.
+    """
+    chosen = Threshold(threshold, "given")
+    if "valid" in labels:
+        best = best_threshold(labels["valid"], read_predictions(detections["valid"], labels["valid"]), iou=iou)
+        # A detector without any detection there is given the highest threshold.
+        chosen = Threshold(1.0 if best is None else best, "validation")
+    predictions = read_predictions(detections["test"], labels["test"], name=run.name)
+    evaluation = Evaluation(labels["test"], predictions, threshold=chosen, iou=iou)
     sums = evaluation.sums.sum(axis=0)
     values = {**dict(zip(SUMS, sums, strict=True)), **figures(sums), **evaluation.average.summary}
     averages = class_mean(evaluation.averages_resampled)
@@ -137,51 +167,34 @@ def cells(runs: Sequence[Judged]) -> list[Cell]:
     ]
 
 
-def mean(cell: Cell, measure: str) -> float:
-    """The mean over seeds of a count or measure; nan if a run doesn't define it."""
-    return float(np.mean([one.values[measure] for one in cell.judged.values()]))
-
-
-def resampled_means(cell: Cell, measure: str, seeds: Sequence[int]) -> Float[np.ndarray, " r"]:
-    """The mean over seeds of a measure in every resample of the test positions."""
-    return np.mean([cell.judged[seed].resampled[measure] for seed in seeds], axis=0)
-
-
-def cell_interval(cell: Cell, measure: str) -> Float[np.ndarray, "2"]:
-    """The interval of a measure for other test sets and, with several seeds, other trainings."""
-    seeds = sorted(cell.judged)
-    values = np.array([cell.judged[seed].values[measure] for seed in seeds])
-    positions, labels = _test_size(cell)
-    error, freedom = _errors(resampled_means(cell, measure, seeds), values, positions)
-    trials = labels if measure in (*SHARES, *AVERAGES) else np.inf
-    return share_interval(values.mean(), error, freedom=freedom, trials=trials)
-
-
-def difference(first: Cell, second: Cell, measure: str) -> Difference:
-    """Second minus first over their common seeds, at least one."""
-    seeds = sorted(set(first.judged) & set(second.judged))
-    values = np.array([second.judged[s].values[measure] - first.judged[s].values[measure] for s in seeds])
-    positions, labels = _test_size(first)
-    again = resampled_means(second, measure, seeds) - resampled_means(first, measure, seeds)
-    error, freedom = _errors(again, values, positions)
-    return Difference(float(values.mean()), difference_interval(values.mean(), error, freedom=freedom, labels=labels))
-
-
-def _test_size(cell: Cell) -> tuple[int, int]:
-    """Number of positions with labels, and of labels, in the test pictures."""
-    labels = next(iter(cell.judged.values())).evaluation.label_positions.sum(axis=1)
-    return int((labels > 0).sum()), int(labels.sum())
-
-
-def _errors(again: Float[np.ndarray, " r"], values: Float[np.ndarray, " seeds"], positions: int) -> tuple[Any, Any]:
-    """Standard error and degrees of freedom of a mean over seeds, from resampled test positions and from the seeds."""
-    several = len(values) > 1
-    return combined_error(
-        standard_error(again, positions),
-        values.std(ddof=1) / np.sqrt(len(values)) if several else 0.0,
+def estimate(cell: Cell, measure: str, *, minus: Cell | None = None) -> Estimate:
+    """A measure of a cell; with `minus`, its difference from that cell over their common seeds, at least one."""
+    seeds = sorted(cell.judged.keys() & (minus or cell).judged.keys())
+    values, again = _of_seeds(cell, measure, seeds)
+    if minus is not None:
+        before, before_again = _of_seeds(minus, measure, seeds)
+        values, again = values - before, again - before_again
+    labels = cell.judged[seeds[0]].evaluation.label_positions.sum(axis=1)
+    positions = int((labels > 0).sum())
+    error, freedom = combined_error(
+        standard_error(again.mean(axis=0), positions),
+        values.std(ddof=1) / np.sqrt(len(seeds)) if len(seeds) > 1 else 0.0,
         test_freedom=positions - 1,
-        seed_freedom=len(values) - 1,
+        seed_freedom=len(seeds) - 1,
     )
+    value = float(values.mean())
+    if minus is not None:
+        return Estimate(value, difference_interval(value, error, freedom=freedom, labels=labels.sum()))
+    trials = labels.sum() if measure in (*SHARES, *AVERAGES) else np.inf
+    return Estimate(value, share_interval(value, error, freedom=freedom, trials=trials))
+
+
+def _of_seeds(
+    cell: Cell, measure: str, seeds: Sequence[int]
+) -> tuple[Float[np.ndarray, " seeds"], Float[np.ndarray, "seeds r"]]:
+    """A measure of each seed, and the same in every resample of the test positions."""
+    runs = [cell.judged[seed] for seed in seeds]
+    return np.array([one.values[measure] for one in runs]), np.stack([one.resampled[measure] for one in runs])
 
 
 def pairs(found: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
@@ -200,7 +213,9 @@ def pairs(found: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
         later = "mixed" if cell.arm in ("matched", "balanced", "pretrain") else base
         if later not in (cell.arm, "real"):
             wanted.append((by_key.get((later, cell.fraction)), cell))
-    return [(first, second) for first, second in wanted if first is not None and set(first.judged) & set(second.judged)]
+    return [
+        (first, second) for first, second in wanted if first is not None and first.judged.keys() & second.judged.keys()
+    ]
 
 
 class Equivalent(NamedTuple):
@@ -220,33 +235,28 @@ def equivalent_photographs(real: Sequence[Cell], cell: Cell, measure: str) -> Eq
     Photographs must be shown to help: the real arm with the most must be better than that with the fewest. The cell
     must be shown to differ from the real arm with as many photographs, and the interval of its worth must exclude 0.
     """
-    seeds = sorted(set(cell.judged).intersection(*(set(one.judged) for one in real)))
+    seeds = sorted(set(cell.judged).intersection(*(one.judged for one in real)))
     ordered = sorted(real, key=lambda one: one.photographs)
-    if len(ordered) < 2 or not seeds:
+    if len(ordered) < 2 or not seeds or not estimate(ordered[-1], measure, minus=ordered[0]).ends[0] > 0.0:
         return None
-    helps = difference(ordered[0], ordered[-1], measure)
     same = next((one for one in ordered if one.fraction == cell.fraction), None)
-    against_same = cell.fraction is None or (same is not None and difference(same, cell, measure).shown)
-    if not helps.ends[0] > 0.0 or not against_same:
+    if cell.fraction is not None and (same is None or not estimate(cell, measure, minus=same).shown):
         return None
+    of_seeds = [_of_seeds(one, measure, seeds) for one in (*ordered, cell)]
     counts = np.array([one.photographs for one in ordered])
-    values = np.array([[np.mean([one.judged[s].values[measure] for s in seeds])] for one in (*ordered, cell)])
     own = cell.photographs if cell.fraction is not None else 0.0
+    values = np.array([[each.mean()] for each, _ in of_seeds])
     at = needed(counts, values[:-1], values[-1])[0] - own
-    again = np.stack([_with_seeds(one, measure, seeds) for one in (*ordered, cell)])
+    # Seeds are resampled too, the same ones in every cell.
+    times = of_seeds[0][1].shape[1]
+    chosen = np.random.default_rng([len(seeds), 3]).integers(0, len(seeds), (len(seeds), times))
+    again = np.stack([each[chosen, np.arange(times)].mean(axis=0) for _, each in of_seeds])
     in_resamples = needed(counts, again[:-1], again[-1]) - own
     # Some resamples are infinite, so interval ends are resamples themselves, without interpolation.
     ends = np.quantile(in_resamples, [0.025, 0.975], method="inverted_cdf")
     if ends[0] <= 0.0 <= ends[1]:
         return None
     return Equivalent(float(at), ends.tolist(), float(counts[-1] - own))
-
-
-def _with_seeds(cell: Cell, measure: str, seeds: Sequence[int]) -> Float[np.ndarray, " r"]:
-    """A measure in every resample of test positions and seeds; cells with the same seeds share resamples."""
-    each = np.stack([cell.judged[seed].resampled[measure] for seed in seeds])
-    chosen = np.random.default_rng([len(seeds), 3]).integers(0, len(seeds), (len(seeds), each.shape[1]))
-    return each[chosen, np.arange(each.shape[1])].mean(axis=0)
 
 
 def needed(
@@ -308,36 +318,35 @@ class BinDifference:
 
 def bin_differences(first: Cell, second: Cell) -> list[BinDifference]:
     """Differences of recall, second minus first, in each bin of every field."""
-    seeds = sorted(set(first.judged) & set(second.judged))
+    seeds = sorted(first.judged.keys() & second.judged.keys())
     found = []
-    evaluation = first.judged[seeds[0]].evaluation
-    labels = evaluation.labels
-    for field in [one.field for one in evaluation.bins if len(one.field.bins) > 1]:
-        known = (field.of_label >= 0) & ~labels.crowd
-        hits = [
-            np.mean([cell.judged[s].evaluation.seen.found[known] for s in seeds], axis=0, dtype=np.float64)
+    for field in [one.field for one in first.judged[seeds[0]].evaluation.bins if len(one.field.bins) > 1]:
+        before, after = (
+            np.mean([_label_sums(cell.judged[seed].evaluation, field) for seed in seeds], axis=0)
             for cell in (first, second)
-        ]
-        position = labels.position[labels.image[known]]
-        cell_of = position * len(field.bins) + field.of_label[known]
-        size = evaluation.positions * len(field.bins)
-        sums = np.stack(
-            [np.bincount(cell_of, weights=weight, minlength=size) for weight in (*hits, np.ones(len(cell_of)))], axis=1
-        ).reshape(evaluation.positions, len(field.bins), 3)
-        total = sums.sum(axis=0)
-        gained = sums[:, :, 1] - sums[:, :, 0]
-        value, there = ratio(gained.sum(axis=0), total[:, 2]), (sums[:, :, 2] > 0).sum(axis=0)
-        change = difference_interval(value, ratio_error(gained, sums[:, :, 2]), freedom=there - 1, labels=total[:, 2])
-        recalls = ratio(total[:, :2], total[:, 2:])
+        )
+        labels, gained = before[..., 1], after[..., 0] - before[..., 0]
+        total, there = labels.sum(axis=0), (labels > 0).sum(axis=0)
+        value = ratio(gained.sum(axis=0), total)
+        change = difference_interval(value, ratio_error(gained, labels), freedom=there - 1, labels=total)
+        recalls = ratio(np.stack([before[..., 0].sum(axis=0), after[..., 0].sum(axis=0)], axis=1), total[:, None])
         found += [
             BinDifference(
-                field.title, name, int(total[b, 2]), recalls[b].tolist(), float(recalls[b, 1] - recalls[b, 0]),
+                field.title, name, int(total[b]), recalls[b].tolist(), float(recalls[b, 1] - recalls[b, 0]),
                 known_ends(change[:, b]),
             )
             for b, name in enumerate(field.bins)
-            if total[b, 2] > 0
+            if total[b] > 0
         ]  # fmt: skip
     return found
+
+
+def _label_sums(one: Evaluation, field: BinnedField) -> Float[np.ndarray, "positions b 2"]:
+    """Numbers of found labels and of all labels of each bin in each position."""
+    of_detection = np.append(field.of_label, -1)[one.matching.box]  # a match is in its label's bin
+    sums = sums_by(one.seen, of_detection=of_detection, of_label=field.of_label, bins=len(field.bins))
+    tp, fn = sums[..., SUMS.index("tp")], sums[..., SUMS.index("fn")]
+    return np.stack([tp, tp + fn], axis=-1)
 
 
 def known_ends(ends: Float[np.ndarray, "2"]) -> list[float] | None:

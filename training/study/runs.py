@@ -29,15 +29,14 @@ from hulldown.training.study.manifest import (
     RUNS_NAME,
     Manifest,
     PlannedRun,
-    SettledStudy,
     draws_path,
+    predictions_paths,
     read_manifest,
     write_manifest,
 )
 
 FAILURES_NAME = "failures.json"
 POLL_S = 0.2
-JUDGED = ("test", "valid")
 Progress = Callable[[str, int, int], None]
 
 
@@ -83,9 +82,7 @@ class Done:
     failed: Mapping[str, str]
 
 
-def run_one(
-    study: Path | str, name: str, options: RunOptions, progress: Progress = lambda what, done, total: None
-) -> None:
+def run_one(study: Path, name: str, options: RunOptions, progress: Progress) -> None:
     """Train the run with this name in study.json, and predict on the test and validation pictures.
 
     An interrupted run continues. `progress` is called with (title, steps done, all).
@@ -98,7 +95,6 @@ def run_one(
     from hulldown.training.predict import predict
     from hulldown.training.train import train
 
-    study = Path(study)
     manifest = read_manifest(study)
     run = manifest.run(name)
     folder = study / RUNS_NAME / run.folder
@@ -107,28 +103,22 @@ def run_one(
     else:
         train(
             {source: manifest.datasets[source].folder for source in run.sources}, folder, settings=run.settings,
-            draws_file=draws_path(study, run.folder), workers=options.workers, device=options.device, progress=progress,
+            draws_file=draws_path(study, run), workers=options.workers, device=options.device, progress=progress,
         )  # fmt: skip
-    for which in JUDGED:
-        if which in manifest.datasets and not (found := predictions_path(study, manifest, run, which)).exists():
+    for which, found in predictions_paths(study, manifest, run).items():
+        if not found.exists():
             looking = partial(progress, f"looking at {which}")
             predict(folder, manifest.datasets[which].folder, found, device=options.device, progress=looking)
 
 
-def predictions_path(study: Path, manifest: Manifest, run: PlannedRun, which: str) -> Path:
-    """The file of a run's detections in the test or validation pictures, specific to these pictures."""
-    return study / RUNS_NAME / run.folder / f"{which}-{manifest.datasets[which].sha256[:10]}.json"
-
-
 def is_finished(study: Path, manifest: Manifest, run: PlannedRun) -> bool:
     """Whether a run has everything for the report."""
-    return RunFolder(study / RUNS_NAME / run.folder).finished() is not None and all(
-        predictions_path(study, manifest, run, which).exists() for which in JUDGED if which in manifest.datasets
-    )
+    found = predictions_paths(study, manifest, run).values()
+    return RunFolder(study / RUNS_NAME / run.folder).finished() is not None and all(path.exists() for path in found)
 
 
 def run_study(
-    settled: SettledStudy,
+    manifest: Manifest,
     out: Path | str,
     *,
     options: RunOptions,
@@ -140,8 +130,8 @@ def run_study(
 
     Parameters
     ----------
-    settled
-        The runs.
+    manifest
+        The runs, by `settle`.
     out
         The study's folder; made if missing.
     options
@@ -158,11 +148,11 @@ def run_study(
     HulldownError
         If the folder contains something else, or another process runs the study.
     """
-    out, manifest = Path(out), settled.manifest
+    out = Path(out)
     finished: list[str] = []
     failed: dict[str, str] = {}
     with alone_in(out, marker=MANIFEST_NAME, what="study"):
-        write_manifest(settled, out)
+        write_manifest(manifest, out)
         _write_failures(out, failed)
         already = [run.name for run in manifest.runs if is_finished(out, manifest, run)]
         if already:
@@ -234,10 +224,8 @@ def in_a_process(
     environment: Mapping[str, str] = os.environ,
 ) -> str | None:
     """Call `run_one` in a separate process, which ends with this one in any case."""
-    worker = [sys.executable, "-P", "-m", "hulldown.training.study.worker"]
-    command = [*worker, str(study), name, "--device", options.device]
-    if options.workers is not None:
-        command += ["--workers", str(options.workers)]
+    workers = [] if options.workers is None else [str(options.workers)]
+    command = [sys.executable, "-P", "-m", "hulldown.training.study.worker", str(study), name, options.device, *workers]
     log = study / LOGS_NAME / f"{name}.txt"
     log.parent.mkdir(exist_ok=True)
     log.unlink(missing_ok=True)
