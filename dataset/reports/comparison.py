@@ -76,40 +76,22 @@ class Compared:
     ----------
     feature
         The feature.
-    own, photographs
-        (n,) and (m,) values.
     distance
         Kolmogorov-Smirnov: the largest difference of the two cumulative distributions, 0 to 1.
     floor
         95th percentile of that distance between random halves of the photographs; nan of fewer than four.
+    edges
+        (b + 1,) edges of the common bins: nearly all values of both, with one bin per value if they're few.
+    own, photographs
+        (b,) the share of each side's values in each bin; outliers are in the first or last.
     """
 
     feature: Feature
-    own: Float[np.ndarray, " n"]
-    photographs: Float[np.ndarray, " m"]
     distance: float
     floor: float
-
-    @property
-    def edges(self) -> Float[np.ndarray, " b_plus_1"]:
-        """Edges of the common bins: nearly all values of both, with one bin per value if they're few."""
-        both = np.concatenate([self.own, self.photographs])
-        if len(different := np.unique(both)) <= BINS // 2 and (different == np.round(different)).all():
-            return np.arange(different[0], different[-1] + 2) - 0.5
-        low, high = np.quantile(both, [0.005, 0.995])
-        if low == high:
-            low, high = (low / 2, high * 2) if self.feature.log else (low - 0.5, high + 0.5)
-        return np.geomspace(low, high, BINS + 1) if self.feature.log else np.linspace(low, high, BINS + 1)
-
-    @property
-    def shares(self) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, " b"]]:
-        """The share of each side's values in each bin; outliers are in the first or last."""
-        edges = self.edges
-        own, photographs = (
-            np.histogram(np.clip(values, edges[0], edges[-1]), edges)[0] / len(values)
-            for values in (self.own, self.photographs)
-        )
-        return own, photographs
+    edges: Float[np.ndarray, " b_plus_1"]
+    own: Float[np.ndarray, " b"]
+    photographs: Float[np.ndarray, " b"]
 
     @property
     def differs(self) -> bool:
@@ -119,15 +101,14 @@ class Compared:
     @property
     def sentence(self) -> str:
         """The largest surplus and lack in words, with the keys to change."""
-        if self.feature.name == "cut":
-            have, wanted = self.own.mean(), self.photographs.mean()
+        if self.feature.name == "cut":  # two bins, of whole boxes and of cut ones
+            have, wanted = self.own[1], self.photographs[1]
             verdicts = [f"{'too many' if have > wanted else 'too few'} ({have:.0%}, photographs {wanted:.0%})"]
         else:
-            own, photographs = self.shares
             verdicts = []
             for sign, verdict in ((1.0, "too much"), (-1.0, "too little")):
-                low, stop = _largest_run(sign * (own - photographs))
-                have, wanted = own[low:stop].sum(), photographs[low:stop].sum()
+                low, stop = _largest_run(sign * (self.own - self.photographs))
+                have, wanted = self.own[low:stop].sum(), self.photographs[low:stop].sum()
                 verdicts.append(f"{verdict} {self._between(low, stop)} ({have:.0%}, photographs {wanted:.0%})")
         return f"{self.feature.title.capitalize()}: {', '.join(verdicts)}. Change {self.feature.keys}."
 
@@ -139,18 +120,6 @@ class Compared:
         if low == 0:
             return f"below {edges[stop]:.2g}"
         return f"above {edges[low]:.2g}" if stop == len(edges) - 1 else f"from {edges[low]:.2g} to {edges[stop]:.2g}"
-
-    def to_json(self) -> dict[str, Any]:
-        """Distance, floor, and both histograms."""
-        own, photographs = self.shares
-        return {
-            "distance": round(self.distance, 6),
-            "floor": None if np.isnan(self.floor) else round(self.floor, 6),
-            "keys": self.feature.keys,
-            "edges": self.edges.tolist(),
-            "own": own.round(6).tolist(),
-            "photographs": photographs.round(6).tolist(),
-        }
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -185,7 +154,17 @@ class Comparison:
         """Everything as plain numbers."""
         return {
             "photographs": str(self.source),
-            "features": {compared.feature.name: compared.to_json() for compared in self.features},
+            "features": {
+                one.feature.name: {
+                    "distance": round(one.distance, 6),
+                    "floor": None if np.isnan(one.floor) else round(one.floor, 6),
+                    "keys": one.feature.keys,
+                    "edges": one.edges.tolist(),
+                    "own": one.own.round(6).tolist(),
+                    "photographs": one.photographs.round(6).tolist(),
+                }
+                for one in self.features
+            },
             "coverage": None if self.coverage is None else asdict(self.coverage),
             "sentences": self.sentences,
             "notes": list(self.notes),
@@ -195,7 +174,7 @@ class Comparison:
         """Histograms of dataset and photographs for each feature, by description."""
         return {
             f"{one.feature.title}: this dataset and the photographs": two_histograms(
-                one.feature.title, one.edges, one.shares, log=one.feature.log
+                one.feature.title, one.edges, (one.own, one.photographs), log=one.feature.log
             )
             for one in self.features
         }
@@ -255,7 +234,7 @@ def compare(
     if len(photographs.file_names) < 4:
         notes.append("Fewer than four photographs: what chance explains isn't known.")
     features = [
-        Compared(feature, own[name][0], wanted[name][0], distance(own[name][0], wanted[name][0]), _floor(*wanted[name]))
+        _compared(feature, own[name][0], *wanted[name])
         for feature in (*BOXES, *LOOKS)
         if (name := feature.name) in own and len(own[name][0]) and len(wanted[name][0])
     ]
@@ -325,6 +304,25 @@ def _looks_of(pictures: Sequence[UInt8[np.ndarray, "h w 3"]]) -> Values:
     columns = np.array([looks(picture) for picture in pictures]).T
     known = [np.flatnonzero(np.isfinite(column)) for column in columns]
     return {one.name: (column[rows], rows) for one, column, rows in zip(LOOKS, columns, known, strict=True)}
+
+
+def _compared(
+    feature: Feature,
+    own: Float[np.ndarray, " n"],
+    photographs: Float[np.ndarray, " m"],
+    image: Int[np.ndarray, " m"],
+) -> Compared:
+    """Compare the values of a feature; `image` is the photograph of each of the second."""
+    both = np.concatenate([own, photographs])
+    low, high = np.quantile(both, [0.005, 0.995])
+    if len(different := np.unique(both)) <= BINS // 2 and (different == np.round(different)).all():
+        edges = np.arange(different[0], different[-1] + 2) - 0.5
+    elif feature.log:
+        edges = np.geomspace(*((low, high) if low < high else (low / 2, high * 2)), BINS + 1)
+    else:
+        edges = np.linspace(*((low, high) if low < high else (low - 0.5, high + 0.5)), BINS + 1)
+    shares = [np.histogram(np.clip(side, edges[0], edges[-1]), edges)[0] / len(side) for side in (own, photographs)]
+    return Compared(feature, distance(own, photographs), _floor(photographs, image), edges, *shares)
 
 
 def _floor(values: Float[np.ndarray, " n"], image: Int[np.ndarray, " n"]) -> float:
