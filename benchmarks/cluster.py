@@ -5,7 +5,6 @@ from __future__ import annotations
 import statistics
 import tempfile
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.confinement import Confinement
 from hulldown.render.engine import Engine
 from hulldown.render.jobs import readable, render_job
-from hulldown.render.messages import CyclesSettings, to_json
+from hulldown.render.messages import CyclesSettings, RenderJob
 from hulldown.render.outline import sort_key
 from hulldown.render.pool import Pool
 from hulldown.render.supervisor import render_plan
@@ -61,12 +60,12 @@ def overhead(plan: Plan, library: Library, output: Path, rounds: int) -> dict[st
     cycles = CyclesSettings(settings.samples, settings.denoise, settings.adaptive_threshold, settings.bounces)
     output.mkdir()
 
-    def message(i: int) -> Mapping[str, Any]:
-        return to_json(render_job(rows[i], library, cycles, output / f"{i}.png"))
+    def job(i: int) -> RenderJob:
+        return render_job(rows[i], library, cycles, output / f"{i}.png")
 
     def once(pool: Pool | ClusterPool) -> float:
         began = time.perf_counter()
-        assert not any(outcome.reasons for _, outcome in pool.results(range(len(rows)), message))
+        assert not any(outcome.reasons for _, outcome in pool.results(range(len(rows)), job))
         return time.perf_counter() - began
 
     engine = Engine(workers=WORKERS, device="cpu")

@@ -23,7 +23,7 @@ from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row
 from hulldown.planning.write import write_plan
 from hulldown.render.jobs import render_job
-from hulldown.render.messages import CyclesSettings, to_json
+from hulldown.render.messages import CyclesSettings, RenderJob
 from hulldown.render.outline import sort_key
 from hulldown.render.process import Allowance, Blender, Limits
 
@@ -70,8 +70,8 @@ def planned(
     return plan, load_planned_library(plan)
 
 
-def _job(row: Row, library: Library, settings: dict[str, Any], output: Path) -> dict[str, Any]:
-    return to_json(render_job(row, library, CyclesSettings(**settings), output))
+def _job(row: Row, library: Library, settings: dict[str, Any], output: Path) -> RenderJob:
+    return render_job(row, library, CyclesSettings(**settings), output)
 
 
 def _in_order(plan: Plan) -> list[Row]:
@@ -98,7 +98,7 @@ def _loading(folder: Path, config_path: Path, quick: bool) -> dict:
         blender.start()
         started = time.perf_counter() - start
         start = time.perf_counter()
-        parts = [blender.do(message).answer["seconds"] for message in jobs]
+        parts = [blender.do(job).answer["seconds"] for job in jobs]
         ours = time.perf_counter() - start
     overhead = [_overhead(p) for p in parts]
     return {
@@ -151,7 +151,7 @@ def _error(folder: Path, config_path: Path, quick: bool) -> dict:
     pictures += [(f"wood {i + 1}", wood_plan[i], wood_library) for i in range(1 if quick else 2)]
     with _blender(folder) as blender:
         return rendering_error.measure(
-            pictures, lambda message: blender.do(message).answer, folder, reference_samples=256 if quick else 4096
+            pictures, lambda job: blender.do(job).answer, folder, reference_samples=256 if quick else 4096
         )
 
 

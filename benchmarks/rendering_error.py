@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from hulldown.benchmarks.tables import table
 from hulldown.planning.inputs.loading import Library
 from hulldown.planning.row import Row
 from hulldown.render.jobs import render_job
-from hulldown.render.messages import CyclesSettings, to_json
+from hulldown.render.messages import CyclesSettings, RenderJob
 
 PAPER = {"samples": 128, "denoise": True, "adaptive_threshold": 0.0, "bounces": 12}
 FAST = {"samples": 32, "denoise": True, "adaptive_threshold": 0.05, "bounces": 4}
@@ -33,7 +33,7 @@ DEFAULT = "128 samples, denoised"
 # Variants that only the plot shows.
 PLOTTED = ("16 ", "64 ", "256 ", *(f"{DEFAULT}, {end}" for end in ("threshold 0.03", "threshold 0.1", "1 b", "2 b")))
 
-Ask = Callable[[dict[str, Any]], dict[str, Any]]
+Ask = Callable[[RenderJob], Mapping[str, Any]]
 
 
 def measure(
@@ -44,7 +44,7 @@ def measure(
     found: dict[str, dict[str, dict[str, float]]] = {}
 
     def picture(row: Row, library: Library, settings: dict[str, Any]) -> tuple[np.ndarray, float]:
-        answer = ask(to_json(render_job(row, library, CyclesSettings(**settings), folder / "e.png")))
+        answer = ask(render_job(row, library, CyclesSettings(**settings), folder / "e.png"))
         with Image.open(folder / "e.png") as image:
             return np.asarray(image, dtype=np.float64), answer["seconds"]["sample"]
 

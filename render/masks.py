@@ -32,7 +32,7 @@ from hulldown.render.annotations import Segmenter
 from hulldown.render.confinement import Confinement
 from hulldown.render.engine import Engine
 from hulldown.render.jobs import mask_job, readable
-from hulldown.render.messages import to_json
+from hulldown.render.messages import MaskJob
 from hulldown.render.outline import Outline
 from hulldown.render.pool import Pool
 
@@ -248,12 +248,12 @@ def cycles_masks(
     with tempfile.TemporaryDirectory(prefix="hulldown-") as name:
         folder = Path(name)
 
-        def message(index: int) -> dict[str, Any]:
-            return to_json(mask_job(plan[index], library, folder / f"{index}.npy"))
+        def job(index: int) -> MaskJob:
+            return mask_job(plan[index], library, folder / f"{index}.npy")
 
         confinement = Confinement(folder, readable(library))
         with Pool(folder / "logs", Engine(workers=1), confinement=confinement) as pool:
-            for index, outcome in pool.results(sorted(rows, key=lambda i: plan[i].scenery), message):
+            for index, outcome in pool.results(sorted(rows, key=lambda i: plan[i].scenery), job):
                 if outcome.reasons:
                     problem = f"the mask of image {index} cannot be rendered: {outcome.reasons[-1]}"
                     raise HulldownError(problem, path=plan.path)

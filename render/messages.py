@@ -1,14 +1,12 @@
-"""Jobs for a worker inside Blender: self-contained paths and numbers, as JSON between two processes.
+"""Jobs for a worker inside Blender: self-contained paths and numbers, pickled between two processes.
 
-Both processes import it, so it needs numpy only.
+Both processes import it, so it needs numpy only. Numbers are Python's own, since the other process may have another
+numpy.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, is_dataclass
-from types import NoneType
-from typing import Any, get_args, get_origin, get_type_hints
+from dataclasses import dataclass, field
 
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.sensor import Sensor
@@ -185,26 +183,3 @@ class StartJob:
 
 
 Job = StartJob | RenderJob | MaskJob
-KINDS: Mapping[str, type[Job]] = {"start": StartJob, "render": RenderJob, "mask": MaskJob}
-
-
-def to_json(job: Job) -> dict[str, Any]:
-    """A job as JSON values, with its kind under `do`."""
-    return {"do": next(name for name, kind in KINDS.items() if type(job) is kind), **asdict(job)}
-
-
-def from_json(message: Mapping[str, Any]) -> Job:
-    """The job in a message by `to_json`."""
-    job: Job = _decoded(KINDS[message["do"]], message)
-    return job
-
-
-def _decoded(kind: Any, value: Any) -> Any:
-    """JSON values as the dataclasses of a declared type."""
-    if get_origin(kind) is list:
-        return [_decoded(get_args(kind)[0], each) for each in value]
-    if value is not None and NoneType in get_args(kind):
-        return _decoded(get_args(kind)[0], value)
-    if value is None or not (hints := get_type_hints(kind) if is_dataclass(kind) else {}):
-        return value
-    return kind(**{name: _decoded(hint, value[name]) for name, hint in hints.items()})

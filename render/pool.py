@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import queue
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from functools import partial
 from pathlib import Path
 from threading import Event
-from typing import Any
 
 from hulldown.render.confinement import Confinement
 from hulldown.render.engine import Engine
+from hulldown.render.messages import MaskJob, RenderJob
 from hulldown.render.process import POLL_S, Allowance, Blender, Outcome, Stopped
 
 MOST = 256  # Blenders
@@ -79,7 +79,7 @@ class Pool:
         self._lines.put(f"worker {worker}: {line}")
 
     def results(
-        self, jobs: Sequence[int], message: Callable[[int], Mapping[str, Any]]
+        self, jobs: Sequence[int], job_of: Callable[[int], RenderJob | MaskJob]
     ) -> Iterator[tuple[int, Outcome]]:
         """Do all jobs, neighbors in one Blender; yields each with its outcome when it ends, while others continue.
 
@@ -87,8 +87,8 @@ class Pool:
         ----------
         jobs
             The caller's numbers of jobs, ordered so that neighbors share assets.
-        message
-            Function from a job to Blender's message.
+        job_of
+            Function from a number to its job.
 
         Raises
         ------
@@ -110,7 +110,7 @@ class Pool:
             for i in set(range(self.working)) - {i for future, (i, _) in running.items() if not future.done()}:
                 if (job := _next(queues, i)) is not None:
                     do = self._blenders[i].do
-                    running[self._threads.submit(do, message(job), stopping=self._left.is_set)] = i, job
+                    running[self._threads.submit(do, job_of(job), stopping=self._left.is_set)] = i, job
             wait(running, timeout=POLL_S, return_when=FIRST_COMPLETED)
             if ended := next((future for future in running if future.done()), None):
                 (_, job), outcome = running.pop(ended), ended.result()

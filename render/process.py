@@ -1,13 +1,11 @@
-"""A supervised Blender that does one job after the other, restarted if it crashes, hangs, or uses too much memory.
-
-Jobs and answers are JSON objects of any kind.
-"""
+"""A supervised Blender that does one job after the other, restarted if it crashes, hangs, or uses too much memory."""
 
 from __future__ import annotations
 
 import contextlib
 import json
 import os
+import pickle
 import platform
 import queue
 import sys
@@ -24,7 +22,7 @@ from hulldown.geometry.errors import HulldownError
 from hulldown.reading.confinement import landlock
 from hulldown.render.blender.worker import ANSWER
 from hulldown.render.confinement import Confinement
-from hulldown.render.messages import StartJob, to_json
+from hulldown.render.messages import Job, MaskJob, RenderJob, StartJob
 from hulldown.render.pictures import damage
 
 WORKER = Path(__file__).with_name("blender") / "worker.py"
@@ -131,18 +129,15 @@ class Outcome:
         Reason of each failed attempt, if all failed.
     restarts
         Number of Blender's restarts.
-    device, blender, system, confinement
-        The device and software that did the job.
+    made_by
+        What did the job: `blender`, `devices`, `systems`, and `confinement`, as in a dataset's provenance.
     """
 
     answer: Mapping[str, Any] = field(default_factory=dict)
     content: bytes = b""
     reasons: tuple[str, ...] = ()
     restarts: int = 0
-    device: str = ""
-    blender: str = ""
-    system: str = field(default_factory=lambda: platform.platform(terse=True))
-    confinement: str = field(default_factory=landlock.confinement)
+    made_by: Mapping[str, str] = field(default_factory=dict)
 
 
 class Blender:
@@ -191,20 +186,20 @@ class Blender:
         self._child: Child | None = None
         self._stopping: Callable[[], bool] = lambda: False
         self._restarts = 0
-        self._renders_on = self._version = ""
+        self._made_by: dict[str, str] = {}
 
     @property
     def pid(self) -> int | None:
         """Its process id; None if it isn't open."""
         return self._child.pid if self._child else None
 
-    def do(self, message: Mapping[str, Any], *, stopping: Callable[[], bool] = lambda: False) -> Outcome:
+    def do(self, job: RenderJob | MaskJob, *, stopping: Callable[[], bool] = lambda: False) -> Outcome:
         """Do a job, with several attempts; returns when it's done or has finally failed.
 
         Parameters
         ----------
-        message
-            What to tell Blender.
+        job
+            The job.
         stopping
             Asked several times a second whether to give up now.
 
@@ -216,41 +211,31 @@ class Blender:
             If Blender can't be used.
         """
         self._stopping, self._restarts = stopping, 0
-        answer: dict[str, Any] = {}
-        content, reasons = b"", list[str]()
+        reasons: list[str] = []
         try:
-            while not answer and len(reasons) < self._allowance.limits.attempts:
+            while len(reasons) < self._allowance.limits.attempts:
                 self.start()
                 try:
-                    answer, content = self._attempt(message)
+                    answer, content = self._attempt(job)
+                    return Outcome(answer, content, restarts=self._restarts, made_by=self._made_by)
+                except Lost as lost:
+                    self._lose(lost)
+                    reasons.append(str(lost))
                 except AttemptFailed as failure:
+                    self._say(str(failure))
                     reasons.append(str(failure))
         except BaseException:
             self.close()
             raise
-        return Outcome(
-            answer=answer,
-            content=content,
-            reasons=() if answer else tuple(reasons),
-            restarts=self._restarts,
-            device=self._renders_on,
-            blender=self._version,
-        )
+        return Outcome(reasons=tuple(reasons), restarts=self._restarts, made_by=self._made_by)
 
-    def _attempt(self, message: Mapping[str, Any]) -> tuple[dict[str, Any], bytes]:
+    def _attempt(self, job: RenderJob | MaskJob) -> tuple[dict[str, Any], bytes]:
         began = time.monotonic()
-        try:
-            answer = self._ask(message, self._allowance.job_s)
-        except Lost as lost:
-            self._lose(lost)
-            raise
+        answer = self._ask(job, self._allowance.job_s)
         self._allowance.took.append(time.monotonic() - began)
-        wrong, content = answer.get("failed", ""), b""
-        if "output" in message and not wrong:
-            wrong, content = _written(message)
-        if wrong:
-            self._say(wrong)
-            raise AttemptFailed(wrong)
+        if "failed" in answer:
+            raise AttemptFailed(answer["failed"])
+        content = _written(job)
         assert self._child is not None
         if self._child.memory > NEARLY * self._allowance.memory:
             self._say("has grown near its memory limit and is replaced")
@@ -267,9 +252,8 @@ class Blender:
         for attempt in range(1, limits.attempts + 1):
             try:
                 self._launch()
-                self._version = self._hear(limits.start_s)["ready"]
-                start = StartJob(self._device, self._number, self._allowance.threads)
-                answer = self._ask(to_json(start), limits.start_s)
+                version = self._hear(limits.start_s)["ready"]
+                answer = self._ask(StartJob(self._device, self._number, self._allowance.threads), limits.start_s)
             except Lost as lost:
                 self._lose(lost)
                 if attempt < limits.attempts:
@@ -278,8 +262,14 @@ class Blender:
                 raise HulldownError(problem, path=self._log, remedy=self._remedy) from None
             if "failed" in answer:
                 raise HulldownError(f"Blender cannot be used: {answer['failed']}", remedy=self._remedy)
-            self.devices, self._renders_on = answer["devices"], answer["device"]
-            self._say(f"renders on {self._renders_on}")
+            self.devices = answer["devices"]
+            self._made_by = {
+                "blender": version,
+                "devices": answer["device"],
+                "systems": platform.platform(terse=True),
+                "confinement": landlock.confinement(),
+            }
+            self._say(f"renders on {answer['device']}")
             return
 
     def _launch(self) -> None:
@@ -309,9 +299,9 @@ class Blender:
         except OSError as error:
             raise HulldownError(f"cannot be started: {error.strerror}", path=command[0]) from None
 
-    def _ask(self, message: Mapping[str, Any], seconds: float) -> dict[str, Any]:
+    def _ask(self, job: Job, seconds: float) -> dict[str, Any]:
         assert self._child is not None
-        self._child.write(json.dumps(message).encode() + b"\n")
+        self._child.write(pickle.dumps(job))
         return self._hear(seconds)
 
     def _hear(self, seconds: float) -> dict[str, Any]:
@@ -363,14 +353,14 @@ def worker_command(program: str | None) -> list[str]:
     return [program, *options, "--python", str(WORKER)]
 
 
-def _written(message: Mapping[str, Any]) -> tuple[str, bytes]:
-    """The contents of a job's output file, or the problem with it."""
-    output = Path(message["output"])
-    if message["do"] == "render":
-        size = message["camera"]["intrinsics"]
-        if wrong := damage(output, size["width"], size["height"]):
-            return wrong, b""
+def _written(job: RenderJob | MaskJob) -> bytes:
+    """The contents of a job's output file."""
+    output = Path(job.output)
+    if isinstance(job, RenderJob):
+        size = job.camera.intrinsics
+        if wrong := damage(output, size.width, size.height):
+            raise AttemptFailed(wrong)
     try:
-        return "", output.read_bytes()
+        return output.read_bytes()
     except OSError as error:
-        return f"what Blender wrote cannot be read ({error})", b""
+        raise AttemptFailed(f"what Blender wrote cannot be read ({error})") from None

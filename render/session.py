@@ -10,7 +10,7 @@ import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -26,7 +26,7 @@ from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row
 from hulldown.render.annotations import Segmenter, categories_of
 from hulldown.render.jobs import render_job
-from hulldown.render.messages import CyclesSettings, to_json
+from hulldown.render.messages import CyclesSettings, RenderJob
 from hulldown.render.outline import Outline, Part, stamp_of
 from hulldown.render.pictures import without_notes
 from hulldown.render.pool import Pool
@@ -142,7 +142,7 @@ class Session:
         self._pool = pool
         self.say("")
         try:
-            for index, outcome in pool.results(self._order, self._message):
+            for index, outcome in pool.results(self._order, self._job):
                 self._take_in(index, outcome)
             if self.failed:
                 self._begin()
@@ -151,16 +151,8 @@ class Session:
 
     def _take_in(self, index: int, outcome: Outcome) -> None:
         self.restarts += outcome.restarts
-        if outcome.device:
-            self.made_by = {
-                name: sorted({*self.made_by.get(name, ()), value})
-                for name, value in (
-                    ("blender", outcome.blender),
-                    ("devices", outcome.device),
-                    ("systems", outcome.system),
-                    ("confinement", outcome.confinement),
-                )
-            }
+        news = {name: sorted({*self.made_by.get(name, ()), value}) for name, value in outcome.made_by.items()}
+        self.made_by = {**self.made_by, **news}
         if not outcome.reasons:
             self._done(index, outcome)
             self._failed_in_a_row = 0
@@ -208,10 +200,10 @@ class Session:
             )
         return self._plan[index]
 
-    def _message(self, index: int) -> dict[str, Any]:
+    def _job(self, index: int) -> RenderJob:
         row = self._row(index)
         try:
-            return to_json(render_job(row, self._library, self._settings, self._output(row)))
+            return render_job(row, self._library, self._settings, self._output(row))
         except ValueError as error:  # errors beyond the schema, such as a vehicle's unknown part
             raise ConfigError(
                 f"line {index + 2} cannot be rendered ({error})",
@@ -231,7 +223,7 @@ class Session:
         with writing(self._folder, name):
             picture.write_bytes(content)
         publish(picture, self._folder, name)
-        about = {"id": self._run.image_offset + index + 1, "file_name": name, "device": outcome.device}
+        about = {"id": self._run.image_offset + index + 1, "file_name": name, "device": outcome.made_by["devices"]}
         self._dataset.append(
             {**about, PICTURE_KEY: digest(content), **image_record(row)},
             [{"id": first + i, **record} for i, record in enumerate(records)],

@@ -11,7 +11,7 @@ from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.write import write_plan
 from hulldown.render.jobs import render_job
-from hulldown.render.messages import CyclesSettings, to_json
+from hulldown.render.messages import CyclesSettings
 from hulldown.render.process import Allowance, Blender, Limits
 
 IMAGES = 12
@@ -54,9 +54,9 @@ def make_plan(folder, seed=0, **sections):
 
 
 def job(row, assets, output, samples=4):
-    """The message to a worker that renders a row."""
+    """The job of rendering a row."""
     settings = CyclesSettings(samples, denoise=False, adaptive_threshold=0.0, bounces=2)
-    return to_json(render_job(row, assets, settings, output))
+    return render_job(row, assets, settings, output)
 
 
 def draw(folder, turns, samples=4):
@@ -65,11 +65,11 @@ def draw(folder, turns, samples=4):
         return [drawn(blender, job(row, assets, folder / f"{n}.png", samples)) for n, (row, assets) in enumerate(turns)]
 
 
-def drawn(blender, message):
+def drawn(blender, job):
     """A picture (h, w, 3) by a Blender."""
-    outcome = blender.do(message)
+    outcome = blender.do(job)
     assert not outcome.reasons
-    return pixels(message["output"])
+    return pixels(job.output)
 
 
 def pixels(path):

@@ -1,7 +1,10 @@
 """A stand-in for an installed Blender: uses the worker's protocol, writes a flat picture, and misbehaves on demand."""
 
+import contextlib
+import importlib.util
 import json
 import os
+import pickle
 import random
 import signal
 import struct
@@ -9,6 +12,7 @@ import sys
 import time
 import zlib
 from pathlib import Path
+from types import SimpleNamespace
 
 ANSWER = "@hulldown "
 TOO_WIDE = 65536  # pixels
@@ -56,30 +60,49 @@ def misbehave(how):
     return None
 
 
+class Camera:
+    """The size of a picture, as a stand-in for `Intrinsics`, which needs numpy."""
+
+    def __setstate__(self, values):
+        self.width, self.height, *_ = values
+
+
+def messages():
+    """The module `render.messages`, without the packages that it imports."""
+    for name in ("hulldown", *(f"hulldown.camera.{name}" for name in ("intrinsics", "sensor", "weather.kinds"))):
+        sys.modules[name] = SimpleNamespace(Intrinsics=Camera, Sensor=object, Weather=object)
+    path = Path(__file__).parents[1] / "render" / "messages.py"
+    spec = importlib.util.spec_from_file_location("hulldown.render.messages", path)
+    sys.modules[spec.name] = module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 def main():
     print("Blender 5.0.1 (a fake)")
+    kinds = messages()
     answer({"ready": "fake"})
-    for line in sys.stdin:
-        job = json.loads(line)
-        if job["do"] == "start":
-            answer({"done": "start", "device": "CPU", "devices": 1})
+    while True:
+        job = pickle.load(sys.stdin.buffer)
+        if isinstance(job, kinds.StartJob):
+            answer({"device": "CPU", "devices": 1})
             continue
-        # "crash:2" crashes in the first two attempts, which are counted by files in a folder.
-        how, _, times = job.get("how", "").partition(":")
-        if how and times:
-            attempt = Path(job["memory"]) / f"{job['name']}-{len(os.listdir(job['memory']))}"
-            if sum(f.startswith(f"{job['name']}-") for f in os.listdir(job["memory"])) < int(times):
-                attempt.touch()
-            else:
-                how = ""
+        # "crash:2" crashes in the first two attempts, which are counted by files beside the output.
+        how, _, times = Path(job.scenery.path).name.partition(":")
+        output = Path(job.output)
+        if times and len(attempts := list(output.parent.glob(f"{output.stem}-*"))) < int(times):
+            output.with_name(f"{output.stem}-{len(attempts)}").touch()
+        elif times:
+            how = ""
         message = misbehave(how)
-        if message is None and job["do"] == "render" and job["camera"]["intrinsics"]["width"] == TOO_WIDE:
+        if message is None and job.camera.intrinsics.width == TOO_WIDE:
             message = {"failed": "MemoryError: "}
-        if message is None and job["do"] == "render":
+        if message is None:
             time.sleep(random.uniform(0.0, 0.01))
-            size = job["camera"]["intrinsics"]
-            Path(job["output"]).write_bytes(png(size["width"], size["height"], job["seed"] % 256))
-        answer(message or {"done": job["do"], "pid": os.getpid(), "name": job.get("name")})
+            size = job.camera.intrinsics
+            output.write_bytes(png(size.width, size.height, getattr(job, "seed", 0) % 256))
+        answer(message or {"pid": os.getpid()})
 
 
-main()
+with contextlib.suppress(EOFError):
+    main()

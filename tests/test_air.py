@@ -9,7 +9,7 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.response import displayed
 from hulldown.camera.weather.kinds import DUST_ALBEDO, KINDS, Weather, air_layers, airlight, even_sky, extinction
 from hulldown.camera.weather.precipitation import drops_in_view, rain_sizes, view_of
-from hulldown.render.messages import CameraInput, CyclesSettings, LightInput, RenderJob, SceneryInput, to_json
+from hulldown.render.messages import CameraInput, CyclesSettings, LightInput, RenderJob, SceneryInput
 from hulldown.render.process import Blender
 from hulldown.tests.blender_plans import drawn
 
@@ -42,7 +42,7 @@ class Studio:
             settings=CyclesSettings(samples, False, 0.0, 2),
             output=str(output),
         )
-        return drawn(self.blender, to_json(job))
+        return drawn(self.blender, job)
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,7 @@ from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.confinement import Confinement
 from hulldown.render.engine import Engine
 from hulldown.render.jobs import render_job
-from hulldown.render.messages import CyclesSettings, to_json
+from hulldown.render.messages import CyclesSettings
 from hulldown.render.process import Blender
 from hulldown.render.supervisor import render_plan
 from hulldown.tests.blender_plans import run_script
@@ -142,7 +142,7 @@ def test_the_list_of_risky_features_alone_stops_them_when_rendered(
     monkeypatch.setenv("HULLDOWN_CONFINEMENT", "off")
     before, folder = cleaned(attack), attack / "mine/assets"
     settings = CyclesSettings(samples=1, denoise=False, adaptive_threshold=0.0, bounces=0)
-    messages = []
+    jobs = []
     for case in WRITERS:
         files = {"scenery": "nothing", "vehicle": "nothing", role: case}
         there = {role: folder / f"{name}.blend" for role, name in files.items()}
@@ -153,9 +153,9 @@ def test_the_list_of_risky_features_alone_stops_them_when_rendered(
             sceneries={"void": moved(library.sceneries["void"], there["scenery"])},
         )
         row = decode_row(orjson.dumps(make_row(0)))
-        messages.append(to_json(render_job(row, library, settings, tmp_path / f"{case}.png")))
+        jobs.append(render_job(row, library, settings, tmp_path / f"{case}.png"))
     with Blender(tmp_path / "log", device="cpu", confinement=Confinement(tmp_path, ())) as blender:
-        assert not any(blender.do(message).reasons for message in messages)
+        assert not any(blender.do(job).reasons for job in jobs)
     assert {path.stem for path in tmp_path.glob("*.png")} == set(WRITERS)
     assert written(attack) == before
 

@@ -1,8 +1,8 @@
 """Cycles renders what was planned, whatever the settings in the files."""
 
-import json
 import math
 import os
+import pickle
 import queue
 import shlex
 import sys
@@ -28,7 +28,6 @@ from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Source
 from hulldown.render.jobs import mask_job, readable
 from hulldown.render.masks import cycles_masks, verify_masks
-from hulldown.render.messages import to_json
 from hulldown.render.process import DEFAULT_LIMITS, WORKER, Allowance, Blender, Limits, worker_command
 from hulldown.render.supervisor import render_plan
 from hulldown.tests.blender_plans import draw, drawn, job, make_plan, pixels
@@ -168,7 +167,7 @@ def test_a_worker_needs_only_numpy_and_bpy(plan, library, tmp_path):
     program = in_place_of_blender(tmp_path, f"sys.modules.update(dict.fromkeys({hidden!r}))")
     with Blender(tmp_path / "log", program=program, allowance=Allowance(Limits(attempts=1))) as blender:
         drawn(blender, job(plan[0], library, tmp_path / "0.png"))
-        assert blender.do(to_json(mask_job(plan[0], library, tmp_path / "0.npy"))).content
+        assert blender.do(mask_job(plan[0], library, tmp_path / "0.npy")).content
 
 
 def test_a_blender_without_numpy_is_reported(tmp_path):
@@ -180,8 +179,9 @@ def test_a_blender_without_numpy_is_reported(tmp_path):
 
 def test_a_failed_job_has_a_reason_and_the_next_one_is_done(plan, library, tmp_path):
     good = job(plan[0], library, tmp_path / "0.png")
-    bad, cut = ({**good, "light": {**good["light"], "hdri": str(tmp_path / f"{name}.exr")}} for name in ("gone", "cut"))
-    (tmp_path / "cut.exr").write_bytes(Path(good["light"]["hdri"]).read_bytes()[:40])
+    skies = (replace(good.light, hdri=str(tmp_path / f"{name}.exr")) for name in ("gone", "cut"))
+    bad, cut = (replace(good, light=sky) for sky in skies)
+    (tmp_path / "cut.exr").write_bytes(Path(good.light.hdri).read_bytes()[:40])
     with Blender(tmp_path / "log") as blender:
         assert ["gone.exr" in reason for reason in blender.do(bad).reasons] == [True] * 3
         reasons = blender.do(cut).reasons
@@ -210,7 +210,7 @@ def test_a_worker_ends_when_its_supervisor_dies(plan, library, tmp_path):
     with Child(worker_command(None), env=os.environ, hear=heard.put, log=tmp_path / "log") as worker:
         assert b"ready" in heard.get(timeout=120)
         message = job(plan[0], library, tmp_path / "0.png", samples=1_000_000)
-        worker.write(json.dumps(message).encode() + b"\n")
+        worker.write(pickle.dumps(message))
         time.sleep(1.0)
         worker.close_stdin()
         assert heard.get(timeout=30) == b""
@@ -276,7 +276,7 @@ def test_any_field_of_view_is_rendered_exactly(plan, library, tmp_path, fov_x_de
     up[2, 3] = 500.0
     row = altered(row, target=altered(row.target, world_from_vehicle=up, articulation={}), companions=[])
     with Blender(tmp_path / "log") as blender:
-        seen = np.load(BytesIO(blender.do(to_json(mask_job(row, library, tmp_path / "m.npy"))).content))[1] == 1
+        seen = np.load(BytesIO(blender.do(mask_job(row, library, tmp_path / "m.npy")).content))[1] == 1
     expected = vehicle_mask(PosedVehicle(target, up[None], {}), row.camera)
     assert expected.sum() > 100
     assert iou(seen, expected) >= 0.99

@@ -8,7 +8,7 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.response import ALBEDO, CARD, displayed, metered, white_balance
 from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.color import LUMINANCE
-from hulldown.render.messages import CameraInput, CyclesSettings, LightInput, RenderJob, SceneryInput, to_json
+from hulldown.render.messages import CameraInput, CyclesSettings, LightInput, RenderJob, SceneryInput
 from hulldown.render.process import Blender
 from hulldown.tests.blender_plans import drawn, run_script
 
@@ -57,7 +57,7 @@ def rendered(folder, jobs):
                 settings=CyclesSettings(4096, denoise=False, adaptive_threshold=0.0, bounces=4),
                 output=str(folder / f"{number}.png"),
             )
-            levels.append(drawn(blender, to_json(job)).mean(axis=(0, 1)))
+            levels.append(drawn(blender, job).mean(axis=(0, 1)))
     return np.array(levels)
 
 

@@ -4,9 +4,11 @@ import os
 
 import pytest
 
+from hulldown.camera.intrinsics import Intrinsics
 from hulldown.geometry.errors import HulldownError
 from hulldown.render import process
 from hulldown.render.engine import Engine
+from hulldown.render.messages import CameraInput, MaskJob, SceneryInput
 from hulldown.render.pool import Pool
 from hulldown.render.process import FIRST_JOBS, Limits, Stopped
 
@@ -15,14 +17,13 @@ class Work:
     """Jobs that behave as told, and their outcomes."""
 
     def __init__(self, folder, how):
-        self.how, self.memory = how, folder / "memory"
-        self.memory.mkdir()
+        self.how, self.folder = how, folder
         self.done, self.failed, self.lines, self.pids, self.restarts = [], {}, [], {}, 0
 
     def run(self, folder, blender, *, stopping=lambda: False, **options):
         engine = Engine(blender=blender, device="cpu", **options)
         with Pool(folder / "logs", engine, say=self.lines.append, stopping=stopping) as pool:
-            for job, outcome in pool.results(range(len(self.how)), self.message):
+            for job, outcome in pool.results(range(len(self.how)), self.job):
                 self.restarts += outcome.restarts
                 if outcome.reasons:
                     self.failed[job] = outcome.reasons
@@ -30,8 +31,9 @@ class Work:
                     self.done.append(job)
                     self.pids[job] = outcome.answer["pid"]
 
-    def message(self, job):
-        return {"do": "job", "name": str(job), "how": self.how[job], "memory": str(self.memory)}
+    def job(self, number):
+        camera = CameraInput([], Intrinsics(1, 1, 1.0), 0.1, 0.0, 0.0)
+        return MaskJob(SceneryInput(self.how[number], [], [], []), [], camera, str(self.folder / f"{number}.npy"))
 
 
 @pytest.mark.parametrize("workers", [1, 3])

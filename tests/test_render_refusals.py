@@ -16,10 +16,10 @@ from hulldown.render.supervisor import Part, render_plan
 from hulldown.tests.editing import edit
 from hulldown.tests.render_plans import CUBES, make_row, write_plan
 
+NO_GPU = r"""printf '@hulldown {"ready": "5.0"}\n@hulldown {"failed": "no gpu"}\n'; cat"""
 NO_DENOISER = r"""
-printf '@hulldown {"ready": "5.0"}\n'; read line
-printf '@hulldown {"done": "start", "device": "CPU", "devices": 1}\n'; read line
-printf '@hulldown {"unusable": "no denoiser", "remedy": "plan without"}\n'; read line
+printf '@hulldown {"ready": "5.0"}\n@hulldown {"device": "CPU", "devices": 1}\n'
+printf '@hulldown {"unusable": "no denoiser", "remedy": "plan without"}\n'; cat
 """
 
 
@@ -37,7 +37,7 @@ def test_a_damaged_file_is_found_before_rendering(tmp_path, blender, name):
     [
         (None, "isn't an executable program; name Blender's executable"),
         ("echo no library >&2; exit 3", r"has not started 3 times.* no library; see .*wrong --background` starts"),
-        ("""printf '@hulldown {"ready": "5.0"}\\n@hulldown {"failed": "no gpu"}\\n'; read line""", "no gpu"),
+        (NO_GPU, "no gpu"),
         (NO_DENOISER, "Blender cannot be used: no denoiser; plan without$"),
     ],
 )

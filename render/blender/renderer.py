@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from hulldown.render.blender import cycles, film
 from hulldown.render.blender.lens import DEVICES as LENS_DEVICES
 from hulldown.render.blender.object_index import IndexPictures
 from hulldown.render.blender.scene import Stage
-from hulldown.render.messages import MaskJob, RenderJob, StartJob, from_json
+from hulldown.render.messages import Job, MaskJob, RenderJob, StartJob
 
 
 class Renderer:
@@ -37,9 +36,8 @@ class Renderer:
         """Forget everything in memory: the next job loads its assets again."""
         self._stage = self._index = self._loaded = self._settings = None
 
-    def do(self, message: Mapping[str, Any]) -> dict[str, Any]:
-        """Do the job in a message; return the answer."""
-        job = from_json(message)
+    def do(self, job: Job) -> dict[str, Any]:
+        """Do a job; return the answer."""
         if isinstance(job, StartJob):
             return self._start(job)
         return self._render(job) if isinstance(job, RenderJob) else self._mask(job)
@@ -47,7 +45,7 @@ class Renderer:
     def _start(self, job: StartJob) -> dict[str, Any]:
         self._device, count = cycles.choose_device(job.device, job.index)
         self._threads = job.threads
-        return {"done": "start", "device": self._device, "devices": count}
+        return {"device": self._device, "devices": count}
 
     def _ready(self, job: RenderJob | MaskJob) -> Stage:
         """The stage for a job, loaded if it isn't the last job's."""
@@ -95,7 +93,7 @@ class Renderer:
             "sample": watch.finished - watch.sampling,
             "save": end - watch.finished,
         }
-        return {"done": "render", "seconds": parts}
+        return {"seconds": parts}
 
     def _mask(self, job: MaskJob) -> dict[str, Any]:
         stage = self._ready(job)
@@ -103,7 +101,7 @@ class Renderer:
         vehicles = stage.place_vehicles(job.vehicles)
         stage.set_camera(job.camera)
         np.save(job.output, self._index.maps(vehicles))
-        return {"done": "mask"}
+        return {}
 
 
 class _Stopwatch:

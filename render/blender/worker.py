@@ -1,4 +1,4 @@
-"""The child process with Blender: reads jobs as JSON lines on stdin, and writes answers to its original stdout.
+"""The child process with Blender: reads pickled jobs on stdin, and writes answers as JSON lines to its original stdout.
 
 Started as `python -P render/blender/worker.py` where bpy is a module, or by an installed Blender with `--python`;
 Blender stays on the main thread. Needs numpy and bpy only. Everything else that is printed here, Blender's own messages
@@ -7,9 +7,11 @@ included, goes to stderr, which the supervisor keeps as a log.
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import json
 import os
+import pickle
 import platform
 import queue
 import signal
@@ -30,7 +32,7 @@ def main() -> int:
     _find_hulldown()
     answers = _claim_stdout()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the supervisor's; it closes our stdin
-    jobs: queue.SimpleQueue[str] = queue.SimpleQueue()
+    jobs: queue.SimpleQueue[Any] = queue.SimpleQueue()
     threading.Thread(target=_read_jobs, args=(jobs,), daemon=True).start()
     import bpy  # takes a second, and its messages belong in the log
 
@@ -51,9 +53,9 @@ def main() -> int:
         return 1
     renderer = Renderer()
     answer({"ready": bpy.app.version_string})
-    while line := jobs.get():
+    while (job := jobs.get()) is not None:
         try:
-            message = renderer.do(json.loads(line))
+            message = renderer.do(job)
         except Unusable as error:
             message = _unusable(*error.args)
         except Exception as error:
@@ -93,11 +95,12 @@ def _claim_stdout() -> Any:
     return stream
 
 
-def _read_jobs(jobs: queue.SimpleQueue[str]) -> None:
-    """Queue lines; end at once, even during a picture, when the supervisor is gone."""
-    for line in sys.stdin:
-        jobs.put(line)
-    jobs.put("")
+def _read_jobs(jobs: queue.SimpleQueue[Any]) -> None:
+    """Queue jobs; end at once, even during a picture, when the supervisor is gone."""
+    with contextlib.suppress(EOFError, pickle.UnpicklingError):  # the end, perhaps in the middle of a job
+        while True:
+            jobs.put(pickle.load(sys.stdin.buffer))
+    jobs.put(None)
     time.sleep(1.0)  # an idle worker has ended by itself by now
     os._exit(1)
 

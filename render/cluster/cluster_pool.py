@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 from hulldown.geometry.code import versions
 from hulldown.planning.inputs.loading import Library
 from hulldown.render.cluster.asset_files import ClientFiles
-from hulldown.render.cluster.node import RenderOrder, Setting, refusal, render_row
+from hulldown.render.cluster.node import Setting, refusal, render_row
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.cluster.workers import Answer, Cluster
 from hulldown.render.engine import Engine
+from hulldown.render.messages import RenderJob
 from hulldown.render.process import Outcome, Stopped
 
 RESOURCE = "render"  # declared by `dask worker --resources "render=1"`
@@ -55,17 +55,15 @@ class ClusterPool(Cluster):
         refused = partial(refusal, versions("bpy"), engine.require_confinement)
         super().__init__(scheduler, RESOURCE, refused, at_once=AT_ONCE, say=say)
 
-    def results(
-        self, jobs: Sequence[int], message: Callable[[int], Mapping[str, Any]]
-    ) -> Iterator[tuple[int, Outcome]]:
+    def results(self, jobs: Sequence[int], job_of: Callable[[int], RenderJob]) -> Iterator[tuple[int, Outcome]]:
         """Do all jobs; parameters and errors as of `render.pool.Pool.results`."""
         left = len(jobs)
 
         def call(job: int) -> Callable[..., Answer]:
-            own = message(job)
-            named = {own["scenery"]["path"], own["light"]["hdri"], *(vehicle["tidy"] for vehicle in own["vehicles"])}
+            own = job_of(job)
+            named = {own.scenery.path, own.light.hdri, *(vehicle.tidy for vehicle in own.vehicles)}
             assets = tuple(self._files.assets[path] for path in sorted(named))
-            return partial(render_row, RenderOrder(own, assets, self._setting))
+            return partial(render_row, self._setting, own, assets)
 
         lost = Outcome(reasons=(LOST,))
         for job, outcomes in self.run(jobs, call, lost=lost, stopping=self._stopping, content=self._files.content):

@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from distributed import get_worker
 
@@ -22,6 +21,7 @@ from hulldown.reading.confinement import landlock
 from hulldown.render.cluster.asset_files import AssetCache, AssetNote, cache_folder
 from hulldown.render.cluster.workers import Answer, wanted
 from hulldown.render.confinement import Confinement
+from hulldown.render.messages import RenderJob
 from hulldown.render.process import Allowance, Blender, Limits, Stopped
 
 SHARE_VARIABLE = "HULLDOWN_SHARE"  # number of workers that share this machine's cores and memory
@@ -67,33 +67,32 @@ class Setting:
     limits: Limits
 
 
-@dataclass(frozen=True, slots=True)
-class RenderOrder:
-    """An image to render, as a task's argument.
+def render_row(setting: Setting, job: RenderJob, assets: tuple[AssetNote, ...], *contents: bytes) -> Answer:
+    """Render an image on this Dask worker.
 
     Parameters
     ----------
-    message
+    setting
+        Blender's parameters.
+    job
         Blender's job, with the client's paths.
     assets
         The assets that it names.
-    setting
-        Blender's parameters.
-    """
+    contents
+        Those of files that this worker lacked.
 
-    message: Mapping[str, Any]
-    assets: tuple[AssetNote, ...]
-    setting: Setting
+    Returns
+    -------
+    An answer with a `render.process.Outcome`.
 
-
-def render_row(order: RenderOrder, *contents: bytes) -> Answer:
-    """Render an image on this Dask worker, with contents of files that it lacked.
-
-    The answer's value is a `render.process.Outcome`.
+    Raises
+    ------
+    HulldownError, OSError
+        If this machine can't render at all.
     """
     is_wanted = wanted()
     try:
-        return _open_blender().render(order, contents, stopping=lambda: not is_wanted())
+        return _open_blender().render(setting, job, assets, contents, stopping=lambda: not is_wanted())
     except Stopped:
         return Answer()
 
@@ -121,20 +120,22 @@ class OpenBlender:
             if self._setting is not None:
                 self._blender.close()  # the next image starts another
 
-    def render(self, order: RenderOrder, contents: tuple[bytes, ...], *, stopping: Callable[[], bool]) -> Answer:
-        """Render an image, or return the missing contents.
-
-        Raises
-        ------
-        HulldownError, OSError
-            If this machine can't render at all.
-        """
+    def render(
+        self,
+        setting: Setting,
+        job: RenderJob,
+        assets: tuple[AssetNote, ...],
+        contents: tuple[bytes, ...],
+        *,
+        stopping: Callable[[], bool],
+    ) -> Answer:
+        """Render an image, or return the missing contents; see `render_row`."""
         self._idle.cancel()
         try:
             with self._busy:
-                if order.setting != self._setting:
-                    self._set(order.setting)
-                answer = self._render(order, contents, stopping)
+                if setting != self._setting:
+                    self._set(setting)
+                answer = self._render(job, assets, contents, stopping)
                 lines, self._lines[:] = tuple(self._lines), []
                 return replace(answer, lines=lines)
         finally:
@@ -158,27 +159,24 @@ class OpenBlender:
             self._lines.append(f"Blender is not confined there: {why}; see docs/safety.md")
         self._setting = setting
 
-    def _render(self, order: RenderOrder, contents: tuple[bytes, ...], stopping: Callable[[], bool]) -> Answer:
+    def _render(
+        self, job: RenderJob, assets: tuple[AssetNote, ...], contents: tuple[bytes, ...], stopping: Callable[[], bool]
+    ) -> Answer:
         kept = {self._cache.keep(content) for content in contents}
-        lacking = tuple({digest: None for asset in order.assets for digest in self._cache.lacking(asset)})
+        lacking = tuple({digest: None for asset in assets for digest in self._cache.lacking(asset)})
         if lost := kept.intersection(lacking):
             raise HulldownError(f"{cache_folder()} does not keep {min(lost)[:12]}")
         if lacking:
             return Answer(lacking=lacking)
-        here = {asset[0].path: str(self._cache.place(asset).resolve()) for asset in order.assets}
-        output = (self._pictures / "picture").with_suffix(Path(order.message["output"]).suffix)
-        outcome = self._blender.do(_moved(order.message, here, output), stopping=stopping)
+        here = {asset[0].path: str(self._cache.place(asset).resolve()) for asset in assets}
+        output = (self._pictures / "picture").with_suffix(Path(job.output).suffix)
+        job_here = replace(
+            job,
+            scenery=replace(job.scenery, path=here[job.scenery.path]),
+            vehicles=[replace(vehicle, tidy=here[vehicle.tidy]) for vehicle in job.vehicles],
+            light=replace(job.light, hdri=here[job.light.hdri]),
+            output=str(output),
+        )
+        outcome = self._blender.do(job_here, stopping=stopping)
         output.unlink(missing_ok=True)
         return Answer(outcome, has_failed=bool(outcome.reasons))
-
-
-def _moved(message: Mapping[str, Any], here: Mapping[str, str], output: Path) -> dict[str, Any]:
-    """Replace a message's paths by those on this machine."""
-    scenery, light = message["scenery"], message["light"]
-    return {
-        **message,
-        "scenery": {**scenery, "path": here[scenery["path"]]},
-        "vehicles": [{**vehicle, "tidy": here[vehicle["tidy"]]} for vehicle in message["vehicles"]],
-        "light": {**light, "hdri": here[light["hdri"]]},
-        "output": str(output),
-    }
