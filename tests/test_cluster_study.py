@@ -12,11 +12,10 @@ from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.tests.clusters import cluster
 from hulldown.tests.test_study import SMALL, settled, tree
 from hulldown.tests.training_pictures import make_datasets
-from hulldown.training.study import elsewhere
-from hulldown.training.study.elsewhere import NANNYS, manifest_digest, run_here, unseen
+from hulldown.training.study import runs
 from hulldown.training.study.manifest import write_manifest
 from hulldown.training.study.report import write_report
-from hulldown.training.study.runs import RunOptions, run_study
+from hulldown.training.study.runs import NANNYS, RunOptions, manifest_digest, run_here, run_study, unseen
 from hulldown.verbs.cluster import training_workers
 
 OPTIONS = RunOptions("cpu", 0)
@@ -83,7 +82,7 @@ def test_a_run_keeps_the_environment_of_its_worker(out, monkeypatch):
     def in_a_process(*arguments):
         seen.update(arguments[-1])
 
-    monkeypatch.setattr(elsewhere, "in_a_process", in_a_process)
+    monkeypatch.setattr(runs, "in_a_process", in_a_process)
     assert run_here(out, "real-100-seed0", OPTIONS, lambda: True) is None
     assert os.environ == before
     assert not seen.keys() & set(NANNYS)

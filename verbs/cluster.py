@@ -47,7 +47,7 @@ def training_workers(scheduler: Scheduler, *, say: Callable[[str], None] = say) 
 
     with needing_dask():
         from hulldown.render.cluster.workers import Cluster
-    from hulldown.training.study.elsewhere import LOST, PACKAGES, RESOURCE, manifest_digest
+    from hulldown.training.study.runs import LOST, PACKAGES, RESOURCE, manifest_digest
 
     with Cluster(scheduler, RESOURCE, partial(difference, versions(*PACKAGES)), say=say) as cluster:
 
@@ -65,7 +65,7 @@ def training_workers(scheduler: Scheduler, *, say: Callable[[str], None] = say) 
 def _train_here(study: Path, manifest: str, options: RunOptions, name: str) -> Any:
     """Do a run on a worker of the cluster."""
     from hulldown.render.cluster.workers import Answer, wanted
-    from hulldown.training.study.elsewhere import run_here, unseen
+    from hulldown.training.study.runs import run_here, unseen
 
     return unseen(study, manifest) or Answer(run_here(study, name, options, wanted()))
 

@@ -1,10 +1,12 @@
 """Run a study's trainings, each in its own process, so that a failure doesn't affect the others.
 
-`run_one` does a whole run, given the study's folder and the run's name.
+On a cluster, each run is a task of a worker, which sees the study's folder and datasets under the same paths. After a
+lost worker, another one continues from the last checkpoint.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import queue
@@ -12,24 +14,22 @@ import sys
 import threading
 from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 
 import orjson
+from filelock import FileLock, Timeout
 
 from hulldown.geometry.child import Child
 from hulldown.geometry.files import replace_file
-from hulldown.training.run_folder import RunFolder, alone_in
-from hulldown.training.study.loop import train_loop
+from hulldown.training.run_folder import LOCK_NAME, RunFolder, alone_in
 from hulldown.training.study.manifest import (
     LOGS_NAME,
     MANIFEST_NAME,
     RUNS_NAME,
     Manifest,
     PlannedRun,
-    draws_path,
     predictions_paths,
     read_manifest,
     write_manifest,
@@ -37,6 +37,12 @@ from hulldown.training.study.manifest import (
 
 FAILURES_NAME = "failures.json"
 POLL_S = 0.2
+RESOURCE = "train"  # what `dask worker --resources "train=1"` declares
+LOST = "its workers were lost"
+LEFT_S = 60.0  # what a run gets to end whose worker is gone, until another continues it
+# Dask's nanny sets these to 1 for tasks that share a process. A run has its own, and its weights depend on them.
+NANNYS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+PACKAGES = ("torch", "rfdetr", "pytorch-lightning")  # of which all machines must have the same
 Progress = Callable[[str, int, int], None]
 
 
@@ -80,35 +86,6 @@ class Done:
     finished: tuple[str, ...]
     already: tuple[str, ...]
     failed: Mapping[str, str]
-
-
-def run_one(study: Path, name: str, options: RunOptions, progress: Progress) -> None:
-    """Train the run with this name in study.json, and predict on the test and validation pictures.
-
-    An interrupted run continues. `progress` is called with (title, steps done, all).
-
-    Raises
-    ------
-    HulldownError
-        If a file or setting is unusable.
-    """
-    from hulldown.training.predict import predict
-    from hulldown.training.train import train
-
-    manifest = read_manifest(study)
-    run = manifest.run(name)
-    folder = study / RUNS_NAME / run.folder
-    if run.base == "loop":
-        train_loop(study, manifest, run, workers=options.workers, device=options.device, progress=progress)
-    else:
-        train(
-            {source: manifest.datasets[source].folder for source in run.sources}, folder, settings=run.settings,
-            draws_file=draws_path(study, run), workers=options.workers, device=options.device, progress=progress,
-        )  # fmt: skip
-    for which, found in predictions_paths(study, manifest, run).items():
-        if not found.exists():
-            looking = partial(progress, f"looking at {which}")
-            predict(folder, manifest.datasets[which].folder, found, device=options.device, progress=looking)
 
 
 def is_finished(study: Path, manifest: Manifest, run: PlannedRun) -> bool:
@@ -224,8 +201,8 @@ def in_a_process(
     environment: Mapping[str, str] = os.environ,
 ) -> str | None:
     """Call `run_one` in a separate process, which ends with this one in any case."""
-    workers = [] if options.workers is None else [str(options.workers)]
-    command = [sys.executable, "-P", "-m", "hulldown.training.study.worker", str(study), name, options.device, *workers]
+    command = [sys.executable, "-P", "-m", "hulldown.training.study.worker", "run", str(study), name]
+    command += [options.device] if options.workers is None else [options.device, str(options.workers)]
     log = study / LOGS_NAME / f"{name}.txt"
     log.parent.mkdir(exist_ok=True)
     log.unlink(missing_ok=True)
@@ -249,6 +226,40 @@ def in_a_process(
         if child.kill() == 0:
             return None
         return reasons[0] if reasons else child.last_words()
+
+
+def run_here(study: Path, name: str, options: RunOptions, wanted: Callable[[], bool]) -> str | None:
+    """Do a run for a client in a separate process; return the reason of a failure, or None.
+
+    Parameters
+    ----------
+    study, name, options
+        As of `in_a_process`.
+    wanted
+        Whether the client still waits for it; if not, the run is ended.
+    """
+    environment = {key: value for key, value in os.environ.items() if not (key in NANNYS and value == "1")}
+    lock = study / RUNS_NAME / read_manifest(study).run(name).folder / LOCK_NAME
+    if lock.exists():  # a lost worker's process may still run
+        with suppress(Timeout), FileLock(lock, timeout=LEFT_S):
+            pass
+    return in_a_process(study, name, options, lambda what, done, total: None, lambda: not wanted(), environment)
+
+
+def unseen(study: Path, manifest: str) -> str:
+    """Reason why this machine can't do runs of the study with this manifest, such as unseen files; empty if it can."""
+    try:
+        if manifest_digest(study) != manifest:
+            return f"sees another study in {study}"
+        lost = [data.folder for data in read_manifest(study).datasets.values() if not Path(data.folder).is_dir()]
+    except OSError:
+        lost = [str(study)]
+    return f"does not see {lost[0]}, which all machines must share" if lost else ""
+
+
+def manifest_digest(study: Path) -> str:
+    """The SHA-256 of a study's manifest."""
+    return hashlib.sha256((study / MANIFEST_NAME).read_bytes()).hexdigest()
 
 
 def _write_failures(out: Path, failed: Mapping[str, str]) -> None:
