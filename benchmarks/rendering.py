@@ -84,7 +84,7 @@ def _overhead(parts: dict[str, float]) -> float:
 
 
 def _blender(folder: Path) -> Blender:
-    return Blender(folder / "log", device="cpu", allowance=Allowance(Limits(job_s=math.inf, attempts=1)))
+    return Blender(folder / "log", device="cpu", allowance=Allowance(Limits(job_s=math.inf)))
 
 
 def _loading(folder: Path, config_path: Path, quick: bool) -> dict:

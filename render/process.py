@@ -42,27 +42,20 @@ class Limits:
 
     Parameters
     ----------
-    start_s
-        Seconds for Blender's start.
     job_s
         Seconds for a job; None: `TIMES_LONGER` times what the longest of the first ones took.
     memory_bytes
         Resident memory of one Blender; None for its share of nine tenths of the machine's. A Blender that ends a job
         above four fifths of it is replaced.
-    attempts
-        Attempts at a job.
-    give_up_after
-        Consecutive failed attempts over all jobs after which the run stops, since the jobs aren't the cause.
     """
 
-    start_s: float = 300.0
     job_s: float | None = None
     memory_bytes: int | None = None
-    attempts: int = 3
-    give_up_after: int = 30
 
 
 DEFAULT_LIMITS = Limits()
+ATTEMPTS = 3  # at a job, or at a start
+START_S = 300.0  # time limit of a start
 FIRST_JOBS = 5  # jobs that set the time limit of the others
 FIRST_JOBS_S = 3600.0  # their own time limit
 TIMES_LONGER = 20.0  # the longest of them is the others' time limit
@@ -213,7 +206,7 @@ class Blender:
         self._stopping, self._restarts = stopping, 0
         reasons: list[str] = []
         try:
-            while len(reasons) < self._allowance.limits.attempts:
+            while len(reasons) < ATTEMPTS:
                 self.start()
                 try:
                     answer, content = self._attempt(job)
@@ -248,15 +241,14 @@ class Blender:
         """Start it if necessary, and choose the device."""
         if self._child is not None:
             return
-        limits = self._allowance.limits
-        for attempt in range(1, limits.attempts + 1):
+        for attempt in range(1, ATTEMPTS + 1):
             try:
                 self._launch()
-                version = self._hear(limits.start_s)["ready"]
-                answer = self._ask(StartJob(self._device, self._number, self._allowance.threads), limits.start_s)
+                version = self._hear(START_S)["ready"]
+                answer = self._ask(StartJob(self._device, self._number, self._allowance.threads), START_S)
             except Lost as lost:
                 self._lose(lost)
-                if attempt < limits.attempts:
+                if attempt < ATTEMPTS:
                     continue
                 problem = f"Blender has not started {attempt} times running: {lost}"
                 raise HulldownError(problem, path=self._log, remedy=self._remedy) from None

@@ -30,12 +30,13 @@ from hulldown.render.messages import CyclesSettings, RenderJob
 from hulldown.render.outline import Outline, Part, stamp_of
 from hulldown.render.pictures import without_notes
 from hulldown.render.pool import Pool
-from hulldown.render.process import Limits, Outcome
+from hulldown.render.process import Outcome
 
 if TYPE_CHECKING:
     from hulldown.render.cluster.cluster_pool import ClusterPool
 
 LOGS_NAME = "logs"
+GIVE_UP_AFTER = 30  # failed attempts in a row over all images, after which they aren't the cause
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +59,6 @@ class Session:
         The plan, its outline, its target, and its assets.
     part
         The part of the plan to render.
-    limits
-        Limits of the run.
     progress
         Called after each image and with each message.
 
@@ -90,14 +89,12 @@ class Session:
         library: Library,
         *,
         part: Part,
-        limits: Limits,
         progress: Callable[[Progress], None],
     ) -> None:
         self.rendered = self.restarts = self._failed_in_a_row = 0
         self.failed: list[str] = []
         self.begun = False
         self.made_by: dict[str, list[str]] = {}
-        self._limits = limits
         self._plan, self._stamp, self._dataset, self._library = plan, outline.stamp, dataset, library
         categories = categories_of(plan, library.shapes)
         self._segmenter = Segmenter(
@@ -159,7 +156,7 @@ class Session:
             return
         self._give_up(index, outcome.reasons)
         self._failed_in_a_row += len(outcome.reasons)
-        if self._failed_in_a_row >= self._limits.give_up_after:
+        if self._failed_in_a_row >= GIVE_UP_AFTER:
             raise HulldownError(
                 f"{self._failed_in_a_row} attempts have failed one after the other, the last with: "
                 f"{outcome.reasons[-1]}",

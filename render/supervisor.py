@@ -203,7 +203,7 @@ def render_plan(
         interrupted = False
         session: Session | None = None
         try:
-            session = Session(plan, outline, dataset, library, part=part, limits=engine.limits, progress=tell)
+            session = Session(plan, outline, dataset, library, part=part, progress=tell)
             with _pool(engine, confined(folder, LOGS_NAME), library, session, stopping) as pool:
                 session.render(pool)
         except Stopped:

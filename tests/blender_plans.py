@@ -12,7 +12,7 @@ from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.write import write_plan
 from hulldown.render.jobs import render_job
 from hulldown.render.messages import CyclesSettings
-from hulldown.render.process import Allowance, Blender, Limits
+from hulldown.render.process import Blender
 
 IMAGES = 12
 
@@ -60,8 +60,8 @@ def job(row, assets, output, samples=4):
 
 
 def draw(folder, turns, samples=4):
-    """Pictures by a new Blender of rows, each with its assets, in this order; each gets one attempt."""
-    with Blender(folder / "logs" / "log", allowance=Allowance(Limits(attempts=1))) as blender:
+    """Pictures by a new Blender of rows, each with its assets, in this order."""
+    with Blender(folder / "logs" / "log") as blender:
         return [drawn(blender, job(row, assets, folder / f"{n}.png", samples)) for n, (row, assets) in enumerate(turns)]
 
 

@@ -1,6 +1,5 @@
 """Distribution, refusal, retries, and cancellation of tasks on Dask workers, without Blender."""
 
-import contextlib
 import time
 from functools import partial
 
@@ -9,6 +8,7 @@ import pytest
 from hulldown.geometry.errors import AssetError, HulldownError
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.cluster.workers import Cluster
+from hulldown.render.process import Stopped
 from hulldown.tests import cluster_tasks
 from hulldown.tests.certificates import certificates, needs_openssl
 from hulldown.tests.clusters import cluster
@@ -55,8 +55,8 @@ def test_a_task_notices_that_its_client_is_gone(workers, tmp_path, leave):
                 workers.client.close()
         return left == ["stops"]
 
-    with contextlib.suppress(HulldownError):
-        assert not list(workers.run([tmp_path], calling(cluster_tasks.until_unwanted), lost=None, stopping=stopping))
+    with pytest.raises((Stopped, HulldownError)):
+        list(workers.run([tmp_path], calling(cluster_tasks.until_unwanted), lost=None, stopping=stopping))
     until((tmp_path / "ended").exists)
 
 

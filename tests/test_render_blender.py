@@ -28,7 +28,7 @@ from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Source
 from hulldown.render.jobs import mask_job, readable
 from hulldown.render.masks import cycles_masks, verify_masks
-from hulldown.render.process import DEFAULT_LIMITS, WORKER, Allowance, Blender, Limits, worker_command
+from hulldown.render.process import DEFAULT_LIMITS, WORKER, Allowance, Blender, worker_command
 from hulldown.render.supervisor import render_plan
 from hulldown.tests.blender_plans import draw, drawn, job, make_plan, pixels
 from hulldown.tests.render_plans import moved
@@ -165,7 +165,7 @@ def test_a_worker_needs_only_numpy_and_bpy(plan, library, tmp_path):
     hidden = ["jaxtyping", "msgspec", "scipy", "orjson", "pydantic", "psutil", "PIL", "filelock", "rich"]
     hidden += ["trimesh", "embreex"]
     program = in_place_of_blender(tmp_path, f"sys.modules.update(dict.fromkeys({hidden!r}))")
-    with Blender(tmp_path / "log", program=program, allowance=Allowance(Limits(attempts=1))) as blender:
+    with Blender(tmp_path / "log", program=program) as blender:
         drawn(blender, job(plan[0], library, tmp_path / "0.png"))
         assert blender.do(mask_job(plan[0], library, tmp_path / "0.npy")).content
 

@@ -11,7 +11,7 @@ from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.store.document import read_coco
 from hulldown.geometry.errors import ConfigError, DatasetError, HulldownError
 from hulldown.render.engine import Engine
-from hulldown.render.process import Limits
+from hulldown.render.session import GIVE_UP_AFTER
 from hulldown.render.supervisor import Part, render_plan
 from hulldown.tests.editing import edit
 from hulldown.tests.render_plans import CUBES, make_row, write_plan
@@ -70,9 +70,9 @@ def test_a_blender_that_does_not_start_leaves_the_dataset_unchanged(tmp_path, bl
 
 
 def test_a_run_in_which_every_attempt_fails_leaves_only_logs(tmp_path, blender):
-    plan = write_plan(tmp_path, [make_row(i, width=65536) for i in range(4)])
-    with pytest.raises(HulldownError, match=r"logs: 6 attempts have failed one after the other"):
-        render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender, limits=Limits(give_up_after=4)))
+    plan = write_plan(tmp_path, [make_row(i, width=65536) for i in range(GIVE_UP_AFTER)])
+    with pytest.raises(HulldownError, match=f"logs: {GIVE_UP_AFTER} attempts have failed one after the other"):
+        render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
     assert {path.name for path in (tmp_path / "d").rglob("*")} == {"logs", "worker-0.log"}
     render_plan(write_plan(tmp_path, [make_row(0)]), tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
     (image,) = read_coco(tmp_path / "d")["images"]

@@ -74,7 +74,6 @@ class ClientFiles:
             self.assets[str(path)] = tuple(map(self._note, (path, *references(files, path, allowed))))
         added = [path for path in self._notes if not any(map(path.is_relative_to, allowed))]
         self.readable = (*allowed, *added)
-        self._by_hash = {note.sha256: note for note in self._notes.values()}
         listed = sorted(f"{note.sha256} {note.path}" for note in self._notes.values())
         self.key = hashlib.sha256("\0".join(listed).encode("utf-8", "surrogateescape")).hexdigest()
 
@@ -86,7 +85,7 @@ class ClientFiles:
         AssetError
             If it was changed since, or can't be read.
         """
-        path = self._by_hash[digest].path
+        path = next(note.path for note in self._notes.values() if note.sha256 == digest)
         try:
             content = Path(path).read_bytes()
         except OSError as error:
@@ -156,25 +155,19 @@ class AssetCache:
             made.write_bytes(content)
         return digest
 
-    def is_in_place(self, asset: AssetNote) -> bool:
-        """Whether this machine has all of an asset's files at the client's paths."""
-        return all(self._is(Path(file.path), file) for file in asset)
-
     def lacking(self, asset: AssetNote) -> list[str]:
         """SHA-256 of the contents that this machine lacks for an asset."""
-        if self.is_in_place(asset):
-            return []
         return [file.sha256 for file in asset if self._source(file) is None]
 
     def place(self, asset: AssetNote) -> Path:
-        """The path of a complete asset on this machine.
+        """The path of a complete asset on this machine: the client's, if all its files are at the client's paths.
 
         Raises
         ------
         AssetError
             If a path in a .blend becomes too long when it's made relative.
         """
-        if self.is_in_place(asset):
+        if all(self._is(Path(file.path), file) for file in asset):
             return Path(asset[0].path)
         for file in asset:
             self._lay_out(file)

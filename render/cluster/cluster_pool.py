@@ -14,7 +14,7 @@ from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.cluster.workers import Answer, Cluster
 from hulldown.render.engine import Engine
 from hulldown.render.messages import RenderJob
-from hulldown.render.process import Outcome, Stopped
+from hulldown.render.process import Outcome
 
 RESOURCE = "render"  # declared by `dask worker --resources "render=1"`
 AT_ONCE = 2  # tasks per worker: the current and the next one
@@ -57,7 +57,6 @@ class ClusterPool(Cluster):
 
     def results(self, jobs: Sequence[int], job_of: Callable[[int], RenderJob]) -> Iterator[tuple[int, Outcome]]:
         """Do all jobs; parameters and errors as of `render.pool.Pool.results`."""
-        left = len(jobs)
 
         def call(job: int) -> Callable[..., Answer]:
             own = job_of(job)
@@ -67,9 +66,6 @@ class ClusterPool(Cluster):
 
         lost = Outcome(reasons=(LOST,))
         for job, outcomes in self.run(jobs, call, lost=lost, stopping=self._stopping, content=self._files.content):
-            left -= 1
             reasons = [reason for outcome in outcomes for reason in outcome.reasons] if outcomes[-1].reasons else []
             restarts = sum(outcome.restarts for outcome in outcomes)
             yield job, replace(outcomes[-1], reasons=tuple(reasons), restarts=restarts)
-        if left:
-            raise Stopped

@@ -23,6 +23,7 @@ from distributed.worker import thread_state
 
 from hulldown.geometry.errors import HulldownError
 from hulldown.render.cluster.scheduler import Scheduler
+from hulldown.render.process import Stopped
 
 GONE_S = 15.0  # longest time without a scheduler
 LOOK_S = 1.0  # interval of the client's checks for workers
@@ -139,12 +140,14 @@ class Cluster:
         lost
             The last result of a job during which workers are lost again and again.
         stopping
-            Called several times a second; true: end early.
+            Called several times a second; true: stop now.
         content
             Function from a SHA-256 to its data.
 
         Raises
         ------
+        Stopped
+            If `stopping` returned true.
         HulldownError
             If the scheduler is lost, or there are workers and all are refused.
         """
@@ -160,7 +163,9 @@ class Cluster:
             ended.add(future)
 
         try:
-            while (waiting or running) and not stopping():
+            while waiting or running:
+                if stopping():
+                    raise Stopped
                 is_connected = self._look()
                 while is_connected and waiting and (worker := self._place(waiting[0], running.values())):
                     submit(waiting.popleft(), worker)
