@@ -1,5 +1,6 @@
-"""Dask clusters of separate processes on this machine, which tests kill and stop."""
+"""Dask clusters of separate processes on this machine, which tests kill and stop, and the files that a run leaves."""
 
+import hashlib
 import json
 import os
 import resource
@@ -12,6 +13,11 @@ from pathlib import Path
 
 import psutil
 from distributed import Client
+
+from hulldown.dataset.coco import LOCK_NAME
+from hulldown.dataset.store.document import JOURNAL_NAME
+from hulldown.dataset.store.journal import MERGED
+from hulldown.render.session import LOGS_NAME
 
 ROOT = Path(__file__).resolve().parents[1]
 PYTHONPATH = str(ROOT / ".dev")  # the folder that contains the package
@@ -114,6 +120,25 @@ def rendering(plan, dataset, scheduler, *more, **options):
     command += ["--device", "cpu", "--scheduler", str(scheduler), *map(str, more)]
     environment = {**os.environ, "PYTHONPATH": PYTHONPATH}
     return subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True, **options)
+
+
+def wait_for(run, dataset, pictures):
+    """Wait until a run has added these pictures, and is still running."""
+    while len(list((dataset / "images").glob("*"))) < pictures:
+        assert run.poll() is None
+        time.sleep(0.01)
+
+
+def digests(dataset):
+    """Hashes of a dataset's files except logs and lock; of the journal's lines in any order, as images finish so."""
+    found = {}
+    for path in dataset.rglob("*"):
+        name = path.relative_to(dataset)
+        if path.is_file() and name.parts[0] not in (LOGS_NAME, LOCK_NAME):
+            lines = path.read_bytes().splitlines(keepends=True)
+            lines = sorted(line for line in lines if line != MERGED) if name == Path(JOURNAL_NAME) else lines
+            found[str(name)] = hashlib.sha256(b"".join(lines)).hexdigest()
+    return found
 
 
 @contextmanager
