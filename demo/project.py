@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -11,8 +11,7 @@ from hulldown.demo.build import build_demo_assets
 from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, DISTRACTORS, LAUNCHER, PAINT, SCENERY_FILES, TANK, TRUCK
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.files import replacing
-from hulldown.planning.config.template import bare_text, config_text
-from hulldown.planning.inputs.found_assets import FoundFile, found_config
+from hulldown.planning.config.template import config_text
 
 CONFIG = "hulldown.toml"
 NOTHING: Mapping[str, Any] = MappingProxyType({})  # beyond the defaults; else see `config_text`
@@ -62,31 +61,15 @@ AERIAL = {
 }
 
 
-def create_bare_project(folder: Path | str, values: Mapping[str, Any] = NOTHING) -> Path:
-    """Path of a config written into `folder`, with one vehicle and one scenery to put other files in the place of.
+def write_config(folder: Path, text: str) -> Path:
+    """Path of a config written into `folder`.
 
     Raises
     ------
     ConfigError
         If the folder has a config already.
     """
-    return _written(Path(folder) / CONFIG, bare_text(values))
-
-
-def create_found_project(
-    folder: Path | str, source: Path, found: Sequence[FoundFile], values: Mapping[str, Any] = NOTHING
-) -> Path:
-    """Path of a config written into `folder`, which lists what was found in the folder `source`.
-
-    Raises
-    ------
-    ConfigError
-        If the folder has a config already.
-    """
-    return _written(Path(folder) / CONFIG, found_config(source, found, Path(folder), values))
-
-
-def _written(config: Path, text: str) -> Path:
+    config = folder / CONFIG
     refuse_config(config)
     with replacing(config) as file:
         file.write(text.encode())
@@ -134,10 +117,9 @@ def create_project(
         If the folder has a config already; it is the user's and stays as it is.
     """
     folder = Path(folder)
-    config = folder / CONFIG
-    refuse_config(config)
+    refuse_config(folder / CONFIG)
     build_demo_assets(folder, seed=seed, progress=progress)
-    return _written(config, project_text(small=small, values=values))
+    return write_config(folder, project_text(small=small, values=values))
 
 
 def project_text(*, small: bool = False, values: Mapping[str, Any] = NOTHING) -> str:

@@ -27,7 +27,8 @@ from hulldown.verbs.terminal import DONE, FOUND, STDOUT, print_json, show_list, 
 
 
 def _init(arguments: argparse.Namespace) -> int:
-    from hulldown.demo.project import AERIAL, create_bare_project, create_project
+    from hulldown.demo.project import AERIAL, create_project, write_config
+    from hulldown.planning.config.template import bare_text
     from hulldown.planning.inputs.camera_file import read_camera
 
     values: dict[str, Any] = dict(AERIAL) if arguments.aerial else {}
@@ -37,7 +38,7 @@ def _init(arguments: argparse.Namespace) -> int:
         return _init_from(arguments, values)
     make_room(arguments.folder / "hulldown.toml")
     if arguments.bare:
-        config = create_bare_project(arguments.folder, values)
+        config = write_config(arguments.folder, bare_text(values))
         say(f"wrote {config}; next: name your files in it, and hulldown inspect it")
         return DONE
     with progress_bar("building demo assets") as advance:
@@ -49,8 +50,8 @@ def _init(arguments: argparse.Namespace) -> int:
 
 
 def _init_from(arguments: argparse.Namespace, values: Mapping[str, Any]) -> int:
-    from hulldown.demo.project import CONFIG, create_found_project, refuse_config
-    from hulldown.planning.inputs.found_assets import asset_files, missing_kinds, read_found
+    from hulldown.demo.project import CONFIG, refuse_config, write_config
+    from hulldown.planning.inputs.found_assets import asset_files, found_config, missing_kinds, read_found
 
     refuse_config(arguments.folder / CONFIG)
     files = asset_files(arguments.source)
@@ -58,7 +59,7 @@ def _init_from(arguments: argparse.Namespace, values: Mapping[str, Any]) -> int:
         progress(0, len(files))
         found = read_found(arguments.source, files, progress=progress, limits=read_limits(arguments))
     make_room(arguments.folder / CONFIG)
-    config = create_found_project(arguments.folder, arguments.source, found, values)
+    config = write_config(arguments.folder, found_config(arguments.source, found, arguments.folder, values))
     for word in missing_kinds(found):
         warn(f"no {word} was found in {arguments.source}; name one in {config}")
     used = sum(bool(file.kind) for file in found)
