@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from hulldown.planning.inputs.loading import Library
     from hulldown.planning.plan_file import Plan
+    from hulldown.render.supervisor import RenderReport
     from hulldown.tests.messy_export import Messy
 
 
@@ -88,6 +89,16 @@ def blender(tmp_path_factory: pytest.TempPathFactory) -> str:
     script.write_text(f"#!/bin/sh\nexec {sys.executable} -S -E {Path(__file__).with_name('fake_blender.py')}\n")
     script.chmod(0o755)
     return str(script)
+
+
+@pytest.fixture
+def render(blender: str) -> Callable[..., RenderReport]:
+    """`render_plan` for plans of render_plans.py, with a stand-in for Blender."""
+    from hulldown.render.engine import Engine
+    from hulldown.render.supervisor import render_plan
+    from hulldown.tests.render_plans import CUBES
+
+    return partial(render_plan, library=CUBES, engine=Engine(blender=blender))
 
 
 @pytest.fixture(scope="session")

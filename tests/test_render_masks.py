@@ -10,9 +10,7 @@ from PIL import Image
 from hulldown.annotate.masks import decode, encode
 from hulldown.dataset.verification.verify import verify
 from hulldown.planning.row import PlannedVehicle
-from hulldown.render.engine import Engine
 from hulldown.render.masks import compared, verify_masks
-from hulldown.render.supervisor import render_plan
 from hulldown.tests.render_plans import CUBES, make_row, write_plan
 
 MASK = np.zeros((24, 32), dtype=bool)
@@ -20,7 +18,7 @@ MASK[4:10, 5:15] = True
 
 
 @pytest.fixture
-def rendered(tmp_path, blender, monkeypatch):
+def rendered(tmp_path, render, monkeypatch):
     """A function from a plan's rows to the plan, its dataset's annotations.json, and the records in it.
 
     Cycles' masks are replaced by the annotated ones.
@@ -28,7 +26,7 @@ def rendered(tmp_path, blender, monkeypatch):
 
     def make(rows):
         plan, path = write_plan(tmp_path, rows), tmp_path / "d" / "annotations.json"
-        render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
+        render(plan, tmp_path / "d")
         coco = json.loads(path.read_text())
         masks = np.array([decode(label["segmentation"], 16, 16) for label in coco["annotations"]])
         alone = masks.reshape(len(rows), -1, 16, 16)
@@ -100,10 +98,10 @@ def test_the_box_error_of_an_invisible_vehicle_is_infinite():
     assert compared("1.png", "cube", {"bbox": [5, 4, 10, 6]}, MASK & False, MASK & False).box_error == math.inf
 
 
-def test_a_vehicle_in_an_empty_background_is_a_warning(tmp_path, blender, monkeypatch):
+def test_a_vehicle_in_an_empty_background_is_a_warning(tmp_path, render, monkeypatch):
     row = make_row(0, width=64, height=64, bbox=[25.6, 25.6, 12.8, 12.8], background=True, label="none")
     plan, dataset = write_plan(tmp_path, [row]), tmp_path / "d"
-    render_plan(plan, dataset, library=CUBES, engine=Engine(blender=blender))
+    render(plan, dataset)
     monkeypatch.setattr("hulldown.render.masks.cycles_masks", lambda *_, **__: [np.zeros((1, 64, 64), np.uint8)])
     assert verify_masks(dataset, plan, count=1, library=CUBES).findings == ()
     picture = np.zeros((64, 64, 3), np.uint8)

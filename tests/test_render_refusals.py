@@ -12,9 +12,9 @@ from hulldown.dataset.store.document import read_coco
 from hulldown.geometry.errors import ConfigError, DatasetError, HulldownError
 from hulldown.render.engine import Engine
 from hulldown.render.session import GIVE_UP_AFTER
-from hulldown.render.supervisor import Part, render_plan
+from hulldown.render.supervisor import Part
 from hulldown.tests.editing import edit
-from hulldown.tests.render_plans import CUBES, make_row, write_plan
+from hulldown.tests.render_plans import make_row, write_plan
 
 NO_GPU = r"""printf '@hulldown {"ready": "5.0"}\n@hulldown {"failed": "no gpu"}\n'; cat"""
 NO_DENOISER = r"""
@@ -24,11 +24,11 @@ printf '@hulldown {"unusable": "no denoiser", "remedy": "plan without"}\n'; cat
 
 
 @pytest.mark.parametrize("name", ["provenance.json", "failures.jsonl"])
-def test_a_damaged_file_is_found_before_rendering(tmp_path, blender, name):
+def test_a_damaged_file_is_found_before_rendering(tmp_path, render, name):
     (tmp_path / "d").mkdir()
     (tmp_path / "d" / name).write_text("x\n")
     with pytest.raises(DatasetError, match=name):
-        render_plan(write_plan(tmp_path, [make_row(0)]), tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
+        render(write_plan(tmp_path, [make_row(0)]), tmp_path / "d")
     assert [path.name for path in (tmp_path / "d").iterdir()] == [name]
 
 
@@ -42,12 +42,12 @@ def test_a_damaged_file_is_found_before_rendering(tmp_path, blender, name):
     ],
 )
 @pytest.mark.parametrize("there", ["nothing", "a dataset", "an unclosed dataset"])
-def test_a_blender_that_does_not_start_leaves_the_dataset_unchanged(tmp_path, blender, script, message, there):
+def test_a_blender_that_does_not_start_leaves_the_dataset_unchanged(tmp_path, blender, render, script, message, there):
     plan = write_plan(tmp_path, [make_row(i) for i in range(3)])
     other = write_plan(tmp_path / "other", [make_row(i, strength=2.0) for i in range(2)])
     dataset = tmp_path / "new" / "d"
     if there != "nothing":
-        render_plan(other, dataset, library=CUBES, engine=Engine(blender=blender), part=Part(limit=1))
+        render(other, dataset, part=Part(limit=1))
         (dataset / "failures.jsonl").write_text('{"file_name": "images/00000002.png"}\n')
     if there == "an unclosed dataset":
         (dataset / "annotations.json").unlink()
@@ -63,28 +63,28 @@ def test_a_blender_that_does_not_start_leaves_the_dataset_unchanged(tmp_path, bl
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         with pytest.raises(HulldownError, match=message) as told:
-            render_plan(plan, dataset, library=CUBES, engine=Engine(blender=str(wrong)))
+            render(plan, dataset, engine=Engine(blender=str(wrong)))
     assert files() == before
     assert (tmp_path / "new").exists() == (there != "nothing")
     assert told.value.path is None or Path(told.value.path) == wrong or Path(told.value.path).exists()
 
 
-def test_a_run_in_which_every_attempt_fails_leaves_only_logs(tmp_path, blender):
+def test_a_run_in_which_every_attempt_fails_leaves_only_logs(tmp_path, render):
     plan = write_plan(tmp_path, [make_row(i, width=65536) for i in range(GIVE_UP_AFTER)])
     with pytest.raises(HulldownError, match=f"logs: {GIVE_UP_AFTER} attempts have failed one after the other"):
-        render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
+        render(plan, tmp_path / "d")
     assert {path.name for path in (tmp_path / "d").rglob("*")} == {"logs", "worker-0.log"}
-    render_plan(write_plan(tmp_path, [make_row(0)]), tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
+    render(write_plan(tmp_path, [make_row(0)]), tmp_path / "d")
     (image,) = read_coco(tmp_path / "d")["images"]
     assert (image["id"], image["file_name"]) == (1, "images/00000001.png")
 
 
-def test_a_run_that_is_stopped_before_its_first_image_leaves_no_trace(tmp_path, blender):
+def test_a_run_that_is_stopped_before_its_first_image_leaves_no_trace(tmp_path, render):
     def stop(progress):
         os.kill(os.getpid(), signal.SIGINT)
 
     plan = write_plan(tmp_path, [make_row(0)])
-    assert render_plan(plan, tmp_path / "d", library=CUBES, progress=stop, engine=Engine(blender=blender)).interrupted
+    assert render(plan, tmp_path / "d", progress=stop).interrupted
     assert not (tmp_path / "d").exists()
 
 
@@ -95,17 +95,17 @@ def test_a_run_that_is_stopped_before_its_first_image_leaves_no_trace(tmp_path, 
         ("annotations", {"id": 4, "image_id": 1, "category_id": 1, "bbox": [1, 1, 2, 2]}, "annotation 4 has the id"),
     ],
 )
-def test_an_id_of_the_plan_that_another_record_has_is_named(tmp_path, blender, kind, changes, message):
+def test_an_id_of_the_plan_that_another_record_has_is_named(tmp_path, render, kind, changes, message):
     plan = write_plan(tmp_path, [make_row(i) for i in range(5)])
-    render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender), part=Part(limit=2))
+    render(plan, tmp_path / "d", part=Part(limit=2))
     edit(tmp_path / "d", lambda coco: coco[kind].append(changes))
     path = tmp_path / "d" / "annotations.json"
     before = path.read_bytes()
     with pytest.raises(DatasetError, match=rf"{message} that is set aside for images/00000004\.png; .* from 6 on"):
-        render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
+        render(plan, tmp_path / "d")
     assert path.read_bytes() == before
     path.write_text(path.read_text().replace('"id": 4', '"id": 6'))
-    assert render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender)).rendered == 3
+    assert render(plan, tmp_path / "d").rendered == 3
 
 
 @pytest.mark.parametrize(
@@ -119,7 +119,7 @@ def test_an_id_of_the_plan_that_another_record_has_is_named(tmp_path, blender, k
         ("images/", ConfigError),
     ],
 )
-def test_a_hostile_file_name_writes_nothing_outside(tmp_path, blender, name, error):
+def test_a_hostile_file_name_writes_nothing_outside(tmp_path, render, name, error):
     plan = write_plan(tmp_path / "plan", [make_row(0, file_name=name)])
     outside = tmp_path / "outside"
     outside.mkdir()
@@ -128,35 +128,35 @@ def test_a_hostile_file_name_writes_nothing_outside(tmp_path, blender, name, err
     (dataset / "images" / "link").symlink_to(outside)
     before = {p for p in tmp_path.rglob("*") if dataset not in p.parents}
     with pytest.raises(error):
-        render_plan(plan, dataset, library=CUBES, engine=Engine(blender=blender))
+        render(plan, dataset)
     assert {p for p in tmp_path.rglob("*") if dataset not in p.parents} == before
     assert not Path("/tmp/hulldown-hostile.png").exists()
 
 
 @pytest.mark.parametrize("name", ["logs", ".unfinished", "images"])
-def test_a_link_in_place_of_our_folder_is_refused(tmp_path, blender, name):
+def test_a_link_in_place_of_our_folder_is_refused(tmp_path, render, name):
     outside = tmp_path / "outside"
     outside.mkdir()
     (tmp_path / "d").mkdir()
     (tmp_path / "d" / name).symlink_to(outside)
     with pytest.raises(DatasetError, match="leads out of the dataset"):
-        render_plan(write_plan(tmp_path, [make_row(0)]), tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
+        render(write_plan(tmp_path, [make_row(0)]), tmp_path / "d")
     assert list(outside.iterdir()) == []
 
 
 @pytest.mark.parametrize("link", [True, False])
-def test_a_file_or_link_called_unfinished_is_replaced_and_its_target_kept(tmp_path, blender, link):
+def test_a_file_or_link_called_unfinished_is_replaced_and_its_target_kept(tmp_path, render, link):
     plan, dataset = write_plan(tmp_path, [make_row(i) for i in range(3)]), tmp_path / "d"
-    render_plan(plan, dataset, library=CUBES, engine=Engine(blender=blender), part=Part(limit=2))
+    render(plan, dataset, part=Part(limit=2))
     if link:
         (dataset / ".unfinished").symlink_to("images")
     else:
         (dataset / ".unfinished").touch()
-    assert render_plan(plan, dataset, library=CUBES, engine=Engine(blender=blender)).complete
+    assert render(plan, dataset).complete
     assert len(list((dataset / "images").iterdir())) == 3
 
 
-def test_a_log_that_is_a_link_is_not_followed(tmp_path, blender, monkeypatch):
+def test_a_log_that_is_a_link_is_not_followed(tmp_path, blender, render, monkeypatch):
     monkeypatch.setenv("HULLDOWN_READ", os.path.dirname(blender))  # the folder of what the script starts
     outside, dataset = tmp_path / "outside", tmp_path / "d"
     outside.write_text("precious")
@@ -165,12 +165,12 @@ def test_a_log_that_is_a_link_is_not_followed(tmp_path, blender, monkeypatch):
     loud = tmp_path / "loud"
     loud.write_text(f"#!/bin/sh\necho hello >&2\nexec {blender}\n")
     loud.chmod(0o755)
-    render_plan(write_plan(tmp_path, [make_row(0)]), dataset, library=CUBES, engine=Engine(blender=str(loud)))
+    render(write_plan(tmp_path, [make_row(0)]), dataset, engine=Engine(blender=str(loud)))
     assert outside.read_text() == "precious"
     assert "hello" in (dataset / "logs" / "worker-0.log").read_text()
 
 
-def test_a_damaged_plan_leaves_the_dataset_unchanged(tmp_path, blender):
+def test_a_damaged_plan_leaves_the_dataset_unchanged(tmp_path, render):
     """Not even categories are added, since the dataset may be real photographs."""
     plan = write_plan(tmp_path, [make_row(i) for i in range(3)])
     plan.write_bytes(plan.read_bytes()[:-40])
@@ -178,20 +178,20 @@ def test_a_damaged_plan_leaves_the_dataset_unchanged(tmp_path, blender):
     dataset.mkdir()
     (dataset / "annotations.json").write_text('{"images": [], "annotations": [], "categories": []}')
     with pytest.raises(ConfigError, match="line 4 is no JSON"):
-        render_plan(plan, dataset, library=CUBES, engine=Engine(blender=blender))
+        render(plan, dataset)
     assert [path.name for path in dataset.iterdir()] == ["annotations.json"]
     assert (dataset / "annotations.json").read_text() == '{"images": [], "annotations": [], "categories": []}'
 
 
 @pytest.mark.parametrize("change", [{"vehicle": "tank"}, {"hdri": "night"}, {"world_from_camera": None, "weather": 3}])
-def test_a_row_that_cannot_be_rendered_names_its_line_or_image(tmp_path, blender, change):
+def test_a_row_that_cannot_be_rendered_names_its_line_or_image(tmp_path, render, change):
     plan = write_plan(tmp_path, [make_row(0, **change)])
     with pytest.raises(ConfigError, match=r"line 2|image 0"):
-        render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
+        render(plan, tmp_path / "d")
 
 
 @pytest.mark.parametrize("change", ["another plan", "nothing"])
-def test_replacing_the_plan_during_a_run_ends_it(tmp_path, blender, change):
+def test_replacing_the_plan_during_a_run_ends_it(tmp_path, render, change):
     plan = write_plan(tmp_path, [make_row(i) for i in range(40)])
     other = write_plan(tmp_path / "other", [make_row(i, strength=2.0) for i in range(40)])
 
@@ -202,11 +202,11 @@ def test_replacing_the_plan_during_a_run_ends_it(tmp_path, blender, change):
             other.replace(plan)
 
     with pytest.raises(ConfigError, match=r"plan\.jsonl: is not what it was when this run began; run again"):
-        render_plan(plan, tmp_path / "d", library=CUBES, progress=replace, engine=Engine(blender=blender))
+        render(plan, tmp_path / "d", progress=replace)
     assert {image["strength"] for image in read_coco(tmp_path / "d")["images"]} == {1.0}
 
 
-def test_a_dataset_in_use_is_refused(tmp_path, blender):
+def test_a_dataset_in_use_is_refused(tmp_path, render):
     plan = write_plan(tmp_path, [make_row(0)])
     with CocoDataset.open(tmp_path / "d"), pytest.raises(DatasetError, match="another process"):
-        render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
+        render(plan, tmp_path / "d")

@@ -18,16 +18,16 @@ from hulldown.dataset.store.document import read_coco
 from hulldown.geometry.errors import DatasetError
 from hulldown.reading.confinement.landlock import confinement
 from hulldown.render.engine import Engine
-from hulldown.render.supervisor import Part, render_plan
-from hulldown.tests.render_plans import CUBES, contents, cube_library, make_row, write_plan
+from hulldown.render.supervisor import Part
+from hulldown.tests.render_plans import contents, cube_library, make_row, write_plan
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_a_plan_becomes_a_dataset(tmp_path, blender, workers):
+def test_a_plan_becomes_a_dataset(tmp_path, blender, render, workers):
     plan = write_plan(tmp_path, [make_row(i) for i in range(7)])
     seen = []
     engine = Engine(blender=blender, workers=workers)
-    report = render_plan(plan, tmp_path / "d", library=CUBES, progress=seen.append, engine=engine)
+    report = render(plan, tmp_path / "d", progress=seen.append, engine=engine)
     assert (report.images, report.already, report.rendered, report.failed) == (7, 0, 7, ())
     assert report.complete
     assert not report.interrupted
@@ -39,9 +39,9 @@ def test_a_plan_becomes_a_dataset(tmp_path, blender, workers):
     assert not (tmp_path / "d" / "failures.jsonl").exists()
 
 
-def test_annotations_carry_box_mask_and_pose(tmp_path, blender):
+def test_annotations_carry_box_mask_and_pose(tmp_path, render):
     plan = write_plan(tmp_path, [make_row(0)])
-    render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
+    render(plan, tmp_path / "d")
     coco = COCO(tmp_path / "d" / "annotations.json")
     annotation = coco.anns[1]
     # 16 px for 53.13 degrees: f = 16 px. The near face of the cube is 2 m wide and 10 m away: from 6.4 to 9.6 px.
@@ -53,13 +53,13 @@ def test_annotations_carry_box_mask_and_pose(tmp_path, blender):
     assert coco.imgs[1]["fov_x_deg"] == pytest.approx(53.13, abs=0.01)
 
 
-def test_pillows_size_limit_does_not_apply_to_blenders_pictures(tmp_path, blender, monkeypatch):
+def test_pillows_size_limit_does_not_apply_to_blenders_pictures(tmp_path, render, monkeypatch):
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 100)  # Pillow refuses pictures of twice as many; a row has 256
     plan = write_plan(tmp_path, [make_row(0)])
-    assert render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender)).complete
+    assert render(plan, tmp_path / "d").complete
 
 
-def test_provenance_lists_versions_and_devices_from_the_first_image_on(tmp_path, blender):
+def test_provenance_lists_versions_and_devices_from_the_first_image_on(tmp_path, render):
     """The next run may be on another machine."""
     there = {}
 
@@ -67,7 +67,7 @@ def test_provenance_lists_versions_and_devices_from_the_first_image_on(tmp_path,
         there[progress.finished] = (tmp_path / "d" / "provenance.json").exists()
 
     plan = write_plan(tmp_path, [make_row(i) for i in range(3)])
-    render_plan(plan, tmp_path / "d", library=CUBES, progress=look, engine=Engine(blender=blender))
+    render(plan, tmp_path / "d", progress=look)
     assert there == {0: False, 1: True, 2: True, 3: True}
     (entry,) = json.loads((tmp_path / "d" / "provenance.json").read_text())["plans"].values()
     assert entry["blender"] == ["fake"]
@@ -76,29 +76,29 @@ def test_provenance_lists_versions_and_devices_from_the_first_image_on(tmp_path,
     assert entry["plan"]["vehicles"]["cube"]["category"] == "box"
 
 
-def test_a_second_run_does_nothing_twice(tmp_path, blender):
+def test_a_second_run_does_nothing_twice(tmp_path, render):
     plan = write_plan(tmp_path, [make_row(i) for i in range(6)])
-    first = render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender), part=Part(limit=4))
+    first = render(plan, tmp_path / "d", part=Part(limit=4))
     assert (first.images, first.rendered) == (4, 4)
-    second = render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
+    second = render(plan, tmp_path / "d")
     assert (second.images, second.already, second.rendered) == (6, 4, 2)
     before = contents(tmp_path / "d")
-    third = render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
+    third = render(plan, tmp_path / "d")
     assert (third.already, third.rendered) == (6, 0)
     assert contents(tmp_path / "d") == before
-    render_plan(plan, tmp_path / "whole", library=CUBES, engine=Engine(blender=blender))
+    render(plan, tmp_path / "whole")
     assert contents(tmp_path / "whole") == before
 
 
 @pytest.mark.parametrize(("limit", "n"), [(None, 3), (5, 2), (1, 4)])
-def test_shares_join_to_the_whole(tmp_path, blender, limit, n):
+def test_shares_join_to_the_whole(tmp_path, render, limit, n):
     # HDRIs alternate in the plan; shares follow the rendering order, which is sorted by HDRI.
     rows = [make_row(i, hdri=("sky", "dusk")[i % 2]) for i in range(8)]
     library = cube_library(hdris=("sky", "dusk"))
     plan = write_plan(tmp_path, rows)
     parts = [tmp_path / str(k) for k in range(1, n + 1)]
     reports = [
-        render_plan(plan, part, library=library, engine=Engine(blender=blender), part=Part(limit=limit, share=(k, n)))
+        render(plan, part, library=library, part=Part(limit=limit, share=(k, n)))
         for k, part in enumerate(parts, start=1)
     ]
     assert all(report.complete for report in reports)
@@ -106,7 +106,7 @@ def test_shares_join_to_the_whole(tmp_path, blender, limit, n):
     assert sum(sizes) == (limit or 8)
     assert max(sizes) - min(sizes) <= 1
     assert join(parts, tmp_path / "joined").added == sum(sizes)
-    render_plan(plan, tmp_path / "whole", library=library, engine=Engine(blender=blender), part=Part(limit=limit))
+    render(plan, tmp_path / "whole", library=library, part=Part(limit=limit))
     assert contents(tmp_path / "joined") == contents(tmp_path / "whole")
     for name in ("annotations.json", "provenance.json"):
         assert (tmp_path / "joined" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
@@ -114,7 +114,7 @@ def test_shares_join_to_the_whole(tmp_path, blender, limit, n):
         assert {image["hdri"] for image in read_coco(parts[0])["images"]} == {"dusk"}
 
 
-def test_a_picture_that_cannot_be_recorded_keeps_its_name(tmp_path, blender, monkeypatch):
+def test_a_picture_that_cannot_be_recorded_keeps_its_name(tmp_path, render, monkeypatch):
     def full(*_):
         raise DatasetError("the disk is full")
 
@@ -122,18 +122,18 @@ def test_a_picture_that_cannot_be_recorded_keeps_its_name(tmp_path, blender, mon
     with monkeypatch.context() as patch:
         patch.setattr(CocoDataset, "append", full)
         with pytest.raises(DatasetError, match="the disk is full"):
-            render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
-    render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
-    render_plan(plan, tmp_path / "whole", library=CUBES, engine=Engine(blender=blender))
+            render(plan, tmp_path / "d")
+    render(plan, tmp_path / "d")
+    render(plan, tmp_path / "whole")
     assert contents(tmp_path / "d") == contents(tmp_path / "whole")
 
 
-def test_a_second_plan_is_appended_under_new_names_and_ids(tmp_path, blender):
+def test_a_second_plan_is_appended_under_new_names_and_ids(tmp_path, render):
     one = write_plan(tmp_path / "one", [make_row(i) for i in range(3)])
     two = write_plan(tmp_path / "two", [make_row(i, strength=2.0) for i in range(3)])
-    render_plan(one, tmp_path / "d", library=CUBES, engine=Engine(blender=blender), part=Part(limit=2))
-    render_plan(two, tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
-    render_plan(one, tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
+    render(one, tmp_path / "d", part=Part(limit=2))
+    render(two, tmp_path / "d")
+    render(one, tmp_path / "d")
     images, annotations, categories, pictures = contents(tmp_path / "d")
     assert [image["id"] for image in images] == [1, 2, 3, 4, 5, 6]
     assert [annotation["image_id"] for annotation in annotations] == [1, 2, 3, 4, 5, 6]
@@ -141,10 +141,10 @@ def test_a_second_plan_is_appended_under_new_names_and_ids(tmp_path, blender):
     assert len(categories) == 1
 
 
-def test_failures_are_recorded_and_tried_again_by_the_next_run(tmp_path, blender):
+def test_failures_are_recorded_and_tried_again_by_the_next_run(tmp_path, render):
     rows = [make_row(i, **({"width": 65536} if i == 2 else {})) for i in range(4)]
     plan = write_plan(tmp_path, rows)
-    report = render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
+    report = render(plan, tmp_path / "d")
     assert report.failed == ("images/00000003.png",)
     assert report.rendered == 3
     assert not report.complete
@@ -153,48 +153,48 @@ def test_failures_are_recorded_and_tried_again_by_the_next_run(tmp_path, blender
     assert failure["index"] == 2
     assert len(failure["reasons"]) == 3
     assert [image["id"] for image in read_coco(tmp_path / "d")["images"]] == [1, 2, 4]
-    again = render_plan(plan, tmp_path / "d", library=CUBES, engine=Engine(blender=blender))
+    again = render(plan, tmp_path / "d")
     assert (again.already, again.failed) == (3, ("images/00000003.png",))
 
 
-def test_failures_of_images_that_are_not_rendered_now_are_kept(tmp_path, blender):
+def test_failures_of_images_that_are_not_rendered_now_are_kept(tmp_path, render):
     rows = [make_row(i, **({"width": 65536} if i == 2 else {})) for i in range(4)]
     plan, dataset = write_plan(tmp_path, rows), tmp_path / "d"
-    render_plan(plan, dataset, library=CUBES, engine=Engine(blender=blender), part=Part(limit=1))
+    render(plan, dataset, part=Part(limit=1))
     other = [f"images/{name}.png" for name in ("00000004", "2-1f0c9a77-00000001")]
     lines = [{"file_name": name, "reasons": []} for name in (*other, "images/00000002.png")]
     (dataset / "failures.jsonl").write_text("".join(f"{json.dumps(line)}\n" for line in lines))
-    render_plan(plan, dataset, library=CUBES, engine=Engine(blender=blender), part=Part(limit=2))
+    render(plan, dataset, part=Part(limit=2))
     assert [line["file_name"] for line in read_failures(dataset)] == other
-    render_plan(plan, dataset, library=CUBES, engine=Engine(blender=blender), part=Part(limit=3))
+    render(plan, dataset, part=Part(limit=3))
     assert [line["file_name"] for line in read_failures(dataset)] == [*other, "images/00000003.png"]
 
 
-def run_apart(plan, dataset, blender, workers):
+def run_apart(render, plan, dataset, engine):
     os.setsid()
-    render_plan(plan, dataset, library=CUBES, engine=Engine(blender=blender, workers=workers))
+    render(plan, dataset, engine=engine)
     os._exit(0)
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
-def test_killed_runs_lose_and_double_nothing(tmp_path, blender, number):
+def test_killed_runs_lose_and_double_nothing(tmp_path, blender, render, number):
     plan = write_plan(tmp_path, [make_row(i) for i in range(40)])
-    context = multiprocessing.get_context("fork")
+    context, engine = multiprocessing.get_context("fork"), Engine(blender=blender, workers=2)
     rng = random.Random(int(number))
     for attempt in range(7):
-        process = context.Process(target=run_apart, args=(plan, tmp_path / "d", blender, 2))
+        process = context.Process(target=run_apart, args=(render, plan, tmp_path / "d", engine))
         process.start()
         process.join(rng.uniform(0.1, 0.4) if attempt < 6 else None)
         if process.exitcode is None:
             os.kill(process.pid, number)
             process.join()
     assert process.exitcode == 0
-    render_plan(plan, tmp_path / "whole", library=CUBES, engine=Engine(blender=blender))
+    render(plan, tmp_path / "whole")
     assert contents(tmp_path / "d") == contents(tmp_path / "whole")
     assert not (tmp_path / "d" / ".unfinished").exists()
 
 
-def test_a_stopped_run_is_reported_as_interrupted(tmp_path, blender):
+def test_a_stopped_run_is_reported_as_interrupted(tmp_path, render):
     plan = write_plan(tmp_path, [make_row(i) for i in range(500)])
 
     def stop_after_five(progress):
@@ -202,7 +202,7 @@ def test_a_stopped_run_is_reported_as_interrupted(tmp_path, blender):
             os.kill(os.getpid(), signal.SIGINT)
 
     before = signal.getsignal(signal.SIGINT)  # ignored if the tests run in the background
-    report = render_plan(plan, tmp_path / "d", library=CUBES, progress=stop_after_five, engine=Engine(blender=blender))
+    report = render(plan, tmp_path / "d", progress=stop_after_five)
     assert report.interrupted
     assert not report.complete
     assert 5 <= report.rendered < 500
