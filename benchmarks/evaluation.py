@@ -20,7 +20,7 @@ from hulldown.training.evaluation.average_precision import average_precision
 from hulldown.training.evaluation.bootstrap import RESAMPLES, figure_intervals, resampled_sums
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.matching import match, overlapping
-from hulldown.training.evaluation.metrics import confusion, curves, outcomes, sums_by
+from hulldown.training.evaluation.metrics import confusion, curves, denominators, figures, sums_by
 from hulldown.training.evaluation.predictions import Predictions
 from hulldown.training.evaluation.tide import errors
 
@@ -94,7 +94,7 @@ def _at(images: int, rounds: int) -> dict:
     for _ in range(rounds):
         pairs = timed("overlaps", overlapping, labels, predictions)
         matching = timed("matching", match, labels, predictions, pairs)
-        seen = outcomes(matching, 0.5)
+        seen = matching.above(0.5)
         timed("curves, confusion", _drawn, seen)
         timed("causes", errors, matching)
         timed("intervals", _intervals, seen)
@@ -116,14 +116,14 @@ def _at(images: int, rounds: int) -> dict:
 
 
 def _drawn(seen) -> None:
-    curves(seen.matching)
+    curves(seen)
     confusion(seen)
 
 
 def _intervals(seen) -> None:
-    labels, predictions = seen.matching.labels, seen.matching.predictions
+    labels, predictions = seen.labels, seen.predictions
     sums = sums_by(seen, of_detection=predictions.label, of_label=labels.label, bins=CLASSES).sum(axis=1)
-    figure_intervals(sums, resampled_sums(sums))
+    figure_intervals(figures(sums.sum(axis=0)), figures(resampled_sums(sums)), denominators(sums))
 
 
 def _scene(images: int) -> tuple[Labels, Predictions]:

@@ -49,7 +49,7 @@ def matched(coco, found):
 
 def by_position(seen):
     """`metrics.SUMS` of each position."""
-    all_of = {"of_detection": np.zeros(len(seen.true), dtype=int), "of_label": np.zeros(len(seen.found), dtype=int)}
+    all_of = {"of_detection": np.zeros(len(seen.box), dtype=int), "of_label": np.zeros(len(seen.detection), dtype=int)}
     return sums_by(seen, **all_of, bins=1)[:, 0]
 
 

@@ -35,10 +35,10 @@ def compare(seeds):
         labels, predictions = case(seed)
         if not len(predictions.score):
             continue
-        ours, (stats, each) = average_precision(labels, predictions), reference(labels, predictions)
+        (summary, own), (stats, each) = average_precision(labels, predictions), reference(labels, predictions)
         theirs = np.where(stats < 0, np.nan, stats)
-        assert np.allclose(list(ours.summary.values()), theirs, rtol=0, atol=1e-12, equal_nan=True), seed
-        assert np.allclose(ours.each, each, rtol=0, atol=1e-12, equal_nan=True), seed
+        assert np.allclose(list(summary.values()), theirs, rtol=0, atol=1e-12, equal_nan=True), seed
+        assert np.allclose(own, each, rtol=0, atol=1e-12, equal_nan=True), seed
         compared += 1
     return compared
 

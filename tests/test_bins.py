@@ -11,7 +11,6 @@ from hulldown.annotate.known import seen_from
 from hulldown.tests.detections import dataset, loaded, matched, random_case, results
 from hulldown.training.evaluation.bins import fields, figures_of, measured_contrast, worst
 from hulldown.training.evaluation.labels import labels_of
-from hulldown.training.evaluation.metrics import outcomes
 from hulldown.training.evaluation.predictions import predictions_of
 
 
@@ -111,8 +110,8 @@ def test_the_rarest_of_many_names_share_a_bin():
 
 
 def binned(coco, found):
-    seen = outcomes(matched(coco, found), 0.3)
-    return [figures_of(field, seen) for field in fields(seen.matching.labels, seen.matching.predictions)], seen
+    seen = matched(coco, found).above(0.3)
+    return [figures_of(field, seen) for field in fields(seen.labels, seen.predictions)], seen
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -161,7 +160,7 @@ def test_images_of_one_position_widen_the_interval_of_a_bin():
         for k, image in enumerate(coco["images"]):
             image |= {"scenery": "hills", "position": k // shots}
         figures, _ = binned(coco, results([(*box, 0.9) for box in boxes[:20]]))
-        widths.append(float(np.ptp(figures[0].recall_interval[:, 0])))
+        widths.append(float(np.ptp(figures[0].recall_interval[0])))
     assert widths[1] > 1.7 * widths[0]
 
 

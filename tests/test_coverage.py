@@ -11,7 +11,7 @@ from hulldown.training.evaluation.bootstrap import (
     share_interval,
     standard_error,
 )
-from hulldown.training.evaluation.metrics import figures
+from hulldown.training.evaluation.metrics import denominators, figures
 
 POSITIONS = (5, 10, 20, 60, 200)
 TIMES = 300  # resamples
@@ -49,7 +49,8 @@ def of_figures(rng, n, simulations, recall, agreement, alarms):
         labels = 1 + rng.poisson(SHOTS, n)
         sums = sums_of(rng, labels, found_in(rng, labels, recall, agreement), rng.poisson(alarms, n))
         again = resampled_sums(sums, times=TIMES)
-        ends, drawn = figure_intervals(sums, again), figures(again)
+        drawn = figures(again)
+        ends = figure_intervals(figures(sums.sum(axis=0)), drawn, denominators(sums))
         yield [covers(truth[key], ends[key], drawn[key]) for key in ("recall", "precision", "f1", "mean_iou")]
 
 

@@ -194,14 +194,14 @@ def test_average_precision_of_oriented_boxes_equals_hotcocos(seed):
     hotcoco = package("hotcoco")
     coco, found = oriented_case(seed)
     labels, predictions = loaded(coco, found)
-    average = Evaluation(labels, predictions, threshold=Threshold(0.5, "given")).average
+    summary = Evaluation(labels, predictions, threshold=Threshold(0.5, "given")).average[0]
     truth = hotcoco.COCO(
         {**coco, "annotations": [{"area": one["obb"][2] * one["obb"][3], **one} for one in coco["annotations"]]}
     )
     reference = hotcoco.COCOeval(truth, truth.load_res(found), "obb")
     reference.run()
     wanted = np.where(np.array(reference.stats[:3]) < 0, np.nan, reference.stats[:3])
-    np.testing.assert_allclose([average.summary[key] for key in ("ap", "ap50", "ap75")], wanted, rtol=0, atol=1e-9)
+    np.testing.assert_allclose([summary[key] for key in ("ap", "ap50", "ap75")], wanted, rtol=0, atol=1e-9)
 
 
 def test_detections_with_and_without_an_oriented_box_are_refused():

@@ -12,8 +12,6 @@ Lin et al., Microsoft COCO, ECCV 2014; the COCO evaluation code, `COCOeval.accum
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from faster_coco_eval import COCO, COCOeval_faster
@@ -34,48 +32,38 @@ SUMMARY = (
     *("ap", "ap50", "ap75", "ap_small", "ap_medium", "ap_large"),
     *("ar_1", "ar_10", "ar_100", "ar_small", "ar_medium", "ar_large"),
 )
+Averages = tuple[dict[str, float], Float[np.ndarray, "c 3"]]
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class AveragePrecision:
-    """Average precision and recall as COCO defines them.
+def average_precision(labels: Labels, predictions: Predictions) -> Averages:
+    """AP and AR as COCO defines them.
 
-    Parameters
-    ----------
-    summary
-        The twelve figures of COCO's summary, by name; nan where COCO has -1.
-    each
-        (c, 3) `AVERAGES` of each class; nan for a class without labels.
+    Returns
+    -------
+    The twelve figures of COCO's summary over all classes, by name, nan where COCO has -1; and `AVERAGES` of each
+    class, (c, 3), nan for a class without labels.
     """
-
-    summary: dict[str, float]
-    each: Float[np.ndarray, "c 3"]
-
-
-def average_precision(labels: Labels, predictions: Predictions) -> AveragePrecision:
-    """AP and AR over all classes, and AP of each class."""
     classes = len(predictions.class_names)
     if not len(predictions.score):
         # The library refuses an empty list of results. Without detections, AP is 0 for classes with labels.
         known = np.bincount(labels.label[~labels.crowd], minlength=classes) > 0
         each = np.where(known[:, None], [0.0] * len(AVERAGES), np.nan)
-        return AveragePrecision(dict.fromkeys(SUMMARY, 0.0 if known.any() else float("nan")), each)
+        return dict.fromkeys(SUMMARY, 0.0 if known.any() else float("nan")), each
     evaluation = COCOeval_faster(*_loaded(labels, predictions), "bbox", print_function=lambda *text: None)
     evaluation.evaluate()
     evaluation.accumulate()
     evaluation.summarize()
     # (IoU, recall, class, area, detections): all areas, the most detections.
     precision = np.where(evaluation.eval["precision"] < 0, np.nan, evaluation.eval["precision"])[:, :, :, 0, -1]
-    each = _averages(np.mean(precision, axis=1).T)
     summary = [float(figure) if figure >= 0 else float("nan") for figure in evaluation.stats[: len(SUMMARY)]]
-    return AveragePrecision(dict(zip(SUMMARY, summary, strict=True)), each)
+    return dict(zip(SUMMARY, summary, strict=True)), _averages(np.mean(precision, axis=1).T)
 
 
-def oriented_average(matchings: Sequence[Matching]) -> AveragePrecision:
-    """AP of oriented boxes, which the library doesn't support, from matches at `IOUS`; other figures are nan."""
+def oriented_average(matchings: Sequence[Matching]) -> Averages:
+    """The same of oriented boxes, which the library doesn't support, from matches at `IOUS`; all but AP is nan."""
     each = resampled_averages(matchings, np.ones((1, matchings[0].labels.positions)))
     known = dict(zip(AVERAGES, class_mean(each)[0].tolist(), strict=True))
-    return AveragePrecision(dict.fromkeys(SUMMARY, float("nan")) | known, each[0])
+    return dict.fromkeys(SUMMARY, float("nan")) | known, each[0]
 
 
 def _averages(each: Float[np.ndarray, "r ious"]) -> Float[np.ndarray, "r 3"]:
@@ -85,10 +73,6 @@ def _averages(each: Float[np.ndarray, "r ious"]) -> Float[np.ndarray, "r 3"]:
 
 def _loaded(labels: Labels, predictions: Predictions) -> list[COCO]:
     """Labels and detections for the library; images, classes, and boxes are numbered from 1."""
-    head: dict[str, Any] = {
-        "images": [{"id": i + 1} for i in range(len(labels.images))],
-        "categories": [{"id": c + 1} for c in range(len(predictions.class_names))],
-    }
     areas, nothing = predictions.xywh[:, 2] * predictions.xywh[:, 3], np.zeros(len(predictions.score), dtype=bool)
     loaded = []
     for boxes, area, crowd, score in (
@@ -98,7 +82,11 @@ def _loaded(labels: Labels, predictions: Predictions) -> list[COCO]:
         columns = (boxes.image + 1, boxes.label + 1, boxes.xywh, area, crowd.astype(np.int64), score)
         rows = enumerate(zip(*(column.tolist() for column in columns), strict=True), start=1)
         coco = COCO()
-        coco.dataset = {**head, "annotations": [dict(zip(KEYS, (k, *row), strict=True)) for k, row in rows]}
+        coco.dataset = {
+            "images": [{"id": i + 1} for i in range(len(labels.images))],
+            "categories": [{"id": c + 1} for c in range(len(predictions.class_names))],
+            "annotations": [dict(zip(KEYS, (k, *row), strict=True)) for k, row in rows],
+        }
         coco.createIndex()
         loaded.append(coco)
     return loaded
@@ -125,7 +113,7 @@ def resampled_averages(
         wanted = labels.position[labels.image[(labels.label == c) & ~labels.crowd]]
         wanted_at = np.bincount(wanted, minlength=weights.shape[1]).astype(np.float64)
         counts = np.stack([~one.ignored[rows] for one in matchings])
-        true = np.stack([one.box[rows] >= 0 for one in matchings]) & counts
+        true = np.stack([one.true[rows] for one in matchings])
         at_once = max(1, CELLS // max(1, len(rows)))
         parts = np.split(weights, range(at_once, len(weights), at_once))
         found = np.concatenate([weighted_averages(true, counts, some[:, where], some @ wanted_at) for some in parts])

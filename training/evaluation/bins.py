@@ -10,7 +10,7 @@ from functools import lru_cache, partial
 from itertools import compress
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Shaped
 
 from hulldown.annotate.known import SCALES, SIDES, SIZE, bins_of, name_of, numbers_of, sides_of, weather_of
 from hulldown.annotate.masks import decode
@@ -19,7 +19,8 @@ from hulldown.dataset.verification.look import appearance
 from hulldown.geometry.errors import DatasetError
 from hulldown.training.evaluation.bootstrap import ratio_error, share_interval
 from hulldown.training.evaluation.labels import Labels
-from hulldown.training.evaluation.metrics import SUMS, Outcomes, ratio, sums_by
+from hulldown.training.evaluation.matching import Matching
+from hulldown.training.evaluation.metrics import ratio, sums_by
 from hulldown.training.evaluation.predictions import Predictions
 
 MOST_NAMES = 30  # most frequent names with their own bin; the others share one
@@ -149,7 +150,7 @@ def _without_empty(field: BinnedField) -> BinnedField:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class BinFigures:
-    """Figures of a field's b bins.
+    """Figures of a field's b bins, by their names in reports.
 
     Parameters
     ----------
@@ -158,60 +159,57 @@ class BinFigures:
     labels, found
         (b,) number of labels, and of found ones.
     recall, recall_interval
-        (b,), (2, b) with the 95 % interval; nan with too few positions to tell.
-    precision, precision_interval
-        The same for the detections in a bin; nan if undefined.
-    detections
-        (b,) detections above the threshold; -1 if undefined.
+        (b,), and (b, 2) the 95 % interval; nan with too few positions to tell.
     mean_iou
         (b,) mean IoU of the matches.
+    detections
+        (b,) detections above the threshold; nan if the field has no bins of detections.
+    precision, precision_interval
+        Like the recall, for the detections in a bin; nan if undefined.
     """
 
     field: BinnedField
     labels: Int[np.ndarray, " b"]
     found: Int[np.ndarray, " b"]
     recall: Float[np.ndarray, " b"]
-    recall_interval: Float[np.ndarray, "2 b"]
-    detections: Int[np.ndarray, " b"]
-    precision: Float[np.ndarray, " b"]
-    precision_interval: Float[np.ndarray, "2 b"]
+    recall_interval: Float[np.ndarray, "b 2"]
     mean_iou: Float[np.ndarray, " b"]
+    detections: Shaped[np.ndarray, " b"]
+    precision: Float[np.ndarray, " b"]
+    precision_interval: Float[np.ndarray, "b 2"]
 
 
-def figures_of(field: BinnedField, seen: Outcomes) -> BinFigures:
+def figures_of(field: BinnedField, seen: Matching) -> BinFigures:
     """Recall, precision if defined, and mean IoU in every bin."""
     n = len(field.bins)
     sums = partial(sums_by, seen, of_label=field.of_label, bins=n)
     # A match is in its label's bin.
-    by_label = sums(of_detection=np.append(field.of_label, -1)[seen.matching.box])
-    found, there = by_label[..., 0], by_label[..., 0] + by_label[..., 2]
+    tp, _, fn, iou, *_ = np.moveaxis(sums(of_detection=np.append(field.of_label, -1)[seen.box]), -1, 0)
     if field.of_detection is None:
-        detections, precision, ends = np.full(n, -1), np.full(n, np.nan), np.full((2, n), np.nan)
+        right, counted, detections = np.zeros_like(tp), np.zeros_like(tp), np.full(n, np.nan)
     else:
-        by_detection = sums(of_detection=field.of_detection)
-        counted = by_detection[..., 0] + by_detection[..., 1]
+        right, wrong, *_ = np.moveaxis(sums(of_detection=field.of_detection), -1, 0)
+        counted = right + wrong
         detections = counted.sum(axis=0).astype(np.int64)
-        precision, ends = _share(by_detection[..., 0], counted)
-    recall, recall_ends = _share(found, there)
     return BinFigures(
-        field=field,
-        labels=there.sum(axis=0).astype(np.int64),
-        found=found.sum(axis=0).astype(np.int64),
-        recall=recall,
-        recall_interval=recall_ends,
-        detections=detections,
-        precision=precision,
-        precision_interval=ends,
-        mean_iou=ratio(by_label[..., SUMS.index("iou")].sum(axis=0), found.sum(axis=0)),
+        field,
+        (tp + fn).sum(axis=0).astype(np.int64),
+        tp.sum(axis=0).astype(np.int64),
+        *_share(tp, tp + fn),
+        ratio(iou.sum(axis=0), tp.sum(axis=0)),
+        detections,
+        *_share(right, counted),
     )
 
 
 def _share(
     part: Float[np.ndarray, "positions b"], whole: Float[np.ndarray, "positions b"]
-) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, "2 b"]]:
+) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, "b 2"]]:
     """A ratio of sums over positions, with its interval."""
-    value, trials = ratio(part.sum(axis=0), whole.sum(axis=0)), whole.sum(axis=0)
-    return value, share_interval(value, ratio_error(part, whole), freedom=(whole > 0).sum(axis=0) - 1, trials=trials)
+    trials = whole.sum(axis=0)
+    value = ratio(part.sum(axis=0), trials)
+    ends = share_interval(value, ratio_error(part, whole), freedom=(whole > 0).sum(axis=0) - 1, trials=trials)
+    return value, ends.T
 
 
 def worst(found: Sequence[BinFigures], *, enough: int = ENOUGH) -> list[str]:
@@ -222,9 +220,9 @@ def worst(found: Sequence[BinFigures], *, enough: int = ENOUGH) -> list[str]:
     rows = []
     for one in found:
         total = float(ratio(one.found.sum(), one.labels.sum()))
-        told = (one.labels >= enough) & (one.recall < total) & ~np.isnan(one.recall_interval[0])
+        told = (one.labels >= enough) & (one.recall < total) & ~np.isnan(one.recall_interval[:, 0])
         for b in np.flatnonzero(told):
-            low, high = one.recall_interval[:, b]
+            low, high = one.recall_interval[b]
             words = (
                 f"{one.field.title} {one.field.bins[b]}: {one.found[b]} of {one.labels[b]} found, recall "
                 f"{one.recall[b]:.2f} ({low:.2f} to {high:.2f}), against {total:.2f} of all"

@@ -18,14 +18,14 @@ Satterthwaite, An approximate distribution of estimates of variance components, 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
-from hulldown.training.evaluation.metrics import SHARES, denominators, figures, ratio
+from hulldown.training.evaluation.metrics import MEANS, ratio
 
 RESAMPLES = 2000
 LEAST_ERROR = 1e-150  # smallest error whose square doesn't underflow
@@ -149,16 +149,18 @@ def combined_error(
 
 
 def figure_intervals(
-    sums: Float[np.ndarray, "groups 6"], resampled: Float[np.ndarray, "r 6"]
+    values: Mapping[str, ArrayLike],
+    resampled: Mapping[str, Float[np.ndarray, " r"]],
+    wholes: Mapping[str, Float[np.ndarray, " groups"]],
 ) -> dict[str, Float[np.ndarray, "2"]]:
-    """Intervals of all figures from `metrics.SUMS` of each group, and of every resample of the groups."""
-    whole, again = figures(sums.sum(axis=0)), figures(resampled)
+    """Intervals of figures by name, from their values, those of every resample, and the denominator of each group."""
     found = {}
-    for key, each in denominators(sums).items():
-        groups = int((each > 0).sum())
-        error = standard_error(again[key], groups)
-        trials = each.sum() if key in SHARES else np.inf
-        found[key] = share_interval(whole[key], error, freedom=groups - 1, trials=trials)
+    for key, whole in wholes.items():
+        groups = int((whole > 0).sum())
+        trials = np.inf if key in MEANS else whole.sum()
+        found[key] = share_interval(
+            values[key], standard_error(resampled[key], groups), freedom=groups - 1, trials=trials
+        )
     return found
 
 

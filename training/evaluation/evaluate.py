@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from hulldown.training.evaluation.average_precision import (
     AVERAGES,
     IOUS,
-    AveragePrecision,
+    Averages,
     average_precision,
     class_mean,
     oriented_average,
@@ -23,18 +23,17 @@ from hulldown.training.evaluation.bootstrap import (
     figure_intervals,
     resampled_sums,
     resamples,
-    share_interval,
     standard_error,
 )
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.matching import Matching, match, overlapping
 from hulldown.training.evaluation.metrics import (
+    COUNTS,
+    FIGURES,
     SUMS,
-    Curves,
-    confusion,
     curves,
+    denominators,
     figures,
-    outcomes,
     sums_at_best,
     sums_by,
 )
@@ -79,35 +78,29 @@ class Evaluation:
         self.labels, self.predictions, self.threshold = labels, predictions, threshold
         pairs = overlapping(labels, predictions, at_least=min(BACKGROUND, iou))
         self.matching = match(labels, predictions, pairs, iou=iou)
-        self.seen = outcomes(self.matching, threshold.value)
-        self.positions = labels.positions
-        self._classes = len(predictions.class_names)
+        self.seen = self.matching.above(threshold.value)
 
     @cached_property
     def position_sums(self) -> Float[np.ndarray, "positions c 6"]:
         """`metrics.SUMS` of each class in each position."""
-        return sums_by(self.seen, of_detection=self.predictions.label, of_label=self.labels.label, bins=self._classes)
+        classes = len(self.predictions.class_names)
+        return sums_by(self.seen, of_detection=self.predictions.label, of_label=self.labels.label, bins=classes)
 
     @cached_property
-    def sums(self) -> Float[np.ndarray, "c 6"]:
-        """`metrics.SUMS` of each class."""
-        return self.position_sums.sum(axis=0)
-
-    @cached_property
-    def label_positions(self) -> Int[np.ndarray, "positions c"]:
-        """Number of labels of each class in each position, without crowds."""
-        return self.position_sums[:, :, [SUMS.index("tp"), SUMS.index("fn")]].sum(axis=2).astype(np.int64)
-
-    @cached_property
-    def resampled(self) -> Float[np.ndarray, "r c 6"]:
+    def resampled_sums(self) -> Float[np.ndarray, "r c 6"]:
         """`metrics.SUMS` of each class in every resample of positions."""
         if self.threshold.source != "test":
             return resampled_sums(self.position_sums)
-        return np.concatenate([sums_at_best(self.matching, weights) for weights in resamples(self.positions)])
+        return np.concatenate([sums_at_best(self.matching, weights) for weights in resamples(self.labels.positions)])
 
     @cached_property
-    def average(self) -> AveragePrecision:
-        """AP and AR."""
+    def position_labels(self) -> Float[np.ndarray, " positions"]:
+        """Number of labels in each position, without crowds."""
+        return denominators(self.position_sums.sum(axis=1))["recall"]
+
+    @cached_property
+    def average(self) -> Averages:
+        """AP and AR: COCO's summary, and `AVERAGES` of each class."""
         if self.predictions.corners is not None:
             return oriented_average(self._matchings)
         return average_precision(self.labels, self.predictions)
@@ -118,9 +111,8 @@ class Evaluation:
         return [match(self.labels, self.predictions, among, iou=iou) for iou in IOUS]
 
     @cached_property
-    def averages_resampled(self) -> Float[np.ndarray, "r c 3"]:
-        """`average_precision.AVERAGES` of every resample of positions."""
-        some = resamples(self.positions, times=AP_RESAMPLES)
+    def _resampled_averages(self) -> Float[np.ndarray, "r c 3"]:
+        some = resamples(self.labels.positions, times=AP_RESAMPLES)
         return np.concatenate([resampled_averages(self._matchings, weights) for weights in some])
 
     @cached_property
@@ -129,35 +121,33 @@ class Evaluation:
         return errors(match(self.labels, self.predictions, self.matching.pairs, iou=FOREGROUND))
 
     @cached_property
-    def curves(self) -> Curves:
-        """Of all classes together."""
-        return curves(self.matching)
-
-    @cached_property
-    def class_curves(self) -> tuple[Curves, ...]:
-        """Of each class."""
-        return tuple(curves(self.matching, label=c) for c in range(self._classes))
-
-    @cached_property
-    def confusion(self) -> Int[np.ndarray, "k k"]:
-        """(c + 1, c + 1) true class by detected class, background last."""
-        return confusion(self.seen)
-
-    @cached_property
     def bins(self) -> list[BinFigures]:
         """Figures in the bins of each field."""
         return [figures_of(field, self.seen) for field in fields(self.labels, self.predictions)]
 
+    def values(self, label: int | None = None) -> dict[str, float]:
+        """`metrics.COUNTS`, `metrics.FIGURES`, and `AVERAGES`, over all classes or of one; nan if undefined."""
+        sums = self.position_sums[:, _among(label)].sum(axis=0).sum(axis=0)
+        summary, each = self.average
+        averages = [summary[key] for key in AVERAGES] if label is None else each[label]
+        found = {**dict(zip(SUMS, sums, strict=True)), **figures(sums), **dict(zip(AVERAGES, averages, strict=True))}
+        return {key: float(found[key]) for key in (*COUNTS, *FIGURES, *AVERAGES)}
+
+    def resampled(self, label: int | None = None) -> dict[str, Float[np.ndarray, " r"]]:
+        """`metrics.FIGURES` in every resample of positions, and `AVERAGES` in `AP_RESAMPLES` resamples."""
+        averages = class_mean(self._resampled_averages[:, _among(label)])
+        found = figures(self.resampled_sums[:, _among(label)].sum(axis=1))
+        return found | dict(zip(AVERAGES, averages.T, strict=True))
+
     def intervals(self, label: int | None = None) -> dict[str, Float[np.ndarray, "2"]]:
         """Of all figures, over all classes or of one."""
-        one = slice(None) if label is None else slice(label, label + 1)
-        found = figure_intervals(self.position_sums[:, one].sum(axis=1), self.resampled[:, one].sum(axis=1))
-        average, labels = self.average, self.label_positions[:, one].sum(axis=1)
-        value = [average.summary[key] for key in AVERAGES] if label is None else average.each[label]
-        positions = int((labels > 0).sum())
-        error = standard_error(class_mean(self.averages_resampled[:, one]), positions)
-        ends = share_interval(value, error, freedom=positions - 1, trials=labels.sum())
-        return found | {key: ends[:, k] for k, key in enumerate(AVERAGES)}
+        wholes = denominators(self.position_sums[:, _among(label)].sum(axis=1))
+        wholes |= dict.fromkeys(AVERAGES, wholes["recall"])
+        return figure_intervals(self.values(label), self.resampled(label), wholes)
+
+
+def _among(label: int | None) -> slice:
+    return slice(None) if label is None else slice(label, label + 1)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -179,32 +169,22 @@ class DetectorComparison:
 
 
 def best_threshold(labels: Labels, predictions: Predictions, *, iou: float = 0.5) -> float | None:
-    """The confidence with the highest F1 over all classes; None without detections."""
-    pairs = overlapping(labels, predictions, at_least=iou)
-    return curves(match(labels, predictions, pairs, iou=iou)).best()
+    """The highest confidence with the highest F1 over all classes; None without detections."""
+    curve = curves(match(labels, predictions, overlapping(labels, predictions, at_least=iou), iou=iou))
+    return float(curve["threshold"][np.argmax(curve["f1"])]) if len(curve["f1"]) else None
 
 
 def compare(first: Evaluation, second: Evaluation) -> DetectorComparison:
-    """Compare two detectors, second minus first, on the same resamples of positions.
-
-    Raises
-    ------
-    ValueError
-        If they're of different datasets.
-    """
-    if first.labels is not second.labels:
-        raise ValueError(f"second: expected an evaluation on {first.labels.path}, got {second.labels.path}")
-    positions = int((first.label_positions.sum(axis=1) > 0).sum())
-    labels = int(first.label_positions.sum())
-    value, error = {}, {}
-    before, after = (figures(one.sums.sum(axis=0)) for one in (first, second))
-    again = [figures(one.resampled.sum(axis=1)) for one in (first, second)]
-    for key in before:
-        value[key] = float(after[key] - before[key])
-        error[key] = standard_error(again[1][key] - again[0][key], positions)
-    averages = standard_error(class_mean(second.averages_resampled) - class_mean(first.averages_resampled), positions)
-    for k, key in enumerate(AVERAGES):
-        value[key] = second.average.summary[key] - first.average.summary[key]
-        error[key] = averages[k]
-    ends = {key: difference_interval(value[key], error[key], freedom=positions - 1, labels=labels) for key in value}
-    return DetectorComparison(first.predictions.name, second.predictions.name, value, ends)
+    """Compare two detectors on one dataset, second minus first, on the same resamples of positions."""
+    before, after = first.values(), second.values()
+    again, later = first.resampled(), second.resampled()
+    labels = first.position_labels
+    positions = int((labels > 0).sum())
+    difference = {key: after[key] - before[key] for key in again}
+    intervals = {
+        key: difference_interval(
+            value, standard_error(later[key] - again[key], positions), freedom=positions - 1, labels=labels.sum()
+        )
+        for key, value in difference.items()
+    }
+    return DetectorComparison(first.predictions.name, second.predictions.name, difference, intervals)

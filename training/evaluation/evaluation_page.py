@@ -26,6 +26,7 @@ from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.bins import BinFigures
 from hulldown.training.evaluation.cases import MOST, facets
 from hulldown.training.evaluation.evaluate import DetectorComparison, Evaluation
+from hulldown.training.evaluation.metrics import curves
 
 TEMPLATE = "training/evaluation/evaluation_page.html"
 FIGURES = {
@@ -117,15 +118,15 @@ def precision_recall(evaluations: Sequence[Evaluation]) -> Figure:
     figure, axes = axes_of("precision over recall", 5.4, 3.6)
     colors = cycle(COLORS)
     for one, color in zip(evaluations, colors, strict=False):
-        name = short(one.predictions.name) if len(evaluations) > 1 else "all classes"
-        axes.plot(one.curves.recall, one.curves.precision, marker_of(one.curves.recall), color=color, label=name)
-        if len(evaluations) == 1:
-            for label, curve in zip(one.predictions.class_names, one.class_curves, strict=True):
-                line = marker_of(curve.recall)
-                axes.plot(curve.recall, curve.precision, line, color=next(colors), linewidth=0.9, label=short(label))
-        at = np.searchsorted(-one.curves.threshold, -one.threshold.value, side="right") - 1
+        curve, name = curves(one.matching), short(one.predictions.name) if len(evaluations) > 1 else "all classes"
+        axes.plot(curve["recall"], curve["precision"], marker_of(curve["recall"]), color=color, label=name)
+        for label, class_name in enumerate(one.predictions.class_names if len(evaluations) == 1 else ()):
+            each, name = curves(one.matching, label=label), short(class_name)
+            line = marker_of(each["recall"])
+            axes.plot(each["recall"], each["precision"], line, color=next(colors), linewidth=0.9, label=name)
+        at = np.searchsorted(-curve["threshold"], -one.threshold.value, side="right") - 1
         if at >= 0:
-            axes.plot(one.curves.recall[at], one.curves.precision[at], "o", color=color)
+            axes.plot(curve["recall"][at], curve["precision"][at], "o", color=color)
     axes.set(xlabel="recall", ylabel="precision", xlim=(0, 1.02), ylim=(0, 1.02))
     axes.legend(fontsize=7, loc="lower left")
     return figure
@@ -139,9 +140,10 @@ def marker_of(values: np.ndarray) -> str:
 def over_thresholds(one: Evaluation) -> Figure:
     """Precision, recall and F1 over the confidence from which detections count."""
     figure, axes = axes_of("figures over the threshold (dotted: as evaluated)", 5.4, 3.6)
+    curve = curves(one.matching)
     for key, color in (("precision", BLUE), ("recall", GREEN), ("f1", RED)):
-        label, values = "F1" if key == "f1" else key, getattr(one.curves, key)
-        axes.plot(one.curves.threshold, values, marker_of(values), color=color, label=label)
+        label = "F1" if key == "f1" else key
+        axes.plot(curve["threshold"], curve[key], marker_of(curve[key]), color=color, label=label)
     axes.axvline(one.threshold.value, color=INK, linewidth=0.8, linestyle=":")
     axes.set(xlabel="confidence threshold", ylim=(0, 1.02))
     axes.legend(fontsize=7, loc="lower center")
@@ -161,7 +163,7 @@ def recall_bins(found: BinFigures, overall: float) -> Figure:
     rows = np.flatnonzero(found.labels > 0)[::-1]
     figure, axes = axes_of(f"recall by {found.field.title}", 3.75, 0.7 + 0.24 * len(rows))
     places = np.arange(len(rows))
-    recall, ends = found.recall[rows], found.recall_interval[:, rows]
+    recall, ends = found.recall[rows], found.recall_interval[rows].T
     axes.barh(places, recall, color=BLUE, height=0.62, alpha=0.75)
     axes.errorbar(
         recall, places, xerr=np.clip(np.stack([recall - ends[0], ends[1] - recall]), 0, None),

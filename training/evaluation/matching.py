@@ -12,7 +12,7 @@ Lin et al., Microsoft COCO, ECCV 2014; pycocotools 2.0, `COCOeval.evaluateImg`, 
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -50,7 +50,7 @@ class Overlaps:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Matching:
-    """Matches of d detections and g labels.
+    """Matches of d detections and g labels, and with them the outcome of each.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class Matching:
     iou
         (d,) its IoU; nan if none.
     ignored
-        (d,) whether the detection is ignored: it's in a crowd, or beyond the first hundred.
+        (d,) whether the detection is ignored: it's in a crowd, beyond the first hundred, or below a threshold.
     detection
         (g,) matched detection; -1 if none, and for crowds.
     """
@@ -78,6 +78,33 @@ class Matching:
     iou: Float[np.ndarray, " d"]
     ignored: Bool[np.ndarray, " d"]
     detection: Int[np.ndarray, " g"]
+
+    @property
+    def true(self) -> Bool[np.ndarray, " d"]:
+        """True positives."""
+        return (self.box >= 0) & ~self.ignored
+
+    @property
+    def false(self) -> Bool[np.ndarray, " d"]:
+        """False positives."""
+        return (self.box < 0) & ~self.ignored
+
+    @property
+    def found(self) -> Bool[np.ndarray, " g"]:
+        """Labels with a detection."""
+        return self.detection >= 0
+
+    @property
+    def missed(self) -> Bool[np.ndarray, " g"]:
+        """Labels without a detection; a crowd is neither found nor missed."""
+        return (self.detection < 0) & ~self.labels.crowd
+
+    def above(self, threshold: float) -> Matching:
+        """Ignore detections with scores below a threshold; the matches of the others don't depend on them."""
+        ignored = self.ignored | (self.predictions.score < threshold)
+        detection = self.detection.copy()
+        detection[self.box[ignored & (self.box >= 0)]] = -1
+        return replace(self, ignored=ignored, detection=detection)
 
 
 def overlaps(
@@ -140,9 +167,6 @@ def overlapping(labels: Labels, predictions: Predictions, *, at_least: float = 0
 
 def match(labels: Labels, predictions: Predictions, pairs: Overlaps, *, iou: float = 0.5) -> Matching:
     """Match detections with labels of their class as COCO does.
-
-    Matching every detection is safe: those below the confidence threshold are dropped later, since the matches of the
-    confident ones are decided first.
 
     Parameters
     ----------

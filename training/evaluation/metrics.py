@@ -7,83 +7,44 @@ Paper, section 2.3.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.training.evaluation.matching import Matching, greedy
 
-SUMS = ("tp", "fp", "fn", "iou", "confidence_tp", "confidence_fp")  # quantities that add up over images
-FIGURES = ("precision", "recall", "f1", "mean_iou", "mean_confidence", "mean_confidence_tp", "mean_confidence_fp")
-SHARES = ("precision", "recall", "f1")  # figures that are ratios of counts; the others are means
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Outcomes:
-    """Outcomes of detections and labels at a confidence threshold.
-
-    Parameters
-    ----------
-    matching
-        Their matches.
-    true
-        (d,) true positives.
-    false
-        (d,) false positives.
-    found, missed
-        (g,) found and missed labels; a crowd is neither.
-    """
-
-    matching: Matching
-    true: Bool[np.ndarray, " d"]
-    false: Bool[np.ndarray, " d"]
-    found: Bool[np.ndarray, " g"]
-    missed: Bool[np.ndarray, " g"]
-
-
-def outcomes(matching: Matching, threshold: float) -> Outcomes:
-    """Outcomes of detections with scores of at least `threshold`."""
-    counted = (matching.predictions.score >= threshold) & ~matching.ignored
-    found = np.zeros(len(matching.detection), dtype=bool)
-    matched = matching.detection >= 0
-    found[matched] = counted[matching.detection[matched]]
-    return Outcomes(
-        matching,
-        true=counted & (matching.box >= 0),
-        false=counted & (matching.box < 0),
-        found=found,
-        missed=~found & ~matching.labels.crowd,
-    )
+COUNTS = ("tp", "fp", "fn")
+SUMS = (*COUNTS, "iou", "confidence_tp", "confidence_fp")  # quantities that add up over images
+SHARES = ("precision", "recall", "f1")  # ratios of counts
+MEANS = ("mean_iou", "mean_confidence", "mean_confidence_tp", "mean_confidence_fp")
+FIGURES = (*SHARES, *MEANS)
 
 
 def sums_by(
-    seen: Outcomes, *, of_detection: Int[np.ndarray, " d"], of_label: Int[np.ndarray, " g"], bins: int
+    matching: Matching, *, of_detection: Int[np.ndarray, " d"], of_label: Int[np.ndarray, " g"], bins: int
 ) -> Float[np.ndarray, "positions bins 6"]:
     """`SUMS` of each bin in each position.
 
     Parameters
     ----------
-    seen
+    matching
         The outcomes.
     of_detection, of_label
         (d,), (g,) bin of each; negative ones are ignored.
     bins
         Number of bins.
     """
-    matching = seen.matching
-    labels, predictions = matching.labels, matching.predictions
+    labels, predictions, true, false = matching.labels, matching.predictions, matching.true, matching.false
 
     def totals(of: np.ndarray, image: np.ndarray, *weights: np.ndarray) -> list[np.ndarray]:
         inside = of >= 0
         cell = labels.position[image[inside]] * bins + of[inside]
         return [np.bincount(cell, weights=weight[inside], minlength=labels.positions * bins) for weight in weights]
 
-    means = ((seen.true, matching.iou), (seen.true, predictions.score), (seen.false, predictions.score))
+    means = ((true, matching.iou), (true, predictions.score), (false, predictions.score))
     weights = (np.where(counted, value, 0.0) for counted, value in means)
-    tp, fp, *rest = totals(of_detection, predictions.image, seen.true, seen.false, *weights)
-    fn = totals(of_label, labels.image, seen.missed)
+    tp, fp, *rest = totals(of_detection, predictions.image, true, false, *weights)
+    fn = totals(of_label, labels.image, matching.missed)
     return np.stack([tp, fp, *fn, *rest], axis=1, dtype=np.float64).reshape(labels.positions, bins, len(SUMS))
 
 
@@ -117,66 +78,50 @@ def ratio(part: ArrayLike, whole: ArrayLike) -> Float[np.ndarray, "..."]:
     return np.divide(part, whole, out=np.full(np.broadcast(part, whole).shape, np.nan), where=whole != 0.0)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Curves:
-    """Precision, recall, and F1 over k confidence thresholds: all scores, falling.
-
-    Parameters
-    ----------
-    threshold, precision, recall, f1
-        (k,) each.
-    """
-
-    threshold: Float[np.ndarray, " k"]
-    precision: Float[np.ndarray, " k"]
-    recall: Float[np.ndarray, " k"]
-    f1: Float[np.ndarray, " k"]
-
-    def best(self) -> float | None:
-        """The highest threshold with the highest F1; None without detections."""
-        return float(self.threshold[np.argmax(self.f1)]) if len(self.f1) else None
-
-
-def curves(matching: Matching, *, label: int | None = None) -> Curves:
-    """Curves over the threshold, of one class or of all."""
+def curves(matching: Matching, *, label: int | None = None) -> dict[str, Float[np.ndarray, " k"]]:
+    """``precision``, ``recall``, and ``f1`` at k values of ``threshold``: all scores, falling; of a class or of all."""
     labels, predictions = matching.labels, matching.predictions
-    counted = ~matching.ignored
-    wanted = ~labels.crowd
+    counted, wanted = ~matching.ignored, ~labels.crowd
     if label is not None:
         counted, wanted = counted & (predictions.label == label), wanted & (labels.label == label)
-    score, true = predictions.score[counted], (matching.box >= 0)[counted]
-    order = np.argsort(-score, kind="stable")
-    score, tp = score[order], np.cumsum(true[order])
-    last = np.concatenate([score[1:] != score[:-1], [True]]) if len(score) else np.zeros(0, dtype=bool)
-    tp, fp = tp[last], (np.arange(1, len(score) + 1) - tp)[last]
-    fn = int(wanted.sum()) - tp
-    return Curves(score[last], ratio(tp, tp + fp), ratio(tp, tp + fn), ratio(2 * tp, 2 * tp + fp + fn))
+    rows, last = _by_score(predictions.score, counted)
+    tp = np.cumsum(matching.true[rows])[last]
+    fp, fn = last + 1 - tp, int(wanted.sum()) - tp
+    return {
+        "threshold": predictions.score[rows][last],
+        "precision": ratio(tp, tp + fp),
+        "recall": ratio(tp, tp + fn),
+        "f1": ratio(2 * tp, 2 * tp + fp + fn),
+    }
 
 
-def confusion(seen: Outcomes) -> Int[np.ndarray, "k k"]:
+def _by_score(
+    score: Float[np.ndarray, " d"], counted: Bool[np.ndarray, " d"]
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " k"]]:
+    """Counted detections by falling score, and the places of the last one of each score."""
+    rows = np.flatnonzero(counted)
+    rows = rows[np.argsort(-score[rows], kind="stable")]
+    return rows, np.flatnonzero(np.diff(score[rows], append=np.nan) != 0.0)
+
+
+def confusion(matching: Matching) -> Int[np.ndarray, "k k"]:
     """The confusion matrix: rows are true classes, columns detected ones, the last of each is the background.
 
     The diagonal has the true positives. The rest is matched again, ignoring classes, by the same rule; what
     remains is background.
     """
-    matching = seen.matching
     labels, predictions, pairs = matching.labels, matching.predictions, matching.pairs
-    classes = len(predictions.class_names)
-    left = pairs.where(
-        seen.false[pairs.detection] & seen.missed[pairs.box] & (pairs.iou >= min(matching.iou_threshold, 1.0 - 1e-10))
-    )
+    background = len(predictions.class_names)
+    counted, missed = ~matching.ignored, matching.missed
+    enough = pairs.iou >= min(matching.iou_threshold, 1.0 - 1e-10)
+    left = pairs.where(enough & matching.false[pairs.detection] & missed[pairs.box])
     mixed = greedy(left, -predictions.score, predictions.image, labels.crowd)
-    false, missed = seen.false.copy(), seen.missed.copy()
-    false[mixed.detection], missed[mixed.box] = False, False
-    rows = [predictions.label[seen.true], labels.label[mixed.box], np.full(false.sum(), classes), labels.label[missed]]
-    columns = [
-        predictions.label[seen.true],
-        predictions.label[mixed.detection],
-        predictions.label[false],
-        np.full(missed.sum(), classes),
-    ]
-    cells = np.concatenate(rows) * (classes + 1) + np.concatenate(columns)
-    return np.bincount(cells, minlength=(classes + 1) ** 2).reshape(classes + 1, classes + 1)
+    meant = np.where(matching.true, predictions.label, background)
+    meant[mixed.detection], missed[mixed.box] = labels.label[mixed.box], False
+    rows = np.concatenate([meant[counted], labels.label[missed]])
+    columns = np.concatenate([predictions.label[counted], np.full(missed.sum(), background)])
+    cells = np.bincount(rows * (background + 1) + columns, minlength=(background + 1) ** 2)
+    return cells.reshape(background + 1, background + 1)
 
 
 def sums_at_best(matching: Matching, weights: Float[np.ndarray, "r positions"]) -> Float[np.ndarray, "r c 6"]:
@@ -186,10 +131,8 @@ def sums_at_best(matching: Matching, weights: Float[np.ndarray, "r positions"]) 
     """
     labels, predictions = matching.labels, matching.predictions
     classes = len(predictions.class_names)
-    rows = np.flatnonzero(~matching.ignored)
-    rows = rows[np.argsort(-predictions.score[rows], kind="stable")]
-    score, label, true = predictions.score[rows], predictions.label[rows], matching.box[rows] >= 0
-    last = np.flatnonzero(np.append(score[1:] != score[:-1], True)[: len(rows)])  # of each threshold
+    rows, last = _by_score(predictions.score, ~matching.ignored)
+    score, label, true = predictions.score[rows], predictions.label[rows], matching.true[rows]
     iou, where = np.where(true, matching.iou[rows], 0.0), labels.position[predictions.image[rows]]
     wanted = np.flatnonzero(~labels.crowd)
     result = np.zeros((len(weights), classes, len(SUMS)))

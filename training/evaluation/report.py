@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import orjson
-from jaxtyping import Float
 
 from hulldown.dataset.reports.page import Tile
 from hulldown.geometry.arrays import spread
@@ -27,12 +26,11 @@ from hulldown.training.evaluation.cases import sheet, thumbnails
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare
 from hulldown.training.evaluation.evaluation_page import comparison_page, evaluation_page
 from hulldown.training.evaluation.labels import Labels, read_labels
-from hulldown.training.evaluation.metrics import FIGURES, figures
+from hulldown.training.evaluation.metrics import COUNTS, FIGURES, confusion, curves
 from hulldown.training.evaluation.predictions import Predictions, read_predictions
 from hulldown.training.evaluation.tide import CAUSES
 
 DIGITS = 6
-COUNTS = ("tp", "fp", "fn")
 COLUMNS = ("predictions", "scope", *COUNTS, *FIGURES, *AVERAGES, "threshold", "threshold_source", "iou")
 CURVE_POINTS = 200
 SHEETS = {"missed": "misses.png", "false alarm": "false_alarms.png"}
@@ -187,7 +185,8 @@ def report(one: Evaluation) -> dict[str, Any]:
     predictions = one.predictions
     listed = predictions.class_names
     names = [name if listed.count(name) == 1 else f"{name} ({c + 1})" for c, name in enumerate(listed)]
-    shown = spread(len(one.curves.threshold), CURVE_POINTS)
+    curve = curves(one.matching)
+    shown = spread(len(curve["threshold"]), CURVE_POINTS)
     return {
         "dataset": str(one.labels.path),
         "predictions": predictions.name,
@@ -195,24 +194,18 @@ def report(one: Evaluation) -> dict[str, Any]:
         "threshold": one.threshold.value,
         "threshold_source": one.threshold.source,
         "images": len(one.labels.images),
-        "positions": one.positions,
+        "positions": one.labels.positions,
         "labels": int((~one.labels.crowd).sum()),
         "picture_px": _picture_px(one.labels),
         "overall": {
-            **_record(one, one.sums.sum(axis=0), {key: one.average.summary[key] for key in AVERAGES}),
-            "average_precision": plain(one.average.summary),
+            **_record(one),
+            "average_precision": plain(one.average[0]),
             "intervals": plain(one.intervals()),
         },
-        "per_class": {
-            name: {
-                **_record(one, one.sums[c], dict(zip(AVERAGES, one.average.each[c], strict=True))),
-                "intervals": plain(one.intervals(c)),
-            }
-            for c, name in enumerate(names)
-        },
-        "confusion": {"classes": [*names, "background"], "counts": one.confusion.tolist()},
+        "per_class": {name: {**_record(one, c), "intervals": plain(one.intervals(c))} for c, name in enumerate(names)},
+        "confusion": {"classes": [*names, "background"], "counts": confusion(one.seen).tolist()},
         "errors": {name: {"count": count, "ap50": plain(one.errors.loss[name])} for name, count in causes(one).items()},
-        "curves": {key: plain(getattr(one.curves, key)[shown]) for key in ("threshold", "precision", "recall", "f1")},
+        "curves": {key: plain(values[shown]) for key, values in curve.items()},
         "bins": {found.field.name: _bins(found) for found in one.bins},
         "worst_bins": worst(one.bins),
     }
@@ -246,11 +239,9 @@ def plain(value: Any) -> Any:
     return value
 
 
-def _record(one: Evaluation, sums: Float[np.ndarray, "6"], averages: Mapping[str, float]) -> dict[str, Any]:
+def _record(one: Evaluation, label: int | None = None) -> dict[str, Any]:
     return {
-        **{key: int(sums[k]) for k, key in enumerate(COUNTS)},
-        **plain(figures(sums)),
-        **plain(dict(averages)),
+        **{key: int(value) if key in COUNTS else plain(value) for key, value in one.values(label).items()},
         "threshold": one.threshold.value,
         "threshold_source": one.threshold.source,
         "iou": one.matching.iou_threshold,
@@ -258,18 +249,6 @@ def _record(one: Evaluation, sums: Float[np.ndarray, "6"], averages: Mapping[str
 
 
 def _bins(found: BinFigures) -> list[dict[str, Any]]:
-    defined = found.field.of_detection is not None
-    return [
-        {
-            "bin": name,
-            "labels": int(found.labels[b]),
-            "found": int(found.found[b]),
-            "recall": plain(found.recall[b]),
-            "recall_interval": plain(found.recall_interval[:, b]),
-            "mean_iou": plain(found.mean_iou[b]),
-            "detections": int(found.detections[b]) if defined else None,
-            "precision": plain(found.precision[b]),
-            "precision_interval": plain(found.precision_interval[:, b]),
-        }
-        for b, name in enumerate(found.field.bins)
-    ]
+    figures = [key for key in BinFigures.__slots__ if key != "field"]
+    columns = [found.field.bins, *(plain(getattr(found, key)) for key in figures)]
+    return [dict(zip(("bin", *figures), row, strict=True)) for row in zip(*columns, strict=True)]

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from hulldown.training.evaluation.average_precision import weighted_averages
 from hulldown.training.evaluation.matching import Matching, Overlaps
@@ -61,11 +61,10 @@ def _causes(matching: Matching) -> tuple[Int[np.ndarray, " d"], Int[np.ndarray, 
     )
     # The paper's program uses the best overlap with the class, which isn't a localization error in the foreground.
     place = np.where(doubled >= 0, NONE, place)
-    false = (matching.box < 0) & ~matching.ignored
     asked = [place >= 0, other >= 0, doubled >= 0, anything < 0]
     names = ["localization", "class", "duplicate", "background"]
     cause = np.select(asked, [CAUSES.index(name) for name in names], CAUSES.index("both"))
-    cause = np.where(false, cause, NONE)
+    cause = np.where(matching.false, cause, NONE)
     meant = np.where(cause == CAUSES.index("localization"), place, NONE)
     return cause, np.where(cause == CAUSES.index("class"), other, meant)
 
@@ -81,64 +80,38 @@ def _best(pairs: Overlaps, among: Bool[np.ndarray, " p"], detections: int) -> In
 
 def _losses(matching: Matching, cause: Int[np.ndarray, " d"], meant: Int[np.ndarray, " d"]) -> dict[str, float]:
     labels, predictions = matching.labels, matching.predictions
-    classes = len(predictions.class_names)
-    missed = (matching.detection < 0) & ~labels.crowd
+    wanted = np.bincount(labels.label[~labels.crowd], minlength=len(predictions.class_names))
+    order = np.argsort(-predictions.score, kind="stable")
+
+    def mean_ap(
+        label: Int[np.ndarray, " d"],
+        true: Bool[np.ndarray, " d"],
+        counted: Bool[np.ndarray, " d"],
+        left: Int[np.ndarray, " c"],
+    ) -> float:
+        """Mean AP over classes with labels; if none is left in one, it's perfect without false positives, else 0."""
+        each = []
+        for c in np.flatnonzero(wanted):
+            right = true[order][(counted & (label == c))[order]][None]
+            once, number = np.ones(right.shape), np.array([float(left[c])])
+            each.append(weighted_averages(right, once > 0, once, number)[0, 0] if left[c] > 0 else float(right.all()))
+        return float(np.mean(each)) if each else float("nan")
+
+    missed, counted, true = matching.missed, ~matching.ignored, matching.true
     missed[meant[meant >= 0]] = False
-    counted, true = ~matching.ignored, matching.box >= 0
-    wanted = np.bincount(labels.label[~labels.crowd], minlength=classes)
-    before = mean_ap(predictions.score, predictions.label, true, counted, wanted)
+    before = mean_ap(predictions.label, true, counted, wanted)
     loss = {}
     for number, name in enumerate(CAUSES):
         kept, right, label, left = counted.copy(), true.copy(), predictions.label.copy(), wanted
         if name == "missed":
-            left = wanted - np.bincount(labels.label[missed], minlength=classes)
+            left = wanted - np.bincount(labels.label[missed], minlength=len(wanted))
         else:
             kept[cause == number] = False
         if name in ("class", "localization"):
-            rows = np.flatnonzero(cause == number)
-            free = rows[matching.detection[meant[rows]] < 0]  # one that means a found label would be a duplicate
-            mended = _first_for_each(meant, predictions.score, free)
+            # One that means a found label, or the label of a more confident one, would be a duplicate.
+            rows = order[cause[order] == number]
+            rows = rows[~matching.found[meant[rows]]]
+            mended = rows[np.unique(meant[rows], return_index=True)[1]]
             kept[mended], right[mended], label[mended] = True, True, labels.label[meant[mended]]
-        loss[name] = mean_ap(predictions.score, label, right, kept, left, classes=wanted > 0) - before
+        loss[name] = mean_ap(label, right, kept, left) - before
     return loss
-
-
-def _first_for_each(
-    meant: Int[np.ndarray, " d"], score: Float[np.ndarray, " d"], rows: Int[np.ndarray, " r"]
-) -> Int[np.ndarray, " m"]:
-    """The most confident of the detections that mean a label; the others would be its duplicates."""
-    rows = rows[np.argsort(-score[rows], kind="stable")]
-    return rows[np.unique(meant[rows], return_index=True)[1]]
-
-
-def mean_ap(
-    score: Float[np.ndarray, " d"],
-    label: Int[np.ndarray, " d"],
-    true: Bool[np.ndarray, " d"],
-    counted: Bool[np.ndarray, " d"],
-    wanted: Int[np.ndarray, " c"],
-    *,
-    classes: Bool[np.ndarray, " c"] | None = None,
-) -> float:
-    """AP at one IoU, the mean over classes with labels; nan without any.
-
-    Parameters
-    ----------
-    score, label, true
-        (d,) of the detections, in COCO's order of equal scores.
-    counted
-        (d,) whether each counts.
-    wanted
-        (c,) labels of each class.
-    classes
-        (c,) the classes that count, None: those with labels. One that counts and has no labels left is perfect if
-        nothing false is left in it either.
-    """
-    order = np.argsort(-score, kind="stable")
-    order = order[counted[order]]
-    each = []
-    for c in np.flatnonzero(wanted > 0 if classes is None else classes):
-        right = true[order][label[order] == c][None]
-        once, labels = np.ones(right.shape), np.array([float(wanted[c])])
-        each.append(weighted_averages(right, once > 0, once, labels)[0, 0] if wanted[c] > 0 else float(right.all()))
-    return float(np.mean(each)) if each else float("nan")

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.training.evaluation.average_precision import AVERAGES, class_mean
+from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.bins import BinnedField
 from hulldown.training.evaluation.bootstrap import (
     combined_error,
@@ -29,7 +29,7 @@ from hulldown.training.evaluation.bootstrap import (
 )
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold
 from hulldown.training.evaluation.labels import Labels
-from hulldown.training.evaluation.metrics import SHARES, SUMS, figures, ratio, sums_by
+from hulldown.training.evaluation.metrics import SHARES, SUMS, ratio, sums_by
 from hulldown.training.evaluation.predictions import read_predictions
 from hulldown.training.study.manifest import PlannedRun
 
@@ -147,13 +147,8 @@ def judge(
         chosen = Threshold(1.0 if best is None else best, "validation")
     predictions = read_predictions(detections["test"], labels["test"], name=run.name)
     evaluation = Evaluation(labels["test"], predictions, threshold=chosen, iou=iou)
-    sums = evaluation.sums.sum(axis=0)
-    values = {**dict(zip(SUMS, sums, strict=True)), **figures(sums), **evaluation.average.summary}
-    averages = class_mean(evaluation.averages_resampled)
-    resampled = {**figures(evaluation.resampled.sum(axis=1)), **dict(zip(AVERAGES, averages.T, strict=True))}
-    return Judged(
-        run, evaluation, {key: float(values[key]) for key in TITLES}, {key: resampled[key] for key in MEASURES}
-    )
+    values, resampled = evaluation.values(), evaluation.resampled()
+    return Judged(run, evaluation, {key: values[key] for key in TITLES}, {key: resampled[key] for key in MEASURES})
 
 
 def cells(runs: Sequence[Judged]) -> list[Cell]:
@@ -174,7 +169,7 @@ def estimate(cell: Cell, measure: str, *, minus: Cell | None = None) -> Estimate
     if minus is not None:
         before, before_again = _of_seeds(minus, measure, seeds)
         values, again = values - before, again - before_again
-    labels = cell.judged[seeds[0]].evaluation.label_positions.sum(axis=1)
+    labels = cell.judged[seeds[0]].evaluation.position_labels
     positions = int((labels > 0).sum())
     error, freedom = combined_error(
         standard_error(again.mean(axis=0), positions),
