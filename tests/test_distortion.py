@@ -7,14 +7,11 @@ import numpy as np
 import pytest
 
 from hulldown.annotate.boxes import VehicleBoxes, surface_box
-from hulldown.annotate.masks import vehicle_mask
 from hulldown.camera.distortion import distorted, seen_radius, undistorted
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.lenses import lenses
 from hulldown.camera.projection import Camera
 from hulldown.camera.shell import camera_pose
-from hulldown.camera.target import PosedVehicle, VehicleTarget
-from hulldown.camera.visibility import visible_fraction
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.transforms import rigid, rotation_about
 from hulldown.tests.oracles.curves import LENSES
@@ -56,10 +53,8 @@ def test_a_camera_projects_and_casts_rays_like_opencv(name):
     seen, _ = cv2.projectPoints(points, cv2.Rodrigues(world[:3, :3])[0], world[:3, 3], intrinsics.matrix, lens)
     np.testing.assert_allclose(seen[:, 0], pixels, atol=1e-7)
     np.testing.assert_allclose(camera.project(points).pixels, pixels, atol=1e-8)
-    until = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 500, 1e-13)
-    ideal = cv2.undistortPointsIter(pixels, intrinsics.matrix, lens, np.eye(3), np.eye(3), until)
-    ahead = camera.ray_directions(pixels) @ pose[:3, :3]
-    np.testing.assert_allclose(ahead[:, :2] / ahead[:, 2:], ideal[:, 0], atol=1e-6)
+    ahead = camera.ray_directions(pixels) * np.linalg.norm(points - camera.position, axis=1)[:, None]
+    np.testing.assert_allclose(camera.position + ahead, points, atol=1e-12)
 
 
 def test_nothing_is_visible_beyond_the_fold():
@@ -88,8 +83,6 @@ def test_boxes_of_objects_beside_the_camera_are_finite():
 
 
 def test_a_lens_that_folds_inside_the_image_is_refused():
-    with pytest.raises(ValueError, match=r"distortion: .*folds at 1.29"):
-        Intrinsics.calibrated(1920, 1080, (800.0, 800.0, 960.0, 540.0), LENSES["folding"])
     matrix = {"fx": 800.0, "fy": 800.0, "cx": 960.0, "cy": 540.0}
     with pytest.raises(ConfigError, match=r"camera.distortion: .*folds at 1.29"):
         small_config(camera={"intrinsics": matrix, "distortion": {"k1": -0.2}})
@@ -107,16 +100,6 @@ def test_a_vehicles_boxes_are_those_of_its_surface(name):
         for frame, box in ((True, found.xywh[0]), (False, found.amodal[0])):
             wanted = surface_box(shape.mesh.vertices, shape.mesh.faces, Camera(lens, pose), frame=frame)
             np.testing.assert_allclose(box, np.full(4, np.nan) if wanted is None else wanted, atol=1e-6, rtol=1e-9)
-
-
-def test_the_visible_share_counts_pixels():
-    intrinsics = Intrinsics.calibrated(1920, 1080, (1000.0, 1000.0, 960.0, 540.0), LENSES["barrel"])
-    target = PosedVehicle(VehicleTarget(vehicle("t72")), np.eye(4)[None], {})
-    pose = camera_pose([0, 0, 1.0], 9.0, 0.4, 0.3)[None]
-    seen = visible_fraction([target], pose, intrinsics=intrinsics, rays=40_000)
-    mask = vehicle_mask(target, Camera(intrinsics, pose[0]))
-    assert seen.fraction[0] == 1.0
-    assert seen.area[0] == pytest.approx(mask.sum(), rel=0.01)
 
 
 @pytest.mark.parametrize("measure", ["height", "area"])
