@@ -155,6 +155,11 @@ PICTURE_NAME = (
 )
 
 
+def picture_name(index: int, suffix: str = ".png") -> str:
+    """Return the planned path of an image."""
+    return f"images/{index + 1:08d}{suffix}"
+
+
 def stays_inside(file_name: object) -> TypeGuard[str]:
     """Whether a relative path does not leave its folder, read the Unix way and the Windows way."""
     if not isinstance(file_name, str) or not file_name or "\0" in file_name:

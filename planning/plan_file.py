@@ -24,10 +24,10 @@ from jaxtyping import Int
 from hulldown.annotate.notebooks import ShownInNotebooks
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import ConfigError, HulldownError
-from hulldown.geometry.files import open_in_place
+from hulldown.geometry.files import open_in_place, picture_name
 from hulldown.placement.rejection import BY_KEY
 from hulldown.planning.misfit import misfit
-from hulldown.planning.row import FORMAT, Header, Row, decode_header, decode_row, encode, picture_name
+from hulldown.planning.row import FORMAT, Header, Row, decode_header, decode_row, encode
 
 if TYPE_CHECKING:
     import pandas

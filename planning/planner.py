@@ -21,12 +21,13 @@ from hulldown.geometry.columns import take
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.light import hdri_weights
 from hulldown.planning.config.schema import Config
-from hulldown.planning.inputs.more_of import CANDIDATES, kept, position_weights
+from hulldown.planning.inputs.more_of import MoreOf
 from hulldown.planning.inputs.poses import GivenPoses
-from hulldown.planning.row import MoreOf, Row, encode_rows
+from hulldown.planning.row import Row, encode_rows
 from hulldown.planning.rows import rows_of
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.budget import Positions, make_budget
+from hulldown.planning.search.candidates import CANDIDATES, kept, position_weights
 from hulldown.planning.search.draws import Purpose, RandomStreams, choose
 from hulldown.planning.search.extras import extras_at, framed_on
 from hulldown.planning.search.given import given_of, pose_budget

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 
 import msgspec
 import numpy as np
 from jaxtyping import Float
 from msgspec import Meta, Struct
+from msgspec.structs import asdict
 
 from hulldown.assets.library import HdriSource, Source
 from hulldown.camera.intrinsics import Intrinsics
@@ -23,6 +24,7 @@ from hulldown.camera.sensor import Sensor
 from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.files import PICTURE_NAME
 from hulldown.planning.appearance.paint import Coat
+from hulldown.planning.inputs.more_of import MoreOf
 from hulldown.planning.inputs.poses import FARTHEST, GivenPoses
 
 FORMAT = 3
@@ -55,6 +57,9 @@ def _is(expected: str, to: str = "", rounding: Callable[[np.ndarray], np.ndarray
 def _means(text: str, *, recorded: bool = True) -> Meta:
     """Describe one field, and whether datasets record it."""
     return Meta(description=text, extra={"recorded": recorded})
+
+
+_plans = partial(_means, recorded=False)  # of a field of plans alone
 
 
 Pixel = Annotated[float, Meta(ge=-1e12, le=1e12)]
@@ -112,12 +117,15 @@ LensOrNone = Annotated[tuple[float, float, float, float, float] | None, _is("[k1
 Horizon = Annotated[Annotated[float, Meta(ge=0, le=90)] | None, _is("a number from 0 to 90, or null")]
 EV = Annotated[float, _is("a number from -32 to 32", "1e-4", _to(4), ge=-32, le=32)]
 Kelvin = Annotated[float, _is("a number from -2500 to 13500", "1e-3 K", _to(3), ge=-2500, le=13500)]
-Angle = Annotated[float, Meta(ge=-1e6, le=1e6)]
-Angles = Annotated[dict[str, Angle], _is("angles by name", "1e-12 radians", _to(12))]
+Angles = Annotated[dict[str, Annotated[float, Meta(ge=-1e6, le=1e6)]], _is("angles by name", "1e-12 radians", _to(12))]
 Air = Annotated[Weather | None, _is('null or {"visibility_m": meters above 0, "kind": ...}', "1e-9", _to(9))]
 Optics = Annotated[Sensor | None, _is('{"blur_px": pixels, ...}', "1e-9", _to(9))]
 Room = Annotated[Bounds, _is("[[x, y, z], [x, y, z]]", "1e-9 m", _to(9))]
 Reasons = Annotated[dict[str, Annotated[int, Meta(ge=0)]], _is("counts by reason")]
+Coats = Annotated[list[Coat], _is("a list of coats of paint", "1e-9")]
+PlaceOrNone = Annotated[OnMap | None, _is('{"crs": a name, "easting": meters, ...}')]
+FileName = Annotated[str, _is("a path like images/1.png", pattern=PICTURE_NAME)]
+_Files = _is("files by name")
 
 
 class Followed(Struct, frozen=True):
@@ -134,47 +142,34 @@ class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit
     """A vehicle in an image: its model, pose, and labels; see docs/plan-file.md."""
 
     vehicle: Annotated[Name, _means("the vehicle's name")]
-    category: Annotated[NameOrNone, _means("its class, or null", recorded=False)]
+    category: Annotated[NameOrNone, _plans("its class, or null")]
     world_from_vehicle: Annotated[Pose, _means("its pose, in meters")]
     articulation: Annotated[Angles, _means("angles of its parts, in radians")]
     bbox: Annotated[FrameOrNone, _means("the surface in the frame")]
     bbox_amodal: Annotated[FrameOrNone, _means("all of the surface in front of the camera")]
     visible_fraction: Annotated[Share, _means("unhidden share of its outline in the frame")]
     truncated_fraction: Annotated[Share, _means("share of `bbox_amodal` that the frame cuts off")]
-    slope_deg: Annotated[Slope, _means("inclination of the vehicle", recorded=False)]
-    gap: Annotated[AtLeastZero, _means("largest distance to the ground below it, in meters", recorded=False)]
-    penetration: Annotated[
-        AtLeastZero, _means("largest height of the ground above its underside, in meters", recorded=False)
-    ]
-    tries: Annotated[Count, _means("places tried for it, including its own", recorded=False)]
-    label: Annotated[
-        Label, _is('"full", "ignored" or "none"'), _means("its label; ignored if it shows too little", recorded=False)
-    ]
-    bounds: Annotated[Room, _means("lowest and highest corner in its own frame, parts turned", recorded=False)]
-    paint: Annotated[
-        list[Coat],
-        _is("a list of coats of paint", "1e-9"),
-        _means("`materials`, `color`, `hue_deg`, `saturation`, `value`"),
-    ]
+    slope_deg: Annotated[Slope, _plans("inclination of the vehicle")]
+    gap: Annotated[AtLeastZero, _plans("largest distance to the ground below it, in meters")]
+    penetration: Annotated[AtLeastZero, _plans("largest height of the ground above its underside, in meters")]
+    tries: Annotated[Count, _plans("places tried for it, including its own")]
+    label: Annotated[Label, _is('"full", "ignored" or "none"'), _plans("its label; ignored if it shows too little")]
+    bounds: Annotated[Room, _plans("lowest and highest corner in its own frame, parts turned")]
+    paint: Annotated[Coats, _means("`materials`, `color`, `hue_deg`, `saturation`, `value`")]
     air_contrast: Annotated[Share, _means("share of its contrast left after haze")]
-    geo: Annotated[
-        OnMap | None,
-        _is('{"crs": a name, "easting": meters, ...}'),
-        _means("place on the map, on a [GeoTIFF](terrain.md)"),
-    ] = None
+    geo: Annotated[PlaceOrNone, _means("place on the map, on a [GeoTIFF](terrain.md)")] = None
     track_id: Annotated[NumberOrNone, _means("the same in all images of a `sequence`, and in no others")] = None
+
+
+Vehicles = Annotated[list[PlannedVehicle], _is("a list of vehicles")]
 
 
 class _Image(Struct, frozen=True, eq=False, kw_only=True, gc=False):
     """The fields of a row besides those of its target."""
 
-    index: Annotated[Count, _means("0, 1, 2, ...", recorded=False)]
-    image_id: Annotated[Number, _means("`index + 1`", recorded=False)]
-    file_name: Annotated[
-        str,
-        _is("a path like images/1.png", pattern=PICTURE_NAME),
-        _means("the picture's path; unique, ignoring case", recorded=False),
-    ]
+    index: Annotated[Count, _plans("0, 1, 2, ...")]
+    image_id: Annotated[Number, _plans("`index + 1`")]
+    file_name: Annotated[FileName, _plans("the picture's path; unique, ignoring case")]
     scenery: Annotated[Name, _means("the scenery's name")]
     position: Annotated[Count, _means("number of the position: one pose of a vehicle, with several shots")]
     shot: Annotated[Count, _means("0, 1, 2, ... in each position")]
@@ -185,10 +180,9 @@ class _Image(Struct, frozen=True, eq=False, kw_only=True, gc=False):
     like: Annotated[
         Followed | None,
         _is("two names"),
-        _means(
+        _plans(
             "file names: `sampled`, and `photograph`, which the camera follows (another one, or null, where limits "
-            "refuse it); only if one was sampled",
-            recorded=False,
+            "refuse it); only if one was sampled"
         ),
     ] = None
     sequence: Annotated[
@@ -205,29 +199,18 @@ class _Image(Struct, frozen=True, eq=False, kw_only=True, gc=False):
     weather: Annotated[Air, _means("null: clear and dry")]
     sample_seed: Annotated[Seed, _means("seed of Cycles' and the sensor's noise")]
     background: Annotated[bool, _is("true or false"), _means("whether the image shows no target (see below)")]
-    companions: Annotated[
-        list[PlannedVehicle],
-        _is("a list of vehicles"),
-        _means("other objects of `[[assets.vehicles]]`", recorded=False),
-    ]
-    distractors: Annotated[
-        list[PlannedVehicle], _is("a list of vehicles"), _means("objects of `[[assets.distractors]]`", recorded=False)
-    ]
-    rejected: Annotated[
-        Reasons, _means("refused tries; those of places only in a position's first shot", recorded=False)
-    ]
-    left_out: Annotated[Count, _means("companions that found no room", recorded=False)]
+    companions: Annotated[Vehicles, _plans("other objects of `[[assets.vehicles]]`")]
+    distractors: Annotated[Vehicles, _plans("objects of `[[assets.distractors]]`")]
+    rejected: Annotated[Reasons, _plans("refused tries; those of places only in a position's first shot")]
+    left_out: Annotated[Count, _plans("companions that found no room")]
     sensor: Annotated[Optics, _means("[lens and sensor](camera.md#sensor); only with `[sensor]`")] = None
 
 
 class Row(_Image, frozen=True, eq=False, kw_only=True, gc=False):
     """An image of a plan: camera, light, weather, and the vehicles; see docs/plan-file.md.
 
-    Parameters
-    ----------
-    target
-        The vehicle that the camera is framed on. In a background it's left out of the picture, or is a distractor.
-        A line of a plan has its fields next to those of the image.
+    `target` is the vehicle that the camera is framed on. In a background it's left out of the picture, or is a
+    distractor. A line of a plan has its fields next to those of the image.
     """
 
     target: PlannedVehicle
@@ -264,16 +247,10 @@ class Row(_Image, frozen=True, eq=False, kw_only=True, gc=False):
         return Camera(self.intrinsics, self.world_from_camera)
 
 
-class VehicleSource(Source, frozen=True, kw_only=True):
-    """The file of a vehicle, and its class."""
+class ModelSource(Source, frozen=True, kw_only=True):
+    """The file of a vehicle or distractor, and its class, which a distractor may lack."""
 
-    category: str
-
-
-class DistractorSource(Source, frozen=True, kw_only=True):
-    """The file of a distractor, and its class if it has one."""
-
-    category: str | None = None
+    category: str | None
 
 
 class ScenerySource(Source, frozen=True, kw_only=True):
@@ -290,21 +267,6 @@ class LeftOut(Struct, frozen=True, kw_only=True):
     why: str
 
 
-class MoreOf(Struct, frozen=True, kw_only=True):
-    """Weights of labels that a detector missed, see `planning.inputs.more_of`.
-
-    Parameters
-    ----------
-    weights
-        Weights by field and bin, with the names of an evaluation's report.
-    picture_px
-        Root of the area of the evaluated images, to which bins of box sizes refer.
-    """
-
-    weights: dict[str, dict[str, float]]
-    picture_px: float
-
-
 class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The first line of a plan; `Config.of` reads `config`."""
 
@@ -313,16 +275,12 @@ class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
     seed: Annotated[int, _is("a whole number >= 0", ge=0, le=2**63 - 1), _means("the config's")]
     root: Annotated[Name, _means("folder of the config, relative to the plan; paths below are relative to it")]
     config: Annotated[dict[str, Any], _is("a table"), _means("the config with all defaults")]
-    vehicles: Annotated[dict[str, VehicleSource], _is("files by name"), _means("`path`, `sha256`, `category`")]
+    vehicles: Annotated[dict[str, ModelSource], _Files, _means("`path`, `sha256`, `category`")]
     sceneries: Annotated[
-        dict[str, ScenerySource],
-        _is("files by name"),
-        _means("`path`, `sha256`, `origin`: the world's, in the file's coordinates"),
+        dict[str, ScenerySource], _Files, _means("`path`, `sha256`, `origin`: the world's, in the file's coordinates")
     ]
-    hdris: Annotated[dict[str, HdriSource], _is("files by name"), _means("`path`, `sha256`, `mended_sha256`")]
-    distractors: Annotated[
-        dict[str, DistractorSource], _is("files by name"), _means("`path`, `sha256`, `category` or null")
-    ]
+    hdris: Annotated[dict[str, HdriSource], _Files, _means("`path`, `sha256`, `mended_sha256`")]
+    distractors: Annotated[dict[str, ModelSource], _Files, _means("`path`, `sha256`, `category` or null")]
     versions: Annotated[dict[str, str], _is("versions by name"), _means("of Python and the libraries")]
     left_out: Annotated[list[LeftOut], _is("a list of pairs"), _means("without a place: `vehicle`, `scenery`, `why`")]
     photographs: Annotated[Source | None, _is("a file"), _means("`path` and `sha256`; only with `camera.like`")] = None
@@ -336,9 +294,8 @@ class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
     @property
     def categories(self) -> list[str]:
         """The classes, those of vehicles first, in the order of the config."""
-        vehicles = [vehicle.category for vehicle in self.vehicles.values()]
-        others = [distractor.category for distractor in self.distractors.values() if distractor.category is not None]
-        return list(dict.fromkeys([*vehicles, *others]))
+        models = (*self.vehicles.values(), *self.distractors.values())
+        return list(dict.fromkeys(model.category for model in models if model.category is not None))
 
 
 @dataclass(frozen=True, slots=True)
@@ -364,7 +321,7 @@ class Field:
     rounding: Callable[[np.ndarray], np.ndarray] | None
     meaning: str
     recorded: bool
-    optional: bool = False
+    optional: bool
 
 
 @cache
@@ -375,11 +332,10 @@ def fields(kind: type[Struct]) -> Mapping[str, Field]:
         return {**targets, "bbox": replace(targets["bbox"], expected=_FRAME), **fields(_Image)}
     hints = get_type_hints(kind, include_extras=True)
     declared = {}
-    optional = {field.name for field in msgspec.structs.fields(kind) if field.default is None}
-    for name in kind.__struct_fields__:
-        metas: tuple[Meta, ...] = hints[name].__metadata__
+    for field in msgspec.structs.fields(kind):
+        metas: tuple[Meta, ...] = hints[field.name].__metadata__
         extra = {key: value for meta in metas for key, value in (meta.extra or {}).items()}
-        declared[name] = Field(meaning=metas[-1].description or "", optional=name in optional, **extra)
+        declared[field.name] = Field(meaning=metas[-1].description or "", optional=field.default is None, **extra)
     return declared
 
 
@@ -390,18 +346,12 @@ def rounded(key: str, values: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..
     return rounding(values)
 
 
-def picture_name(index: int, suffix: str = ".png") -> str:
-    """Return the planned path of an image."""
-    return f"images/{index + 1:08d}{suffix}"
-
-
 _RIGID = 1e-6  # tolerance of rotations in a plan that was edited by hand
 _Matrix = tuple[tuple[float, float, float, float], ...]
 
 
-def _decoded_pose(kind: type, value: Any) -> np.ndarray:
-    """Return a pose from JSON as an array, which msgspec has no type for."""
-    assert kind is np.ndarray, kind
+def _decoded_pose(_: type, value: Any) -> np.ndarray:
+    """Return a pose from JSON as an array, the only type here that msgspec doesn't have."""
     try:
         (a, b, c, x), (d, e, f, y), (g, h, i, z), last = msgspec.convert(value, _Matrix)
     except (msgspec.ValidationError, ValueError, SystemError):  # SystemError: an integer beyond the largest float
@@ -432,22 +382,19 @@ def decode_row(line: bytes) -> Row:
     target, image = _decode_target(line), _decode_image(line)
     if target.bbox is None:
         raise msgspec.ValidationError("Expected `array`, got `null` - at `$.bbox`")
-    return Row(target=target, **msgspec.structs.asdict(image))
+    return Row(target=target, **asdict(image))
 
 
 def encode(record: Struct) -> bytes:
     """Return a header, row, or vehicle as a line; floats have the fewest digits that read back exactly."""
-    return _encoder.encode(_flat(record) if isinstance(record, Row) else record) + b"\n"
-
-
-def _flat(row: Row) -> dict[str, Any]:
-    """Return the fields of a line."""
-    image = msgspec.structs.asdict(row)
-    flat = {**msgspec.structs.asdict(image.pop("target")), **image}
-    declared = fields(Row)
-    return {key: value for key, value in flat.items() if value is not None or not declared[key].optional}
+    if not isinstance(record, Row):
+        return _encoder.encode(record) + b"\n"
+    values, declared = asdict(record.target) | asdict(record), fields(Row)
+    del values["target"]
+    written = {key: value for key, value in values.items() if value is not None or not declared[key].optional}
+    return _encoder.encode(written) + b"\n"
 
 
 def encode_rows(rows: list[Row]) -> bytes:
     """Return a line for each row."""
-    return _encoder.encode_lines([_flat(row) for row in rows])
+    return b"".join(map(encode, rows))

@@ -10,11 +10,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hulldown.assets.library import Assets
+from hulldown.geometry.files import picture_name
 from hulldown.placement.rejection import Rejection
 from hulldown.planning.appearance.light import draw_lights, draw_sensors
 from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, Coat, draw_coats
 from hulldown.planning.config.schema import Config
-from hulldown.planning.row import Bounds, Box, Followed, Label, OnMap, PlannedVehicle, Row, picture_name, rounded
+from hulldown.planning.row import Bounds, Box, Followed, Label, OnMap, PlannedVehicle, Row, rounded
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.draws import Purpose
 from hulldown.planning.search.extras import MOST, Role

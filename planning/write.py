@@ -26,18 +26,11 @@ from hulldown.geometry.code import version_of
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.files import make_room
 from hulldown.planning.config.schema import Config
-from hulldown.planning.inputs.more_of import read_more_of
+from hulldown.planning.inputs.more_of import MoreOf, read_more_of
 from hulldown.planning.inputs.poses import GivenPoses, read_poses
 from hulldown.planning.plan_file import Plan, PlanWriter, picture_of, read_plan
 from hulldown.planning.planner import BLOCK, Planner
-from hulldown.planning.row import (
-    FORMAT,
-    DistractorSource,
-    Header,
-    MoreOf,
-    ScenerySource,
-    VehicleSource,
-)
+from hulldown.planning.row import FORMAT, Header, ModelSource, ScenerySource
 from hulldown.planning.search.likeness import Likeness
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
@@ -197,7 +190,7 @@ def make_header(planner: Planner, path: str | Path) -> Header:
         root=os.path.relpath(config.folder, Path(path).parent),
         config=config.model_dump(mode="json"),
         vehicles={
-            name: VehicleSource(**recorded("vehicles", name), category=assets.categories[name])
+            name: ModelSource(**recorded("vehicles", name), category=assets.categories[name])
             for name in assets.vehicles
         },
         sceneries={
@@ -206,7 +199,7 @@ def make_header(planner: Planner, path: str | Path) -> Header:
         },
         hdris={name: HdriSource(**recorded("hdris", name)) for name in assets.hdris},
         distractors={
-            entry.name: DistractorSource(**recorded("distractors", entry.name), category=entry.category)
+            entry.name: ModelSource(**recorded("distractors", entry.name), category=entry.category)
             for entry in config.assets.distractors
         },
         versions={

@@ -10,9 +10,9 @@ from hulldown.annotate.known import SIDES, sides_of
 from hulldown.dataset.table import Dataset
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.check import check_plan
-from hulldown.planning.inputs.more_of import MOST, kept, read_more_of
+from hulldown.planning.inputs.more_of import MOST, MoreOf, read_more_of
 from hulldown.planning.plan_file import read_plan
-from hulldown.planning.row import MoreOf
+from hulldown.planning.search.candidates import kept
 from hulldown.planning.write import write_plan
 from hulldown.tests.editing import write_dataset
 from hulldown.tests.planning_assets import small_assets, small_config

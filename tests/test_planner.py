@@ -9,7 +9,7 @@ from hulldown.assets.library import HdriSource, Source
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.plan_file import PlanWriter
 from hulldown.planning.planner import Planner
-from hulldown.planning.row import VehicleSource, encode, encode_rows
+from hulldown.planning.row import ModelSource, encode, encode_rows
 from hulldown.planning.write import make_header, write_plan
 from hulldown.tests.planning_assets import bare, hills, plan, small_assets, small_config
 
@@ -77,7 +77,7 @@ def test_the_header_has_the_plans_inputs(tmp_path):
     header = write_plan(config, made, tmp_path / "plan.jsonl").header
     assert header.seed == 5
     assert header.images == 22
-    assert header.vehicles["t72"] == VehicleSource(path="vehicles/t72.blend", sha256="ab" * 32, category="tank")
+    assert header.vehicles["t72"] == ModelSource(path="vehicles/t72.blend", sha256="ab" * 32, category="tank")
     assert header.sceneries["hills"].origin == (500000.0, 5400000.0, 120.0)
     assert header.hdris["noon"].sha256 == "cd" * 32
     assert header.config == config.model_dump(mode="json")
