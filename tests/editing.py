@@ -32,7 +32,7 @@ def write_dataset(
         path = folder / image["file_name"]
         path.parent.mkdir(parents=True, exist_ok=True)
         if not path.exists():
-            Image.new("RGB", (image["width"], image["height"]), (image["id"] % 256, 90, 60)).save(path)
+            Image.new("RGB", (image["width"], image["height"]), (37 * image["id"] % 256, 90, 60)).save(path)
     (folder / "annotations.json").write_text(json.dumps(coco))
     return folder
 

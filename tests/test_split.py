@@ -8,7 +8,7 @@ from hulldown.dataset.exports.export import export
 from hulldown.dataset.exports.split import SPLITS, group_of, share_out
 from hulldown.dataset.records import by_image
 from hulldown.geometry.errors import DatasetError
-from hulldown.tests.editing import edit, write_dataset
+from hulldown.tests.editing import write_dataset
 
 
 def pose(x: float) -> list:
@@ -124,25 +124,6 @@ def test_equal_names_in_different_folders_stay_separate(tmp_path, names):
     for name, size in zip(names, sizes, strict=True):
         with Image.open(folder / name) as picture:
             assert picture.width == size
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda c: c["images"][0].update(file_name="../a.png"), "image 1: file_name '../a.png' is no path inside"),
-        (lambda c: c["images"][0].pop("width"), r"a\.png: width is None"),
-        (lambda c: c["annotations"][0].update(image_id=[1]), r"annotation 1: image \[1\] does not exist"),
-        (lambda c: c["annotations"][0].update(category_id=7), "annotation 1: category 7 does not exist"),
-        (lambda c: c["annotations"][0].pop("bbox"), "annotation 1: bbox None is not"),
-        (lambda c: c["categories"][0].pop("name"), "category 1: has no name but None"),
-    ],
-)
-def test_a_record_that_cannot_be_exported_is_named_before_anything_is_written(tmp_path, change, message):
-    write_dataset(tmp_path, [{"file_name": "a.png"}], [{"image_id": 1, "bbox": [1, 1, 3, 3]}])
-    edit(tmp_path, change)
-    with pytest.raises(DatasetError, match=message):
-        export(tmp_path, tmp_path / "out", layout="yolo")
-    assert not (tmp_path / "out").exists()
 
 
 def test_a_folder_in_use_is_not_written_into(dataset, tmp_path):

@@ -1,4 +1,6 @@
 import hashlib
+import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -7,6 +9,8 @@ from PIL import Image
 from hulldown.annotate.masks import encode
 from hulldown.cli import main
 from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.exports.export import export
+from hulldown.dataset.join import join
 from hulldown.dataset.verification import check_pictures
 from hulldown.dataset.verification.verify import Finding, verify
 from hulldown.geometry.errors import ConfigError, DatasetError
@@ -67,17 +71,12 @@ def test_a_sound_dataset_has_no_findings(dataset, capsys):
             "images/0.png: belongs to 2 image",
         ),
         (lambda c: c["images"][1].update(width=33), "error", "is 32 x 24 pixels, its record has 33 x 24"),
-        (lambda c: c["images"][1].update(height=None), "error", "images/1.png: height is None"),
         (lambda c: c["images"][1].update(file_name="images/x.png"), "error", "images/x.png: is missing"),
-        (lambda c: c["images"][1].update(file_name="../x.png"), "error", "no path inside the dataset"),
         (lambda c: c["annotations"][1].update(id=1), "error", "annotation 1: its id is there 2 times"),
         (lambda c: c["annotations"][1].update(id=0), "warning", "annotation 0: ids below 1 are taken for unmatched"),
         (lambda c: c["annotations"][1].update(image_id=9), "error", "annotation 2: image 9 does not exist"),
-        (lambda c: c["annotations"][1].update(category_id=9), "error", "annotation 2: category 9 does not exist"),
         (lambda c: c["annotations"][1].update(bbox=[5, 4, 29, 6]), "error", "leaves its image of 32 x 24"),
         (lambda c: c["annotations"][1].update(bbox=[5, 4, 0, 6]), "error", "has no area"),
-        (lambda c: c["annotations"][1].update(bbox=[5, 4, 6]), "error", "is not [x, y, width, height]"),
-        (lambda c: c["annotations"][1].update(bbox=[5, True, 10, 6]), "error", "is not [x, y, width, height]"),
         (lambda c: c["annotations"][1].update(bbox=[7, 4, 8, 6]), "error", "beyond its bbox"),
         (lambda c: c["annotations"][1].update(area=61), "error", "area is 61, its mask has 60 pixels"),
         (lambda c: c["annotations"][1]["segmentation"].update(size=[32, 24]), "error", "expected size [24, 32]"),
@@ -85,19 +84,37 @@ def test_a_sound_dataset_has_no_findings(dataset, capsys):
         (lambda c: c["annotations"][1].update(visible_fraction=1.5), "error", "visible_fraction is 1.5"),
         (lambda c: c["annotations"][1].update(bbox_amodal=[6, 4, 9, 7]), "error", "is not inside bbox_amodal"),
         (lambda c: c["annotations"][1].update(bbox_amodal=[6, 4, 9]), "error", "bbox_amodal [6, 4, 9] is not [x, y, w"),
-        (lambda c: c["annotations"][1].update(category_id=[1]), "error", "category [1] does not exist"),
-        (lambda c: c["annotations"][1].update(image_id=[2]), "error", "image [2] does not exist"),
         (lambda c: c["annotations"].append({**c["annotations"][1], "id": 8}), "warning", "repeats class and box"),
         (lambda c: c["categories"].append({"id": 2, "name": "other"}), "error", "category 2: its id is there 2 times"),
         (lambda c: c["categories"].append({"id": 5, "name": "tank"}), "error", "category 'tank': is there 2 times"),
         (lambda c: c["categories"].append({"id": 5, "name": "Tank"}), "warning", "differ in capitals only"),
-        (lambda c: c["categories"].append({"id": 5}), "error", "category 5: has no name"),
         (lambda c: (c["images"].pop(), c["annotations"].pop()), "warning", "images/2.png: belongs to no record"),
     ],
 )
 def test_every_damage_is_found(dataset, change, severity, text):
     findings = damage(dataset, change)
     assert any(text in str(finding) and finding.severity == severity for finding in findings), findings
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda c: c["images"][1].update(height=None), "images/1.png: height is None"),
+        (lambda c: c["images"][1].update(file_name="../x.png"), "no path inside the dataset"),
+        (lambda c: c["annotations"][1].update(category_id=9), "annotation 2: category 9 does not exist"),
+        (lambda c: c["annotations"][1].update(bbox=[5, 4, 6]), "is not [x, y, width, height]"),
+        (lambda c: c["annotations"][1].update(bbox=[5, True, 10, 6]), "is not [x, y, width, height]"),
+        (lambda c: c["annotations"][1].update(category_id=[1]), "category [1] does not exist"),
+        (lambda c: c["annotations"][1].update(image_id=[2]), "image [2] does not exist"),
+        (lambda c: c["categories"].append({"id": 5}), "category 5: has no name"),
+    ],
+)
+def test_an_unusable_record_is_found_and_neither_exported_nor_joined(dataset, change, text):
+    assert any(text in str(finding) and finding.severity == "error" for finding in damage(dataset, change))
+    for use in (partial(export, layout="yolo"), lambda folder, out: join([folder], out)):
+        with pytest.raises(DatasetError, match=re.escape(text)):
+            use(dataset, dataset / "out")
+        assert not (dataset / "out").exists()
 
 
 def test_a_broken_picture_is_found(dataset):
