@@ -13,7 +13,7 @@ PYTEST = $(BIN)/python -P -m pytest -n $(WORKERS) --dist loadfile
 
 .DEFAULT_GOAL := help
 # What depends on how floats are rounded, where another processor's kernels might be seen; pytest refuses a missing file.
-KERNEL_TESTS = $(addprefix tests/test_,$(addsuffix .py,portable transforms hulls instances settle rest support \
+KERNEL_TESTS = $(addprefix tests/test_,$(addsuffix .py,portable transforms hulls instances settle rest \
 	footprint camera clearance boxes))
 
 .PHONY: help setup setup-training browser demo study test kernels check bench thorough fuzz clean

@@ -84,7 +84,7 @@ def _truth(
     turn = rotation_z(yaw)[:, :2, :2]
     points = xy[:, None] + samples @ np.swapaxes(turn, 1, 2)
     heights = height(points.reshape(-1, 2)).reshape(points.shape[:2])
-    plane, _ = support_plane(samples, heights, np.isfinite(heights))
+    plane = support_plane(samples, heights, np.isfinite(heights))
     gradient = np.einsum("kij,kj->ki", turn, plane.gradient)
     up = np.column_stack([-gradient, np.ones(len(xy))])
     return up / np.linalg.norm(up, axis=1, keepdims=True), plane.height, plane.margin > UNSURE

@@ -83,6 +83,6 @@ def support(samples: Samples, heights: Float[np.ndarray, "k m"], valid: Bool[np.
     """
     solid = np.isfinite(samples.height)  # others support nothing
     clear = np.compress(solid, heights, axis=1) - samples.height[solid]
-    plane, _ = support_plane(samples.xy[solid] - samples.center, clear, np.compress(solid, valid, axis=1))
+    plane = support_plane(samples.xy[solid] - samples.center, clear, np.compress(solid, valid, axis=1))
     height = plane.height - plane.gradient[:, 0] * samples.center[0] - plane.gradient[:, 1] * samples.center[1]
     return replace(plane, height=height)

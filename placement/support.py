@@ -41,7 +41,7 @@ class Rest:
 
 def support_plane(
     samples_xy: Float[np.ndarray, "m 2"], heights: Float[np.ndarray, "n m"], valid: Bool[np.ndarray, "n m"]
-) -> tuple[Rest, Int[np.ndarray, "n 3"]]:
+) -> Rest:
     """The lowest plane above all valid samples, for each row of heights.
 
     Parameters
@@ -55,12 +55,11 @@ def support_plane(
 
     Returns
     -------
-    rest, contacts
-        The planes about the center, of which `found` is False if it's outside the hull of the valid samples, which then
-        don't support it; and three samples around the center that touch the plane, or one of those it's the mean of.
+    The planes about the center, of which `found` is False if it's outside the hull of the valid samples, which then
+    don't support it.
     """
     n = len(heights)
-    coefficients, margin, contacts = np.full((n, 3), np.nan), np.full(n, np.nan), np.full((n, 3), -1)
+    coefficients, margin = np.full((n, 3), np.nan), np.full(n, np.nan)
     if not valid.all():
         heights = np.where(valid, heights, -np.inf)
     # Relative to the highest sample, so that rounding scales with the relief and not with the altitude.
@@ -68,8 +67,9 @@ def support_plane(
     top[np.isneginf(top)] = 0.0
     heights = heights - top[:, None]
     nudge = NUDGE * np.ptp(samples_xy, axis=0) if len(samples_xy) else NUDGE
-    contacts[:] = highest_triangles(samples_xy, heights, nudge)
-    rows = np.flatnonzero(contacts[:, 0] >= 0)
+    contacts = highest_triangles(samples_xy, heights, nudge)
+    found = contacts[:, 0] >= 0
+    rows = np.flatnonzero(found)
     if len(rows) < n:
         heights = heights[rows]
     basis = contacts[rows]
@@ -84,7 +84,7 @@ def support_plane(
     plane[edge] = _over_an_edge(samples_xy, heights[edge], basis[edge], np.argmax(idle[edge], axis=1), plane[edge])
     plane[above_contact] = _over_one_contact(samples_xy, heights[above_contact], nudge, plane[above_contact])
     coefficients[rows] = plane
-    return Rest(coefficients[:, 2] + top, coefficients[:, :2], contacts[:, 0] >= 0, margin), contacts
+    return Rest(coefficients[:, 2] + top, coefficients[:, :2], found, margin)
 
 
 def _over_an_edge(

@@ -184,7 +184,7 @@ SCENES = [InstancedScene([], [], []), InstancedScene([CUBE], [], np.zeros((0, 4,
 NO_ROWS = [
     *((lambda m=method: Terrain(FLOOR).top_hits(np.empty((0, 2)), method=m).normal, (0, 3)) for method in METHODS),
     *((lambda r=r: settled(n=0, rules=SettleRules(rule=r)).world_from_vehicle, (0, 4, 4)) for r in RULES),
-    (lambda: support_plane(GRID, np.zeros((0, 25)), np.zeros((0, 25), bool))[0].gradient, (0, 2)),
+    (lambda: support_plane(GRID, np.zeros((0, 25)), np.zeros((0, 25), bool)).gradient, (0, 2)),
     *((lambda s=scene: s.cast(RAYS, RAYS).distance, (0,)) for scene in SCENES),
     *((lambda s=scene: s.occluded(RAYS, RAYS), (0,)) for scene in SCENES),
     (lambda: World(obstacles=SCENES[2], vehicles=SEEN).nearest(RAYS, RAYS).normal, (0, 3)),
@@ -215,7 +215,7 @@ def test_an_empty_world_and_ground_without_area_are_never_met():
         assert not empty.cast(*ray).hit.any()
         assert not empty.occluded(*ray).any()
     assert surface_box(POINTS, np.empty((0, 3), dtype=int), Camera(VGA, ONE[0])) is None
-    assert not support_plane(LINE, np.zeros((3, 2)), np.ones((3, 2), bool))[0].found.any()
+    assert not support_plane(LINE, np.zeros((3, 2)), np.ones((3, 2), bool)).found.any()
 
 
 def test_checked_arrays_are_contiguous_float64():

@@ -9,11 +9,11 @@ from hulldown.camera.clearance import CameraRoom
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh, merge
-from hulldown.geometry.overlap import Obstacles, boxes_touch
-from hulldown.geometry.transforms import compose, invert_rigid, rigid, rotation_z
+from hulldown.geometry.overlap import Obstacles
+from hulldown.geometry.transforms import compose, rigid, rotation_z
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.terrain import Terrain
-from hulldown.tests.shapes import box, random_rotations, vehicle_of
+from hulldown.tests.shapes import box, vehicle_of
 
 CAR = np.array([4.0, 2.0, 1.5])
 HOUSE = box([-5, -5, 0], [5, 5, 6])
@@ -27,25 +27,20 @@ def judge(room: CameraRoom, *position: float, **limits: object) -> Rejection:
     return Rejection(int(room.rejections([list(position)], **limits)[0]))
 
 
+TRIANGLE = Terrain(Mesh(np.array([[0.0, 0, 0], [9, 0, 0], [0, 9, 0]]), np.array([[0, 1, 2]])))
+
+
 @pytest.mark.parametrize(
-    ("z", "expected"),
+    ("ground", "position", "expected"),
     [
-        (3.4, Rejection.CAMERA_LOW),
-        (3.6, Rejection.NONE),
-        (2.9, Rejection.CAMERA_LOW),
-        (-100.0, Rejection.CAMERA_LOW),
-        (1e6, Rejection.NONE),
+        *((Terrain(3.0), (0.0, 0.0, z), Rejection.CAMERA_LOW) for z in (3.4, 2.9, -100.0)),
+        *((Terrain(3.0), (0.0, 0.0, z), Rejection.NONE) for z in (3.6, 1e6)),
+        (TRIANGLE, (50.0, 0.0, 5.0), Rejection.CAMERA_OFF_GROUND),
+        (TRIANGLE, (1.0, 1.0, 5.0), Rejection.NONE),
     ],
 )
-def test_cameras_stay_above_the_ground(z: float, expected: Rejection) -> None:
-    assert judge(CameraRoom(Terrain(3.0), NOTHING), 0.0, 0.0, z, ground_clearance=0.5) == expected
-
-
-def test_cameras_off_the_ground_and_low_cameras_have_different_reasons() -> None:
-    ground = Terrain(Mesh(np.array([[0.0, 0, 0], [9, 0, 0], [0, 9, 0]]), np.array([[0, 1, 2]])))
-    room = CameraRoom(ground, NOTHING)
-    assert judge(room, 50.0, 0.0, 5.0) == Rejection.CAMERA_OFF_GROUND
-    assert judge(room, 1.0, 1.0, 5.0) == Rejection.NONE
+def test_cameras_stay_above_the_ground(ground: Terrain, position: tuple, expected: Rejection) -> None:
+    assert judge(CameraRoom(ground, NOTHING), *position, ground_clearance=0.5) == expected
 
 
 def test_no_surface_is_closer_than_the_clearance() -> None:
@@ -86,55 +81,36 @@ def clear_of_obstacles(scene, size, poses, clearance=0.0, *, solid=None):
     return ~Obstacles(scene, solid=solid).touched(np.tile(half, (len(boxes), 1)), boxes)
 
 
-def test_clearance_is_kept_above_but_not_below():
-    beam = InstancedScene([box([-9, -0.1, 0], [9, 0.1, 0.2])], [0], [np.eye(4)])
-    heights = [0.22, -1.45, -1.55, -1.75]
-    assert clear_of_obstacles(beam, CAR, [pose(0, 0, z) for z in heights], 0.0).tolist() == [True, False, True, True]
-    assert clear_of_obstacles(beam, CAR, [pose(0, 0, z) for z in heights], 0.1).tolist() == [True, False, False, True]
+BEAM = InstancedScene([box([-9, -0.1, 0], [9, 0.1, 0.2])], [0], [np.eye(4)])
+BELOW_IT = [pose(0, 0, z) for z in (0.22, -1.45, -1.55, -1.75)]
+# The arch's bounds contain the vehicle, its stone doesn't.
+STONE = merge([box([-3, 3, 0], [3, 4, 5]), box([-3, -4, 0], [3, -3, 5]), box([-3, -4, 4], [3, 4, 5])])[0]
+ARCH = InstancedScene([STONE], [0], [pose(50, 0, yaw=0.3)])
+UNDER_IT = [pose(50, 0, yaw=0.3), pose(50, 0, yaw=0.3 + math.pi / 2), pose(50, 0, 3.0, yaw=0.3)]
+HALL = InstancedScene([box([-9, -9, -1], [9, 9, 9])], [0], [pose(100, 0, yaw=1.0)])
+FLAT, MIRRORED = np.diag([5.0, 0.0, 2.0, 1.0]), np.diag([-5.0, 0.2, 2.0, 1.0])
+FLAT[:3, 3] = [-2.5, 30, 0]
+COPIES = InstancedScene([box([0, 0, 0], [1, 1, 1])], [0, 0], [FLAT, MIRRORED])
+AROUND_THEM = [pose(x, y) for x, y in ((0, 29.1), (0, 28.9), (-6.9, 0), (-7.1, 0), (2.1, 0), (-3, 1.1), (-3, 1.3))]
 
 
-def test_a_vehicle_fits_under_an_arch():
-    # The arch's bounds contain the vehicle, its stone doesn't.
-    arch, _ = merge([box([-3, 3, 0], [3, 4, 5]), box([-3, -4, 0], [3, -3, 5]), box([-3, -4, 4], [3, 4, 5])])
-    scene = InstancedScene([arch], [0], [pose(50, 0, yaw=0.3)])
-    poses = [pose(50, 0, yaw=0.3), pose(50, 0, yaw=0.3 + math.pi / 2), pose(50, 0, 3.0, yaw=0.3)]
-    assert clear_of_obstacles(scene, CAR, poses, 0.5).tolist() == [True, True, False]
-    assert clear_of_obstacles(scene, [9.0, 2.0, 1.5], poses, 0.5).tolist() == [True, False, False]
-
-
-def test_a_vehicle_inside_an_obstacle_is_not_clear():
-    hall = InstancedScene([box([-9, -9, -1], [9, 9, 9])], [0], [pose(100, 0, yaw=1.0)])
-    assert clear_of_obstacles(hall, CAR, [pose(100, 0), pose(100, 20)]).tolist() == [False, True]
+@pytest.mark.parametrize(
+    ("scene", "size", "poses", "clearance", "expected"),
+    [
+        pytest.param(BEAM, CAR, BELOW_IT, 0.0, [1, 0, 1, 1], id="a beam"),
+        pytest.param(BEAM, CAR, BELOW_IT, 0.1, [1, 0, 0, 1], id="clearance above a vehicle, not below"),
+        pytest.param(ARCH, CAR, UNDER_IT, 0.5, [1, 1, 0], id="a vehicle fits under an arch"),
+        pytest.param(ARCH, [9.0, 2.0, 1.5], UNDER_IT, 0.5, [1, 0, 0], id="a long one only along it"),
+        pytest.param(HALL, CAR, [pose(100, 0), pose(100, 20)], 0.0, [0, 1], id="inside an obstacle"),
+        pytest.param(COPIES, CAR, AROUND_THEM, 0.0, [0, 1, 0, 1, 1, 0, 1], id="mirrored, stretched, squashed copies"),
+    ],
+)
+def test_vehicles_keep_clear_of_obstacles(scene, size, poses, clearance, expected):
+    assert clear_of_obstacles(scene, size, poses, clearance).tolist() == list(map(bool, expected))
 
 
 def test_obstacles_that_give_way_are_ignored():
-    mesh = box([-0.1, -0.1, 0], [0.1, 0.1, 0.3])
-    field = InstancedScene([mesh], [0, 0], [pose(0, 0), pose(0, 20)])
     places = [pose(0, 0), pose(0, 20)]
+    field = InstancedScene([box([-0.1, -0.1, 0], [0.1, 0.1, 0.3])], [0, 0], places)
     assert clear_of_obstacles(field, CAR, places).tolist() == [False, False]
     assert clear_of_obstacles(field, CAR, places, solid=np.array([False, True])).tolist() == [True, False]
-
-
-def test_mirrored_stretched_and_squashed_copies_are_in_the_right_place():
-    mesh = box([0, 0, 0], [1, 1, 1])
-    flat = np.diag([5.0, 0.0, 2.0, 1.0])
-    flat[:3, 3] = [-2.5, 30, 0]
-    mirrored = np.diag([-5.0, 0.2, 2.0, 1.0])
-    scene = InstancedScene([mesh], [0, 0], [flat, mirrored])
-    poses = [pose(0, 29.1), pose(0, 28.9), pose(-6.9, 0), pose(-7.1, 0), pose(2.1, 0), pose(-3, 1.1), pose(-3, 1.3)]
-    assert clear_of_obstacles(scene, CAR, poses).tolist() == [False, True, False, True, True, False, True]
-
-
-def test_tilted_boxes_are_apart_exactly_if_they_share_no_sampled_point():
-    rng = np.random.default_rng(7)
-    poses = rigid(random_rotations(rng, 400), rng.uniform(-4, 4, (400, 3)))
-    first, second = (compose(at, rigid(np.eye(3), [0, 0, up])) for at, up in ((poses, 0.75), (np.eye(4), 1.0)))
-    half = np.tile(np.array([3.0, 1.0, 2.0]) / 2, (400, 1))
-    clear = ~boxes_touch(np.tile(CAR / 2, (400, 1)), half, compose(invert_rigid(first), second))
-    # Points of the second box in the first one's frame: one inside proves contact, none almost disproves it.
-    points = np.stack(np.meshgrid(*(np.linspace(a, b, 21) for a, b in ((-1.5, 1.5), (-0.5, 0.5), (0, 2)))), -1)
-    seen = np.einsum("nji,npj->npi", poses[:, :3, :3], points.reshape(1, -1, 3) - poses[:, None, :3, 3])
-    shared = ((seen >= [-2, -1, 0]) & (seen <= [2, 1, 1.5])).all(axis=2).any(axis=1)
-    assert 0.1 < shared.mean() < 0.9
-    assert not (clear & shared).any()
-    assert (~clear & ~shared).mean() < 0.02

@@ -35,16 +35,45 @@ def through(n: int = 4000) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.column_stack([at[:, 0], np.full(n, -3.0), at[:, 1]]), np.tile([0.0, 1.0, 0.0], (n, 1)), at
 
 
-def test_rays_hit_opaque_texels_and_pass_clear_ones():
+def on_checks(at: np.ndarray) -> np.ndarray:
+    """Whether `CHECKS` is opaque there."""
+    return np.floor(at * 4).sum(axis=1) % 2 == 1
+
+
+WALL = Mesh(SQUARE + np.array([0.0, 1.0, 0.0]), HALVES)
+NET = vehicle_of(merge([card(y=-1.0), Mesh(SQUARE + np.array([2.0, 0.0, 0.0]), HALVES)])[0], name="net")
+VEHICLE = PosedVehicle(VehicleTarget(NET), np.eye(4)[None], {})
+# The flat one is cast as a separate mesh.
+POSES = np.stack([np.eye(4), rigid(np.eye(3), [0.0, 2.0, 0.0]), np.diag([1.0, 1e-9, 1.0, 1.0])])
+POSES[2, 1, 3] = -1.0
+
+
+@pytest.mark.parametrize(
+    ("thing", "distance"),
+    [
+        (caster_of(card()), 3.0),
+        (InstancedScene([card()], [0, 0, 0], POSES), 2.0),
+        (VEHICLE, 2.0),
+        (World(vehicles=[VEHICLE]), 2.0),
+        (World(obstacles=InstancedScene([card()], [0], POSES[2:])), 2.0),
+    ],
+)
+def test_rays_hit_opaque_texels_and_pass_clear_ones(thing, distance: float):
     origins, along, at = through()
-    opaque = np.floor(at * 4).sum(axis=1) % 2 == 1
-    caster = caster_of(card())
-    hits = caster.cast(origins, along)
-    np.testing.assert_array_equal(hits.hit, opaque)
-    np.testing.assert_allclose(hits.distance[opaque], 3.0)
-    np.testing.assert_array_equal(caster.occluded(origins, along), opaque)
-    np.testing.assert_array_equal(caster.transmittance(origins, along), 1.0 - opaque)
-    assert not caster.occluded(origins, along, max_distance=2.9).any()
+    hits = thing.nearest(origins, along) if isinstance(thing, World) else thing.cast(origins, along)
+    np.testing.assert_array_equal(hits.hit, on_checks(at))
+    np.testing.assert_allclose(hits.distance[hits.hit], distance)
+    np.testing.assert_array_equal(thing.occluded(origins, along), on_checks(at))
+    assert not thing.occluded(origins, along, max_distance=distance - 0.1).any()
+
+
+def test_faces_of_a_mesh_with_and_without_holes_keep_their_numbers():
+    origins, along, at = through()
+    hits = caster_of(merge([card(), WALL])[0]).cast(origins, along)
+    np.testing.assert_array_equal(hits.face, np.where(on_checks(at), 0, 2) + (at[:, 1] > at[:, 0]))
+    np.testing.assert_allclose(hits.distance, np.where(on_checks(at), 3.0, 4.0))
+    hits = InstancedScene([card()], [0, 0, 0], POSES).cast(origins, along)
+    np.testing.assert_array_equal(hits.instance, np.where(on_checks(at), 2, -1))
 
 
 def test_transmittance_multiplies_and_half_occludes():
@@ -85,8 +114,7 @@ def test_a_slanting_ray_hits_each_face_once(slant: float):
 
 
 def test_a_ray_within_a_card_terminates():
-    caster = caster_of(card(SOFT))
-    found = caster.transmittance([[-1.0, 0.0, 0.5], [-1.0, 1e-9, 0.3]], [[1.0, 0, 0], [1.0, 0, 0]])
+    found = caster_of(card(SOFT)).transmittance([[-1.0, 0.0, 0.5], [-1.0, 1e-9, 0.3]], [[1.0, 0, 0]] * 2)
     assert ((found >= 0.0) & (found <= 1.0)).all()
 
 
@@ -115,28 +143,6 @@ def test_opacity_exactly_at_the_threshold():
         assert (caster_of(card(alpha)).occluded(origins, along) == hides).all()
 
 
-def test_faces_of_a_mesh_with_and_without_holes_keep_their_numbers():
-    wall = Mesh(SQUARE + np.array([0.0, 1.0, 0.0]), HALVES)
-    mesh, _ = merge([card(), wall])
-    origins, along, at = through()
-    hits = caster_of(mesh).cast(origins, along)
-    opaque = np.floor(at * 4).sum(axis=1) % 2 == 1
-    np.testing.assert_array_equal(hits.face, np.where(opaque, 0, 2) + (at[:, 1] > at[:, 0]))
-    np.testing.assert_allclose(hits.distance, np.where(opaque, 3.0, 4.0))
-
-
-def test_instances_of_a_card_share_its_holes():
-    origins, along, at = through()
-    flat = np.diag([1.0, 1e-9, 1.0, 1.0])  # cast as a separate mesh
-    poses = np.array([np.eye(4), rigid(np.eye(3), [0.0, 2.0, 0.0]), flat])
-    poses[2, 1, 3] = -1.0
-    scene = InstancedScene([card()], [0, 0, 0], poses)
-    hits = scene.cast(origins, along)
-    opaque = np.floor(at * 4).sum(axis=1) % 2 == 1
-    np.testing.assert_array_equal(hits.instance, np.where(opaque, 2, -1))
-    np.testing.assert_array_equal(scene.occluded(origins, along), opaque)
-
-
 def test_boxes_touch_the_opaque_parts_of_a_card():
     scene = InstancedScene([card()], [0], rigid(rotation_z(0.4), [5.0, 2.0, 0.0])[None])
     at = np.random.default_rng(4).uniform(0.02, 0.98, (500, 2))
@@ -144,7 +150,7 @@ def test_boxes_touch_the_opaque_parts_of_a_card():
     world_from_box[:, :3, 3] += (at[:, :1] * world_from_box[:, :3, 0]) + at[:, 1:] * world_from_box[:, :3, 2]
     touched = Obstacles(scene).touched(np.full((500, 3), 0.05), world_from_box)
     # A box of 0.1 m around a point of a checkerboard of 0.25 m, far from the edges of its fields.
-    opaque = np.floor(at * 4).sum(axis=1) % 2 == 1
+    opaque = on_checks(at)
     inner = (np.abs(at * 4 - np.rint(at * 4)) > 0.25).all(axis=1)
     np.testing.assert_array_equal(touched[inner], opaque[inner])
     assert touched[opaque].all()
@@ -158,15 +164,3 @@ def test_downsampled_textures_keep_their_mean_opacity(longest: int, shape: tuple
     texels = fewer_texels(alpha, longest)
     assert texels.shape == shape
     assert AlphaMap(texels).graded_texels().mean() == pytest.approx(alpha.graded_texels().mean(), abs=1 / 255)
-
-
-def test_rays_pass_through_the_net_of_a_vehicle():
-    parts, _ = merge([card(y=-1.0), Mesh(SQUARE + np.array([2.0, 0.0, 0.0]), HALVES)])
-    shape = vehicle_of(parts, name="net")
-    vehicle = PosedVehicle(VehicleTarget(shape), np.eye(4)[None], {})
-    origins, along, at = through()
-    opaque = np.floor(at * 4).sum(axis=1) % 2 == 1
-    np.testing.assert_array_equal(vehicle.cast(origins, along).hit, opaque)
-    world = World(vehicles=[vehicle])
-    np.testing.assert_array_equal(world.nearest(origins, along).hit, opaque)
-    np.testing.assert_array_equal(world.occluded(origins, along), opaque)
