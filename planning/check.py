@@ -133,11 +133,8 @@ def relabeled(row: Row, stage: PlanStage) -> Row | None:
     None is returned for a row with an unknown scenery, vehicle, or part.
     """
     site = next((site for site in stage.sites if site.name == row.scenery), None)
-    models = [stage.models.get(vehicle.vehicle) for vehicle in row.planned]
-    complete = [
-        model is not None and vehicle.articulation.keys() <= set(model.shape.part_names[1:])
-        for model, vehicle in zip(models, row.planned, strict=True)
-    ]
+    parts = {model.shape.name: set(model.shape.part_names[1:]) for model in stage.fleet.models}
+    complete = [v.vehicle in parts and v.articulation.keys() <= parts[v.vehicle] for v in row.planned]
     if site is None or not all(complete):
         return None
     target, *extras = (

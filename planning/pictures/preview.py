@@ -76,7 +76,8 @@ class Artist:
     def __init__(self, plan: Plan, assets: Assets) -> None:
         self._plan, self._assets = plan, assets
         stage = make_stage(plan.config, assets)
-        self.models, self._distractors = stage.models, frozenset(list(stage.models)[stage.vehicles :])
+        self.models = {model.shape.name: model for model in stage.fleet.models}
+        self._distractors = frozenset(list(self.models)[stage.vehicles :])
         self._worlds = {site.name: site.world for site in stage.sites}
         self.class_ids = {name: i + 1 for i, name in enumerate(plan.header.categories)}
 

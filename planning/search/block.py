@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,7 +48,7 @@ class Block:
     stage: PlanStage
     draws: RandomStreams
     site: Site
-    extras: Mapping[bool, tuple[Extras, ...]]
+    extras: Mapping[bool, Sequence[Extras]]
     positions: Positions
     model: Int[np.ndarray, " n"]
     movable: Bool[np.ndarray, " n"]

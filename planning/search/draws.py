@@ -64,23 +64,23 @@ class RandomStreams:
 
     def uniform(
         self, purpose: ArrayLike, item: ArrayLike, attempt: ArrayLike, *, count: int
-    ) -> Float[np.ndarray, "n {count}"]:
+    ) -> Float[np.ndarray, "*n {count}"]:
         """Return `count` numbers for each item, uniform in [0, 1), multiples of 2**-53.
 
         Parameters
         ----------
         purpose, item, attempt
-            (n,) counters from 0 on, or single numbers; purposes are those of `Purpose`.
+            Counters from 0 on, of any shapes that broadcast; purposes are those of `Purpose`.
         """
         return _unit(self.bits(purpose, item, attempt, count=count))
 
     def bits(
         self, purpose: ArrayLike, item: ArrayLike, attempt: ArrayLike, *, count: int
-    ) -> UInt64[np.ndarray, "n {count}"]:
+    ) -> UInt64[np.ndarray, "*n {count}"]:
         """Return `count` numbers of 64 random bits for each item."""
         return _numbers(self.states(purpose, item, attempt), count)
 
-    def states(self, purpose: ArrayLike, item: ArrayLike, attempt: ArrayLike) -> UInt64[np.ndarray, " n"]:
+    def states(self, purpose: ArrayLike, item: ArrayLike, attempt: ArrayLike) -> UInt64[np.ndarray, "*n"]:
         """Return the first states of the streams of these items and attempts."""
         purposes, items, attempts = np.broadcast_arrays(
             np.asarray(purpose, dtype=np.uint64),
@@ -123,10 +123,10 @@ def between(low: ArrayLike, high: ArrayLike, uniform: ArrayLike) -> Float[np.nda
     return np.clip(lowest + np.asarray(uniform) * (highest - lowest), lowest, highest)
 
 
-def choose(weights: ArrayLike, uniform: ArrayLike) -> Int[np.ndarray, " n"]:
+def choose(weights: ArrayLike, uniform: ArrayLike) -> Int[np.ndarray, "*n"]:
     """Return n indices, with probabilities in proportion to weights, from numbers in [0, 1).
 
-    `weights` are (k,), or (n, k) with a row for each number; each row has one above 0.
+    `weights` are (k,), for numbers of any shape, or (n, k) with a row for each; each row has one above 0.
     """
     table = np.asarray(weights, dtype=np.float64)
     running = np.cumsum(table, axis=-1)
@@ -138,11 +138,11 @@ def choose(weights: ArrayLike, uniform: ArrayLike) -> Int[np.ndarray, " n"]:
     return np.minimum((running <= wanted[:, None]).sum(axis=1), last)
 
 
-def _numbers(states: UInt64[np.ndarray, " n"], count: int, *, first: int = 0) -> UInt64[np.ndarray, "n {count}"]:
-    return _mixed(states[:, None] + np.arange(first + 1, first + count + 1, dtype=np.uint64) * _GOLDEN)
+def _numbers(states: UInt64[np.ndarray, "*n"], count: int, *, first: int = 0) -> UInt64[np.ndarray, "*n {count}"]:
+    return _mixed(states[..., None] + np.arange(first + 1, first + count + 1, dtype=np.uint64) * _GOLDEN)
 
 
-def _unit(bits: UInt64[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+def _unit(bits: UInt64[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     return (bits >> np.uint64(11)) * _TO_UNIT
 
 

@@ -56,13 +56,9 @@ class Extras:
         size = draws.uniform(choice, position, 0, count=1)[:, 0]
         number = low + np.minimum((size * (high - low + 1)).astype(np.int64), high - low)
         number = np.where(wanted >= 0, np.clip(wanted, low, high), number)
-        model = np.full((len(position), high), -1)
-        turns = np.zeros((len(position), high, MOST))
-        for j in range(high):
-            uniform = draws.uniform(choice, position, 1 + j, count=_NUMBERS)
-            model[:, j] = np.where(number > j, self.models[choose(self.weights, uniform[:, 0])], -1)
-            turns[:, j] = uniform[:, 1:]
-        return model, turns
+        uniform = draws.uniform(choice, position[:, None], 1 + np.arange(high), count=_NUMBERS)
+        model = self.models[choose(self.weights, uniform[..., 0])]
+        return np.where(np.arange(high) < number[:, None], model, -1), uniform[..., 1:]
 
 
 def offsets(
@@ -80,19 +76,18 @@ def offsets(
     return away[:, None] * np.stack(sin_cos(2.0 * math.pi * uniform[:, 1])[::-1], axis=1)
 
 
-def extras_at(site: Site, stage: PlanStage, of_vehicles: Float[np.ndarray, " v"]) -> dict[bool, tuple[Extras, Extras]]:
+def extras_at(site: Site, stage: PlanStage, of_vehicles: Float[np.ndarray, " v"]) -> dict[bool, list[Extras]]:
     """Return the companions and distractors of positions on a scenery, by whether these are backgrounds.
 
     `of_vehicles` are weights of companions. Backgrounds have neither companions nor distractors with a class.
     """
-    limits, extras = stage.config.placement, {}
-    least, most = limits.vehicles_per_image
-    for background, number in ((False, (least - 1, most - 1)), (True, (0, 0))):
-        vehicles = np.arange(stage.vehicles)
-        companions = Extras(Role.COMPANION, vehicles, of_vehicles, number)
+    limits, (least, most) = stage.config.placement, stage.config.placement.vehicles_per_image
+    companions = Extras(Role.COMPANION, np.arange(stage.vehicles), of_vehicles, (least - 1, most - 1))
+    extras: dict[bool, list[Extras]] = {False: [companions], True: []}
+    for background, kinds in extras.items():
         models, weights = distractors_at(site, stage, unlabeled=background)
-        count = limits.distractors_per_image if weights.any() else (0, 0)
-        extras[background] = companions, Extras(Role.DISTRACTOR, models, weights, count)
+        if weights.any():
+            kinds.append(Extras(Role.DISTRACTOR, models, weights, limits.distractors_per_image))
     return extras
 
 

@@ -7,6 +7,7 @@ Paper, section 2.1.8, for random sceneries; impossible pairs aren't in the paper
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
@@ -56,9 +57,11 @@ def make_pairs(stage: PlanStage, budget: Budget, draws: RandomStreams, *, strict
         If a vehicle with images has no scenery left, or, if `strict`, lacks one of its sceneries.
     """
     config, weights, left_out = stage.config, np.zeros((len(budget.vehicles), len(stage.sites))), []
+    listed = {entry.name: entry.weight for entry in config.assets.sceneries}
+    of_sites = {site.name: listed.get(site.name, 1.0) for site in stage.sites}
     wanted = budget.images > 0
     planned = np.flatnonzero(wanted | (config.placement.vehicles_per_image[1] > 1))
-    allowed = {v: _allowed_weights(config, budget.vehicles[v], stage.sites) for v in planned.tolist()}
+    allowed = {v: _allowed_weights(config, budget.vehicles[v], of_sites) for v in planned.tolist()}
     problems: dict[tuple[int, int], ConfigError] = {}
     for s, site in enumerate(stage.sites):
         here = [v for v in planned.tolist() if allowed[v][s] > 0.0]
@@ -75,15 +78,14 @@ def make_pairs(stage: PlanStage, budget: Budget, draws: RandomStreams, *, strict
     for v in planned.tolist():
         if wanted[v] and not weights[v].any():
             raise next(problem for (vehicle, _), problem in sorted(problems.items()) if vehicle == v)
-    listed = {entry.name: entry.weight for entry in config.assets.sceneries}
     for site in stage.sites:
         for model in stage.fleet.models[stage.vehicles :]:
             if problem := _too_large(site, model, config):
                 raise problem
-    return Pairs(weights, np.array([listed.get(site.name, 1.0) for site in stage.sites]), tuple(left_out))
+    return Pairs(weights, np.array(list(of_sites.values())), tuple(left_out))
 
 
-def _allowed_weights(config: Config, vehicle: str, sites: tuple[Site, ...]) -> Float[np.ndarray, " s"]:
+def _allowed_weights(config: Config, vehicle: str, of_sites: Mapping[str, float]) -> Float[np.ndarray, " s"]:
     """Return the weights of sceneries for a vehicle, 0 for those that it may not use.
 
     Raises
@@ -91,10 +93,9 @@ def _allowed_weights(config: Config, vehicle: str, sites: tuple[Site, ...]) -> F
     ConfigError
         If a pattern of the vehicle matches no scenery, or all its sceneries have weight 0.
     """
-    names = [site.name for site in sites]
-    listed = {entry.name: entry.weight for entry in config.assets.sceneries}
+    names = list(of_sites)
     entry = next((entry for entry in config.assets.vehicles if entry.name == vehicle), None)
-    weights = np.array([listed.get(name, 1.0) if entry is None or entry.is_for(name) else 0.0 for name in names])
+    weights = np.array([weight if entry is None or entry.is_for(name) else 0.0 for name, weight in of_sites.items()])
     for pattern in entry.sceneries if entry else ():
         if not any(fnmatchcase(name, pattern) for name in names):
             raise ConfigError(

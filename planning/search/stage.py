@@ -149,28 +149,24 @@ class PlanStage:
 
     Parameters
     ----------
-    models
-        Vehicles, then distractors, by name.
+    fleet
+        The models: vehicles, then distractors.
     vehicles
         Number of vehicles.
-    fleet
-        The models as a table.
     """
 
     config: Config
     sites: tuple[Site, ...]
-    models: dict[str, Model]
-    vehicles: int
     fleet: Fleet
+    vehicles: int
 
 
 def make_stage(config: Config, assets: Assets) -> PlanStage:
     """Build the query objects of all assets."""
-    models = {name: _model(shape, assets.categories[name], config) for name, shape in assets.vehicles.items()}
-    for entry in config.assets.distractors:
-        models[entry.name] = _model(assets.distractors[entry.name], entry.category, config)
+    models = [_model(shape, assets.categories[name], config) for name, shape in assets.vehicles.items()]
+    others = [_model(assets.distractors[e.name], e.category, config) for e in config.assets.distractors]
     sites = tuple(_site(scenery, config.ground.fallback_z) for scenery in assets.sceneries.values())
-    return PlanStage(config, sites, models, len(assets.vehicles), Fleet(tuple(models.values())))
+    return PlanStage(config, sites, Fleet((*models, *others)), len(models))
 
 
 def _site(scenery: Scenery, fallback_z: float) -> Site:
