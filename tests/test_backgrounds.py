@@ -5,7 +5,6 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from hulldown.geometry.errors import ConfigError
 from hulldown.planning.config.schema import PlacementSection
 from hulldown.planning.planner import Planner
 from hulldown.planning.row import encode_rows
@@ -67,22 +66,3 @@ def test_distractors_are_uniform_over_the_disk():
     away = np.linalg.norm(offsets(np.full(1000, Role.DISTRACTOR), limits, np.stack([shares, bearings], 1)), axis=1)
     shares = np.histogram(away**2, bins=10, range=(100.0, 1600.0))[0]
     assert shares.tolist() == [100] * 10
-
-
-@pytest.mark.parametrize(
-    ("sections", "message"),
-    [
-        ({"assets": {"distractors": [{"path": "t72.blend"}]}}, "2 vehicles and distractors are called 't72'"),
-        ({"assets": {"distractors": [{"path": "a.blend", "sceneries": ["sea"]}]}}, "'sea' matches none of"),
-        ({"budget": {"background_share": 1.0}}, r"budget.background_share = 1.0: expected"),
-        ({"annotate": {"min_box_px": 9.0}}, r"annotate.min_box_px = 9: expected at most camera.min_box_px, 8"),
-        ({"annotate": {"min_visible_fraction": 0.4}}, "expected at most the least camera.visible_fraction, 0.3"),
-        (
-            {"annotate": {"max_truncated_fraction": 0.1}, "camera": {"truncated_fraction": [0, 0.5]}},
-            "at least the .*_fraction, 0.5",
-        ),
-    ],
-)
-def test_budgets_that_do_not_fit_are_refused(sections, message):
-    with pytest.raises(ConfigError, match=message):
-        small_config(**sections)

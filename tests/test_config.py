@@ -135,6 +135,19 @@ WRONG = [  # the addition, the key in the error, and its text
     ("[placement]\nmax_slope_deg = 90", "placement.max_slope_deg = 90", "expected less than 90"),
     ("[light]\nhdris = [3]", "light.hdris[0] = 3", "expected a name or { name = ..., weight = ... }"),
     ("[light]\nhdris = 'noon'", "light.hdris = 'noon'", "expected a list"),
+    *((f"[light]\nexposure = {x}", "light.exposure = ", "expected 'auto' or EV from -32 to 32")
+      for x in ("'bright'", "33", "true", "[0, 1]")),
+    ("[sensor]\npreset = 'dslr'", "sensor.preset = 'dslr'", "expected 'none', 'camera' or 'phone'"),
+    ("[sensor]\nblur_px = -1", "sensor.blur_px = -1", "expected a number or [low, high] with 0 <= low"),
+    ("[sensor]\njpeg_quality = [0, 90]", "sensor: jpeg_quality = [0, 90]", "expected 0, or a range of more than 0"),
+    ("[sensor]\ngain = 0.5", "sensor.gain = 0.5", "expected a number or [low, high] with 1 <= low"),
+    ("background_share = 1.0", "budget.background_share = 1.0", "expected less than or equal to 0.99"),
+    ("[annotate]\nmin_box_px = 9.0", "annotate.min_box_px = 9", "expected at most camera.min_box_px, 8"),
+    ("[annotate]\nmin_visible_fraction = 0.4", "annotate.min_vis", "at most the least camera.visible_fraction, 0.3"),
+    ("[annotate]\nmax_truncated_fraction = 0.1\n[camera]\ntruncated_fraction = [0, 0.5]", "annotate.max_truncated",
+     "expected at least the largest camera.truncated_fraction, 0.5"),
+    ("[[assets.distractors]]\npath = 'a.blend'\nsceneries = ['sea']", "assets: ", "'sea' matches none of ['hills']"),
+    ("[[assets.distractors]]\npath = 't72.blend'", "assets: ", "2 vehicles and distractors are called 't72'"),
 ]  # fmt: skip
 
 
@@ -163,6 +176,27 @@ INSTEAD = [  # a line of the config, its replacement, and the error
     (TANK, TANK + '\nforward = "x"', "assets.vehicles[0].forward = 'x': expected '+x', '-x'"),
     (TANK, f"{TANK}\nforward = 1{'0' * 400}", f"assets.vehicles[0].forward = 1{'0' * 59}: expected"),
     (TANK, f"{TANK}\ngun_pivot = [0, 0, 1{'0' * 400}]", "expected the name of an object, or [x, y, z]"),
+    *(
+        (TANK, f"{TANK}\npaint = {paint}", f"assets.vehicles[0].paint{message}")
+        for paint, message in (
+            ("{}", "[0]: expected colors, hue_deg, saturation or value: nothing would be changed"),
+            (
+                "{ materials = ['camo'] }",
+                "[0]: expected colors, hue_deg, saturation or value: nothing would be changed",
+            ),
+            ("{ colors = ['green'] }", "[0].colors[0] = 'green': expected a color such as '#4b5320', or 'own'"),
+            ("{ colors = ['#4b53'] }", "[0].colors[0] = '#4b53': expected a color"),
+            ("{ colors = [7] }", "[0].colors[0] = 7: expected a color"),
+            (
+                "{ colors = ['own'], hue_deg = [10, -10] }",
+                "[0].hue_deg = [10, -10]: expected a number or [low, high] with -180 <= low <= high <= 180",
+            ),
+            ("{ colors = ['own'], value = -1 }", "[0].value = -1: expected a number or"),
+            ("{ colors = ['own'], materials = [] }", "[0].materials = []: expected at least one"),
+            ("'green'", " = 'green': expected a list"),
+        )
+    ),
+    (TANK, TANK + "\npaint = { colours = ['own'] }", "did you mean assets.vehicles.paint.colors?"),
     (TANK, f'{TANK}\n[[assets.vehicles]]\npath = "b/t72.blend"\n{TANK}', "assets: 2 vehicles are called 't72'"),
     *(("140", x, "isn't TOML: ") for x in ("9" * 5000, "[" * 2000)),
     ("140", f"[0x{'f' * 5000}]", "budget.images_per_class = an integer of thousands of digits"),

@@ -7,7 +7,6 @@ from hulldown.assets.library import Assets
 from hulldown.assets.skylight import SkyLight
 from hulldown.camera.response import CARD, displayed
 from hulldown.geometry.color import LUMINANCE
-from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.light import card
 from hulldown.tests.planning_assets import plan, small_assets, small_config
 
@@ -51,9 +50,3 @@ def test_a_sky_without_light_has_the_longest_exposure():
 def test_the_visible_sky_begins_at_its_hdris_horizon():
     assert {row.horizon_deg for row in rows()} == {None}
     assert {(row.hdri, row.horizon_deg) for row in rows(backdrop="sky")} == {("noon", 1.0), ("dusk", 12.5)}
-
-
-@pytest.mark.parametrize("exposure", ["bright", 33, True, [0, 1]])
-def test_an_exposure_is_auto_or_a_number(exposure):
-    with pytest.raises(ConfigError, match=r"light\.exposure = .*expected 'auto' or EV from -32 to 32"):
-        small_config(light={"exposure": exposure})

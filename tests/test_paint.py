@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.paint import Coat, PaintEntry, paint_doubts, previewed
 from hulldown.planning.pictures.preview import caption
 from hulldown.planning.summary import summarize
@@ -27,26 +26,6 @@ def config(paint, **sections):
     vehicles = [{**VEHICLE_ENTRIES[0], "paint": paint}, *VEHICLE_ENTRIES[1:]]
     others = [{**DISTRACTOR_ENTRIES[0], "paint": paint}, *DISTRACTOR_ENTRIES[1:]]
     return small_config(assets={"vehicles": vehicles, "distractors": others}, **sections)
-
-
-@pytest.mark.parametrize(
-    ("paint", "message"),
-    [
-        ({}, "nothing would be changed"),
-        ({"materials": ["camo"]}, "nothing would be changed"),
-        ({"colors": ["green"]}, r"paint\[0\]\.colors\[0\] = 'green': expected a color such as '#4b5320', or 'own'"),
-        ({"colors": ["#4b53"]}, "expected a color"),
-        ({"colors": [7]}, "expected a color"),
-        ({"colors": [GREEN], "hue_deg": [10, -10]}, "-180 <= low <= high <= 180"),
-        ({"colors": [GREEN], "value": -1}, "expected a number or"),
-        ({"colors": [GREEN], "materials": []}, "expected at least one"),
-        ({"colours": [GREEN]}, "did you mean assets.vehicles.*colors"),
-        ("green", "expected"),
-    ],
-)
-def test_paint_without_effect_is_refused(paint, message):
-    with pytest.raises(ConfigError, match=message):
-        config(paint)
 
 
 def test_names_of_materials_that_are_left_alone_or_may_be_painted():

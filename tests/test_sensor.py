@@ -5,7 +5,6 @@ import pytest
 from scipy import ndimage
 
 from hulldown.camera.sensor import Sensor
-from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.light import draw_sensors
 from hulldown.planning.config.sensor_section import PRESETS, SensorSection
 from hulldown.planning.search.draws import RandomStreams
@@ -120,10 +119,3 @@ def test_a_preset_sets_missing_values(preset):
 def test_plans_without_a_sensor_are_unchanged():
     assert "sensor" not in small_config(sensor={}).model_dump()
     assert draw_sensors(SensorSection(), draws=RandomStreams(0), image=np.arange(3)) == [None] * 3
-
-
-@pytest.mark.parametrize("values", [{"preset": "dslr"}, {"blur_px": -1}, {"jpeg_quality": [0, 90]}, {"gain": 0.5}])
-def test_wrong_sensors_are_refused(values):
-    (key,) = values
-    with pytest.raises(ConfigError, match=key):
-        small_config(sensor=values)
