@@ -11,16 +11,25 @@ from hypothesis import strategies as st
 from hulldown.annotate.boxes import surface_box
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
+from hulldown.camera.sensor import LIMITS
 from hulldown.camera.weather.kinds import KINDS
 from hulldown.dataset.verification.planned import label_records
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply
 from hulldown.placement.terrain import Terrain
+from hulldown.planning.appearance.paint import OWN
 from hulldown.planning.check import relabeled
 from hulldown.planning.planner import Planner
 from hulldown.render.annotations import Segmenter
-from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, filled_share, small_assets, small_config, to_camera
+from hulldown.tests.planning_assets import (
+    DISTRACTOR_ENTRIES,
+    VEHICLE_ENTRIES,
+    filled_share,
+    small_assets,
+    small_config,
+    to_camera,
+)
 
 # Rounding of rows: see planning/row.py.
 ROUNDED, ROTATION, PIXELS = 1e-9, 1e-12, 1e-6
@@ -42,9 +51,18 @@ def interval(low, high, least=0.0):
 
 @st.composite
 def configs(draw):
+    paint = {
+        "colors": draw(st.sampled_from([[], ["own", "#4b5320"]])),
+        "hue_deg": draw(interval(-180.0, 180.0, 0.1)),
+        "saturation": draw(interval(0.0, 10.0)),
+        "value": draw(interval(0.0, 10.0)),
+    }
+    painted = draw(st.sampled_from([[], [{"materials": ["camo*"], **paint}, {"hue_deg": 9}]]))
+    entries = [[{**entry, "paint": painted} for entry in listed] for listed in (VEHICLE_ENTRIES, DISTRACTOR_ENTRIES)]
     return small_config(
         seed=draw(st.integers(0, 2**63 - 1)),
-        assets={"distractors": draw(st.sampled_from([[], DISTRACTOR_ENTRIES]))},
+        assets={"vehicles": entries[0], "distractors": draw(st.sampled_from([[], entries[1]]))},
+        sensor={"preset": draw(st.sampled_from(["none", "phone"]))},
         budget={
             "images_per_class": draw(st.integers(2, 5)),
             "images_per_position": draw(st.integers(1, 3)),
@@ -120,6 +138,7 @@ def test_every_row_keeps_every_limit(config):
     for row in rows:
         for k, vehicle in enumerate(row.planned):
             stands_within_limits(row, vehicle, config, target=k == 0)
+            painted_within_limits(vehicle, config)
         camera_within_limits(row, config)
         light_within_limits(row, config)
         labels_are_what_is_seen(row, config)
@@ -247,7 +266,17 @@ def camera_within_limits(row, config):
     assert min(row.target.bbox[2:]) >= limits.min_box_px - PIXELS
 
 
+def painted_within_limits(vehicle, config):
+    for coat, entry in zip(vehicle.paint, config.paint_of(vehicle.vehicle), strict=True):
+        assert coat.materials == list(entry.materials)
+        assert (coat.color or OWN) in (entry.colors or [OWN])
+        assert all(within(getattr(coat, key), getattr(entry, key)) for key in ("hue_deg", "saturation", "value"))
+
+
 def light_within_limits(row, config):
+    if row.sensor is not None:
+        assert all(within(getattr(row.sensor, key), getattr(config.sensor, key)) for key in LIMITS)
+    assert (row.sensor is None) == (config.sensor.preset == "none")
     assert within(row.hdri_yaw_deg, config.light.yaw_deg)
     assert within(row.strength, config.light.strength)
     kind = "clear" if row.weather is None else row.weather.kind
