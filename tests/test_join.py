@@ -11,21 +11,17 @@ from hulldown.dataset.join import join
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.errors import DatasetError
-from hulldown.tests.editing import PLAN, edit, render
+from hulldown.tests.editing import PLAN, edit, render, write_dataset
 
 ENTRY = {"first_image_id": 1, "images": 6, "blender": ["5.0"], "devices": [], "systems": ["x"], "confinement": ["x"]}
 
 
-def photos(folder, names, *, level=100):
-    """A dataset made elsewhere."""
-    images = [{"id": 3 * i, "file_name": name, "width": 8, "height": 6} for i, name in enumerate(names)]
-    boxed = [{"id": 0, "image_id": 0, "category_id": 5, "bbox": [1, 1, 2, 2], "score": 0.5}]
-    categories = [{"id": 5, "name": "tank", "keypoints": ["nose"]}, {"id": 7, "name": "car", "supercategory": "civil"}]
-    for i, name in enumerate(names):
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        Image.new("RGB", (8, 6), (level + i, 7, 7)).save(folder / name)
-    coco = {"info": {"year": 2024}, "categories": categories, "images": images, "annotations": boxed}
-    (folder / "annotations.json").write_text(json.dumps(coco))
+def photos(folder, names, *, first=0):
+    """A dataset made elsewhere; pictures and ids are numbered from `first`."""
+    images = [{"id": i, "file_name": name, "width": 8, "height": 6} for i, name in enumerate(names, start=first)]
+    label = {"id": 0, "image_id": first, "category_id": 1, "bbox": [1, 1, 2, 2], "score": 0.5}
+    write_dataset(folder, images, [label], names=("tank", "car"))
+    edit(folder, lambda coco: (coco.update(info={"year": 2024}), coco["categories"][1].update(supercategory="civil")))
     return folder
 
 
@@ -121,7 +117,7 @@ def test_failures_and_provenance_are_carried_over(tmp_path):
     (line,) = map(json.loads, (joined / "failures.jsonl").read_text().splitlines())
     assert (line["index"], line["file_name"]) == (2, "images/1-aaaaaaaa-00000003.png")
     (found,) = json.loads((joined / "provenance.json").read_text())["plans"].values()
-    assert (found["devices"], found["first_image_id"]) == (["CPU", "GPU"], 4)
+    assert (found["devices"], found["first_image_id"]) == (["CPU", "GPU"], 2)
     # Another machine has rendered it since.
     assert join([render(tmp_path / "3", [2])], joined).failed == 0
     assert not (joined / "failures.jsonl").exists()
@@ -168,32 +164,6 @@ def test_a_part_that_cannot_be_joined_leaves_the_dataset_unchanged(tmp_path, dam
     assert not (tmp_path / "new").exists()
 
 
-def test_another_picture_with_the_same_name_is_refused(tmp_path):
-    one, two = photos(tmp_path / "1", ["a.png"]), photos(tmp_path / "2", ["a.png"], level=9)
-    with pytest.raises(DatasetError, match=r"2/a\.png: is another picture than .*1/a\.png; give one of them another"):
-        join([one, two], tmp_path / "joined")
-    assert not (tmp_path / "joined").exists()
-    before = contents(one)
-    with pytest.raises(DatasetError, match=r"is another picture than .*; give one of them another name"):
-        join([two], one)
-    assert contents(one) == before
-    assert not (one / "journal.jsonl").exists()
-
-
-def test_a_photograph_named_like_a_planned_image_does_not_replace_it(tmp_path):
-    real, share = photos(tmp_path / "real", ["images/00000001.png"]), render(tmp_path / "1", [0])
-    for parts in ([real, share], [share, real]):
-        with pytest.raises(DatasetError, match=r"00000001\.png: is another picture than .*; give the one of no plan"):
-            join(parts, tmp_path / "new")
-        assert not (tmp_path / "new").exists()
-    # In a dataset with other content, planned images have prefixed names.
-    assert join([share], real).added == 1
-    before = contents(share)
-    with pytest.raises(DatasetError, match="is another picture"):
-        join([photos(tmp_path / "again", ["images/00000001.png"])], share)
-    assert contents(share) == before
-
-
 def test_a_picture_whose_plan_was_removed_is_still_recognized(tmp_path):
     share = render(tmp_path / "1", [0])
     bare = render(tmp_path / "2", [0])
@@ -202,22 +172,51 @@ def test_a_picture_whose_plan_was_removed_is_still_recognized(tmp_path):
     assert (join([share, bare], tmp_path / "new").added, len(read_coco(tmp_path / "new")["images"])) == (1, 1)
 
 
-def with_photograph(folder, image_id):
-    """A photograph added by hand, with an id reserved for the plan."""
-    (folder / "real").mkdir()
-    Image.new("RGB", (8, 6), (200, 7, 7)).save(folder / "real/x.png")
-    photograph = {"id": image_id, "file_name": "real/x.png", "width": 8, "height": 6}
-    edit(folder, lambda coco: coco["images"].append(photograph))
+def with_photograph(folder, image_id, name="real/x.png"):
+    """A photograph added by hand, with an id or a name reserved for the plan, or without a record."""
+    (folder / name).parent.mkdir(exist_ok=True)
+    Image.new("RGB", (8, 6), (200, 7, 7)).save(folder / name)
+    photograph = {"id": image_id, "file_name": name, "width": 8, "height": 6}
+    edit(folder, lambda coco: coco["images"].extend([photograph] if image_id else []))
     return folder
 
 
-def test_a_photograph_with_the_id_of_a_planned_image_does_not_replace_it(tmp_path):
-    mixed, share = with_photograph(render(tmp_path / "1", [0, 1]), 4), render(tmp_path / "2", [3])
-    for parts, target in (([mixed, share], tmp_path / "new"), ([share], mixed), ([mixed], share)):
-        before = contents(target)
-        with pytest.raises(DatasetError, match=r"\.png: has the id 4, as has .*\.png; give the one that is not of the"):
-            join(parts, target)
-        assert contents(target) == before
+IN_THE_WAY = {
+    "photo": lambda folder: photos(folder, ["a.png"]),
+    "namesake": lambda folder: photos(folder, ["a.png"], first=9),
+    "first": lambda folder: render(folder, [0]),
+    "called like first": lambda folder: photos(folder, ["images/00000001.png"]),
+    "fourth": lambda folder: render(folder, [3]),
+    "numbered like fourth": lambda folder: with_photograph(render(folder, [0, 1]), 4),
+    "also called like fourth": lambda folder: with_photograph(render(folder, [0]), 99, "images/00000004.png"),
+    "with a file called like photo": lambda folder: with_photograph(render(folder, [0]), None, "a.png"),
+}
+
+
+@pytest.mark.parametrize(
+    ("parts", "target", "message"),
+    [
+        (["photo", "namesake"], "new", r"namesake/a\.png: is another picture than .*; give one of them another name"),
+        (["namesake"], "photo", r"a\.png: is another picture than .*; give one of them another name"),
+        (["called like first", "first"], "new", r"0001\.png: is another picture than .*; give the one of no plan"),
+        (["first", "called like first"], "new", r"0001\.png: is another picture than .*; give the one of no plan"),
+        (["called like first"], "first", r"0001\.png: is another picture than"),
+        (["fourth"], "also called like fourth", r"0004\.png: is another picture than .*; give the one of no plan"),
+        (["photo"], "with a file called like photo", r"a\.png: is another picture than"),
+        (["numbered like fourth", "fourth"], "new", r"\.png: has the id 4, as has .*\.png; give the one that is not"),
+        (["fourth"], "numbered like fourth", r"\.png: has the id 4, as has .*\.png; give the one that is not"),
+        (["numbered like fourth"], "fourth", r"\.png: has the id 4, as has .*\.png; give the one that is not"),
+    ],
+)
+def test_another_picture_with_the_same_name_or_id_is_refused(tmp_path, parts, target, message):
+    for name in {*parts, target} - {"new"}:
+        IN_THE_WAY[name](tmp_path / name)
+    before = contents(tmp_path)
+    with pytest.raises(DatasetError, match=message):
+        join([tmp_path / part for part in parts], tmp_path / target)
+    assert contents(tmp_path) == before
+    assert not (tmp_path / "new").exists()
+    assert target != "photo" or not (tmp_path / target / "journal.jsonl").exists()
 
 
 def test_a_name_without_the_plans_prefix_is_not_the_plans(tmp_path):
