@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,15 @@ import msgspec
 from filelock import FileLock, Timeout
 
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document
-from hulldown.dataset.store.entries import check_annotation, check_image, free_id, new_category, place_of, plain_json
+from hulldown.dataset.store.entries import (
+    Record,
+    check_annotation,
+    check_image,
+    free_id,
+    new_category,
+    place_of,
+    plain_json,
+)
 from hulldown.dataset.store.journal import MERGED, Journal
 from hulldown.dataset.store.runs import Run
 from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, sealed
@@ -133,7 +141,7 @@ class CocoDataset:
         ids = self._document.images.ids
         return sum(run.images - sum(map(run.has_image, ids)) for run in self._document.runs.values())
 
-    def add_categories(self, records: Iterable[Mapping[str, Any]], *, keypoints: bool = False) -> None:
+    def add_categories(self, records: Iterable[Record], *, keypoints: bool = False) -> None:
         """Give an id to each category with a new name; its other fields are kept.
 
         Parameters
@@ -188,7 +196,7 @@ class CocoDataset:
         self._write({"run": msgspec.structs.asdict(run)})
         return run
 
-    def append(self, image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]]) -> int:
+    def append(self, image: Record, annotations: Sequence[Record]) -> int:
         """Append a finished image and its annotations; they're on disk when this returns.
 
         Parameters
@@ -219,11 +227,11 @@ class CocoDataset:
             self.merge()
         return int(line["image"]["id"])
 
-    def check(self, image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]]) -> None:
+    def check(self, image: Record, annotations: Sequence[Record]) -> None:
         """Raise as `append` would, without writing."""
         self._line(image, annotations)
 
-    def _line(self, image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    def _line(self, image: Record, annotations: Sequence[Record]) -> Record:
         """The journal's line for an image."""
         document = self._document
         record = plain_json(image, "image")
@@ -298,6 +306,6 @@ class CocoDataset:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _write(self, line: dict[str, Any]) -> None:
+    def _write(self, line: Record) -> None:
         self._journal.append(line)
         self._document.apply(line)

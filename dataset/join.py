@@ -17,6 +17,7 @@ from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.provenance import add_provenance, read_failures, read_provenance, write_failures
 from hulldown.dataset.records import check_usable
 from hulldown.dataset.store.document import Document, check_is_dataset, read_document
+from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.pictures import confined, own_picture, place
 from hulldown.dataset.store.runs import Run
 from hulldown.dataset.store.seals import broken
@@ -258,7 +259,7 @@ def _check(moves: Sequence[_Move], target: CocoDataset) -> None:
                 claimed.add(box_id)
 
 
-def _records(move: _Move) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+def _records(move: _Move) -> tuple[Record, Sequence[Record]]:
     """An image and its annotations as records of the dataset."""
     document = move.part.document
     image = document.images[move.index]

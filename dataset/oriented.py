@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeGuard
 
@@ -13,14 +12,14 @@ from hulldown.annotate.oriented import mask_rectangle, rectangle_corners
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, project_camera
 from hulldown.dataset.space import check_space
-from hulldown.dataset.store.entries import is_list_of_numbers
+from hulldown.dataset.store.entries import Record, is_list_of_numbers
 from hulldown.geometry.errors import DatasetError
 
 # Of the lower side of bbox_3d, in halves of its size: front left, front right, rear right, rear left.
 _GROUND = np.array([[0.5, 0.5, -0.5], [0.5, -0.5, -0.5], [-0.5, -0.5, -0.5], [-0.5, 0.5, -0.5]])
 
 
-def visible_corners(label: Mapping[str, Any], image: Mapping[str, Any]) -> Float[np.ndarray, "4 2"]:
+def visible_corners(label: Record, image: Record) -> Float[np.ndarray, "4 2"]:
     """Corners in pixels of a label's `obb`; without one, of its mask's rectangle; without a mask, of its box.
 
     Raises
@@ -42,7 +41,7 @@ def visible_corners(label: Mapping[str, Any], image: Mapping[str, Any]) -> Float
     return rectangle_corners([x + w / 2, y + h / 2, w, h, 0.0])
 
 
-def ground_corners(label: Mapping[str, Any], image: Mapping[str, Any]) -> Float[np.ndarray, "4 2"]:
+def ground_corners(label: Record, image: Record) -> Float[np.ndarray, "4 2"]:
     """Pixels of the lower side of a label's `bbox_3d`: front left, front right, rear right, rear left.
 
     Raises

@@ -17,7 +17,7 @@ from hulldown.dataset.exports.clipping import ROUNDED, SLIGHT, beyond
 from hulldown.dataset.oriented import is_rectangle
 from hulldown.dataset.space import check_space
 from hulldown.dataset.store.document import read_coco
-from hulldown.dataset.store.entries import is_box, is_list_of_numbers, place_of
+from hulldown.dataset.store.entries import Coco, Record, is_box, is_list_of_numbers, place_of
 from hulldown.dataset.store.runs import runs_of
 from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, broken
 from hulldown.geometry.errors import DatasetError, shortened
@@ -69,7 +69,7 @@ def listed(findings: Iterable[Finding]) -> list[str]:
     return lines + [f"{severity}: and {n} more like: {' '.join(kind.split())}" for severity, kind, n in more]
 
 
-def read_usable(folder: Path) -> dict[str, Any]:
+def read_usable(folder: Path) -> Coco:
     """Read the dataset in `folder` as a COCO dictionary with complete records.
 
     Raises
@@ -82,11 +82,9 @@ def read_usable(folder: Path) -> dict[str, Any]:
     return coco
 
 
-def by_image(
-    images: Iterable[Mapping[str, Any]], annotations: Iterable[Mapping[str, Any]]
-) -> dict[int, list[Mapping[str, Any]]]:
+def by_image(images: Iterable[Record], annotations: Iterable[Record]) -> dict[int, list[Record]]:
     """The annotations of each image by its id, in order; without those of other images."""
-    of_image: dict[int, list[Mapping[str, Any]]] = {image["id"]: [] for image in images}
+    of_image: dict[int, list[Record]] = {image["id"]: [] for image in images}
     for annotation in annotations:
         image_id = annotation.get("image_id")
         if isinstance(image_id, int) and image_id in of_image:
@@ -96,9 +94,9 @@ def by_image(
 
 def check_usable(
     folder: Path,
-    categories: Sequence[Mapping[str, Any]],
-    images: Iterable[Mapping[str, Any]],
-    annotations: Iterable[Mapping[str, Any]],
+    categories: Sequence[Record],
+    images: Iterable[Record],
+    annotations: Iterable[Record],
 ) -> None:
     """Refuse records that can't be drawn, exported, or appended to another dataset.
 
@@ -130,7 +128,7 @@ def check_usable(
             refuse(where, f"bbox {annotation.get('bbox')!r} is not [x, y, width, height]")
 
 
-def check_categories(categories: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
+def check_categories(categories: Sequence[Record]) -> Iterator[Finding]:
     """Check that ids and names are unique."""
     yield from _repeated("category", [c["id"] for c in categories])
     spelled: dict[str, str] = {}
@@ -145,7 +143,7 @@ def check_categories(categories: Sequence[Mapping[str, Any]]) -> Iterator[Findin
             yield Finding("error", f"category {name!r}", f"is there {times} times")
 
 
-def check_images(images: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
+def check_images(images: Sequence[Record]) -> Iterator[Finding]:
     """Check ids, names, and sizes."""
     files: dict[int, str] = {}
     for image in images:
@@ -162,7 +160,7 @@ def check_images(images: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
         yield from (Finding("error", _name(image), problem) for problem in _size_problems(image))
 
 
-def check_annotations(coco: Mapping[str, Any]) -> Iterator[Finding]:
+def check_annotations(coco: Coco) -> Iterator[Finding]:
     """Check ids, references, boxes, masks, fractions, and duplicates."""
     yield from _repeated("annotation", [a["id"] for a in coco["annotations"]])
     images = {image["id"]: image for image in coco["images"]}
@@ -202,7 +200,7 @@ def check_annotations(coco: Mapping[str, Any]) -> Iterator[Finding]:
         yield Finding("warning", f"{name}: {such} {ids[0]}", "repeats class and box of another one in the same image")
 
 
-def _hints(where: str, annotation: Mapping[str, Any], image: Mapping[str, Any]) -> Iterator[Finding]:
+def _hints(where: str, annotation: Record, image: Record) -> Iterator[Finding]:
     """Find boxes slightly outside of their image, and full labels of targets hidden by haze."""
     if not any(_size_problems(image)) and (by := beyond(annotation["bbox"], image["width"], image["height"])) > ROUNDED:
         yield Finding("warning", where, f"its bbox leaves its image by {by:.4g} px, and is clipped when it's used", by)
@@ -212,7 +210,7 @@ def _hints(where: str, annotation: Mapping[str, Any], image: Mapping[str, Any]) 
         yield Finding("warning", where, problem, left)
 
 
-def check_seals(coco: Mapping[str, Any]) -> Iterator[Finding]:
+def check_seals(coco: Coco) -> Iterator[Finding]:
     """Find changed records, and unsealed ones among sealed ones."""
     images = {image["id"]: image for image in coco["images"]}
     for image in coco["images"]:
@@ -224,7 +222,7 @@ def check_seals(coco: Mapping[str, Any]) -> Iterator[Finding]:
         yield from _seal_problems(f"{_name(image)}: {where}" if image else where, annotation, image)
 
 
-def _seal_problems(where: str, record: Mapping[str, Any], image: Mapping[str, Any]) -> Iterator[Finding]:
+def _seal_problems(where: str, record: Record, image: Record) -> Iterator[Finding]:
     if broken(record):
         remedy = f"if the change is meant, set its {RECORD_KEY} to null"
         yield Finding("error", where, f"was changed after it was recorded: its {RECORD_KEY} does not fit; {remedy}")
@@ -232,7 +230,7 @@ def _seal_problems(where: str, record: Mapping[str, Any], image: Mapping[str, An
         yield Finding("warning", where, f"has no {RECORD_KEY}: it was added or changed by hand, or is damaged")
 
 
-def check_runs(coco: Mapping[str, Any]) -> Iterator[Finding]:
+def check_runs(coco: Coco) -> Iterator[Finding]:
     """Find two plans with the same reserved ids."""
     runs = runs_of(coco)
     for kind in ("image", "annotation"):
@@ -243,7 +241,7 @@ def check_runs(coco: Mapping[str, Any]) -> Iterator[Finding]:
                 yield Finding("error", "info: hulldown_runs", problem)
 
 
-def _name(image: Mapping[str, Any]) -> str:
+def _name(image: Record) -> str:
     """An image's name in findings: its file's, if it has one."""
     name = image.get("file_name")
     return name if isinstance(name, str) and name else f"image {image['id']}"
@@ -255,13 +253,13 @@ def _repeated(kind: str, ids: Sequence[object]) -> Iterator[Finding]:
             yield Finding("error", f"{kind} {value}", f"its id is there {times} times")
 
 
-def _size_problems(image: Mapping[str, Any]) -> Iterator[str]:
+def _size_problems(image: Record) -> Iterator[str]:
     for key in ("width", "height"):
         if not isinstance(image.get(key), int) or image[key] < 1:
             yield f"{key} is {image.get(key)!r}"
 
 
-def _box_problems(bbox: Any, image: Mapping[str, Any]) -> Iterator[str]:
+def _box_problems(bbox: Any, image: Record) -> Iterator[str]:
     if not is_box(bbox):
         yield f"bbox {bbox!r} is not [x, y, width, height]"
         return
@@ -272,7 +270,7 @@ def _box_problems(bbox: Any, image: Mapping[str, Any]) -> Iterator[str]:
         yield f"bbox {bbox} leaves its image of {image['width']} x {image['height']}"
 
 
-def _mask_problems(annotation: Mapping[str, Any], image: Mapping[str, Any]) -> Iterator[str]:
+def _mask_problems(annotation: Record, image: Record) -> Iterator[str]:
     if not annotation.get("segmentation"):
         return
     try:
@@ -295,9 +293,7 @@ def _mask_problems(annotation: Mapping[str, Any], image: Mapping[str, Any]) -> I
             yield f"obb {given!r} isn't the smallest rectangle around its mask"
 
 
-def _keypoint_problems(
-    annotation: Mapping[str, Any], category: Mapping[str, Any], image: Mapping[str, Any]
-) -> Iterator[str]:
+def _keypoint_problems(annotation: Record, category: Record, image: Record) -> Iterator[str]:
     """Find keypoints with a wrong number, outside of their image, or with a wrong count."""
     keypoints, names = annotation.get("keypoints"), category.get("keypoints")
     if keypoints is None:
@@ -316,7 +312,7 @@ def _keypoint_problems(
             yield f"num_keypoints is {counted!r}"
 
 
-def _fraction_problems(annotation: Mapping[str, Any]) -> Iterator[str]:
+def _fraction_problems(annotation: Record) -> Iterator[str]:
     for key in ("visible_fraction", "truncated_fraction", "air_contrast"):
         share = annotation.get(key)
         if share is not None and not (isinstance(share, int | float) and 0.0 <= share <= 1.0):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from hulldown.dataset.store.entries import Record
 from hulldown.geometry.portable import arctan2
 from hulldown.geometry.transforms import product
 from hulldown.planning.row import PlannedVehicle, Row
@@ -55,7 +56,7 @@ def space_of(vehicle: PlannedVehicle, row: Row) -> dict[str, Any]:
     }
 
 
-def check_space(label: Mapping[str, Any]) -> Iterator[str]:
+def check_space(label: Record) -> Iterator[str]:
     """Find problems of a label's ``bbox_3d`` and ``distance``, if it has them."""
     if (box := label.get("bbox_3d")) is None:
         return

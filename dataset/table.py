@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Shaped
@@ -18,6 +17,7 @@ from hulldown.annotate.known import SCALES, SIDES, SIZE, name_of, number, number
 from hulldown.annotate.notebooks import ShownInNotebooks
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.records import by_image, read_usable
+from hulldown.dataset.store.entries import Record
 from hulldown.dataset.verification.planned import image_record, label_records
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import DatasetError
@@ -53,7 +53,7 @@ class Label:
     crowd: bool
     visible_fraction: float
     truncated_fraction: float
-    record: Mapping[str, Any]
+    record: Record
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -75,7 +75,7 @@ class Image:
     width: int
     height: int
     labels: tuple[Label, ...]
-    record: Mapping[str, Any]
+    record: Record
 
 
 class Dataset(ShownInNotebooks):
@@ -245,7 +245,7 @@ class Dataset(ShownInNotebooks):
         }
 
 
-def _image(record: Mapping[str, Any], labels: Sequence[Mapping[str, Any]], names: Mapping[int, str]) -> Image:
+def _image(record: Record, labels: Sequence[Record], names: Mapping[int, str]) -> Image:
     return Image(
         record["id"],
         record["file_name"],

@@ -19,6 +19,7 @@ from hulldown.annotate.masks import decode, run_lengths
 from hulldown.dataset.exports.clipping import clipped_boxes
 from hulldown.dataset.picture_files import read_picture, read_pixels
 from hulldown.dataset.records import by_image, read_usable
+from hulldown.dataset.store.entries import Coco
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
 from hulldown.geometry.errors import ConfigError, DatasetError
 from hulldown.training.augment import Sample
@@ -206,7 +207,7 @@ def _hashes(path: Path, size: tuple[int, int]) -> tuple[bytes, Bool[np.ndarray, 
     return hashlib.sha256(picture.content).digest(), picture_hash(picture.pixels)
 
 
-def _checked(folder: Path) -> dict[str, Any]:
+def _checked(folder: Path) -> Coco:
     """Read a dataset, and check that all records are usable for training."""
     coco = read_usable(folder)
     if not coco["images"]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from hulldown.annotate.known import number
+from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.seals import changed
 from hulldown.geometry.errors import DatasetError
 
@@ -16,9 +17,7 @@ SLIGHT = 1.0  # pixels that a box may leave its image by without being refused
 LISTED = 10  # boxes that an error names
 
 
-def clipped_boxes(
-    annotations: Iterable[Mapping[str, Any]], images: Iterable[Mapping[str, Any]], *, folder: Path, clip: bool
-) -> list[Mapping[str, Any]]:
+def clipped_boxes(annotations: Iterable[Record], images: Iterable[Record], *, folder: Path, clip: bool) -> list[Record]:
     """Return annotations whose boxes lie inside their images; those of other images are left out.
 
     Parameters
@@ -38,7 +37,7 @@ def clipped_boxes(
     DatasetError
         Naming every box without area, and without `clip` every box that leaves its image farther (up to `LISTED`).
     """
-    kept: list[Mapping[str, Any]] = []
+    kept: list[Record] = []
     wrong: list[str] = []
     further = False
     known = {image["id"]: image for image in images}
@@ -107,9 +106,9 @@ class LabelFloors:
     max_truncated_fraction: float = 1.0
     below: Literal["ignored", "left_out"] = "ignored"
 
-    def kept(self, annotations: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    def kept(self, annotations: Sequence[Record]) -> list[Record]:
         """The kept annotations, in order; ignored ones stay ignored, or are dropped with the others."""
-        kept: list[Mapping[str, Any]] = []
+        kept: list[Record] = []
         for annotation in annotations:
             below = (
                 min(annotation["bbox"][2:]) < self.min_box_px

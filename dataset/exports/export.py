@@ -6,7 +6,6 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from hulldown.annotate.masks import extent
 from hulldown.annotate.outlines import polygons
@@ -16,6 +15,7 @@ from hulldown.dataset.exports.shares import Item, Shares, flat_names, sound_pict
 from hulldown.dataset.exports.split import SPLITS, share_out
 from hulldown.dataset.oriented import ground_corners, visible_corners
 from hulldown.dataset.records import by_image, read_usable
+from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.seals import changed
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.files import all_or_nothing
@@ -121,9 +121,7 @@ def export(
     return {split: len(of_split) for split, of_split in items.items()}
 
 
-def _check_masks(
-    images: Sequence[Mapping[str, Any]], labels: Mapping[int, Sequence[Mapping[str, Any]]], folder: Path
-) -> None:
+def _check_masks(images: Sequence[Record], labels: Mapping[int, Sequence[Record]], folder: Path) -> None:
     """Refuse unusable masks."""
     wrong = []
     for image in images:
@@ -136,7 +134,7 @@ def _check_masks(
     refuse_all(wrong, "mask", folder)
 
 
-def _outlined(annotation: Mapping[str, Any], size: tuple[int, int], within: float) -> Mapping[str, Any]:
+def _outlined(annotation: Record, size: tuple[int, int], within: float) -> Record:
     """A label with its mask as polygons; crowds keep run lengths, as COCO's readers expect."""
     if not annotation.get("segmentation") or annotation.get("iscrowd"):
         return annotation

@@ -7,10 +7,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 from hulldown.dataset.exports.clipping import refuse_all
 from hulldown.dataset.picture_files import DECODERS, read_picture
+from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.pictures import LinkError, link_or_copy, own_picture
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.geometry.errors import DatasetError
@@ -32,8 +32,8 @@ class Item:
         The picture's file, links resolved.
     """
 
-    image: Mapping[str, Any]
-    labels: Sequence[Mapping[str, Any]]
+    image: Record
+    labels: Sequence[Record]
     name: str
     picture: Path
 
@@ -69,7 +69,7 @@ class Shares:
     """
 
     folder: Path
-    head: Mapping[str, Any]
+    head: Record
     items: Mapping[str, Sequence[Item]]
     progress: Callable[[int, int], None]
 
@@ -80,7 +80,7 @@ class Shares:
             yield split, self._counted(items, done)
 
     @property
-    def categories(self) -> list[Mapping[str, Any]]:
+    def categories(self) -> list[Record]:
         """Category records, in the order of their ids."""
         return sorted(self.head["categories"], key=lambda category: category["id"])
 
@@ -95,7 +95,7 @@ class Shares:
             self.progress(next(done), sum(map(len, self.items.values())))
 
 
-def sound_pictures(folder: Path, images: Sequence[Mapping[str, Any]], allowed: Sequence[Path]) -> list[Path]:
+def sound_pictures(folder: Path, images: Sequence[Record], allowed: Sequence[Path]) -> list[Path]:
     """The picture's file of each image, links resolved; a picture with the hash in its record isn't decoded.
 
     Raises
@@ -105,7 +105,7 @@ def sound_pictures(folder: Path, images: Sequence[Mapping[str, Any]], allowed: S
         that leads out of the dataset, and to none of the allowed folders.
     """
 
-    def checked(image: Mapping[str, Any]) -> Path | str:
+    def checked(image: Record) -> Path | str:
         name = image["file_name"]
         try:
             path, recorded = own_picture(folder, name, allowed), image.get(PICTURE_KEY)
@@ -126,7 +126,7 @@ def sound_pictures(folder: Path, images: Sequence[Mapping[str, Any]], allowed: S
     return [path for path in found if isinstance(path, Path)]
 
 
-def flat_names(images: Sequence[Mapping[str, Any]]) -> list[str]:
+def flat_names(images: Sequence[Record]) -> list[str]:
     """A name without folders for each image; stems are unique, since label files have them.
 
     Dots in stems become underscores, because some readers take the first dot for the suffix's.
@@ -145,7 +145,7 @@ def flat_names(images: Sequence[Mapping[str, Any]]) -> list[str]:
     return names
 
 
-def rings_of(label: Mapping[str, Any]) -> list[list[float]]:
+def rings_of(label: Record) -> list[list[float]]:
     """Return a label's polygons, or the corners of its box if it has none."""
     if isinstance(rings := label.get("segmentation"), list) and rings:
         return rings

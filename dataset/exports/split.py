@@ -11,11 +11,13 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy import sparse
 
+from hulldown.dataset.store.entries import Record
+
 SPLITS = ("train", "valid", "test")
 _WITHOUT, _IMAGES = -1, -2  # labels for images without objects, and for images; COCO ids are 0 or more
 
 
-def group_of(image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]]) -> str:
+def group_of(image: Record, annotations: Sequence[Record]) -> str:
     """The group of an image that must stay together: shots of one position show one vehicle on the same ground.
 
     The first vehicle's position, to the millimeter, identifies the group, so another plan's shots of the same place
@@ -38,19 +40,17 @@ def _place(pose: Any) -> str | None:
         return None
 
 
-def positions(
-    images: Iterable[Mapping[str, Any]], annotations: Mapping[int, Sequence[Mapping[str, Any]]]
-) -> dict[str, list[Mapping[str, Any]]]:
+def positions(images: Iterable[Record], annotations: Mapping[int, Sequence[Record]]) -> dict[str, list[Record]]:
     """Image records by `group_of`, in order; `annotations` are by image id."""
-    groups: dict[str, list[Mapping[str, Any]]] = {}
+    groups: dict[str, list[Record]] = {}
     for image in images:
         groups.setdefault(group_of(image, annotations.get(image["id"], ())), []).append(image)
     return groups
 
 
 def share_out(
-    images: Sequence[Mapping[str, Any]],
-    annotations: Mapping[int, Sequence[Mapping[str, Any]]],
+    images: Sequence[Record],
+    annotations: Mapping[int, Sequence[Record]],
     *,
     fractions: tuple[float, float, float] = (0.7, 0.2, 0.1),
     seed: int = 0,
@@ -88,7 +88,7 @@ def share_out(
     return {image["id"]: SPLITS[k] for name, k in zip(names, chosen, strict=True) for image in groups[name]}
 
 
-def _labels(images: Iterable[Sequence[Mapping[str, Any]]]) -> list[tuple[int, int]]:
+def _labels(images: Iterable[Sequence[Record]]) -> list[tuple[int, int]]:
     """(class, 1) to (class, k) for k objects of a class, and the same for images and for images without objects."""
     counts: Counter[int] = Counter()
     for boxes in images:

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, cast
 
 import msgspec
 import orjson
 
-from hulldown.dataset.store.entries import place_of
+from hulldown.dataset.store.entries import Coco, Record, place_of
 from hulldown.dataset.store.foreign import foreign_reader
 from hulldown.dataset.store.journal import last_merged, read_journal, replaced
 from hulldown.dataset.store.runs import Run, runs_of
@@ -60,7 +60,7 @@ class Records:
     def __iter__(self) -> Iterator[dict[str, Any]]:
         return (orjson.loads(record) for _, record in self.rows)
 
-    def add(self, record: Mapping[str, Any]) -> None:
+    def add(self, record: Record) -> None:
         """Add a record."""
         # Copied, since orjson's result keeps its buffer of several kilobytes.
         self.rows.append((record["id"], bytes(memoryview(orjson.dumps(record)))))
@@ -91,8 +91,8 @@ class Document:
     """
 
     def __init__(self) -> None:
-        self.head: dict[str, Any] = {}
-        self.categories: list[dict[str, Any]] = []
+        self.head: Record = {}
+        self.categories: list[Record] = []
         self.images, self.annotations = Records(), Records()
         self.file_names: set[str] = set()
         self.runs: dict[str, Run] = {}
@@ -103,17 +103,17 @@ class Document:
         """The id of each name: the first of two with the same name, so that reopening doesn't change the choice."""
         return {str(record.get("name")): record["id"] for record in reversed(self.categories)}
 
-    def new_categories(self, records: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    def new_categories(self, records: Iterable[Record]) -> list[Record]:
         """The records with new names, each once, with the next ids."""
         known = self.category_ids
-        new: dict[str, Mapping[str, Any]] = {}
+        new: dict[str, Record] = {}
         for record in records:
             if record["name"] not in known:
                 new.setdefault(record["name"], record)
         following = max((record["id"] for record in self.categories), default=0)
         return [{**record, "id": i} for i, record in enumerate(new.values(), start=max(following, 0) + 1)]
 
-    def apply(self, line: Mapping[str, Any]) -> None:
+    def apply(self, line: Record) -> None:
         """Apply a line of the journal.
 
         Raises
@@ -138,7 +138,7 @@ class Document:
         self.pending += 1
         self.add(image, line["annotations"])
 
-    def add(self, image: Mapping[str, Any], annotations: Iterable[Mapping[str, Any]]) -> None:
+    def add(self, image: Record, annotations: Iterable[Record]) -> None:
         """Add an image and its annotations."""
         self.file_names.add(place_of(str(image.get("file_name"))))
         self.images.add(image)
@@ -152,11 +152,11 @@ class Document:
         self.images.highest = max(self.images.highest, run.image_offset + run.images)
         self.annotations.highest = max(self.annotations.highest, run.annotation_offset + run.annotations)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Coco:
         """The whole as one COCO dictionary, in the order it is written."""
         head, *records = self._parts()
         images, annotations = ([orjson.loads(record) for record in of_kind] for of_kind in records)
-        return {**head, "images": images, "annotations": annotations}
+        return cast(Coco, {**head, "images": images, "annotations": annotations})
 
     def write(self, path: Path) -> None:
         """Replace the file at `path` in one step, one record a line.
@@ -169,7 +169,7 @@ class Document:
         with replaced(path) as file:
             write_coco(file, *self._parts())
 
-    def _parts(self) -> tuple[dict[str, Any], Iterator[bytes], Iterator[bytes]]:
+    def _parts(self) -> tuple[Record, Iterator[bytes], Iterator[bytes]]:
         """All but the records, images, and annotations, in the order they're written."""
         head, runs = self.head, self.runs.values()
         if runs and isinstance(info := head.get("info", {}), dict):
@@ -181,7 +181,7 @@ class Document:
         )
 
 
-def write_coco(file: BinaryIO, head: Mapping[str, Any], images: Iterable[bytes], annotations: Iterable[bytes]) -> None:
+def write_coco(file: BinaryIO, head: Record, images: Iterable[bytes], annotations: Iterable[bytes]) -> None:
     """Write a COCO document, one record per line.
 
     Parameters
@@ -218,7 +218,7 @@ def read_document(folder: Path) -> Document:
     merged = last_merged(journal)
     exists = path.exists()
     document = _read_annotations(path) if exists else Document()
-    since: dict[str | int, tuple[int, dict[str, Any]]] = {}
+    since: dict[str | int, tuple[int, Record]] = {}
     number = 0
     try:
         for number, line in enumerate(read_journal(journal), start=1):
@@ -231,8 +231,8 @@ def read_document(folder: Path) -> Document:
                 key = place_of(line["image"]["file_name"]) if "image" in line else number
                 since.pop(key, None)
                 since[key] = number, line
-        for number, line in since.values():  # noqa: B007  the error names it
-            document.apply(line)
+        for number, later in since.values():  # noqa: B007  the error names it
+            document.apply(later)
     except (KeyError, TypeError, ValueError) as error:
         raise DatasetError(
             f"line {number} does not fit this journal and its {ANNOTATIONS_NAME}",
@@ -268,7 +268,7 @@ def check_is_dataset(folder: Path) -> None:
         )
 
 
-def read_coco(folder: Path | str) -> dict[str, Any]:
+def read_coco(folder: Path | str) -> Coco:
     """Read the dataset in `folder` as a COCO dictionary, journal included, without lock or change.
 
     It may also be a split by `hulldown export` or Roboflow (``_annotations.coco.json`` with pictures), a COCO
@@ -324,7 +324,7 @@ def _read_annotations(path: Path) -> Document:
     return document
 
 
-def _records(content: msgspec.Raw, key: str, kind: str, path: Path) -> Iterator[dict[str, Any]]:
+def _records(content: msgspec.Raw, key: str, kind: str, path: Path) -> Iterator[Record]:
     """Parse a list of records, one at a time."""
     try:
         records = msgspec.json.decode(content, type=list[msgspec.Raw])

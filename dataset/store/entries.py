@@ -5,12 +5,24 @@ from __future__ import annotations
 import math
 import posixpath
 from collections.abc import Container, Mapping
-from typing import Any, TypeGuard
+from typing import Any, NotRequired, TypeAlias, TypedDict, TypeGuard
 
 import numpy as np
 
 from hulldown.geometry.arrays import are_numbers
 from hulldown.geometry.files import UNFINISHED_NAME, stays_inside
+
+Record: TypeAlias = Mapping[str, Any]  # of COCO: JSON that may have any further fields
+
+
+class Coco(TypedDict):
+    """A dataset as a COCO dictionary, which may have any further keys."""
+
+    categories: list[Record]
+    images: list[Record]
+    annotations: list[Record]
+    info: NotRequired[Any]
+
 
 # The dataset's own files: pictures with these names would be removed or overwritten.
 RESERVED = (
@@ -45,7 +57,7 @@ def plain_json(value: Any, name: str) -> Any:
     return value
 
 
-def check_image(record: Mapping[str, Any]) -> None:
+def check_image(record: Record) -> None:
     """Refuse an image whose file name leaves the dataset or whose size isn't positive."""
     name = record.get("file_name")
     first = place_of(name).casefold().split("/")[0] if stays_inside(name) else "."
@@ -57,7 +69,7 @@ def check_image(record: Mapping[str, Any]) -> None:
             raise ValueError(f"image: {key}: expected a whole number of pixels, got {size!r}")
 
 
-def check_annotation(record: Mapping[str, Any], name: str) -> None:
+def check_annotation(record: Record, name: str) -> None:
     """Refuse an annotation without a category or a box."""
     category = record.get("category")
     if not isinstance(category, str) or not category:
@@ -82,7 +94,7 @@ def new_category(name: str) -> dict[str, Any]:
     return {"id": 0, "name": name, "supercategory": "vehicle"}
 
 
-def free_id(record: Mapping[str, Any], name: str, following: int, *used: Container[int]) -> int:
+def free_id(record: Record, name: str, following: int, *used: Container[int]) -> int:
     """The record's requested id, if it's free, or the next one without a request."""
     wanted = record.get("id")
     if wanted is None:

@@ -10,7 +10,7 @@ challenge, IJCV 2010, and its development kit: pixels are counted from 1.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,13 +19,14 @@ from xml.etree import ElementTree
 import yaml
 
 from hulldown.dataset.picture_files import read_picture
+from hulldown.dataset.store.entries import Coco, Record
 from hulldown.geometry.errors import DatasetError
 
 PICTURES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 YAML_NAMES = ("data.yaml", "dataset.yaml", "data.yml")
 
 
-def foreign_reader(folder: Path) -> Callable[[], dict[str, Any]] | None:
+def foreign_reader(folder: Path) -> Callable[[], Coco] | None:
     """Return the reader of a YOLO or VOC folder; None if it's neither.
 
     Parameters
@@ -62,7 +63,7 @@ def _pictures(folder: Path) -> list[Path]:
     return sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURES)
 
 
-def _yolo(folder: Path, pictures: Path, labels: Path, described: Path) -> dict[str, Any]:
+def _yolo(folder: Path, pictures: Path, labels: Path, described: Path) -> Coco:
     try:
         names = yaml.safe_load(described.read_text(encoding="utf-8"))["names"]
         names = dict(enumerate(names)) if isinstance(names, list) else {int(key): name for key, name in names.items()}
@@ -87,7 +88,7 @@ def _yolo(folder: Path, pictures: Path, labels: Path, described: Path) -> dict[s
     return coco
 
 
-def _yolo_label(coco: dict[str, Any], image: dict[str, Any], category: int, values: list[float]) -> None:
+def _yolo_label(coco: Coco, image: Record, category: int, values: list[float]) -> None:
     """Add a label of a line: a box (and a confidence), or a polygon; as shares of the picture."""
     width, height = image["width"], image["height"]
     if len(values) in (4, 5):
@@ -101,7 +102,7 @@ def _yolo_label(coco: dict[str, Any], image: dict[str, Any], category: int, valu
     _add(coco, image, category, [left, top, right - left, bottom - top], segmentation=[corners])
 
 
-def _voc(folder: Path, texts: Path, pictures: Path) -> dict[str, Any]:
+def _voc(folder: Path, texts: Path, pictures: Path) -> Coco:
     trees = {}
     for path in sorted(texts.glob("*.xml")):
         try:
@@ -130,17 +131,17 @@ def _voc(folder: Path, texts: Path, pictures: Path) -> dict[str, Any]:
     return coco
 
 
-def _empty(names: Any) -> dict[str, Any]:
+def _empty(names: Iterable[str]) -> Coco:
     return {"images": [], "annotations": [], "categories": [{"id": i, "name": name} for i, name in enumerate(names, 1)]}
 
 
-def _image(coco: dict[str, Any], folder: Path, picture: Path) -> dict[str, Any]:
+def _image(coco: Coco, folder: Path, picture: Path) -> Record:
     width, height = read_picture(picture, largest=0).size
     name = picture.relative_to(folder).as_posix()
     coco["images"].append({"id": len(coco["images"]) + 1, "file_name": name, "width": width, "height": height})
     return coco["images"][-1]
 
 
-def _add(coco: dict[str, Any], image: dict[str, Any], category: int, box: list[float], **more: Any) -> None:
+def _add(coco: Coco, image: Record, category: int, box: list[float], **more: Any) -> None:
     record = {"id": len(coco["annotations"]) + 1, "image_id": image["id"], "category_id": category, "bbox": box}
     coco["annotations"].append({**record, "area": box[2] * box[3], "iscrowd": 0, **more})

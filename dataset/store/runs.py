@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, TypeAlias
 
 import msgspec
+
+from hulldown.dataset.store.entries import Record
 
 _Count: TypeAlias = Annotated[int, msgspec.Meta(ge=0)]
 
@@ -63,12 +64,12 @@ def plan_key(plan: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def runs_of(coco: Mapping[str, Any]) -> list[Run]:
+def runs_of(coco: Record) -> list[Run]:
     """The reservations for plans in a COCO dictionary by `dataset.store.document`; ValueError if they were damaged."""
     info = coco.get("info")
     return msgspec.convert(info.get("hulldown_runs", []) if isinstance(info, dict) else [], list[Run])
 
 
-def find_run(coco: Mapping[str, Any], key: str) -> Run | None:
+def find_run(coco: Record, key: str) -> Run | None:
     """The reservation for a plan in a COCO dictionary; None if there is none."""
     return next((run for run in runs_of(coco) if run.key == key), None)

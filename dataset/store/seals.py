@@ -7,10 +7,11 @@ records that of its other fields (`RECORD_KEY`). Records from elsewhere have nei
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
 from typing import Any
 
 import orjson
+
+from hulldown.dataset.store.entries import Record
 
 PICTURE_KEY = "picture_sha256"
 RECORD_KEY = "record_sha256"
@@ -26,25 +27,25 @@ def digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def seal_of(record: Mapping[str, Any]) -> str:
+def seal_of(record: Record) -> str:
     """The correct seal of a record: the hash of its other fields, in the order of their names."""
     rest = {key: value for key, value in record.items() if key != RECORD_KEY}
     return digest(orjson.dumps(rest, option=orjson.OPT_SORT_KEYS))
 
 
-def sealed(record: Mapping[str, Any]) -> dict[str, Any]:
+def sealed(record: Record) -> Record:
     """Add the seal as a record's last field."""
     rest = {key: value for key, value in record.items() if key != RECORD_KEY}
     return {**rest, RECORD_KEY: seal_of(rest)}
 
 
-def broken(record: Mapping[str, Any]) -> bool:
+def broken(record: Record) -> bool:
     """Whether a record's seal is wrong; null is the seal of records edited on purpose."""
     seal = record.get(RECORD_KEY)
     return seal is not None and seal != seal_of(record)
 
 
-def changed(record: Mapping[str, Any], **fields: Any) -> dict[str, Any]:
+def changed(record: Record, **fields: Any) -> Record:
     """Change fields of a record; a valid seal stays valid."""
     new = {**record, **fields}
     return sealed(new) if record.get(RECORD_KEY) is not None and not broken(record) else new

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import stat
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, UInt8
 
 from hulldown.dataset.picture_files import DECODERS, UPRIGHT, read_picture, size_problem
 from hulldown.dataset.records import Finding, by_image
-from hulldown.dataset.store.entries import place_of
+from hulldown.dataset.store.entries import Coco, Record, place_of
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.dataset.verification.look import check_looks, is_rendered
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
@@ -22,12 +21,12 @@ from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.files import stays_inside
 
 LARGEST = 1 << 27  # pixels: four pictures are decoded at a time, 0.4 GB each
-Look = Callable[[Mapping[str, Any], Sequence[Mapping[str, Any]], UInt8[np.ndarray, "h w 3"]], Iterable[Finding]]
+Look = Callable[[Record, Sequence[Record], UInt8[np.ndarray, "h w 3"]], Iterable[Finding]]
 
 
 def check_pictures(
     folder: Path,
-    coco: Mapping[str, Any],
+    coco: Coco,
     *,
     fast: bool,
     look: Look | None,
@@ -81,7 +80,7 @@ def check_pictures(
             yield Finding("warning", strays[0], f"belongs to no record{more}")
 
 
-def _linked_elsewhere(folder: Path, images: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
+def _linked_elsewhere(folder: Path, images: Sequence[Record]) -> Iterator[Finding]:
     """Find pictures without a seal that are hard links to files outside of the dataset."""
     links: dict[tuple[int, int], list[str]] = {}
     counts: dict[tuple[int, int], int] = {}
@@ -102,7 +101,7 @@ def _linked_elsewhere(folder: Path, images: Sequence[Mapping[str, Any]]) -> Iter
 
 
 def _check(
-    folder: Path, image: Mapping[str, Any], labels: Sequence[Mapping[str, Any]], *, fast: bool, look: Look | None
+    folder: Path, image: Record, labels: Sequence[Record], *, fast: bool, look: Look | None
 ) -> tuple[list[Finding], str | None, Bool[np.ndarray, "256"] | None]:
     """Return a picture's problems, the hash of its bytes, and a photograph's perceptual hash."""
     name = image.get("file_name")

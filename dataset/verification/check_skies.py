@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
@@ -21,7 +20,7 @@ from hulldown.camera.sensor import Sensor
 from hulldown.camera.weather.kinds import Weather, air_layers, airlight, even_sky
 from hulldown.camera.world import World
 from hulldown.dataset.records import Finding
-from hulldown.dataset.store.entries import is_box
+from hulldown.dataset.store.entries import Coco, Record, is_box
 from hulldown.dataset.store.runs import Run, find_run, plan_key
 from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan_file import Plan
@@ -54,7 +53,7 @@ class SkyCheck:
     run: Run
 
     def __call__(
-        self, image: Mapping[str, Any], labels: Sequence[Mapping[str, Any]], pixels: UInt8[np.ndarray, "h w 3"]
+        self, image: Record, labels: Sequence[Record], pixels: UInt8[np.ndarray, "h w 3"]
     ) -> Iterator[Finding]:
         """Find a problem with the sky of a picture."""
         name, hdri, scenery = (str(image.get(key)) for key in ("file_name", "hdri", "scenery"))
@@ -96,7 +95,7 @@ class SkyCheck:
                 yield Finding("error", name, problem, figure)
 
     def _sky(
-        self, image: Mapping[str, Any], height: int
+        self, image: Record, height: int
     ) -> tuple[Float[np.ndarray, "h w 3"], Bool[np.ndarray, "h w"], Float[np.ndarray, "h w 1"]]:
         """Rays of the small picture: directions, which of them see sky, and transmittances."""
         intrinsics = Intrinsics.of_record(image).resized(WIDTH, height)
@@ -109,7 +108,7 @@ class SkyCheck:
         return along.reshape(height, WIDTH, 3), ~met.reshape(height, WIDTH), light[..., None]
 
 
-def sky_check(plan: Plan, coco: Mapping[str, Any], read: Callable[[], Library]) -> SkyCheck | None:
+def sky_check(plan: Plan, coco: Coco, read: Callable[[], Library]) -> SkyCheck | None:
     """A check of a plan's images in a dataset; None if there are none.
 
     Parameters
@@ -137,9 +136,7 @@ def sky_check(plan: Plan, coco: Mapping[str, Any], read: Callable[[], Library]) 
     return SkyCheck(worlds, skies, run)
 
 
-def _labeled(
-    image: Mapping[str, Any], labels: Sequence[Mapping[str, Any]], shape: tuple[int, ...]
-) -> Bool[np.ndarray, "h w"]:
+def _labeled(image: Record, labels: Sequence[Record], shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
     """The boxes of all labels, in the small picture; unusable ones are found elsewhere."""
     taken = np.zeros(shape, dtype=bool)
     for x, y, w, h in (label["bbox"] for label in labels if is_box(label.get("bbox"))):

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
@@ -19,6 +18,7 @@ from scipy import ndimage
 
 from hulldown.annotate.masks import decode
 from hulldown.dataset.records import Finding
+from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.seals import PICTURE_KEY
 from hulldown.geometry.color import LUMINANCE
 
@@ -37,14 +37,12 @@ _SOFT = 1.0  # pixels by which a mask is blurred for its outline's direction
 _NOISE = 0.05  # of 255: gradients below are noise
 
 
-def is_rendered(image: Mapping[str, Any]) -> bool:
+def is_rendered(image: Record) -> bool:
     """Whether an image record is of a rendered picture: photographs' records lack two keys."""
     return any(image.get(key) is not None for key in (PICTURE_KEY, "world_from_camera"))
 
 
-def check_looks(
-    image: Mapping[str, Any], annotations: Sequence[Mapping[str, Any]], pixels: UInt8[np.ndarray, "h w 3"]
-) -> Iterator[Finding]:
+def check_looks(image: Record, annotations: Sequence[Record], pixels: UInt8[np.ndarray, "h w 3"]) -> Iterator[Finding]:
     """Find problems with the look of targets in a rendered picture.
 
     Parameters

@@ -9,6 +9,7 @@ import orjson
 
 from hulldown.dataset.records import Finding
 from hulldown.dataset.space import space_of
+from hulldown.dataset.store.entries import Coco, Record
 from hulldown.dataset.store.runs import find_run, plan_key
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import PlannedVehicle, Row, encode, fields
@@ -18,7 +19,7 @@ LABEL_KEYS = tuple(key for key, field in fields(PlannedVehicle).items() if field
 LONGEST = 120  # characters of a value in a finding
 
 
-def check_planned(coco: Mapping[str, Any], plan: Plan) -> Iterator[Finding]:
+def check_planned(coco: Coco, plan: Plan) -> Iterator[Finding]:
     """Find differences between a plan's rows and their images and labels, and count missing ones.
 
     A difference is an error, since numbers are copied unrounded. A missing image is a warning, since a run may
@@ -55,8 +56,8 @@ def check_planned(coco: Mapping[str, Any], plan: Plan) -> Iterator[Finding]:
         first += len(labels)
     # Left are those of images that are missing, and those that no row has.
     for box in boxes.values():
-        if isinstance(i := box.get("image_id"), int) and i in images:
-            name = str(images[i].get("file_name"))
+        if isinstance(image_id := box.get("image_id"), int) and image_id in images:
+            name = str(images[image_id].get("file_name"))
             yield Finding("error", name, f"annotation {box['id']} has the id of one that is planned elsewhere")
     if missing:
         problem = f"{missing} of {len(plan)} planned images are not there, such as {example}"
@@ -85,9 +86,7 @@ def label_records(row: Row) -> list[dict[str, Any]]:
     return records
 
 
-def _box_differs(
-    name: str, box: Mapping[str, Any] | None, wanted: Mapping[str, Any], names: Mapping[int, Any]
-) -> Iterator[Finding]:
+def _box_differs(name: str, box: Record | None, wanted: Record, names: Mapping[int, Any]) -> Iterator[Finding]:
     if box is None:
         yield not_annotated(name, wanted["category"], wanted["vehicle"])
     else:
@@ -101,7 +100,7 @@ def not_annotated(name: str, category: str | None, vehicle: str) -> Finding:
     return Finding("warning", name, f"{category} {vehicle!r} is planned and has no annotation")
 
 
-def _differ(name: str, recorded: Mapping[str, Any], wanted: Mapping[str, Any], *, what: str = "") -> Iterator[Finding]:
+def _differ(name: str, recorded: Record, wanted: Record, *, what: str = "") -> Iterator[Finding]:
     for key, value in wanted.items():
         if recorded.get(key) != value:
             values = (repr(each)[:LONGEST] for each in (recorded.get(key), value))

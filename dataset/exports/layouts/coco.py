@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import orjson
 
 from hulldown.dataset.exports.shares import Shares
 from hulldown.dataset.store.document import COCO_NAME
+from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.seals import changed
 
 
@@ -18,8 +17,8 @@ def write(shares: Shares, out: Path) -> None:
     for split, items in shares:
         folder = out / split
         folder.mkdir()
-        images: list[Mapping[str, Any]] = []
-        annotations: list[Mapping[str, Any]] = []
+        images: list[Record] = []
+        annotations: list[Record] = []
         for item in items:
             item.link(folder)
             images.append(changed(item.image, file_name=item.name))

@@ -14,6 +14,7 @@ from typing import Any
 import orjson
 
 from hulldown.dataset.exports.shares import Shares, rings_of
+from hulldown.dataset.store.entries import Record
 
 FOLDERS = {"train": "train", "valid": "validation", "test": "test"}  # folder names of the splits
 
@@ -42,7 +43,7 @@ def write(shares: Shares, out: Path) -> None:
                 lines.write(orjson.dumps(record) + b"\n")
 
 
-def _objects(labels: Sequence[Mapping[str, Any]], names: Mapping[int, str], outlined: bool) -> dict[str, list[Any]]:
+def _objects(labels: Sequence[Record], names: Mapping[int, str], outlined: bool) -> dict[str, list[Any]]:
     columns: dict[str, list[Any]] = {
         "id": [label["id"] for label in labels],
         "area": [float(label.get("area", label["bbox"][2] * label["bbox"][3])) for label in labels],

@@ -12,13 +12,13 @@ import math
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from hulldown.annotate.known import number as number_of
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.dataset.exports.shares import VAL_NAMES, Shares
+from hulldown.dataset.store.entries import Record
 
 UNKNOWN = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)  # KITTI's values for an unknown 3D box
 UNKNOWN_ALPHA = -10.0
@@ -59,7 +59,7 @@ def write(shares: Shares, out: Path) -> None:
         warnings.warn(f"calib files have no place for the distortion of {curved} pictures: `dist` has it", stacklevel=2)
 
 
-def label_line(label: Mapping[str, Any], name: str) -> str:
+def label_line(label: Record, name: str) -> str:
     """Class, truncated, occluded, alpha, box, and height, width, length, position, and rotation in the camera's frame.
 
     Names have no blanks. Crowds are ``DontCare``. ``occluded`` is 0 from 95 % visible, 1 from 50 %, else 2, and 3
@@ -87,7 +87,7 @@ def label_line(label: Mapping[str, Any], name: str) -> str:
     )
 
 
-def _calibration(image: Mapping[str, Any]) -> str | None:
+def _calibration(image: Record) -> str | None:
     """Return the cameras' matrices; None if the record's camera can't be used."""
     try:
         matrix = np.column_stack([Intrinsics.of_record(image).matrix, np.zeros(3)])

@@ -14,16 +14,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float
 
 from hulldown.annotate.outlines import bridged
 from hulldown.dataset.exports.shares import VAL_NAMES, Item, Shares, rings_of
+from hulldown.dataset.store.entries import Record
 from hulldown.geometry.errors import DatasetError
 
-CornersOf: TypeAlias = Callable[[Mapping[str, Any], Mapping[str, Any]], Float[np.ndarray, "4 2"]]
+CornersOf: TypeAlias = Callable[[Record, Record], Float[np.ndarray, "4 2"]]
 Lines: TypeAlias = Callable[[Item, Mapping[int, int]], list[str]]
 
 
