@@ -9,9 +9,8 @@ from __future__ import annotations
 import filecmp
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.provenance import add_provenance, read_failures, read_provenance, write_failures
@@ -49,14 +48,18 @@ class Joined:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Part:
-    """A dataset to be joined, with its annotations' indices by image id, and each plan's run in it and the target."""
+    """A dataset to be joined, with its annotations' indices by image id."""
 
     folder: Path
     document: Document
     boxes: dict[int, list[int]]
-    provenance: dict[str, dict[str, Any]]
-    failures: list[dict[str, Any]]
-    runs: list[tuple[Run, Run]] = field(default_factory=list)
+    provenance: dict[str, Record]
+    failures: list[Record]
+
+    def runs(self, target: CocoDataset) -> list[tuple[Run, Run]]:
+        """Each plan's run here, and in the target, which reserves one if it has none."""
+        runs = self.document.runs.values()
+        return [(run, target.run(run.key, images=run.images, annotations=run.annotations)) for run in runs]
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,10 +122,7 @@ def join(
     try:
         for part in read:
             target.add_categories(part.document.categories)
-        for part in read:
-            for run in part.document.runs.values():
-                part.runs.append((run, target.run(run.key, images=run.images, annotations=run.annotations)))
-        moves = [move for part in read for move in _moves(part)]
+        moves = [move for part in read for move in _moves(part, target)]
         # If two parts have an image, the first part's is used.
         new = {move.name: move for move in reversed(moves) if not target.finished(move.name)}
         left = [move for move in moves if new.get(move.name) is move]
@@ -141,7 +141,7 @@ def join(
             target.append(*_records(move))
             advance(done, len(left))
         for part in read:
-            first = {now.key: now.image_offset + 1 for _, now in part.runs if now.key in part.provenance}
+            first = {now.key: now.image_offset + 1 for _, now in part.runs(target) if now.key in part.provenance}
             add_provenance(folder, {key: {**part.provenance[key], "first_image_id": first[key]} for key in first})
         unmade = [line for name, line in sorted(failures.items()) if not target.finished(name)]
         write_failures(folder, unmade)
@@ -184,24 +184,26 @@ def _read_part(folder: Path, target: Path, allowed: Sequence[Path]) -> _Part:
     return _Part(folder, document, boxes, read_provenance(folder), read_failures(folder))
 
 
-def _failures(parts: Sequence[_Part], target: CocoDataset) -> dict[str, dict[str, Any]]:
+def _failures(parts: Sequence[_Part], target: CocoDataset) -> dict[str, Record]:
     """Failed images of dataset and parts, by their name in the dataset."""
     latest = {line["file_name"]: line for line in read_failures(target.folder)}
     for part in parts:
+        runs = part.runs(target)
         for line in part.failures:
             name = line["file_name"]  # failed images have no id
-            runs = [(was, now) for was, now in part.runs if PurePosixPath(name).name.startswith(was.prefix)]
-            if runs:
-                was, now = max(runs, key=lambda pair: len(pair[0].prefix))
+            own_runs = [(was, now) for was, now in runs if PurePosixPath(name).name.startswith(was.prefix)]
+            if own_runs:
+                was, now = max(own_runs, key=lambda pair: len(pair[0].prefix))
                 name = now.file_name(was.planned(name))
             latest[name] = {**line, "file_name": name}
     return latest
 
 
-def _moves(part: _Part) -> Iterator[_Move]:
+def _moves(part: _Part, target: CocoDataset) -> Iterator[_Move]:
+    runs = part.runs(target)
     for index, record in enumerate(part.document.images):
         image_id, old = record["id"], record["file_name"]
-        own_runs = next((pair for pair in part.runs if pair[0].owns(image_id, old)), None)
+        own_runs = next((pair for pair in runs if pair[0].owns(image_id, old)), None)
         if own_runs is None:
             yield _Move(part, index, old, old)
         else:
@@ -250,13 +252,11 @@ def _check(moves: Sequence[_Move], target: CocoDataset) -> None:
         except ValueError as error:
             problem = f"{move.old_name}: {error}"
             raise DatasetError(problem, path=move.part.folder, remedy="check both with `hulldown verify`") from error
-        for box in boxes:
-            if (box_id := box.get("id")) in claimed:
-                raise DatasetError(
-                    f"annotation {box_id} is on another image too", path=move.picture, remedy="give it another id"
-                )
-            if box_id is not None:
-                claimed.add(box_id)
+        ids = {box["id"] for box in boxes if "id" in box}
+        if repeated := ids & claimed:
+            problem = f"annotation {min(repeated)} is on another image too"
+            raise DatasetError(problem, path=move.picture, remedy="give it another id")
+        claimed |= ids
 
 
 def _records(move: _Move) -> tuple[Record, Sequence[Record]]:

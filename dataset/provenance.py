@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import orjson
 
+from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.journal import read_journal, replaced
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.files import open_regular
@@ -17,7 +17,7 @@ PROVENANCE_NAME = "provenance.json"
 GROWING = ("blender", "devices", "systems", "confinement")  # lists that several runs and machines add to
 
 
-def read_provenance(folder: Path) -> dict[str, dict[str, Any]]:
+def read_provenance(folder: Path) -> dict[str, Record]:
     """The entry of each plan by its key; empty without a file.
 
     Raises
@@ -41,7 +41,7 @@ def read_provenance(folder: Path) -> dict[str, dict[str, Any]]:
     raise DatasetError("isn't a hulldown provenance file", path=path, remedy="move it away")
 
 
-def add_provenance(folder: Path, entries: Mapping[str, Mapping[str, Any]]) -> None:
+def add_provenance(folder: Path, entries: Mapping[str, Record]) -> None:
     """Add entries, or update those of the same plans; replaces the file in one step.
 
     Parameters
@@ -66,12 +66,12 @@ def add_provenance(folder: Path, entries: Mapping[str, Mapping[str, Any]]) -> No
         file.write(orjson.dumps({"plans": known}, option=orjson.OPT_INDENT_2))
 
 
-def read_failures(folder: Path) -> list[dict[str, Any]]:
+def read_failures(folder: Path) -> list[Record]:
     """One record per image, with its `file_name`; empty without a file."""
     return [line for line in read_journal(folder / FAILURES_NAME) if isinstance(line.get("file_name"), str)]
 
 
-def write_failures(folder: Path, failures: Sequence[Mapping[str, Any]]) -> None:
+def write_failures(folder: Path, failures: Sequence[Record]) -> None:
     """Replace the file in one step; without failures there is no file."""
     path = folder / FAILURES_NAME
     if not failures:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import mmap
 import os
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import orjson
 
+from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.seals import LINE_KEY, line_is_broken, seal_line
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.files import open_in_place, open_regular, replacing, sync_folder
@@ -54,7 +55,7 @@ class Journal:
             self.truncate(self.length)
         sync_folder(path.parent)
 
-    def append(self, record: Mapping[str, Any]) -> None:
+    def append(self, record: Record) -> None:
         """Write `record` as the next line, with its hash; on disk when this returns."""
         self.append_bytes(seal_line(orjson.dumps(record, option=JOURNAL_OPTIONS)))
 
@@ -91,7 +92,7 @@ class Journal:
         self._file.close()
 
 
-def read_journal(path: Path) -> Iterator[dict[str, Any]]:
+def read_journal(path: Path) -> Iterator[Record]:
     """The records of a journal in order; empty without a file.
 
     A last line without its newline was never acknowledged and is left out.
