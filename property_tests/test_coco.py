@@ -45,7 +45,8 @@ batches = st.lists(st.tuples(extra, annotations), max_size=5)
 def append_all(folder: Path, batch: list, first: int) -> None:
     with CocoDataset.open(folder) as dataset:
         for i, (more, boxed) in enumerate(batch, start=first):
-            dataset.append({**more, "file_name": f"images/{i}.png", "width": 8, "height": 6}, boxed)
+            if not dataset.finished(name := f"images/{i}.png"):
+                dataset.append({**more, "file_name": name, "width": 8, "height": 6}, boxed)
 
 
 @given(batches, batches)
@@ -77,11 +78,7 @@ def test_cutting_the_journal_at_any_byte_loses_only_later_lines(batch: list, dat
         journal.write_bytes(content[:cut])
         whole = content[:cut].count(b"\n")
         assert [i["file_name"] for i in read_coco(folder)["images"]] == [f"images/{i}.png" for i in range(whole)]
-        with CocoDataset.open(folder) as dataset:
-            for i in range(len(batch)):
-                if not dataset.finished(f"images/{i}.png"):
-                    more, boxed = batch[i]
-                    dataset.append({**more, "file_name": f"images/{i}.png", "width": 8, "height": 6}, boxed)
+        append_all(folder, batch, 0)
         fresh = folder / "fresh"
         append_all(fresh, batch, 0)
         assert (folder / "annotations.json").read_bytes() == (fresh / "annotations.json").read_bytes()

@@ -100,15 +100,11 @@ def test_photographs_are_skipped(tmp_path):
     assert dataset(tmp_path, [np.zeros_like(picture)], [mask], taken="at night") == []
 
 
-def test_a_large_target_is_sampled():
+def test_a_large_target_is_sampled_and_an_empty_mask_has_no_appearance():
     picture, mask = scene(3)
     small, large = (
         appearance(np.kron(picture, np.ones((k, k, 1), np.uint8)), np.kron(mask, np.ones((k, k), bool)), others)
         for k, others in ((1, NOBODY), (20, np.kron(NOBODY, np.ones((20, 20), bool))))
     )
     assert large.contrast == pytest.approx(small.contrast, rel=0.2)
-
-
-def test_an_empty_mask_has_no_appearance():
-    picture, _ = scene(0)
     assert appearance(picture, NOBODY, NOBODY) is None
