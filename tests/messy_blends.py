@@ -11,6 +11,7 @@ from __future__ import annotations
 import importlib
 import json
 import math
+import os
 import sys
 from pathlib import Path
 
@@ -31,7 +32,7 @@ def build(name: str) -> dict:
     about = {"kind": "vehicle", "options": {}, "hide": [], "truth": True, "distance": 16.0, "yaw_deg": 0.0}
     about |= CASES[name]()
     about["file_from_meters"] = np.array(about.get("file_from_meters", Matrix.Identity(4))).tolist()
-    save(FOLDER / f"{name}.blend", compress=name == "clutter")
+    save(FOLDER / f"{name}.blend", compress=name in ("clutter", "library_compressed"), relative_remap=False)
     return about
 
 
@@ -77,6 +78,9 @@ def build_all() -> None:
     save(FOLDER / "soon_gone.blend")
     cases = {name: build(name) for name in CASES}
     (FOLDER / "soon_gone.blend").unlink()
+    for name in ("lib.blend", "font.woff2"):
+        (FOLDER / name).unlink()
+        os.mkfifo(FOLDER / name)
     for name, about in cases.items():
         poses = cameras_of(about)
         about["cameras"] = np.array(poses).tolist()

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from functools import partial
 from pathlib import Path
 
 import bpy
 
-from hulldown.tests.blend_parts import collection, from_library, link, place
-from hulldown.tests.messy_parts import FOLDER, box, case, tank
+from hulldown.tests.blend_parts import collection, cube, empty, fresh, from_library, link, place, save
+from hulldown.tests.messy_parts import CASES, FOLDER, box, case, tank
+from hulldown.tests.node_trees import node_group
 
 
 @case
@@ -119,3 +122,115 @@ def odd_ones():
     strands.data.add_curves([4, 4])
     strands.data.points.foreach_set("position", [float(i) for i in range(24)])
     return {"truth": False}
+
+
+def odd(build):
+    """Run a function that makes a file that isn't rendered."""
+    build()
+    return {"truth": False}
+
+
+def nan_location():
+    cube().location.x = math.nan
+
+
+def nan_empty():
+    cube()
+    empty("pivot", (0, 0, math.nan))
+
+
+def far_location():
+    cube().location.y = 1e20
+
+
+def nan_vertices():
+    cube().data.vertices[0].co.x = math.nan
+
+
+def squashed_gun():
+    """A gun without a muzzle."""
+    cube()
+    turret, gun = cube("Turret"), cube("Gun")
+    turret.location.z, gun.location.z, gun.scale = 2.0, 2.0, (0.0, 0.0, 0.0)
+
+
+def haired(count):
+    (body := cube()).modifiers.new("Hair", "PARTICLE_SYSTEM")
+    body.data.materials.append(bpy.data.materials.new("Fur"))
+    body.particle_systems[0].settings.type, body.particle_systems[0].settings.count = "HAIR", count
+    return body
+
+
+def nan_strands():
+    """Strands are read before their mesh."""
+    haired(3).location.x = math.nan
+
+
+def bald():
+    """Hair without strands, which crashed Blender."""
+    haired(0)
+
+
+def hairy_body():
+    """Hair with a material."""
+    haired(3)
+
+
+def no_known_tree():
+    """Nodes of a kind that Blender doesn't know; see messy_export.py."""
+    cube().data.materials.append(bpy.data.materials.new("Plain"))
+
+
+def names():
+    """Names that aren't UTF-8; see messy_export.py."""
+    obj = cube("Nxmd")
+    obj.data.name = "Dxta"
+    obj.data.materials.append(bpy.data.materials.new("Mxterial"))
+    collection("Cxllection").objects.link(obj)
+    obj.modifiers.new("Pxrticles", "PARTICLE_SYSTEM")
+    obj.particle_systems[0].name = "Pxrticles"
+    bpy.context.scene.name = "Scxne"
+    bpy.context.scene.view_layers[0].name = "Lxyer"
+
+
+def empty_scene():
+    """Everything is in a scene that isn't the active one."""
+    cube()
+    bpy.context.window.scene = bpy.data.scenes.new("Empty")
+
+
+def instances_without_end():
+    group, _, result = node_group("Geometry")
+    points, on_points = group.nodes.new("GeometryNodePoints"), group.nodes.new("GeometryNodeInstanceOnPoints")
+    points.inputs["Count"].default_value = 100_000_000
+    group.links.new(points.outputs[0], on_points.inputs["Points"])
+    group.links.new(group.nodes.new("GeometryNodeMeshCube").outputs[0], on_points.inputs["Instance"])
+    group.links.new(on_points.outputs[0], result[0])
+    modifier = cube().modifiers.new("many", "NODES")
+    modifier.show_viewport = False  # saving would make all instances
+    modifier.node_group = group
+
+
+def library():
+    """An object linked from a file that will be a FIFO."""
+    cube("Linked")
+    save(FOLDER / "lib.blend")
+    fresh()
+    cube()
+    link(from_library(FOLDER / "lib.blend", "objects", "Linked", relative=True))
+
+
+def font():
+    """A text whose font will be a FIFO."""
+    bpy.ops.object.text_add()
+    source = next(Path(bpy.utils.system_resource("DATAFILES")).rglob("*.woff2"))
+    (FOLDER / "font.woff2").write_bytes(source.read_bytes())
+    bpy.context.object.data.font = bpy.data.fonts.load(str(FOLDER / "font.woff2"))
+
+
+for build in (
+    *(nan_location, nan_empty, far_location, nan_vertices, squashed_gun, nan_strands, bald, hairy_body),
+    *(no_known_tree, names, empty_scene, instances_without_end, library, font),
+):
+    CASES[build.__name__] = partial(odd, build)
+CASES["library_compressed"] = partial(odd, library)

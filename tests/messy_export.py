@@ -4,7 +4,8 @@ import gzip
 import json
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +18,9 @@ from hulldown.geometry.errors import AssetError
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
-from hulldown.reading.export import Exported, Job, exported_by, job_for
+from hulldown.reading.export import Exported, Job, ask_reader, exported_by, job_for
 from hulldown.reading.options import Options
-from hulldown.tests.blender_plans import run_python, run_script
+from hulldown.tests.blender_plans import run_script
 
 SIZE, FOV = 160, math.radians(40)  # of pictures
 VEHICLES = [
@@ -35,11 +36,22 @@ def newer(sound: bytes) -> bytes:
     return sound[:13] + b"0901" + sound[17:]
 
 
-DAMAGED: dict[str, Callable[[bytes], bytes]] = {
-    "truncated": lambda sound: sound[: len(sound) // 2],
-    "scrambled": lambda sound: sound[:200] + np.random.default_rng(7).bytes(len(sound) - 200),
-    "newer": newer,
-    "newer_compressed": lambda sound: gzip.compress(newer(sound)),
+def without_utf8(odd: bytes) -> bytes:
+    """A file whose names aren't UTF-8."""
+    for name in (b"Nxmd", b"Dxta", b"Mxterial", b"Cxllection", b"Pxrticles", b"Scxne", b"Lxyer"):
+        assert name in odd
+        odd = odd.replace(name, name.replace(b"x", b"\xfc"))
+    return odd
+
+
+# By name of the damaged file: that of the sound one, and what is done to its bytes.
+DAMAGED: dict[str, tuple[str, Callable[[bytes], bytes]]] = {
+    "truncated": ("malicious", lambda sound: sound[: len(sound) // 2]),
+    "scrambled": ("malicious", lambda sound: sound[:200] + np.random.default_rng(7).bytes(len(sound) - 200)),
+    "newer": ("malicious", newer),
+    "newer_compressed": ("malicious", lambda sound: gzip.compress(newer(sound))),
+    "names": ("names", without_utf8),
+    "no_known_tree": ("no_known_tree", lambda sound: sound.replace(b"ShaderNodeTree", b"ShaderNodeTrex")),
 }
 
 
@@ -86,14 +98,14 @@ def alpha(path: Path) -> np.ndarray:
 def build(folder: Path) -> None:
     """Build the messy files, export them, and render their tidy twins, in three Blender processes."""
     run_script("messy_blends.py", folder, "build")
-    for name, damage in DAMAGED.items():
-        (folder / f"{name}.blend").write_bytes(damage((folder / "malicious.blend").read_bytes()))
+    for name, (sound, damage) in DAMAGED.items():
+        (folder / f"{name}.blend").write_bytes(damage((folder / f"{sound}.blend").read_bytes()))
     jobs = _jobs(folder)
-    for name, job in jobs.items():
+    for name in jobs:
         (folder / f"out_{name}").mkdir()
-        (folder / f"{name}.job").write_text(json.dumps(asdict(job)))
     # One process for all files, which starts Blender once; users get one process each.
-    run_python("-m", "hulldown.reading.blender.reader", *(folder / f"{name}.job" for name in jobs))
+    with suppress(AssetError):
+        ask_reader(list(jobs.values()))
     made = load(folder)
     twins = {
         name: {
@@ -122,6 +134,7 @@ def load(folder: Path) -> Messy:
 def _jobs(folder: Path) -> dict[str, Job]:
     """The export job of each messy file."""
     about = {name: (f"{name}.blend", case["kind"], case["options"]) for name, case in _cases(folder).items()}
+    about.pop("instances_without_end")  # which would end the process
     for suffix in ("glb", "fbx", "obj"):
         # The first two are exports of a model that has y up in Blender; OBJ files always have y up.
         about[suffix] = (f"imported.{suffix}", "vehicle", {"up": None if suffix == "obj" else "y"})

@@ -12,8 +12,8 @@ from hulldown.reading.confinement.references import refuse_odd_references
 from hulldown.reading.confinement.watch import ReadLimits
 from hulldown.reading.export import export
 from hulldown.reading.formats import format_of
+from hulldown.tests.messy_export import Messy
 
-SCRIPT = "odd_blends.py"
 LIMITS = ReadLimits(silence_s=20.0, memory_bytes=2 * 2**30)
 TOO_LARGE = "GiB of memory, more than the limit of 2.00 GiB; make it smaller, leave it out, or raise"
 
@@ -41,34 +41,36 @@ def refused(path: Path, folder: Path, **more: object) -> str:
         ("font", "font.woff2, which is a FIFO, not a file"),
     ],
 )
-def test_an_odd_file_is_a_one_line_error(written: Path, tmp_path: Path, case: str, line: str) -> None:
-    assert line in refused(written / f"{case}.blend", tmp_path, kind="vehicle")
+def test_an_odd_file_is_a_one_line_error(messy: Messy, case: str, line: str) -> None:
+    error = str(messy.errors[case])
+    assert error.startswith(f"{messy.folder / case}.blend: ")
+    assert line in error
+    assert "\n" not in error
 
 
 @pytest.mark.blender
 @pytest.mark.parametrize(
     ("case", "names"),
     [
-        ("names", ["unnamed 0"]),  # names that aren't UTF-8
-        ("bald", ["Body"]),  # hair without strands, which crashed Blender
-        ("furry", ["Body", "Body"]),  # hair with a material
-        ("squashed_gun", ["Body", "Turret", "Gun"]),  # a gun without a muzzle
-        ("no_known_tree", ["Body"]),  # a material with nodes of an unknown kind
+        ("names", ["unnamed 0"]),
+        ("bald", ["Body"]),
+        ("hairy_body", ["Body", "Body"]),
+        ("squashed_gun", ["Body", "Turret", "Gun"]),
+        ("no_known_tree", ["Body"]),
     ],
 )
-def test_an_odd_file_is_read(written: Path, tmp_path: Path, case: str, names: list[str]) -> None:
-    rows = export(written / f"{case}.blend", tmp_path, kind="vehicle").report.rows
-    assert [row.name for row in rows if row.triangles] == names
+def test_an_odd_file_is_read(messy: Messy, case: str, names: list[str]) -> None:
+    assert [row.name for row in messy.exported[case].report.rows if row.triangles] == names
 
 
 @pytest.mark.blender
-def test_a_hundred_million_instances_end_at_the_memory_limit(written: Path, tmp_path: Path) -> None:
-    assert TOO_LARGE in refused(written / "instances.blend", tmp_path, kind="scenery")
+def test_a_hundred_million_instances_end_at_the_memory_limit(messy: Messy, tmp_path: Path) -> None:
+    assert TOO_LARGE in refused(messy.folder / "instances_without_end.blend", tmp_path, kind="scenery")
 
 
 @pytest.mark.blender
-def test_a_silent_reader_is_ended(written: Path, tmp_path: Path) -> None:
-    line = refused(written / "names.blend", tmp_path, limits=ReadLimits(silence_s=0.2))
+def test_a_silent_reader_is_ended(messy: Messy, tmp_path: Path) -> None:
+    line = refused(messy.folder / "names.blend", tmp_path, limits=ReadLimits(silence_s=0.2))
     assert "reading it got nowhere for 0.2 s, which is the limit" in line
 
 
