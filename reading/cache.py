@@ -13,12 +13,12 @@ import os
 import secrets
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from io import BufferedReader
 from pathlib import Path
-from typing import Any, cast
+from typing import TypeVar, cast
 
 import msgspec
 from filelock import FileLock
@@ -37,6 +37,17 @@ EXPORTER = 25
 NOTE_NAME = "entry.json"
 LARGEST_NOTE = 1 << 26  # bytes
 KEY_BYTES = 32
+Note = TypeVar("Note")
+Print = tuple[int, int, str]  # of a file: its size, its time, and its content's digest
+
+
+@dataclass(frozen=True, slots=True)
+class _Note:
+    """The asset's resolved path, its report, and the files that it refers to; None: such a file can't be read."""
+
+    path: str
+    report: FileReport
+    files: dict[str, Print | None]
 
 
 def cached(
@@ -87,8 +98,7 @@ def cached(
             with new_folder(cache) as folder:
                 made = export(path, folder, kind=kind, options=options, limits=limits)
                 files = {file: _print_of(Path(file), path) for file in made.files}
-                note = {"path": str(path.resolve()), "report": asdict(made.report), "files": files}
-                seal(Path(folder), entry, note)
+                seal(Path(folder), entry, _Note(str(path.resolve()), made.report, files))
             exported = _entry(entry, path)
             assert exported is not None, f"{entry}: an export just written cannot be read back"
     return exported, digest
@@ -96,17 +106,13 @@ def cached(
 
 def _entry(entry: Path, path: Path) -> Exported | None:
     """The entry, if it's complete and its sources are unchanged."""
-    note = unseal(entry)
-    if note is None:
-        return None
-    report = msgspec.convert({**note["report"], "path": str(path)}, FileReport)
-    files: Mapping[str, Any] = note["files"]
+    note = unseal(entry, _Note)
     # Relative paths of textures change their meaning in another folder.
-    if (files or report.missing) and note["path"] != str(path.resolve()):
+    if note is None or ((note.files or note.report.missing) and note.path != str(path.resolve())):
         return None
-    if not all(_unchanged(Path(file), was, path) for file, was in files.items()):
+    if not all(_unchanged(Path(file), was, path) for file, was in note.files.items()):
         return None
-    return Exported(report, entry / "bundle.npz", entry / "tidy.blend", tuple(files))
+    return Exported(replace(note.report, path=str(path)), entry / "bundle.npz", entry / "tidy.blend", tuple(note.files))
 
 
 def make_cache(cache: Path) -> None:
@@ -148,10 +154,11 @@ def entry_name(*parts: object) -> str:
     return hmac.digest(_key(), json.dumps(parts).encode(), "sha256").hex()[:24]
 
 
-def seal(made: Path, entry: Path, note: Mapping[str, Any]) -> None:
-    """Turn the folder `made` into the entry `entry`, with a sealed note and hashes of its files."""
+def seal(made: Path, entry: Path, note: object) -> None:
+    """Turn the folder `made` into the entry `entry`, with a sealed note, a dataclass, and hashes of its files."""
     content = {file.name: sha256(file) for file in sorted(made.iterdir()) if file.is_file()}
-    body = json.dumps({"name": entry.name, "content": content, "note": note}, indent=1).encode()
+    sealed = {"name": entry.name, "content": content, "note": msgspec.to_builtins(note)}
+    body = json.dumps(sealed, indent=1).encode()
     with replacing(made / NOTE_NAME) as file:
         file.write(_seal_of(body) + b"\n" + body)
     if entry.is_symlink() or entry.is_file():
@@ -161,8 +168,8 @@ def seal(made: Path, entry: Path, note: Mapping[str, Any]) -> None:
     os.replace(made, entry)
 
 
-def unseal(entry: Path) -> dict[str, Any] | None:
-    """The note of an entry; None unless this user sealed it and its files are unchanged."""
+def unseal(entry: Path, kind: type[Note]) -> Note | None:
+    """The note of an entry, of this type; None unless this user sealed it and its files are unchanged."""
     try:
         if entry.is_symlink():
             return None
@@ -174,8 +181,7 @@ def unseal(entry: Path) -> dict[str, Any] | None:
         same = all(sha256(entry / name) == digest for name, digest in sealed["content"].items())
     except OSError:
         return None
-    note: dict[str, Any] = sealed["note"]
-    return note if same and sealed["name"] == entry.name else None
+    return msgspec.convert(sealed["note"], kind) if same and sealed["name"] == entry.name else None
 
 
 def _seal_of(body: bytes) -> bytes:
@@ -203,7 +209,7 @@ def _key() -> bytes:
     return key
 
 
-def _print_of(file: Path, asset: Path, *, known: list[Any] | None = None) -> list[Any] | None:
+def _print_of(file: Path, asset: Path, *, known: Print | None = None) -> Print | None:
     """Size, time, and content of a file that an asset refers to; None if it can't be read.
 
     A file of the known size and time has the known content. A file that the confined reader couldn't open isn't opened.
@@ -212,14 +218,14 @@ def _print_of(file: Path, asset: Path, *, known: list[Any] | None = None) -> lis
         return None
     try:
         stat = file.stat()
-        if known and known[:2] == [stat.st_size, stat.st_mtime_ns]:
+        if known and known[:2] == (stat.st_size, stat.st_mtime_ns):
             return known
-        return [stat.st_size, stat.st_mtime_ns, sha256(file)]
+        return stat.st_size, stat.st_mtime_ns, sha256(file)
     except OSError:
         return None
 
 
-def _unchanged(file: Path, was: list[Any] | None, asset: Path) -> bool:
+def _unchanged(file: Path, was: Print | None, asset: Path) -> bool:
     now = _print_of(file, asset, known=was)
     return now is was if now is None or was is None else now[2] == was[2]
 

@@ -9,7 +9,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn, TypeVar
 
 import msgspec
 
@@ -24,6 +24,7 @@ from hulldown.reading.report import FileReport
 
 ANSWER = "answer.json"
 LAST_WORDS = 2000  # characters of Blender's last output before a crash
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +52,14 @@ class Job:
     def file(self, name: str) -> Path:
         """A file in the folder."""
         return Path(self.folder, name)
+
+
+@dataclass(frozen=True, slots=True)
+class FoundAsset:
+    """What the reading process tells about an asset: the report, and absolute paths of all files it refers to."""
+
+    report: FileReport
+    files: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,18 +140,17 @@ def exported_by(job: Job) -> Exported:
     AssetError
         If it failed.
     """
-    answer = _answer(job)
-    report = msgspec.convert(answer["report"], FileReport)
-    return Exported(report, job.file("bundle.npz"), job.file("tidy.blend"), tuple(answer["files"]))
+    found = found_by(job, FoundAsset)
+    return Exported(found.report, job.file("bundle.npz"), job.file("tidy.blend"), found.files)
 
 
-def ask_reader(jobs: Sequence[Job], *, limits: ReadLimits = DEFAULT_LIMITS) -> list[dict[str, Any]]:
-    """Run jobs one after the other in one confined and watched process; return their answers.
+def ask_reader(jobs: Sequence[Job], *, limits: ReadLimits = DEFAULT_LIMITS) -> None:
+    """Run jobs one after the other in one confined and watched process; `found_by` has their answers.
 
     Raises
     ------
     AssetError
-        If the process refuses a file, or ends without an answer; the file is named.
+        If the process ends without an answer; the file is named.
     """
     readable = [folder for job in jobs for folder in asset_folders(Path(job.path))]
     with tempfile.TemporaryDirectory(prefix="tmp-", dir=jobs[0].folder, ignore_cleanup_errors=True) as temporary:
@@ -161,14 +169,20 @@ def ask_reader(jobs: Sequence[Job], *, limits: ReadLimits = DEFAULT_LIMITS) -> l
     for job in jobs:
         if not job.file(ANSWER).is_file():  # it was at this one when it ended
             _explain(job.path, *ended)
-    return [_answer(job) for job in jobs]
 
 
-def _answer(job: Job) -> dict[str, Any]:
-    answer: dict[str, Any] = json.loads(job.file(ANSWER).read_text(encoding="utf-8"))
+def found_by(job: Job, kind: type[Found]) -> Found:
+    """What the reading process found in a file, as the type that it tells.
+
+    Raises
+    ------
+    AssetError
+        If it refused the file.
+    """
+    answer = json.loads(job.file(ANSWER).read_text(encoding="utf-8"))
     if "error" in answer:
-        raise AssetError(answer["error"]["problem"], path=answer["error"]["path"], remedy=answer["error"]["remedy"])
-    return answer
+        raise AssetError(**answer["error"])
+    return msgspec.convert(answer, kind)
 
 
 def _explain(path: str, code: int, last_words: str, exceeded: str) -> NoReturn:

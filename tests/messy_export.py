@@ -4,7 +4,6 @@ import gzip
 import json
 import math
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -104,8 +103,7 @@ def build(folder: Path) -> None:
     for name in jobs:
         (folder / f"out_{name}").mkdir()
     # One process for all files, which starts Blender once; users get one process each.
-    with suppress(AssetError):
-        ask_reader(list(jobs.values()))
+    ask_reader(list(jobs.values()))
     made = load(folder)
     twins = {
         name: {

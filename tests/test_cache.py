@@ -13,6 +13,7 @@ import pytest
 import hulldown.reading.cache
 import hulldown.reading.skies.hdri
 from hulldown.assets.bundle import save
+from hulldown.assets.skylight import SkyLight
 from hulldown.geometry.errors import AssetError, ConfigError
 from hulldown.geometry.meshes import Mesh
 from hulldown.planning.config.schema import Config
@@ -26,6 +27,7 @@ from hulldown.reading.confinement.landlock import abi
 from hulldown.reading.export import Exported
 from hulldown.reading.options import Options
 from hulldown.reading.report import FileReport, Missing
+from hulldown.reading.skies.hdri import FoundSky
 from hulldown.tests.shapes import scenery_of, vehicle_of
 
 BLEND = b"BLENDER17-01v0500"
@@ -55,8 +57,9 @@ class Exporter:
 def exporter(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Exporter:
     stand_in = Exporter()
     monkeypatch.setattr(hulldown.reading.cache, "export", stand_in)
-    sky = {"notes": [], "light": {"irradiance": [1.0, 1.0, 1.0]}}
-    monkeypatch.setattr(hulldown.reading.skies.hdri, "ask_reader", lambda jobs, limits: [sky for _ in jobs])
+    sky = FoundSky(SkyLight(), ())
+    monkeypatch.setattr(hulldown.reading.skies.hdri, "ask_reader", lambda jobs, limits: None)
+    monkeypatch.setattr(hulldown.reading.skies.hdri, "found_by", lambda job, kind: sky)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     return stand_in
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +14,10 @@ from hulldown.geometry.errors import AssetError
 from hulldown.reading.blender.arrays import pixels
 from hulldown.reading.export import Job
 from hulldown.reading.skies.backdrop import backdrop, shows_land, small_map
-from hulldown.reading.skies.hdri import MAP_NAME, MAP_ROWS, MENDED_NAME, mend
+from hulldown.reading.skies.hdri import MAP_NAME, MAP_ROWS, MENDED_NAME, FoundSky, mend
 
 
-def read_picture(job: Job) -> dict[str, Any]:
+def read_picture(job: Job) -> FoundSky:
     """Check a picture; write its small map, and a repaired copy if needed.
 
     Raises
@@ -36,8 +35,7 @@ def read_picture(job: Job) -> dict[str, Any]:
         _write(radiance, str(job.file(MENDED_NAME)))
     red, green, blue = level_irradiance(radiance).tolist()
     small = small_map(radiance)
-    light = SkyLight((red, green, blue), *backdrop(small), shows_land(small))
-    return {"notes": notes, "light": asdict(light)}
+    return FoundSky(SkyLight((red, green, blue), *backdrop(small), shows_land(small)), notes)
 
 
 def _radiance(image: Any) -> Float[np.ndarray, "h w 3"]:

@@ -10,9 +10,8 @@ import json
 import sys
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import bpy
 import msgspec
@@ -30,7 +29,7 @@ from hulldown.reading.blender.terrain import NAME
 from hulldown.reading.blender.tidy import write_scenery, write_vehicle
 from hulldown.reading.build import build_scenery, build_vehicle
 from hulldown.reading.doubts import is_pale, scenery_doubts, vehicle_doubts
-from hulldown.reading.export import ANSWER, Job
+from hulldown.reading.export import ANSWER, FoundAsset, Job
 from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
 from hulldown.reading.report import FileReport, Missing, ObjectRow, gathered, xyz
 from hulldown.reading.roles import Evaluated, Piece, PieceRole
@@ -44,7 +43,7 @@ def main(job_path: str) -> None:
     """Do the job in the JSON file `job_path` and write the answer."""
     job = msgspec.convert(json.loads(Path(job_path).read_text(encoding="utf-8")), Job)
     try:
-        answer = read_picture(job) if job.format == "hdri" else read(job)
+        answer = msgspec.to_builtins(read_picture(job) if job.format == "hdri" else read(job))
     except HulldownError as error:
         path = str(error.path or job.path)
         answer = {"error": {"problem": error.problem, "path": path, "remedy": error.remedy}}
@@ -52,8 +51,8 @@ def main(job_path: str) -> None:
         file.write(json.dumps(answer).encode())
 
 
-def read(job: Job) -> dict[str, Any]:
-    """Read the file, write bundle and tidy twin, and return report and dependencies."""
+def read(job: Job) -> FoundAsset:
+    """Read the file, and write bundle and tidy twin."""
     path, options = Path(job.path).resolve(), job.options
     opened = open_file(path, job.format, options)
     unit, up = options.scale or opened.unit, options.up or opened.up
@@ -85,7 +84,7 @@ def read(job: Job) -> dict[str, Any]:
     else:
         report = _write_scenery(job, drawn, unit=unit, up=up, crs=opened.terrain.crs if opened.terrain else "")
     doubts = (*([odd] if odd else []), *report.doubts, *opened.doubts, *drawn.doubts)
-    return {"report": asdict(replace(report, doubts=doubts, written_by=opened.written_by)), "files": files}
+    return FoundAsset(replace(report, doubts=doubts, written_by=opened.written_by), tuple(files))
 
 
 def _write_vehicle(job: Job, upright: Upright, *, unit: float) -> FileReport:

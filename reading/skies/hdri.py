@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-import msgspec
 import numpy as np
 from jaxtyping import Float
 
@@ -16,7 +15,7 @@ from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.errors import AssetError
 from hulldown.reading.cache import entry_name, make_cache, new_folder, seal, sha256, unseal
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
-from hulldown.reading.export import Job, ask_reader
+from hulldown.reading.export import Job, ask_reader, found_by
 from hulldown.reading.formats import first_bytes
 
 MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
@@ -31,6 +30,15 @@ MEAN = (1e-4, 1e5)  # of the mean over the sphere: darker is a black picture at 
 TINTED = 0.035  # CIE 1976 u'v': a card in the shade of a clear sky's darkest blue is 0.031 off daylight
 REMEDY = '`light.backdrop` other than "hdri" hides it and keeps its light'
 BATCH = 16  # pictures that one process reads, one after the other
+
+
+@dataclass(frozen=True, slots=True)
+class FoundSky:
+    """What reading tells about an HDRI, as it's kept in the cache; its fields are those of `Hdri`."""
+
+    light: SkyLight
+    notes: tuple[str, ...]
+    mended_sha256: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,10 +174,12 @@ def read_hdris(
                 if progress:
                     progress(job.path)
                 Path(job.folder).mkdir()
-            for (digest, _), job, answer in zip(batch, jobs, ask_reader(jobs, limits=limits), strict=True):
-                mended = sha256(job.file(MENDED_NAME)) if answer["notes"] else ""
-                note = {**answer, "path": job.path, "mended_sha256": mended}
-                seal(Path(job.folder), cache / entry_name("hdri", CHECKED, digest), note)
+            ask_reader(jobs, limits=limits)
+            for (digest, _), job in zip(batch, jobs, strict=True):
+                found = found_by(job, FoundSky)
+                if found.notes:
+                    found = replace(found, mended_sha256=sha256(job.file(MENDED_NAME)))
+                seal(Path(job.folder), cache / entry_name("hdri", CHECKED, digest), found)
     read = []
     for path, digest in zip(paths, digests, strict=True):
         hdri = _entry(path, digest, cache)
@@ -197,9 +207,8 @@ def refuse_no_hdri(path: Path) -> None:
 
 def _entry(path: Path, digest: str, cache: Path) -> Hdri | None:
     entry = cache / entry_name("hdri", CHECKED, digest)
-    note = unseal(entry)
-    if note is None:
+    found = unseal(entry, FoundSky)
+    if found is None:
         return None
-    light, mended = msgspec.convert(note["light"], SkyLight), note["mended_sha256"]
-    rendered = entry / MENDED_NAME if mended else path
-    return Hdri(rendered, digest, light, entry / MAP_NAME, mended, tuple(note["notes"]))
+    rendered = entry / MENDED_NAME if found.mended_sha256 else path
+    return Hdri(rendered, digest, found.light, entry / MAP_NAME, found.mended_sha256, found.notes)
