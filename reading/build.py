@@ -76,14 +76,14 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
             [pieces[i] for i in kept], points, solids.turned(ahead[:3, :3]), markers, vehicle_from_file
         )
         wanted = [k for k, piece in enumerate(whole.pieces) if is_wanted(piece, options.keep)]
-        strays = find_strays(whole, meshes, wheels, wanted=wanted)
-        if not strays.out or len(strays.out) == len(kept):
+        strays, stray_doubts, doubts = find_strays(whole, meshes, wheels, wanted=wanted)
+        if not strays or len(strays) == len(kept):
             break
-        left_out += strays.out_doubts
-        for k, why in strays.out.items():
+        left_out += stray_doubts
+        for k, why in strays.items():
             roles[kept[k]] = PieceRole("dropped", why)
         # Without them the nose, and so the protruding parts, may change.
-        kept = [i for k, i in enumerate(kept) if k not in strays.out]
+        kept = [i for k, i in enumerate(kept) if k not in strays]
     try:
         parts = find_parts(whole, options)
     except ValueError as error:
@@ -123,7 +123,7 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
     marked = marked_points(markers, [piece.chain for piece in whole.pieces], parts.piece_part)
     from_file = shape.vehicle_from_file
     shape = shape.with_keypoints({key: (apply(from_file, at[None])[0], part) for key, (at, part) in marked.items()})
-    doubts = [doubt for doubt in (upright.up.doubt, forward.doubt, *parts.doubts, *left_out, *strays.doubts) if doubt]
+    doubts = [doubt for doubt in (upright.up.doubt, forward.doubt, *parts.doubts, *left_out, *doubts) if doubt]
     axes = f"up is {upright.up.value}, {upright.up.why}; ahead is {forward_said(forward.value)}, {forward.why}"
     return BuiltVehicle(shape, roles, piece_part.tolist(), tuple(moving), axes, tuple(doubts))
 

@@ -275,6 +275,7 @@ def test_names_outweigh_tubes_that_rise_at_the_tail(rise_deg: float, named: bool
     lorry = LORRY if named else {k.replace("cab", "body_a"): m for k, m in LORRY.items() if k[:3] not in ("win", "tow")}
     built = read(lorry | {k: m.at(apply(rise, m.vertices)) for k, m in TUBES.items()})
     assert words in f"{built.axes} {built.doubts}"
+    assert any("is at the other" in doubt for doubt in built.doubts) == (named and rise_deg > 10)
     assert (built.shape.vehicle_from_file[0, 0] > 0) == named  # the cab is in front
 
 

@@ -22,7 +22,7 @@ from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.files import replace_file, replacing
 from hulldown.geometry.terminal import duration
 from hulldown.training.data import Batches, DrawnExamples, Example
-from hulldown.training.detectors.detector import DAMAGED, Detector, DetectorError, first_line
+from hulldown.training.detectors.detector import DAMAGED, Detector, first_line
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.predict import validation_figures
@@ -188,7 +188,7 @@ class Training:
 
         Raises
         ------
-        DetectorError
+        HulldownError
             If it's damaged, or another training's.
         """
         try:
@@ -203,8 +203,8 @@ class Training:
             raise self._foreign("is of another training")
         return found
 
-    def _foreign(self, problem: str) -> DetectorError:
-        return DetectorError(problem, path=self.folder.checkpoint, remedy="delete it, and training begins anew")
+    def _foreign(self, problem: str) -> HulldownError:
+        return HulldownError(problem, path=self.folder.checkpoint, remedy="delete it, and training begins anew")
 
 
 class Recorder(pl.Callback):

@@ -24,7 +24,6 @@ from hulldown.training.detectors.detector import (
     WEIGHTS_NAME,
     Detections,
     Detector,
-    DetectorError,
     chosen_device,
     read_run,
     read_weights,
@@ -70,7 +69,7 @@ def weights_of(path: Path) -> Path:
 
     Raises
     ------
-    DetectorError
+    HulldownError
         If the folder has no run, or the run isn't finished.
     """
     if not path.is_dir():
@@ -78,7 +77,7 @@ def weights_of(path: Path) -> Path:
     run = read_run(path)
     if run.get("status") != "finished":
         problem, remedy = f"training is {run.get('status')}, not finished", "run the same `hulldown train` again"
-        raise DetectorError(problem, path=path, remedy=remedy)
+        raise HulldownError(problem, path=path, remedy=remedy)
     return path / WEIGHTS_NAME
 
 
@@ -94,7 +93,7 @@ def load_detector(path: Path | str, device: str = "auto") -> Detector:
 
     Raises
     ------
-    DetectorError
+    HulldownError
         If it's none of these, the run isn't finished, or the device doesn't exist.
     """
     require_extra()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -26,18 +25,9 @@ FLAT = 1e-4  # of its longest side: a sheet without thickness
 NAMES = 6  # that a sentence lists
 
 
-@dataclass(frozen=True, slots=True)
-class Strays:
-    """Index of each dropped piece among the kept ones -> reason; and doubts about those and the rest."""
-
-    out: dict[int, str]
-    out_doubts: tuple[str, ...]
-    doubts: tuple[str, ...]
-
-
 def find_strays(
     whole: PlacedPieces, meshes: Sequence[Mesh], wheels: Wheels | None, *, wanted: Collection[int]
-) -> Strays:
+) -> tuple[dict[int, str], list[str], list[str]]:
     """Find pieces that don't belong to the vehicle, and pieces that might not.
 
     One sign is a doubt, since parts of vehicles may have it. Two independent signs drop a piece:
@@ -53,6 +43,10 @@ def find_strays(
         Wheels among their solids; pieces with wheels are never strays.
     wanted
         Pieces that the config keeps.
+
+    Returns
+    -------
+    Index of each dropped piece -> reason; doubts about those; and doubts about the rest.
     """
     pieces, bounds, count = whole.pieces, whole.bounds, len(whole.pieces)
     none = np.zeros(count, bool)
@@ -72,15 +66,19 @@ def find_strays(
     regular = loose & [_is_regular(piece, own) for piece, own in zip(pieces, whole.points, strict=True)]
     apart = far = sheets = beyond = none
     if count > 1:
-        rest = np.array([_around(np.delete(bounds, i, axis=0)) for i in range(count)])
+        rest, gap = np.empty_like(bounds), np.empty(count)  # around all others, and to the nearest of them
+        for i, own in enumerate(bounds):
+            others = np.delete(bounds, i, axis=0)
+            rest[i] = _around(others)
+            gap[i] = np.maximum(others[:, 0] - own[1], own[0] - others[:, 1]).max(axis=1).min()
         size, extent = np.ptp(bounds, axis=1), np.ptp(rest, axis=1)
         length = extent.max(axis=1)
         sheets = loose & (size.min(axis=1) <= FLAT * size.max(axis=1))
         sheets &= np.maximum(rest[:, 0] - bounds[:, 0], bounds[:, 1] - rest[:, 1]).max(axis=1) > OUT * length
         beyond = sheets | (loose & ((size > BULKY * extent).sum(axis=1) >= 2))
-        apart = loose & [not _has_near(i, bounds, APART * length[i]) for i in range(count)]
+        apart = loose & (gap >= APART * length)
         small = np.linalg.norm(size, axis=1) < SMALL * np.linalg.norm(extent, axis=1)
-        far = np.array([at and not _has_near(i, bounds, FAR * length[i]) for i, at in enumerate(apart & small)])
+        far = apart & small & (gap >= FAR * length)
     signs = {
         "hidden from the viewport, but rendered": hidden,
         "reaching below the wheels": low,
@@ -105,11 +103,11 @@ def find_strays(
         (sheets & low & ~sure, "a sheet that reaches below the wheels and out"),
     )
     out = {i: why for mask, why in reasons for i in np.flatnonzero(mask).tolist() if i not in wanted}
-    out_doubts = tuple(
+    out_doubts = [
         f"{pieces[i].name!r}: {why}; left out, set keep = {as_key([pieces[i].name])} if it is part of it"
         for i, why in out.items()
         if not sure[i]
-    )
+    ]
     doubts = []
     seen = np.isin(np.arange(count), list(out))
     for what, mask in signs.items():
@@ -118,7 +116,7 @@ def find_strays(
             listed = as_key(names, most=NAMES)
             doubts.append(f"{quoted(names, most=NAMES)}: {what}; set drop = {listed} if that isn't part of it")
         seen |= mask
-    return Strays(out, out_doubts, tuple(doubts))
+    return out, out_doubts, doubts
 
 
 def _is_regular(piece: Piece, points: Float[np.ndarray, "v 3"]) -> bool:
@@ -151,9 +149,3 @@ def _is_backdrop(own: Float[np.ndarray, "v 3"], mesh: Mesh, sure: Float[np.ndarr
 
 def _around(bounds: Float[np.ndarray, "n 2 3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
     return bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
-
-
-def _has_near(i: int, bounds: Float[np.ndarray, "n 2 3"], slack: float) -> bool:
-    """Whether another box is closer than `slack`."""
-    near = (bounds[:, 0] < bounds[i, 1] + slack) & (bounds[:, 1] > bounds[i, 0] - slack)
-    return bool(near.all(axis=1).sum() > 1)

@@ -35,10 +35,6 @@ _KINDS = {
 }
 
 
-class DetectorError(HulldownError):
-    """An unusable run or checkpoint, or a network that can't be built."""
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class Detections:
     """Detections in a picture, by falling score.
@@ -73,18 +69,18 @@ def read_run(folder: Path) -> dict[str, Any]:
 
     Raises
     ------
-    DetectorError
+    HulldownError
         If there is none, or it is damaged.
     """
     path = folder / RUN_NAME
     try:
         run = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise DetectorError(f"no {RUN_NAME} here", path=folder, remedy="name a folder of `hulldown train`") from None
+        raise HulldownError(f"no {RUN_NAME} here", path=folder, remedy="name a folder of `hulldown train`") from None
     except (OSError, ValueError) as error:
-        raise DetectorError(f"cannot be read ({error})", path=path, remedy="train again in another folder") from None
+        raise HulldownError(f"cannot be read ({error})", path=path, remedy="train again in another folder") from None
     if not isinstance(run, dict) or not isinstance(run.get("model"), str):
-        raise DetectorError("isn't a hulldown run", path=path, remedy="name a folder of `hulldown train`")
+        raise HulldownError("isn't a hulldown run", path=path, remedy="name a folder of `hulldown train`")
     return run
 
 
@@ -93,7 +89,7 @@ def read_weights(path: Path) -> dict[str, Any]:
 
     Raises
     ------
-    DetectorError
+    HulldownError
         If there is no such file, or it isn't a weights file.
     """
     import torch
@@ -103,11 +99,11 @@ def read_weights(path: Path) -> dict[str, Any]:
             warnings.filterwarnings("ignore", "Detected pickle protocol")  # of a file that happens to begin like one
             found = torch.load(path, map_location="cpu", weights_only=True)
     except FileNotFoundError:
-        raise DetectorError("no such run folder or checkpoint", path=path, remedy=_REMEDY) from None
+        raise HulldownError("no such run folder or checkpoint", path=path, remedy=_REMEDY) from None
     except DAMAGED:  # its text advises loading code
-        raise DetectorError(f"is {_kind(path)}, not the weights of a detector", path=path, remedy=_REMEDY) from None
+        raise HulldownError(f"is {_kind(path)}, not the weights of a detector", path=path, remedy=_REMEDY) from None
     if not isinstance(found, dict):
-        raise DetectorError("is a PyTorch file, but not the weights of a detector", path=path, remedy=_REMEDY)
+        raise HulldownError("is a PyTorch file, but not the weights of a detector", path=path, remedy=_REMEDY)
     return found
 
 
@@ -136,7 +132,7 @@ def chosen_device(device: str) -> Any:
 
     Raises
     ------
-    DetectorError
+    HulldownError
         If it doesn't exist.
     """
     import torch
@@ -148,7 +144,7 @@ def chosen_device(device: str) -> Any:
         chosen = torch.device(device)
         torch.empty(0, device=chosen)
     except (RuntimeError, AssertionError) as error:
-        raise DetectorError(
+        raise HulldownError(
             f"device {device!r} cannot be used ({first_line(error)})", remedy="name auto or cpu"
         ) from None
     return chosen

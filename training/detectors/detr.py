@@ -25,12 +25,12 @@ from torchvision.ops import box_convert
 from torchvision.transforms.functional import normalize
 
 from hulldown.dataset.reports.comparison import Encoder
+from hulldown.geometry.errors import HulldownError
 from hulldown.training.data import Example, network_pictures
 from hulldown.training.detectors.center_points import DEVIATION, MEAN
 from hulldown.training.detectors.detector import (
     DAMAGED,
     Detections,
-    DetectorError,
     chosen_device,
     first_line,
     read_weights,
@@ -67,7 +67,7 @@ def starting_weights(settings: Settings) -> Path | None:
 
     Raises
     ------
-    DetectorError
+    HulldownError
         If the network doesn't support the resolution, naming the nearest one; there is no such file; or it can't be
         downloaded, with the path where it belongs.
     """
@@ -75,7 +75,7 @@ def starting_weights(settings: Settings) -> Path | None:
     step = int(fields["patch_size"].default) * int(fields["num_windows"].default)
     if settings.resolution % step:
         near = max(step, round(settings.resolution / step) * step)
-        raise DetectorError(
+        raise HulldownError(
             f"resolution = {settings.resolution}: expected a multiple of {step} for {settings.model}",
             remedy=f"take {near}",
         )
@@ -97,7 +97,7 @@ def starting_weights(settings: Settings) -> Path | None:
     else:
         reason = "nothing came"
     if not path.is_file():
-        raise DetectorError(
+        raise HulldownError(
             f"the pre-trained weights of {settings.model} cannot be downloaded ({reason})",
             remedy=f"put {name} into {path.parent}, or give --weights FILE or --weights none",
         )
@@ -109,7 +109,7 @@ def check_weights(path: Path, settings: Settings, classes: Sequence[str]) -> Non
 
     Raises
     ------
-    DetectorError
+    HulldownError
         If they're another model's, or a tensor has another shape.
     """
     _check_kind(path, read_weights(path))
@@ -124,7 +124,7 @@ def check_weights(path: Path, settings: Settings, classes: Sequence[str]) -> Non
         try:
             load_pretrain_weights(network, full[0])
         except DAMAGED as error:
-            raise DetectorError(
+            raise HulldownError(
                 f"does not fit {settings.model} ({first_line(error)})", path=path, remedy="name weights of that model"
             ) from None
 
@@ -133,7 +133,7 @@ def _check_kind(path: Path, found: dict[str, Any]) -> None:
     """Refuse a file of tensors that isn't RF-DETR's."""
     state = found.get("model", found.get("state_dict"))
     if "hulldown" in found or not isinstance(state, dict) or not any("class_embed" in str(key) for key in state):
-        raise DetectorError("has no weights of RF-DETR", path=path, remedy="name a checkpoint of RF-DETR")
+        raise HulldownError("has no weights of RF-DETR", path=path, remedy="name a checkpoint of RF-DETR")
 
 
 def detr_configs(
@@ -287,7 +287,7 @@ def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:
 
     Raises
     ------
-    DetectorError
+    HulldownError
         If the file isn't one.
     """
     _check_kind(path, read_weights(path))
@@ -295,7 +295,7 @@ def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:
         with quiet():
             model = RFDETR.from_checkpoint(str(path), device=device.type)
     except (RuntimeError, ValueError, KeyError) as error:  # a shape or an entry of the file
-        raise DetectorError(
+        raise HulldownError(
             f"isn't a checkpoint of RF-DETR ({first_line(error)})", path=path, remedy="name another"
         ) from None
     context = model.model
@@ -318,7 +318,7 @@ def load_encoder(weights: str) -> Encoder:
 
     Raises
     ------
-    DetectorError
+    HulldownError
         If the weights can't be downloaded or read, or they belong to another network.
     """
     path: Path | None = Path(weights)

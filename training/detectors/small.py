@@ -19,9 +19,10 @@ from torch import Tensor
 from torch.optim.lr_scheduler import LambdaLR
 from torchvision.ops import box_convert
 
+from hulldown.geometry.errors import HulldownError
 from hulldown.training.data import Example, network_pictures
 from hulldown.training.detectors.center_points import CenterNetwork, center_loss, peaks
-from hulldown.training.detectors.detector import DAMAGED, Detections, DetectorError, first_line, read_weights
+from hulldown.training.detectors.detector import DAMAGED, Detections, first_line, read_weights
 from hulldown.training.fitting import Training, seed_weights
 from hulldown.training.settings import Settings, rate_factor
 
@@ -75,7 +76,7 @@ def starting_network(classes: Sequence[str], weights: Path | None) -> CenterNetw
 
     Raises
     ------
-    DetectorError
+    HulldownError
         If the file has no small model.
     """
     network = CenterNetwork(len(classes))
@@ -104,12 +105,12 @@ def load_small(path: Path, *, device: torch.device) -> SmallDetector:
 
     Raises
     ------
-    DetectorError
+    HulldownError
         If it has none.
     """
     found = read_weights(path)
     if found.get("hulldown") != WEIGHTS_KIND:
-        raise DetectorError(
+        raise HulldownError(
             "has no small model of this version of hulldown", path=path, remedy="train again in another folder"
         )
     try:
@@ -117,7 +118,7 @@ def load_small(path: Path, *, device: torch.device) -> SmallDetector:
         network = CenterNetwork(len(classes))
         network.load_state_dict(found["model"])
     except DAMAGED as error:
-        raise DetectorError(
+        raise HulldownError(
             f"does not fit the small model ({first_line(error)})", path=path, remedy="train again in another folder"
         ) from None
     return SmallDetector(network, classes, (width, height), device)
