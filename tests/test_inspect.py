@@ -188,40 +188,34 @@ def test_files_read_for_a_plan_are_not_read_again(project: Path) -> None:
     assert read == [str(project / "park.blend")]
 
 
+MANY = "".join(f'{{ path = "{k}.blend", category = "tank" }},' for k in range(12))
+
+
 @pytest.mark.parametrize(
     ("text", "line"),
     [
-        ("scale = ", "hulldown: hulldown.toml: isn't TOML: Invalid value (at end of document)"),
-        ("scale = 1", "hulldown: hulldown.toml: assets is missing (and 2 more)"),
-        (CONFIG, "hulldown: hulldown.toml: assets.hdris: '*.hdr' matches no file"),
-        (CONFIG.replace("*.hdr", "sky.hdr"), "hulldown: tank.blend: does not exist"),
+        ("scale = ", "hulldown.toml: isn't TOML: Invalid value (at end of document)"),
+        ("scale = 1", "hulldown.toml: assets is missing (and 2 more)"),
+        (CONFIG, "hulldown.toml: assets.hdris: '*.hdr' matches no file"),
+        (CONFIG.replace("*.hdr", "sky.hdr"), "tank.blend: does not exist"),
+        # Its files don't exist either, but they would be read later.
+        (f'[assets]\nvehicles = [{MANY}]\nsceneries = [{{ path = "park.blend" }}]\n[budget]\nimages_per_class = 1\n',
+         "all-2.png: exists and wasn't drawn by hulldown"),
     ],
-)
-def test_a_mistake_in_a_config_is_a_one_line_error(
+)  # fmt: skip
+def test_a_mistake_in_a_config_or_a_page_of_another_program_is_a_one_line_error(
     text: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("hulldown.toml").write_text(text, encoding="utf-8")
+    Path("all-2.png").write_bytes(b"of somebody else")
     if "sky.hdr" in text:
         Path("sky.hdr").write_bytes(SKY)
-    assert cli.main(["inspect", "hulldown.toml"]) == 2
+    assert cli.main(["inspect", "hulldown.toml", "-o", "all.png"]) == 2
     printed = capsys.readouterr()
     assert printed.out == ""
-    assert printed.err.startswith(line)
+    assert printed.err.startswith(f"hulldown: {line}")
     assert printed.err.count("\n") == 1
-
-
-def test_an_existing_page_of_another_program_is_found_before_reading(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    many = "".join(f'{{ path = "{k}.blend", category = "tank" }},' for k in range(12))
-    Path("hulldown.toml").write_text(
-        f'[assets]\nvehicles = [{many}]\nsceneries = [{{ path = "park.blend" }}]\n[budget]\nimages_per_class = 1\n'
-    )
-    Path("all-2.png").write_bytes(b"of somebody else")
-    assert cli.main(["inspect", "hulldown.toml", "-o", "all.png"]) == 2
-    assert capsys.readouterr().err.startswith("hulldown: all-2.png: exists and wasn't drawn by hulldown")
 
 
 def report(*rows: ObjectRow) -> FileReport:
