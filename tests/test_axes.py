@@ -13,9 +13,8 @@ from hulldown.geometry.transforms import apply, rigid, rotation_about, rotation_
 from hulldown.reading.build import BuiltVehicle, build_vehicle
 from hulldown.reading.options import Options
 from hulldown.reading.roles import Evaluated, Link, Piece
-from hulldown.reading.vehicle.axes import UPS, up_matrix
 from hulldown.reading.vehicle.solids import MOST
-from hulldown.reading.vehicle.stance import meters_from_file, stand_upright
+from hulldown.reading.vehicle.stance import UPS, meters_from_file, stand_upright, up_matrix
 from hulldown.tests.shapes import CORNERS, FACES, sheet
 
 

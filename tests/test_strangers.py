@@ -26,7 +26,7 @@ from hulldown.reading.roles import PieceRole
 from hulldown.reading.skies.backdrop import shows_land
 from hulldown.reading.skies.hdri import read_hdris
 from hulldown.reading.vehicle.paintable import parts_left_alone
-from hulldown.reading.vehicle.part_shapes import unnamed
+from hulldown.reading.vehicle.parts import unnamed
 from hulldown.reading.vehicle.solids import PlacedPieces, find_solids
 from hulldown.reading.wording import warnings_of
 from hulldown.tests.planning_assets import small_assets, small_config

@@ -100,8 +100,8 @@ class Training:
         *,
         collate: Callable[[list[Example]], Any],
         detector: Callable[[Any], Detector],
-        saved: Callable[[Any], dict[str, Any]],
-    ) -> dict[str, Any]:
+        saved: Callable[[Any], Mapping[str, object]],
+    ) -> dict[str, object]:
         """Train a module, or continue from the checkpoint; write weights and metrics.
 
         Parameters
@@ -238,7 +238,7 @@ class Recorder(pl.Callback):
         self._done = 0  # steps in this process
         self._waited = 0.0
 
-    def state_dict(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, object]:
         """The rows for a checkpoint."""
         return {"rows": self.rows, "validated": self.validated}
 
@@ -334,11 +334,11 @@ def seed_weights(settings: Settings) -> None:
     pl.seed_everything(settings.seed % 2**32, verbose=False)
 
 
-def _shapes(state: Mapping[str, Any]) -> dict[str, Any]:
+def _shapes(state: Mapping[str, object]) -> dict[str, object]:
     return {key: getattr(value, "shape", None) for key, value in state.items()}
 
 
-def _figures(rows: Sequence[Sequence[float]], settings: Settings, seconds: float) -> dict[str, Any]:
+def _figures(rows: Sequence[Sequence[float]], settings: Settings, seconds: float) -> dict[str, object]:
     """Figures over all steps; times of killed parts are included up to their checkpoints."""
     _, losses, _, took, waited = np.array(rows).T
     tail = losses[-max(1, math.ceil(len(losses) / 20)) :]

@@ -12,9 +12,8 @@ from hulldown.assets.keypoints import MUZZLE, TURRET, WHEELS
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.rays import RayCaster
 from hulldown.reading.roles import Link
-from hulldown.reading.vehicle.axes import Wheels
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, key_of
-from hulldown.reading.vehicle.solids import Solids
+from hulldown.reading.vehicle.solids import Solids, Wheels
 
 _NAMED = re.compile(r"(?:kp_|keypoint[_.\- ]*)(.*)", re.IGNORECASE | re.DOTALL)
 AHEAD = 0.02  # meters from a gun's front end to its muzzle, so that the gun doesn't hide it from the side

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
 from hulldown.assets.naming import FRONT, REAR, first_match
-from hulldown.reading.vehicle.axes import PARALLEL, Direction, Wheels
-from hulldown.reading.vehicle.solids import Solids
+from hulldown.reading.vehicle.solids import PARALLEL, Solids, Wheels
+
+Value = TypeVar("Value", str, float)
 
 SNAP = np.radians(1.5)  # a nose this close to an axis of the file points along it
 SLENDER = 7.0  # a gun's barrel is longer than this many times its width
@@ -34,6 +37,18 @@ TUBES_CONTRADICTED = (
 ONE_CLUE = "only its raised tubes tell which end is its nose"
 NO_LINE = "along x, as nothing tells"
 NOT_FOUND = "which end is its nose was not found"
+
+
+@dataclass(frozen=True, slots=True)
+class Direction(Generic[Value]):
+    """A direction of a vehicle, the reason, and a sentence for the user; empty if it's sure.
+
+    `value` is the file's up axis ("z", "-y", ...), or the nose's angle: radians counterclockwise from +x, with z up.
+    """
+
+    value: Value
+    why: str
+    doubt: str = ""
 
 
 def find_forward(

@@ -1,4 +1,4 @@
-"""The turret and the gun among a vehicle's pieces, and their pivots. Doesn't need Blender."""
+"""The turret and the gun among a vehicle's pieces, by names, else by shape and position, and their pivots."""
 
 from __future__ import annotations
 
@@ -6,19 +6,39 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
+from scipy.sparse.csgraph import connected_components
 
+from hulldown.assets.naming import ARMED, BODY, FRONT, NO_TURRET, REAR, TURRET, VEHICLE, first_match
 from hulldown.reading.options import DEFAULTS, Options
 from hulldown.reading.report import PartRow, xyz
-from hulldown.reading.vehicle.nose import snapped
-from hulldown.reading.vehicle.part_names import GUN_PART, HULL, TURRET_PART, Naming
-from hulldown.reading.vehicle.part_shapes import by_shape, riding, screened, unnamed
-from hulldown.reading.vehicle.pivots import PIVOT_KEYS, find_pivot
-from hulldown.reading.vehicle.solids import PlacedPieces
+from hulldown.reading.roles import Link, Piece
+from hulldown.reading.vehicle.nose import gun_barrel, rising, snapped
+from hulldown.reading.vehicle.part_names import (
+    GUN_PART,
+    HULL,
+    TURRET_PART,
+    Key,
+    Marked,
+    Naming,
+    key_of,
+    names_of_parts,
+)
+from hulldown.reading.vehicle.pivots import PIVOT_KEYS, RING, find_pivot
+from hulldown.reading.vehicle.solids import PlacedPieces, Solids
 from hulldown.reading.wording import quoted
 
 LIMITS = {TURRET_PART: (-np.pi, np.pi), GUN_PART: (float(np.radians(-5.0)), float(np.radians(20.0)))}
 STRAIGHT = np.radians(15.0)  # a gun that points this close to an axis of the vehicle points along it
+
+STUBBY = 2.5  # times its width; shorter pieces have no direction
+SMALL = 0.2  # of the vehicle's length: a drum, not a gun
+NARROW = 0.45  # of the vehicle's width: what a gun with all that hangs on it is
+LOW = 0.3  # of the vehicle's height: no turret reaches below
+KNOWN = (*VEHICLE, *FRONT, *REAR, *BODY)
+WHOLE = 0.7  # of a piece's length: then the piece is the barrel, and not a body with a barrel
+NAMES = 6  # that a sentence lists
+PREFIXED = 2  # objects named turret: more of them, and the author has named all that belongs to it
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -117,3 +137,166 @@ def _raising_axis(own: Float[np.ndarray, "n 3"], pivot: Float[np.ndarray, "3"]) 
     angle = snapped(float(np.arctan2(tip[1], tip[0])), STRAIGHT)
     # Rounded, so that an axis of the vehicle comes out as exactly that.
     return np.round([np.sin(angle), -np.cos(angle), 0.0], 15) + 0.0
+
+
+def screened(whole: PlacedPieces, options: Options) -> Naming:
+    """What names parts, without calling drum-shaped ones guns."""
+    chains = [piece.chain for piece in whole.pieces]
+    no_guns: set[str] = set()
+    while True:
+        naming = Naming(names_of_parts(whole, options, no_gun=no_guns), frozenset(no_guns))
+        is_gun = np.array([naming.part_of(chain) == GUN_PART for chain in chains], bool)
+        if options.gun is not None or not is_gun.any() or is_gun.all():
+            return naming
+        body = whole.where(~is_gun).cloud
+        groups = _clusters(whole.bounds, np.flatnonzero(is_gun))
+        drums = [group for group in groups if _is_drum(np.concatenate([whole.points[i] for i in group]), body)]
+        if not drums:
+            return naming
+        no_guns |= {naming.decided(chains[i])[2] for group in drums for i in group}
+
+
+def _clusters(bounds: Float[np.ndarray, "k 2 3"], among: Int[np.ndarray, " n"]) -> list[list[int]]:
+    """Clusters of pieces whose boxes come close to each other."""
+    low, high = bounds[among, 0], bounds[among, 1]
+    longest = (high - low).max(axis=1)
+    slack = 0.05 * np.maximum.outer(longest, longest)[..., None]
+    near = ((low[:, None] < high + slack) & (high[:, None] > low - slack)).all(axis=2)
+    count, label = connected_components(near, directed=False)
+    return [among[label == k].tolist() for k in range(count)]
+
+
+def _is_drum(own: Float[np.ndarray, "n 3"], body: Float[np.ndarray, "m 3"]) -> bool:
+    """Whether a piece is small, stubby or crosswise, and low or behind the middle."""
+    low, high = body.min(axis=0), body.max(axis=0)
+    off = own - own.mean(axis=0)
+    axes = np.linalg.eigh(off.T @ off)[1].T[::-1]
+    size = np.ptp(off @ axes.T, axis=0)
+    if not 0 < size[0] < SMALL * (high[0] - low[0]):
+        return False
+    stubby = size[0] < STUBBY * size[1:].max()
+    across = abs(axes[0, 0]) < 0.5
+    middle = (own.min(axis=0) + own.max(axis=0)) / 2
+    return bool(
+        (stubby or across) and (middle[0] < (low[0] + high[0]) / 2 or middle[2] < low[2] + 0.5 * (high - low)[2])
+    )
+
+
+def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Options) -> tuple[Marked, list[str]]:
+    """The gun, and the turret if none is named, by a barrel's shape and its parents; and doubts."""
+    if options.gun is not None or GUN_PART in part_of:
+        return {}, []
+    pieces, solids, bounds = whole.pieces, whole.solids, whole.bounds
+    low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
+    wide = np.ptp(bounds[:, :, 0], axis=1) < 0.9 * (high - low)[0]
+    body = bounds[wide] if wide.any() else bounds
+    middle = (body[:, 0].min(axis=0) + body[:, 1].max(axis=0)) / 2
+    barrel = gun_barrel(solids, np.array([1.0, 0, 0]), middle, float((high - low)[0]) / 2)
+    if barrel is None:
+        return {}, []
+    piece = int(solids.piece[barrel])
+    name = pieces[piece].name
+    one = float(np.ptp(whole.points[piece], axis=0).max()) * WHOLE < float(solids.size[barrel, 0])
+    if not one:
+        doubt = f'{name!r} has a long barrel in it that cannot be raised; make it an object of its own, or set gun = ""'
+        return {}, [doubt + ("" if TURRET_PART in part_of else ' and turret = ""')]
+    carried = _carried(pieces)
+
+    def extent(link: Link) -> Float[np.ndarray, "2 3"]:
+        some = bounds[carried[key_of(link)]]
+        return np.array([some[:, 0].min(axis=0), some[:, 1].max(axis=0)])
+
+    chain = pieces[piece].chain
+    narrow = [k for k in chain if np.ptp(extent(k), axis=0)[1] < NARROW * (high - low)[1]]
+    gun = narrow[-1] if narrow else chain[0]
+    marks = {key_of(gun): (GUN_PART, f"by the shape of {name!r}")}
+    taken = f"{gun.name!r} is taken for the gun by its shape"
+    if TURRET_PART not in part_of and options.turret is None:
+        upper = [
+            k
+            for k in chain
+            if extent(k)[0, 2] > low[2] + LOW * (high - low)[2] and len(carried[key_of(k)]) > len(carried[key_of(gun)])
+        ]
+        if not upper:
+            return {}, [f'{name!r} looks like a gun; set gun, and turret, to what turns, or both to "" if nothing does']
+        marks[key_of(upper[-1])] = (TURRET_PART, f"by its gun {name!r}")
+        taken += f", and {upper[-1].name!r} for the turret, which it hangs from"
+    return marks, [f"{taken}; set gun and turret if that is wrong"]
+
+
+def _carried(pieces: Sequence[Piece]) -> dict[Key, list[int]]:
+    """The pieces that each object carries, itself included."""
+    carried: dict[Key, list[int]] = {}
+    for i, piece in enumerate(pieces):
+        for link in piece.chain:
+            carried.setdefault(key_of(link), []).append(i)
+    return carried
+
+
+def riding(whole: PlacedPieces, part_of: Sequence[str | None], options: Options) -> tuple[Marked, list[str]]:
+    """Pieces on a turret without children, for files without a hierarchy; and a doubt about them."""
+    chains = [piece.chain for piece in whole.pieces]
+    members = [i for i, part in enumerate(part_of) if part == TURRET_PART and options.turret is None]
+    if not members or any(len(chains[i]) > 1 and chains[i][1].kind == "MESH" for i in members):
+        return {}, []
+    roots = {key_of(chains[i][-1]) if len(chains[i]) > 1 else None for i in members}
+    parents = [key_of(chain[1]) if len(chain) > 1 else None for chain in chains]
+    named = sum(first_match(chains[i][0].name, TURRET) is not None for i in members)
+    if len(roots) > 1 or len({parents[i] for i in members}) > 1 or named > PREFIXED:
+        return {}, []
+    bounds = whole.bounds
+    low, high = bounds[members, 0].min(axis=0), bounds[members, 1].max(axis=0)
+    slack = 0.15 * (high - low)
+    aboard = []
+    for i, part in enumerate(part_of):
+        if part is not None or parents[i] != parents[members[0]]:
+            continue
+        own_low, own_high = bounds[i]
+        middle = (own_low + own_high) / 2
+        over = bool(((middle > low - slack) & (middle < high + slack))[:2].all()) and middle[2] > low[2] + slack[2]
+        if over and own_low[2] > low[2] and (own_high - own_low)[1] < 1.3 * (high - low)[1]:
+            aboard.append(chains[i][0])
+    if not aboard:
+        return {}, []
+    doubt = (
+        f"{quoted((link.name for link in aboard), most=NAMES)} are on the turret and turn with it; if that is wrong, "
+        "set turret and gun to the parts that turn and rise"
+    )
+    return {key_of(link): (TURRET_PART, "by its place on the turret") for link in aboard}, [doubt]
+
+
+def unnamed(whole: PlacedPieces) -> list[str]:
+    """A doubt about possible aiming parts: by parents, by a name, or by shape if names are meaningless.
+
+    The shapes are a ring and rising tubes; a truck of numbered objects has neither, so there is no doubt.
+    """
+    pieces, bounds = whole.pieces, whole.bounds
+    low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
+    carried = _carried(pieces)
+    upper = [
+        key
+        for key, some in carried.items()
+        if 1 < len(some) < len(pieces)
+        and bounds[some, 0, 2].min() > low[2] + LOW * (high - low)[2]
+        and not first_match(key[0], NO_TURRET)
+    ]
+    if upper:
+        most = max(upper, key=lambda key: len(carried[key]))
+        return [
+            f"{len(carried[most])} objects hang from {most[0]!r} above the rest; if it turns, set turret to it, "
+            f'and gun to what rises; if nothing does, set turret = ""'
+        ]
+    if armed := next((p.name for p in pieces if first_match(p.name, ARMED)), None):
+        return [f'{armed!r} is there, but nothing named turret or gun; set turret and gun, or turret = "" and gun = ""']
+    known = any(first_match(n, KNOWN) for p in pieces for n in (p.name, p.data))
+    if len(pieces) > 1 and not known and _may_aim(whole.solids, low, high):
+        return ['its names name no part; set turret and gun if it has any, or turret = ""']
+    return []
+
+
+def _may_aim(solids: Solids, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> bool:
+    """Whether there are rising tubes, or a level ring in the upper part, as under turrets."""
+    size = high - low
+    ring = (solids.round_about >= 0) & (np.abs(solids.axle[:, 2]) > 0.99) & (2 * solids.radius > RING * size[1])
+    ring &= solids.center[:, 2] > low[2] + LOW * size[2]
+    return bool(ring.any() or rising(solids, np.array([1.0, 0, 0]), size[0]))

@@ -1,4 +1,4 @@
-"""A vehicle's pieces where they are, and their connected solids, some of which are round."""
+"""A vehicle's pieces where they are, their connected solids, some of which are round, and the wheels among those."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
+from scipy.cluster.hierarchy import fclusterdata
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -19,6 +20,9 @@ MOST = 4000  # solids that are kept, largest first
 ALIKE = 0.12  # two second moments are equal, so that the solid is round about the third axis, up to this share
 WIDEST_GAP = np.radians(65.0)  # between points on the rim of what is round: a hexagon is, a box is not
 RIM = 0.85  # of the largest radius: what lies beyond is the rim
+PARALLEL = float(np.cos(np.radians(4.0)))
+LEAST_WHEELS = 4
+FLAT_WHEELS = 0.5  # centers of wheels lie in one plane, give or take this share of their radius
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -77,6 +81,29 @@ class Solids:
         """Select the solids of these ascending pieces, renumbered by their place among them."""
         found = self.where(np.isin(self.piece, kept))
         return replace(found, piece=np.searchsorted(kept, found.piece))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Wheels:
+    """A vehicle's wheels.
+
+    Parameters
+    ----------
+    index
+        Indices of their solids.
+    up, across
+        Unit vectors: up from the ground, and along the axles.
+    level
+        Height along `up` of the ground under them.
+    places
+        Their number, where a tire and its rim are one.
+    """
+
+    index: Int[np.ndarray, " w"]
+    up: Float[np.ndarray, "3"]
+    across: Float[np.ndarray, "3"]
+    level: float
+    places: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,3 +211,66 @@ def _shape(cloud: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, np.
     middle = cloud.mean(axis=0) + vectors @ ((low + high) / 2)
     about = -1 if found < 0 else int(np.flatnonzero(order == found)[0])
     return vectors.T[order], (high - low)[order], middle, about
+
+
+def find_wheels(solids: Solids) -> Wheels | None:
+    """The largest set of similar discs side by side on one plane, or None."""
+    discs = np.flatnonzero(
+        (solids.round_about >= 0)
+        & (solids.size[np.arange(len(solids)), np.maximum(solids.round_about, 0)] < 2.5 * solids.radius)
+    )
+    axle, radius, center = solids.axle[discs], solids.radius[discs], solids.center[discs]
+    best, best_score = None, 0.0
+    left = np.ones(len(discs), bool)
+    for seed in np.argsort(-radius):
+        if not left[seed] or radius[seed] <= 0:
+            continue
+        alike = (np.abs(axle @ axle[seed]) > PARALLEL) & (radius > 0.75 * radius[seed]) & (radius < 1.34 * radius[seed])
+        left &= ~alike
+        found = _standing(center[alike], radius[alike], axle[seed])
+        if found is not None and found[0] > best_score:
+            best_score, best = found[0], (discs[alike][found[3]], *found[1:3])
+    if best is None:
+        return None
+    index, up, across = best
+    middle = solids.center[index].mean(axis=0)
+    # The body is on the side where the vehicle reaches farther, floors and other sheets aside.
+    thick = solids.size[:, 2] > 0.02 * solids.size[:, 0]
+    heights = (solids.center[thick] - middle) @ up
+    weight = solids.size[thick].prod(axis=1) ** (1 / 3)
+    if float(heights @ weight) < 0:
+        up = -up
+    level = float((solids.center[index] @ up - solids.radius[index]).min())
+    # A tire and its rim are one wheel.
+    joined = fclusterdata(solids.center[index], 0.7 * float(solids.radius[index].mean()), criterion="distance")
+    return Wheels(index, up, across, level, places=int(joined.max()))
+
+
+def _standing(
+    center: Float[np.ndarray, "n 3"], radius: Float[np.ndarray, " n"], axle: Float[np.ndarray, "3"]
+) -> tuple[float, np.ndarray, np.ndarray, Bool[np.ndarray, " n"]] | None:
+    """Score, up (either way) and axle of discs if they are wheels, and which of them are."""
+    keep = np.ones(len(center), bool)
+    for _ in range(3):
+        if keep.sum() < LEAST_WHEELS:
+            return None
+        off = center[keep] - np.median(center[keep], axis=0)
+        along_axle = off @ axle
+        flat = off - along_axle[:, None] * axle
+        _, _, directions = np.linalg.svd(flat, full_matrices=False)
+        ahead = directions[0] - (directions[0] @ axle) * axle
+        ahead /= np.linalg.norm(ahead)
+        up = np.cross(ahead, axle)
+        up /= np.linalg.norm(up)
+        lift = np.abs((center - np.median(center[keep], axis=0)) @ up)
+        within = lift < FLAT_WHEELS * np.median(radius)
+        if (within == keep).all():
+            break
+        keep = within
+    size = float(np.median(radius[keep])) if keep.any() else 0.0
+    if keep.sum() < LEAST_WHEELS:
+        return None
+    base, track = float(np.ptp(center[keep] @ ahead)), float(np.ptp(center[keep] @ axle))
+    if not (3.0 * size < base < 40.0 * size and 1.5 * size < track < base * 1.6):
+        return None
+    return base * track * size, up, axle, keep

@@ -12,10 +12,12 @@ from hulldown.assets.naming import GUN, GUN_HINTS, NOT_GUN, first_match, hints
 from hulldown.geometry.transforms import apply, rotation_z
 from hulldown.reading.options import Options
 from hulldown.reading.roles import Evaluated, Piece
-from hulldown.reading.vehicle.axes import Direction, Wheels, find_up, find_wheels, up_matrix
-from hulldown.reading.vehicle.nose import find_forward
-from hulldown.reading.vehicle.solids import Solids, find_solids
+from hulldown.reading.vehicle.nose import Direction, find_forward
+from hulldown.reading.vehicle.solids import Solids, Wheels, find_solids, find_wheels
 
+UPS = ("z", "-z", "y", "-y", "x", "-x")
+CERTAIN = 6  # wheels on one plane that are sure
+UPRIGHT = float(np.cos(np.radians(12.0)))  # up is the file's axis that is this close
 NOSE = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}
 
 
@@ -71,12 +73,55 @@ def stand_upright(drawn: Evaluated, *, unit: float, stated_up: str, up: str | No
     return Upright(replace(drawn, pieces=pieces), upright, found, solids.turned(turn))
 
 
+def find_up(wheels: Wheels | None, stated: str) -> Direction[str]:
+    """Find the file's up axis.
+
+    Parameters
+    ----------
+    wheels
+        Wheels found with the stated axis up.
+    stated
+        The file's stated up axis: "z", or "y" by convention in OBJ files, which needs no doubt.
+    """
+    if wheels is None:
+        return Direction(stated, "as the file states")
+    up = up_matrix(stated)[:3, :3].T @ wheels.up
+    axis = next((axis for axis in UPS if float(up_matrix(axis)[2, :3] @ up) > UPRIGHT), None)
+    if axis is None:
+        doubt = "its wheels stand askew to the axes; set up, or turn it upright in Blender"
+        return Direction(stated, "as the file states", doubt)
+    if axis == stated:
+        return Direction(stated, f"as the file states, and {wheels.places} wheels")
+    why = f"{wheels.places} wheels lie below the rest of it"
+    doubt = f'{axis} is taken to be up, since {why}; set up = "{stated}" if that is wrong'
+    sure = stated != "z" or (wheels.places >= CERTAIN and axis != f"-{stated}")
+    return Direction(axis, f"{why}, not {stated} as the file states", "" if sure else doubt)
+
+
 def with_solids_of(upright: Upright, kept: Sequence[int]) -> Upright:
     """Look for solids in these pieces alone, so that `MOST` doesn't leave theirs out for larger ones of others."""
     pieces, meshes = [upright.drawn.pieces[i] for i in kept], upright.drawn.meshes
     points = [apply(upright.meters @ piece.pose, meshes[piece.mesh].vertices) for piece in pieces]
     solids = find_solids(points, [meshes[piece.mesh].faces for piece in pieces])
     return replace(upright, solids=replace(solids, piece=np.asarray(kept)[solids.piece]))
+
+
+def up_matrix(axis: str) -> Float[np.ndarray, "4 4"]:
+    """The rotation that turns an axis of the file ("z", "y", "x", or with a minus) to z.
+
+    About x for y and -y, about y for x and -x, and a half turn about x for -z.
+    """
+    turn = {
+        "z": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        "-z": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
+        "y": [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+        "-y": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
+        "x": [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
+        "-x": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
+    }[axis]
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn
+    return matrix
 
 
 def meters_from_file(unit: float, up: str) -> Float[np.ndarray, "4 4"]:

@@ -10,8 +10,7 @@ from jaxtyping import Float
 from hulldown.assets.naming import FIGURES, STAGES, first_match, words
 from hulldown.geometry.meshes import Mesh
 from hulldown.reading.roles import MUCH_LARGER, UNDERSIDE, Piece
-from hulldown.reading.vehicle.axes import Wheels
-from hulldown.reading.vehicle.solids import PlacedPieces
+from hulldown.reading.vehicle.solids import PlacedPieces, Wheels
 from hulldown.reading.wording import as_key, quoted
 
 BELOW = 0.03  # of the vehicle's height: a tire pressed into the ground

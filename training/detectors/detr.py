@@ -11,7 +11,7 @@ Robinson et al., RF-DETR, 2026: the model of the paper, section 2.2. Its package
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -129,7 +129,7 @@ def check_weights(path: Path, settings: Settings, classes: Sequence[str]) -> Non
             ) from None
 
 
-def _check_kind(path: Path, found: dict[str, Any]) -> None:
+def _check_kind(path: Path, found: Mapping[str, object]) -> None:
     """Refuse a file of tensors that isn't RF-DETR's."""
     state = found.get("model", found.get("state_dict"))
     if "hulldown" in found or not isinstance(state, dict) or not any("class_embed" in str(key) for key in state):
@@ -198,7 +198,7 @@ def normalized(pictures: Tensor) -> Tensor:
     return normalize(pictures.float() / 255, MEAN, DEVIATION)
 
 
-def save_detr(module: RFDETRModelModule, classes: Sequence[str], network: Any) -> dict[str, Any]:
+def save_detr(module: RFDETRModelModule, classes: Sequence[str], network: Any) -> dict[str, object]:
     """The contents of a weights file, which `rfdetr.RFDETR.from_checkpoint` opens too."""
     state = {key: value.detach().cpu() for key, value in network.state_dict().items()}
     config = BestModelCallback._serialize_model_config(module, state)
@@ -264,7 +264,7 @@ class DetrDetector:
         return np.concatenate(found)
 
 
-def fit_detr(training: Training) -> dict[str, Any]:
+def fit_detr(training: Training) -> dict[str, object]:
     """Train RF-DETR; returns figures of run.json."""
     model_config, train_config = detr_configs(
         training.settings, training.classes, training.batches.steps, weights=training.weights, device=training.device,

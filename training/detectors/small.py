@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import pytorch_lightning as pl
@@ -169,7 +169,7 @@ def collated(batch: Sequence[Example]) -> tuple[Tensor, list[Tensor], list[Tenso
     return pictures, [example.xyxy for example in batch], [example.label for example in batch]
 
 
-def fit_small(training: Training) -> dict[str, Any]:
+def fit_small(training: Training) -> dict[str, object]:
     """Train the small network; returns figures of run.json."""
     classes, size, device = training.classes, training.examples.size, training.device
     seed_weights(training.settings)
