@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 import shutil
@@ -11,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from filelock import FileLock, Timeout
 
 from hulldown.geometry.errors import ConfigError, HulldownError
@@ -181,15 +181,12 @@ def _flat(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _write_table(path: Path, columns: Sequence[str], rows: Sequence[Sequence[float]]) -> None:
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows([int(step), *(f"{value:.6g}" for value in values)] for step, *values in rows)
-    replace_file(path, text.getvalue().encode())
+    text, formats = io.BytesIO(), ["%d", *["%.6g"] * (len(columns) - 1)]
+    np.savetxt(text, rows, formats, delimiter=",", header=",".join(columns), comments="")
+    replace_file(path, text.getvalue())
 
 
 def _draw_curves(rows: Sequence[Sequence[float]], validated: Sequence[Sequence[float]], path: Path) -> None:
-    import numpy as np
     from matplotlib.figure import Figure
 
     steps, losses = (np.array([row[i] for row in rows]) for i in (0, 1))
