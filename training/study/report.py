@@ -131,21 +131,25 @@ def _compared(manifest: Manifest, runs: Sequence[Judged]) -> dict[str, Any]:
         "bins": {
             name: {"words": bin_words(rows), "rows": [asdict(row) for row in rows]} for name, rows in bins.items()
         },
-        "runs": [_run_record(one) for one in runs],
+        "runs": [
+            {
+                **one.run.model_dump(exclude={"base", "sources", "settings"}),
+                "threshold": one.evaluation.threshold.value, **one.values,
+            }
+            for one in runs
+        ],
     })  # fmt: skip
 
 
 def _described(manifest: Manifest) -> dict[str, Any]:
-    config, train = manifest.config, manifest.config.train
+    config = manifest.config
     return {
         "classes": list(manifest.classes),
         "datasets": {name: one.model_dump(mode="json", exclude={"folder"}) for name, one in manifest.datasets.items()},
         "arms": [arm.name for arm in config.named_arms],
-        "fractions": list(config.fractions),
-        "seeds": list(config.seeds),
+        **config.model_dump(include={"fractions", "seeds", "iou"}),
         "threshold": "validation" if config.valid is not None else config.threshold,
-        "iou": config.iou,
-        "train": train.model_dump(mode="json", exclude={"seed", "weights"}),
+        "train": config.train.model_dump(mode="json", exclude={"seed", "weights"}),
         "runs": len(manifest.runs),
     }
 
@@ -180,15 +184,6 @@ def _pair_record(first: Cell, second: Cell) -> dict[str, Any]:
             for key, one in differences.items()
         },
     }
-
-
-def _run_record(one: Judged) -> dict[str, Any]:
-    run = one.run
-    return {
-        "name": run.name, "arm": run.arm, "fraction": run.fraction, "seed": run.seed, "folder": run.folder,
-        "photographs": run.photographs, "drawn": dict(run.drawn), "threshold": one.evaluation.threshold.value,
-        **one.values,
-    }  # fmt: skip
 
 
 def _time(study: Path, run: PlannedRun) -> float | None:

@@ -15,7 +15,7 @@ import threading
 from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import closing, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import orjson
@@ -186,10 +186,7 @@ def gpu_places(options: RunOptions) -> list[RunOptions]:
         return [options]
     visible = os.environ.get("CUDA_VISIBLE_DEVICES")
     names = visible.split(",") if visible else [str(i) for i in range(count)]
-    return [
-        RunOptions(options.device, options.workers, {**options.environment, "CUDA_VISIBLE_DEVICES": name})
-        for name in names[:count]
-    ]
+    return [replace(options, environment={"CUDA_VISIBLE_DEVICES": name}) for name in names[:count]]
 
 
 def in_a_process(
