@@ -160,20 +160,17 @@ def test_boxes_and_masks_are_in_place_and_can_be_hidden(shown):
     assert shown.find_element(By.CSS_SELECTOR, ".tile svg").is_displayed()
 
 
-def test_only_a_report_is_overwritten(folder, page, tmp_path):
+def test_only_a_report_is_overwritten_and_the_same_dataset_gives_the_same(folder, page, tmp_path):
+    before = page.read_bytes()
     report(folder, page, most=2)
     assert page.read_text().count("<button class=tile") == 2
     report(folder, page)
+    assert page.read_bytes() == before
     (tmp_path / "mine.html").write_text("<p>mine</p>")
     with pytest.raises(HulldownError, match=r"mine\.html: exists and wasn't drawn by hulldown"):
         report(folder, tmp_path / "mine.html")
     with pytest.raises(HulldownError, match="cannot be written"):
         report(folder, tmp_path / "mine.html" / "report.html")
-
-
-def test_the_same_dataset_gives_the_same_page(folder, page, tmp_path):
-    report(folder, tmp_path / "again.html")
-    assert (tmp_path / "again.html").read_bytes() == page.read_bytes()
 
 
 def test_a_picture_that_is_missing_is_named(folder, tmp_path):
