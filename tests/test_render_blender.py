@@ -21,11 +21,10 @@ from hulldown.camera.shell import shell_axes
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import World
 from hulldown.geometry.child import Child
-from hulldown.geometry.errors import ConfigError, HulldownError
+from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.transforms import rigid
 from hulldown.planning.inputs.loading import load_planned_library
 from hulldown.planning.plan_file import Plan
-from hulldown.planning.row import Source
 from hulldown.render.jobs import mask_job, readable
 from hulldown.render.masks import cycles_masks, verify_masks
 from hulldown.render.process import DEFAULT_LIMITS, WORKER, Allowance, Blender, worker_command
@@ -232,12 +231,6 @@ def test_annotations_of_a_dataset_equal_masks_by_cycles(dataset, plan, library):
     assert not [finding for finding in report.findings if finding.severity == "error"]
     assert min(row.mask_iou for row in report.rows if row.pixels > 50) >= 0.99
     assert report.table().row_count == len(report.rows)
-
-
-def test_assets_that_changed_since_planning_are_refused(plan, library, own_worlds):
-    header = altered(plan.header, hdris={**plan.header.hdris, "gray": Source(path="gray.exr", sha256="0" * 64)})
-    with pytest.raises(ConfigError, match=r"'gray' \(gray.exr\) is not what it was when this was planned"):
-        load_planned_library(Plan(plan.path, header))
 
 
 def test_a_path_in_a_plan_gives_no_access_to_its_folder(plan, library, tmp_path):
