@@ -1,11 +1,8 @@
-"""A stand-in for an installed Blender: uses the worker's protocol, writes a flat picture, and misbehaves on demand."""
+"""A stand-in for an installed Blender: the worker around a renderer that writes flat pictures and fails on demand."""
 
-import contextlib
-import importlib.util
-import json
 import os
-import pickle
 import random
+import runpy
 import signal
 import struct
 import sys
@@ -14,13 +11,7 @@ import zlib
 from pathlib import Path
 from types import SimpleNamespace
 
-ANSWER = "@hulldown "
 TOO_WIDE = 65536  # pixels
-
-
-def answer(message):
-    sys.stdout.write(ANSWER + json.dumps(message) + "\n")
-    sys.stdout.flush()
 
 
 def png(width, height, level):
@@ -46,63 +37,49 @@ def misbehave(how):
     if how == "hold":
         held.append(touched(105 << 20))
     if how == "fail":
-        return {"failed": "ValueError: as asked"}
+        raise ValueError("as asked")
     if how == "crash":
         print("Segmentation fault, as asked", file=sys.stderr, flush=True)
         os.kill(os.getpid(), signal.SIGSEGV)
     if how == "exit":
-        sys.exit(3)
+        os._exit(3)
     if how == "hang":
         time.sleep(600)
     if how == "grow":
         held.append(touched(300 << 20))
         time.sleep(600)
-    return None
 
 
-class Camera:
-    """The size of a picture, as a stand-in for `Intrinsics`, which needs numpy."""
+class Renderer:
+    """Does jobs; the name of a job's scenery tells how it fails."""
 
-    def __setstate__(self, values):
-        self.width, self.height, *_ = values
-
-
-def messages():
-    """The module `render.messages`, without the packages that it imports."""
-    for name in ("hulldown", *(f"hulldown.camera.{name}" for name in ("intrinsics", "sensor", "weather.kinds"))):
-        sys.modules[name] = SimpleNamespace(Intrinsics=Camera, Sensor=object, Weather=object)
-    path = Path(__file__).parents[1] / "render" / "messages.py"
-    spec = importlib.util.spec_from_file_location("hulldown.render.messages", path)
-    sys.modules[spec.name] = module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def main():
-    print("Blender 5.0.1 (a fake)")
-    kinds = messages()
-    answer({"ready": "fake"})
-    while True:
-        job = pickle.load(sys.stdin.buffer)
-        if isinstance(job, kinds.StartJob):
-            answer({"device": "CPU", "devices": 1})
-            continue
+    def do(self, job):
+        if type(job).__name__ == "StartJob":
+            return {"device": "CPU", "devices": 1}
         # "crash:2" crashes in the first two attempts, which are counted by files beside the output.
         how, _, times = Path(job.scenery.path).name.partition(":")
         output = Path(job.output)
-        if times and len(attempts := list(output.parent.glob(f"{output.stem}-*"))) < int(times):
+        attempts = list(output.parent.glob(f"{output.stem}-*"))
+        if not times or len(attempts) < int(times):
             output.with_name(f"{output.stem}-{len(attempts)}").touch()
-        elif times:
-            how = ""
-        message = misbehave(how)
-        if message is None and job.camera.intrinsics.width == TOO_WIDE:
-            message = {"failed": "MemoryError: "}
-        if message is None:
-            time.sleep(random.uniform(0.0, 0.01))
-            size = job.camera.intrinsics
-            output.write_bytes(png(size.width, size.height, getattr(job, "seed", 0) % 256))
-        answer(message or {"pid": os.getpid()})
+            misbehave(how)
+        size = job.camera.intrinsics
+        if size.width == TOO_WIDE:
+            raise MemoryError
+        time.sleep(random.uniform(0.0, 0.01))
+        output.write_bytes(png(size.width, size.height, getattr(job, "seed", 0) % 256))
+        return {"pid": os.getpid()}
+
+    def reset(self):
+        pass
 
 
-with contextlib.suppress(EOFError):
-    main()
+class Unusable(Exception):
+    pass
+
+
+print("Blender 5.0.1 (a fake)")
+sys.modules["bpy"] = SimpleNamespace(app=SimpleNamespace(version=(5, 0, 1), version_string="fake"))
+sys.modules["hulldown.render.blender.cycles"] = SimpleNamespace(Unusable=Unusable)
+sys.modules["hulldown.render.blender.renderer"] = SimpleNamespace(Renderer=Renderer)
+runpy.run_path(str(Path(__file__).parents[1] / "render" / "blender" / "worker.py"), run_name="__main__")
