@@ -11,7 +11,7 @@ needs_openssl = pytest.mark.xfail(
 
 
 def certificates(folder):
-    """An authority's certificate, a signed one, and its key, as settings of a scheduler and as options of Dask."""
+    """An authority's certificate, a signed one, and its key, as `Scheduler.tls` and as options of Dask."""
     new = ["-nodes", "-newkey", "rsa:2048", "-days", "2"]
 
     def openssl(*words):
@@ -23,4 +23,4 @@ def certificates(folder):
     openssl("x509", "-req", "-in", "request.pem", *signed_by, "-days", "2", "-out", "cert.pem")
     ca, cert, key = (folder / name for name in ("ca.pem", "cert.pem", "key.pem"))
     options = ["--protocol", "tls", "--tls-ca-file", str(ca), "--tls-cert", str(cert), "--tls-key", str(key)]
-    return {"tls_ca": ca, "tls_cert": cert, "tls_key": key}, options
+    return {"tls_ca_file": str(ca), "tls_client_cert": str(cert), "tls_client_key": str(key)}, options

@@ -129,12 +129,11 @@ def test_workers_enforce_the_memory_limit(folder, nodes, tmp_path):
 @pytest.mark.thorough
 @needs_openssl
 def test_a_run_over_tls_continues_after_its_client_was_killed(folder, tmp_path):
-    files, options = certificates(tmp_path)
+    _, options = certificates(tmp_path)
     with cluster(tmp_path / "nodes", 1, tls=options) as nodes:
-        options = ["--tls-ca-file", files["tls_ca"], "--tls-cert", files["tls_cert"], "--tls-key", files["tls_key"]]
 
         def start():
-            return rendering(folder / "plan.jsonl", tmp_path / "d", nodes.file, *options)
+            return rendering(folder / "plan.jsonl", tmp_path / "d", nodes.file, *options[2:])  # but for the protocol
 
         killed = start()
         wait_for(killed, tmp_path / "d", 3)

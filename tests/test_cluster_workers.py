@@ -27,8 +27,8 @@ def workers(nodes):
         yield made
 
 
-def connected(nodes, **files):
-    return Cluster(Scheduler(nodes.address, **files), "render", cluster_tasks.no_refusal, say=lambda line: None)
+def connected(nodes, tls=()):
+    return Cluster(Scheduler(nodes.address, tls), "render", cluster_tasks.no_refusal, say=lambda line: None)
 
 
 def calling(function):
@@ -126,7 +126,7 @@ def test_tls_works_and_requires_a_certificate(tmp_path):
         assert nodes.address.startswith("tls://")
         with pytest.raises(HulldownError, match="no Dask scheduler answers there"):
             connected(nodes)
-        with connected(nodes, **files) as workers:
+        with connected(nodes, files) as workers:
             found = workers.run(["data"], calling(cluster_tasks.with_contents), lost=None, content=str.encode)
             assert [results for _, results in found] == [[b"data"]]
 

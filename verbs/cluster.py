@@ -32,12 +32,9 @@ def scheduler_of(arguments: argparse.Namespace) -> Scheduler | None:
     """The scheduler in the arguments; None without one."""
     if arguments.scheduler is None:
         return None
-    return Scheduler(
-        arguments.scheduler,
-        tls_ca=arguments.tls_ca_file,
-        tls_cert=arguments.tls_cert,
-        tls_key=arguments.tls_key,
-    )
+    names = {"tls_ca_file": "tls_ca_file", "tls_client_cert": "tls_cert", "tls_client_key": "tls_key"}
+    given = {name: getattr(arguments, option) for name, option in names.items()}
+    return Scheduler(arguments.scheduler, {name: str(path) for name, path in given.items() if path is not None})
 
 
 @contextmanager

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, field
 
 from hulldown.geometry.errors import HulldownError
 
@@ -21,14 +20,12 @@ class Scheduler:
     ----------
     address
         `tcp://HOST:PORT` or `tls://HOST:PORT`, or the .json file of `dask scheduler --scheduler-file`.
-    tls_ca, tls_cert, tls_key
-        Certificates for `tls://`; None: by Dask's configuration.
+    tls
+        Files for `tls://`, by their names in `distributed.Security`; empty: by Dask's configuration.
     """
 
     address: str
-    tls_ca: Path | None = None
-    tls_cert: Path | None = None
-    tls_key: Path | None = None
+    tls: Mapping[str, str] = field(default_factory=dict)
 
 
 @contextmanager

@@ -303,13 +303,7 @@ def wanted() -> Callable[[], bool]:
 
 
 def _connect(scheduler: Scheduler) -> Client:
-    files = {
-        "tls_ca_file": scheduler.tls_ca,
-        "tls_client_cert": scheduler.tls_cert,
-        "tls_client_key": scheduler.tls_key,
-    }
-    given = {key: str(path) for key, path in files.items() if path is not None}
-    security = Security(require_encryption=True, **given) if given else None
+    security = Security(require_encryption=True, **scheduler.tls) if scheduler.tls else None
     address = scheduler.address
     of_file = address.endswith(".json")
     if of_file and not Path(address).is_file():
