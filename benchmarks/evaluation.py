@@ -146,7 +146,9 @@ def _scene(images: int) -> tuple[Labels, Predictions]:
         xywh[:, 2] * xywh[:, 3], np.zeros(g, dtype=bool), records, [{}] * g,
     )  # fmt: skip
     classes = np.where(rng.random(d) < 0.9, label[near], rng.integers(0, CLASSES, d))
-    return labels, Predictions("found", names, image, classes, found, rng.random(d))
+    score = rng.random(d)
+    order = np.lexsort((-score, classes, image))
+    return labels, Predictions("found", names, image, classes[order], found[order], score[order])
 
 
 def _records(labels: Labels, predictions: Predictions) -> tuple[dict, list[dict]]:

@@ -90,7 +90,7 @@ def test_hard_cases_are_matched_like_pycocotools(case):
 def test_pairs_do_not_depend_on_the_block_size(monkeypatch):
     labels, predictions = loaded(*random_case(3))
     whole = overlapping(labels, predictions)
-    monkeypatch.setattr("hulldown.training.evaluation.matching.PAIRS_AT_ONCE", 7)
+    monkeypatch.setattr("hulldown.training.evaluation.matching.DETECTIONS_AT_ONCE", 7)
     pieces = overlapping(labels, predictions)
     assert len(whole.box) > 50
     for key in Overlaps.__slots__:

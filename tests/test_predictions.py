@@ -104,7 +104,10 @@ ONE_LABEL = dataset([(1, 1, (0, 0, 9, 9))])
         (dataset([(9, 1, (0, 0, 1, 1), {"id": 5})]), "annotation 5: image 9 does"),
         (dataset([(1, 8, (0, 0, 1, 1), {"id": 5})]), "annotation 5: category 8 does"),
         (dataset([(1, 1, (0, 0, 1), {"id": 5})]), "annotation 5: bbox"),
-        (dataset([(1, 1, (0, 0, 1, 1), {"id": 5, "area": "big"})]), "annotation 5: area 'big' is no number"),
+        (
+            dataset([(1, 1, (0, 0, 1, 1), {"area": area}) for area in (None, 1.0, "big")]),
+            "annotation 3: area 'big' is no number",
+        ),
         ({**ONE_LABEL, "annotations": [{"image_id": 1}]}, "annotation"),
         ([], "isn't a COCO object"),
     ],

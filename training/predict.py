@@ -6,7 +6,7 @@ import hashlib
 import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -22,7 +22,6 @@ from hulldown.geometry.files import make_room, open_in_place, replace_file, repl
 from hulldown.geometry.terminal import shown
 from hulldown.training.detectors.detector import (
     WEIGHTS_NAME,
-    Detections,
     Detector,
     chosen_device,
     read_run,
@@ -160,11 +159,14 @@ def predict(
     ids, unknown = _category_ids(detector.classes, found)
     key = _key(Path(run), found, detector.classes)
     unfinished = output.with_name(output.name + UNFINISHED_SUFFIX)
-    with shown("predicting", progress) as advance, _kept(unfinished, key) as (done, keep):
-        already = len(done)
-        left = [k for k, record in enumerate(found.records) if record["id"] not in done]
+    done = _resumed(unfinished, key)
+    already = len(done)
+    left = [k for k, record in enumerate(found.records) if record["id"] not in done]
+    with shown("predicting", progress) as advance, open_in_place(unfinished) as file:
         for some in _detected(detector, found, ids, left, batch):
-            keep(some)
+            file.write(_lines(some))
+            file.flush()
+            done |= some
             advance(len(done), len(found.records))
     results = [one for record in found.records for one in done[record["id"]]]
     names = dict(zip(ids, detector.classes, strict=True))
@@ -208,21 +210,18 @@ def validation_figures(
 def _detected(
     detector: Detector, pictures: Pictures, ids: Sequence[int], indices: Sequence[int], batch: int
 ) -> Iterator[dict[int, Found]]:
-    """Yield the results of images by their ids, a batch at a time."""
+    """Yield the results of images by their ids, a batch at a time; `ids` are those of the detector's classes."""
     pixels = pictures.read(indices)
     for start in range(0, len(indices), batch):
         images = [int(pictures.records[k]["id"]) for k in indices[start : start + batch]]
-        found = zip(images, detector.detect(list(islice(pixels, batch))), strict=True)
-        yield {image: _results(image, one, ids) for image, one in found}
-
-
-def _results(image: int, found: Detections, ids: Sequence[int]) -> Found:
-    """COCO results of an image; `ids` are the categories of the detector's classes."""
-    columns = found.label.tolist(), found.xywh.round(DIGITS).tolist(), found.score.tolist()
-    return [
-        {"image_id": image, "category_id": ids[label], "bbox": box, "score": score}
-        for label, box, score in zip(*columns, strict=True)
-    ]
+        done: dict[int, Found] = {}
+        for image, found in zip(images, detector.detect(list(islice(pixels, batch))), strict=True):
+            columns = found.label.tolist(), found.xywh.round(DIGITS).tolist(), found.score.tolist()
+            done[image] = [
+                {"image_id": image, "category_id": ids[label], "bbox": box, "score": score}
+                for label, box, score in zip(*columns, strict=True)
+            ]
+        yield done
 
 
 def _category_ids(classes: Sequence[str], pictures: Pictures) -> tuple[list[int], tuple[str, ...]]:
@@ -276,9 +275,8 @@ def _key(run: Path, pictures: Pictures, classes: Sequence[str]) -> str:
     return digest.hexdigest()
 
 
-@contextmanager
-def _kept(path: Path, key: str) -> Iterator[tuple[dict[int, Found], Callable[[dict[int, Found]], None]]]:
-    """Yield an interrupted call's results by image, and a function that adds to them and to their file.
+def _resumed(path: Path, key: str) -> dict[int, Found]:
+    """An interrupted call's results by image, which are all that its file then has.
 
     A file with another key is ignored, and so is a truncated last line.
     """
@@ -287,16 +285,9 @@ def _kept(path: Path, key: str) -> Iterator[tuple[dict[int, Found], Callable[[di
         for line in before if orjson.loads(before.readline()) == key else ():
             image, found = orjson.loads(line)
             done[image] = found
+    replace_file(path, orjson.dumps(key) + b"\n" + _lines(done))
+    return done
 
-    def lines(some: Mapping[int, Found]) -> bytes:
-        return b"".join(orjson.dumps(item) + b"\n" for item in some.items())
 
-    replace_file(path, orjson.dumps(key) + b"\n" + lines(done))
-    with open_in_place(path) as file:
-
-        def keep(some: dict[int, Found]) -> None:
-            file.write(lines(some))
-            file.flush()
-            done.update(some)
-
-        yield done, keep
+def _lines(found: Mapping[int, Found]) -> bytes:
+    return b"".join(orjson.dumps(item) + b"\n" for item in found.items())

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache, partial
-from itertools import compress
+from itertools import chain, compress, groupby
 
 import numpy as np
 from jaxtyping import Float, Int, Shaped
@@ -61,24 +61,20 @@ def fields(labels: Labels, predictions: Predictions) -> list[BinnedField]:
     numbers = numbers_of(labels.annotations, labels.images, labels.image)
     if (unknown := np.isnan(numbers["contrast"])).any():
         numbers["contrast"] = np.where(unknown, measured_contrast(labels), numbers["contrast"])
+    classes = np.where(labels.crowd, -1, labels.label)
     found = [
-        BinnedField(
-            "class", "class", predictions.class_names, np.where(labels.crowd, -1, labels.label), predictions.label
-        ),
-        BinnedField(SIZE.name, SIZE.title, SIZE.bins, *(bins_of(_side_length(x), SIZE) for x in (labels, predictions))),
+        _field("class", "class", predictions.class_names, classes, predictions.label),
+        _field(SIZE.name, SIZE.title, SIZE.bins, *(bins_of(_side_length(x), SIZE) for x in (labels, predictions))),
+        *(_field(one.name, one.title, one.bins, bins_of(numbers[one.name], one), None) for one in SCALES),
+        _field("azimuth_seen", "side seen", SIDES, sides_of(numbers["azimuth"]), None),
+        _named("vehicle", "vehicle", [name_of(box.get("vehicle")) for box in labels.annotations], None),
     ]
-    found += [BinnedField(one.name, one.title, one.bins, bins_of(numbers[one.name], one), None) for one in SCALES]
-    found.append(BinnedField("azimuth_seen", "side seen", SIDES, sides_of(numbers["azimuth"]), None))
-    found.append(_named("vehicle", "vehicle", [name_of(box.get("vehicle")) for box in labels.annotations], None))
-    for key, title, of in (
-        ("weather", "weather", weather_of),
-        ("scenery", "scenery", name_of),
-        ("hdri", "HDRI", name_of),
-    ):
+    for key, title in (("weather", "weather"), ("scenery", "scenery"), ("hdri", "HDRI")):
+        of = weather_of if key == "weather" else name_of
         values = [of(image.get(key)) if key in image else None for image in labels.images]
         names = [values[i] for i in labels.image.tolist()]
         found.append(_named(key, title, names, [values[i] for i in predictions.image.tolist()]))
-    return [_without_empty(field) for field in found if (np.where(labels.crowd, -1, field.of_label) >= 0).any()]
+    return [field for field in found if (field.of_label[~labels.crowd] >= 0).any()]
 
 
 @lru_cache(maxsize=2)  # the detectors of a study are evaluated on the same pictures, one after the other
@@ -89,19 +85,15 @@ def measured_contrast(labels: Labels) -> Float[np.ndarray, " g"]:
     """
     found = np.full(len(labels.label), np.nan)
     masked = np.array([bool(record.get("segmentation")) for record in labels.annotations], dtype=bool) & ~labels.crowd
-    boxes: dict[int, list[int]] = {}
-    for k in np.flatnonzero(masked).tolist():
-        boxes.setdefault(int(labels.image[k]), []).append(k)
+    rows = np.flatnonzero(masked)
+    by_image = [list(group) for _, group in groupby(rows.tolist(), key=labels.image.__getitem__)]
     with ThreadPoolExecutor(READERS) as pool:
-        for rows, contrasts in zip(
-            boxes.values(), pool.map(lambda one: _of_image(labels, *one), boxes.items()), strict=True
-        ):
-            found[rows] = contrasts
+        found[rows] = list(chain.from_iterable(pool.map(partial(_of_image, labels), by_image)))
     return found
 
 
-def _of_image(labels: Labels, image: int, boxes: list[int]) -> list[float]:
-    record = labels.images[image]
+def _of_image(labels: Labels, boxes: list[int]) -> list[float]:
+    record = labels.images[labels.image[boxes[0]]]
     size = (record["width"], record["height"])
     try:
         picture = read_pixels(labels.folder / record["file_name"], size)
@@ -131,21 +123,22 @@ def _named(
     def numbers(values: Sequence[str | None]) -> Int[np.ndarray, " n"]:
         return np.array([-1 if one is None else index.get(one, len(names) - 1) for one in values], dtype=np.int64)
 
-    return BinnedField(
-        name, title, tuple(names), numbers(of_label), None if of_detection is None else numbers(of_detection)
-    )
+    return _field(name, title, names, numbers(of_label), None if of_detection is None else numbers(of_detection))
 
 
-def _without_empty(field: BinnedField) -> BinnedField:
-    used = [field.of_label] if field.of_detection is None else [field.of_label, field.of_detection]
-    there = np.bincount(np.concatenate([one[one >= 0] for one in used]), minlength=len(field.bins)) > 0
+def _field(
+    name: str,
+    title: str,
+    bins: Sequence[str],
+    of_label: Int[np.ndarray, " g"],
+    of_detection: Int[np.ndarray, " d"] | None,
+) -> BinnedField:
+    """A field without empty bins."""
+    used = of_label if of_detection is None else np.concatenate([of_label, of_detection])
+    there = np.bincount(used[used >= 0], minlength=len(bins)) > 0
     new = np.append(np.cumsum(there) - 1, -1)
-    return replace(
-        field,
-        bins=tuple(compress(field.bins, there)),
-        of_label=new[field.of_label],
-        of_detection=None if field.of_detection is None else new[field.of_detection],
-    )
+    kept = tuple(compress(bins, there))
+    return BinnedField(name, title, kept, new[of_label], None if of_detection is None else new[of_detection])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -212,15 +205,15 @@ def _share(
     return value, ends.T
 
 
-def worst(found: Sequence[BinFigures], *, enough: int = ENOUGH) -> list[str]:
+def worst(found: Sequence[BinFigures]) -> list[str]:
     """Sentences about the bins of the lowest recall, by the upper end of their interval, one per field.
 
-    Bins with fewer labels than `enough`, or with a recall at or above the overall one, are left out.
+    Bins with fewer labels than `ENOUGH`, or with a recall at or above the overall one, are left out.
     """
     rows = []
     for one in found:
         total = float(ratio(one.found.sum(), one.labels.sum()))
-        told = (one.labels >= enough) & (one.recall < total) & ~np.isnan(one.recall_interval[:, 0])
+        told = (one.labels >= ENOUGH) & (one.recall < total) & ~np.isnan(one.recall_interval[:, 0])
         for b in np.flatnonzero(told):
             low, high = one.recall_interval[b]
             words = (

@@ -120,7 +120,7 @@ def labels_of(coco: Mapping[str, Any], *, path: Path, folder: Path) -> Labels:
         areas = [record.get("area") for record in annotations]
         area = np.array([np.nan if a is None else a for a in areas], dtype=np.float64).reshape(-1)
     except (TypeError, ValueError):
-        wrong = next(record for record in annotations if not isinstance(record.get("area", 0.0), int | float))
+        wrong = next(record for record in annotations if not isinstance(record.get("area"), int | float | None))
         raise DatasetError(
             f"annotation {wrong['id']}: area {wrong['area']!r} is no number", path=path, remedy="correct or remove it"
         ) from None

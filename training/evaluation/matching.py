@@ -24,7 +24,7 @@ from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.predictions import Predictions
 
 MAX_DETECTIONS = 100  # of a class in an image, COCO's limit
-PAIRS_AT_ONCE = 1 << 21
+DETECTIONS_AT_ONCE = 1 << 12
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -153,16 +153,15 @@ def overlapping(labels: Labels, predictions: Predictions, *, at_least: float = 0
         corners = [visible_corners(label, labels.images[image]) for label, image in records]
         found, true, iou_of = predictions.corners, np.reshape(corners, (-1, 4, 2)), oriented_overlaps
     first = np.searchsorted(labels.image, np.arange(len(labels.images) + 1))
-    counts = np.diff(first)[predictions.image]
-    counts[~_leading(predictions)] = 0
+    counts = np.where(predictions.place < MAX_DETECTIONS, np.diff(first)[predictions.image], 0)
     parts = []
-    for start, stop in _chunks(np.cumsum(counts)):
-        detection, within = numbered(counts[start:stop])
+    for start in range(0, max(len(counts), 1), DETECTIONS_AT_ONCE):
+        detection, within = numbered(counts[start : start + DETECTIONS_AT_ONCE])
         detection += start
         box = first[predictions.image[detection]] + within
         iou = iou_of(found[detection], true[box], labels.crowd[box])
         parts.append(Overlaps(detection, box, iou).where(iou >= at_least))
-    return Overlaps(*(np.concatenate([getattr(part, key) for part in parts]) for key in ("detection", "box", "iou")))
+    return Overlaps(*(np.concatenate([getattr(part, key) for part in parts]) for key in Overlaps.__slots__))
 
 
 def match(labels: Labels, predictions: Predictions, pairs: Overlaps, *, iou: float = 0.5) -> Matching:
@@ -179,80 +178,44 @@ def match(labels: Labels, predictions: Predictions, pairs: Overlaps, *, iou: flo
     """
     same = labels.label[pairs.box] == predictions.label[pairs.detection]
     keep = same & (pairs.iou >= min(iou, 1.0 - 1e-10))
-    chosen = greedy(pairs.where(keep), -predictions.score, _groups(predictions), labels.crowd)
+    chosen = greedy(pairs.where(keep), predictions.place, labels.crowd)
     box = np.full(len(predictions.score), -1, dtype=np.int64)
     overlap = np.full(len(predictions.score), np.nan)
     box[chosen.detection], overlap[chosen.detection] = chosen.box, chosen.iou
-    in_crowd = np.zeros(len(box), dtype=bool)
-    in_crowd[chosen.detection] = labels.crowd[chosen.box]
+    ignored = predictions.place >= MAX_DETECTIONS
+    ignored[chosen.detection] |= labels.crowd[chosen.box]
     detection = np.full(len(labels.label), -1, dtype=np.int64)
     real = chosen.where(~labels.crowd[chosen.box])
     detection[real.box] = real.detection
-    return Matching(labels, predictions, pairs, iou, box, overlap, in_crowd | ~_leading(predictions), detection)
+    return Matching(labels, predictions, pairs, iou, box, overlap, ignored, detection)
 
 
-def greedy(
-    pairs: Overlaps, order: Float[np.ndarray, " d"], group: Int[np.ndarray, " d"], crowd: Bool[np.ndarray, " g"]
-) -> Overlaps:
-    """Match greedily in order.
+def greedy(pairs: Overlaps, turn: Int[np.ndarray, " d"], crowd: Bool[np.ndarray, " g"]) -> Overlaps:
+    """Choose for each detection, turn by turn, the free label with the highest overlap.
 
     Parameters
     ----------
     pairs
-        Possible matches; no label is in pairs of two groups.
-    order
-        (d,) rank, lowest first; on ties the earlier detection.
-    group
-        (d,) group of each detection; only detections of a group compete.
+        Possible matches.
+    turn
+        (d,) turn of each detection, from 0; those with a common label have different ones.
     crowd
         (g,) crowds, which match any number of detections without another match.
 
     Returns
     -------
-    Indices of the chosen pairs, at most one per detection.
+    The chosen pairs, at most one per detection.
     """
-    if not len(pairs.box):
-        return pairs
-    among, where = np.unique(pairs.detection, return_inverse=True)
-    line = np.lexsort((among, order[among], group[among]))
-    turn = np.empty(len(line), dtype=np.int64)
-    turn[line] = _place(group[among[line]])
-    turns = turn[where]
+    turns = turn[pairs.detection]
     # Of equal overlaps the last label wins, as in COCO's loop.
     best_first = np.lexsort((-pairs.box, -pairs.iou, crowd[pairs.box], pairs.detection, turns))
-    starts = np.searchsorted(turns[best_first], np.arange(turns.max() + 2))
+    starts = np.searchsorted(turns[best_first], np.arange(turns.max(initial=-1) + 2))
     taken = np.zeros(len(crowd), dtype=bool)
-    chosen = []
+    chosen = np.zeros(len(turns), dtype=bool)
     for start, stop in itertools.pairwise(starts):
         rows = best_first[start:stop]
         rows = rows[~taken[pairs.box[rows]]]
-        detection = pairs.detection[rows]
-        rows = rows[np.concatenate([[True], detection[1:] != detection[:-1]])] if len(rows) else rows
+        rows = rows[np.diff(pairs.detection[rows], prepend=-1) != 0]
         taken[pairs.box[rows]] = ~crowd[pairs.box[rows]]
-        chosen.append(rows)
-    return pairs.where(np.sort(np.concatenate(chosen)))
-
-
-def _leading(predictions: Predictions) -> Bool[np.ndarray, " d"]:
-    """Whether each detection is among the first hundred of its class and image, by score."""
-    group = _groups(predictions)
-    order = np.lexsort((-predictions.score, group))
-    first = np.empty(len(group), dtype=bool)
-    first[order] = _place(group[order]) < MAX_DETECTIONS
-    return first
-
-
-def _place(group: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
-    """Place of each element among those of its group, from 0; groups ascend."""
-    return np.arange(len(group)) - np.searchsorted(group, group)
-
-
-def _groups(predictions: Predictions) -> Int[np.ndarray, " d"]:
-    return predictions.image * len(predictions.class_names) + predictions.label
-
-
-def _chunks(ends: Int[np.ndarray, " d"]) -> list[tuple[int, int]]:
-    """Runs of detections with about `PAIRS_AT_ONCE` pairs each; `ends` are cumulative counts."""
-    total = int(ends[-1]) if len(ends) else 0
-    cuts = np.searchsorted(ends, np.arange(PAIRS_AT_ONCE, total, PAIRS_AT_ONCE), side="left") + 1
-    return list(itertools.pairwise([0, *cuts.tolist(), len(ends)]))
+        chosen[rows] = True
+    return pairs.where(chosen)

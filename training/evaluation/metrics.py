@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.training.evaluation.matching import Matching, greedy
+from hulldown.training.evaluation.predictions import places
 
 COUNTS = ("tp", "fp", "fn")
 SUMS = (*COUNTS, "iou", "confidence_tp", "confidence_fp")  # quantities that add up over images
@@ -115,7 +116,10 @@ def confusion(matching: Matching) -> Int[np.ndarray, "k k"]:
     counted, missed = ~matching.ignored, matching.missed
     enough = pairs.iou >= min(matching.iou_threshold, 1.0 - 1e-10)
     left = pairs.where(enough & matching.false[pairs.detection] & missed[pairs.box])
-    mixed = greedy(left, -predictions.score, predictions.image, labels.crowd)
+    by_score = np.lexsort((-predictions.score, predictions.image))
+    turn = np.empty(len(by_score), dtype=np.int64)
+    turn[by_score] = places(predictions.image[by_score])
+    mixed = greedy(left, turn, labels.crowd)
     meant = np.where(matching.true, predictions.label, background)
     meant[mixed.detection], missed[mixed.box] = labels.label[mixed.box], False
     rows = np.concatenate([meant[counted], labels.label[missed]])

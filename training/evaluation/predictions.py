@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -62,10 +62,15 @@ class Predictions:
     score: Float[np.ndarray, " d"]
     corners: Float[np.ndarray, "d 4 2"] | None = None
 
-    def take(self, rows: np.ndarray) -> Predictions:
-        """Select detections; `rows` are indices or a mask."""
-        arrays = {key: getattr(self, key)[rows] for key in ("image", "label", "xywh", "score")}
-        return replace(self, **arrays, corners=None if self.corners is None else self.corners[rows])
+    @property
+    def place(self) -> Int[np.ndarray, " d"]:
+        """Place of each detection among those of its image and class, from 0."""
+        return places(self.image * len(self.class_names) + self.label)
+
+
+def places(group: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
+    """Place of each element among those of its group, from 0; groups ascend."""
+    return np.arange(len(group)) - np.searchsorted(group, group)
 
 
 def read_predictions(path: Path | str, labels: Labels, *, name: str | None = None) -> Predictions:
@@ -140,7 +145,8 @@ def predictions_of(
     called = (*labels.class_names, *((names or {}).get(category, f"category {category}") for category in others))
     boxes = xywh if corners is None else np.concatenate([xywh, corners.reshape(-1, 8)], axis=1)
     order = np.lexsort((*boxes.T[::-1], -score, label, image))
-    return Predictions(name, called, image, label, xywh, score, corners).take(order)
+    ordered = (column if column is None else column[order] for column in (image, label, xywh, score, corners))
+    return Predictions(name, called, *ordered)
 
 
 def _unusable(problem: str, path: Path, labels: Labels) -> DatasetError:
