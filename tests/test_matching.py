@@ -1,4 +1,4 @@
-"""COCO's matching compared with pycocotools' own matches."""
+"""Matches and average precision compared with pycocotools', on random sets with crowds, ties, and areas."""
 
 import contextlib
 import io
@@ -9,6 +9,7 @@ from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
 from hulldown.tests.detections import dataset, loaded, random_case, results
+from hulldown.training.evaluation.average_precision import average_precision
 from hulldown.training.evaluation.matching import Overlaps, match, overlapping
 
 IOUS = (0.1, 0.5, 0.75, 0.95)
@@ -95,3 +96,45 @@ def test_pairs_do_not_depend_on_the_block_size(monkeypatch):
     assert len(whole.box) > 50
     for key in Overlaps.__slots__:
         assert np.array_equal(getattr(whole, key), getattr(pieces, key))
+
+
+def case(seed):
+    rng = np.random.default_rng([seed, 1])
+    coco, found = random_case(
+        seed, images=int(rng.integers(1, 7)), classes=int(rng.integers(1, 5)), per_image=int(rng.choice([0, 3, 8])),
+        crowds=float(rng.choice([0.0, 0.2])), ties=bool(rng.random() < 0.5),
+    )  # fmt: skip
+    for box in coco["annotations"]:
+        if rng.random() < 0.4:  # areas of masks at the limits of COCO's ranges
+            box["area"] = float(rng.choice([10.0, 1023.0, 1024.0, 1025.0, 9216.0, 1e5]))
+    for box in (*coco["annotations"], *found) if rng.random() < 0.3 else ():
+        box["bbox"] = (np.array(box["bbox"]) * rng.uniform(0.5, 12.0, 4)).round(int(rng.integers(4))).tolist()
+    return loaded(coco, found * (8 if rng.random() < 0.03 else 1))  # more than a hundred in an image
+
+
+def compare(seeds):
+    compared = 0
+    for seed in seeds:
+        labels, predictions = case(seed)
+        if not len(predictions.score):
+            continue
+        summary, each = average_precision(labels, predictions)
+        theirs = pycocotools_evaluation(labels, predictions)
+        stats, precision = (
+            np.where(found < 0, np.nan, found) for found in (theirs.stats, theirs.eval["precision"][:, :, :, 0, -1])
+        )
+        at_each = precision.mean(axis=1)
+        assert np.allclose(list(summary.values()), stats, rtol=0, atol=1e-12, equal_nan=True), seed
+        expected = np.stack([at_each.mean(axis=0), at_each[0], at_each[5]], axis=1)
+        assert np.allclose(each, expected, rtol=0, atol=1e-12, equal_nan=True), seed
+        compared += 1
+    return compared
+
+
+def test_average_precision_equals_pycocotools_on_random_sets():
+    assert compare(range(200)) > 120
+
+
+@pytest.mark.thorough
+def test_average_precision_equals_pycocotools_on_ten_thousand_random_sets():
+    assert compare(range(200, 15_700)) >= 10_000

@@ -3,8 +3,13 @@ import pytest
 from scipy.stats import binomtest
 
 from hulldown.tests.detections import by_position, dataset, loaded, matched, random_case, results, total
-from hulldown.training.evaluation.average_precision import IOUS, RECALLS, resampled_averages, weighted_averages
-from hulldown.training.evaluation.average_precision import average_precision as official
+from hulldown.training.evaluation.average_precision import (
+    IOUS,
+    RECALLS,
+    average_precision,
+    resampled_averages,
+    weighted_averages,
+)
 from hulldown.training.evaluation.bootstrap import (
     combined_error,
     difference_interval,
@@ -21,19 +26,22 @@ from hulldown.training.evaluation.metrics import SHARES, confusion, curves, deno
 from hulldown.training.evaluation.tide import CAUSES, errors
 
 
-def test_means_are_over_matches_and_over_counted_labels():
-    boxes = [(1, 1, (0, 0, 10, 10)), (1, 1, (100, 0, 10, 10))]
+def test_figures_and_confusion_of_one_image_by_hand():
+    boxes = [(1, 1, (0, 0, 10, 10)), (1, 1, (100, 0, 10, 10)), (1, 2, (200, 0, 10, 10)), (1, 2, (300, 0, 10, 10))]
     found = [
         (1, 1, (0, 0, 10, 10), 0.9),
-        (1, 1, (100, 0, 10, 8), 0.8),
-        (1, 1, (200, 0, 9, 9), 0.7),
-        (1, 2, (0, 0, 9, 9), 0.1),
+        (1, 2, (100, 0, 10, 10), 0.9),
+        (1, 2, (100, 0, 10, 10), 0.8),
+        (1, 2, (200, 0, 10, 8), 0.7),
+        (1, 1, (400, 0, 10, 10), 0.9),
+        (1, 2, (300, 0, 10, 10), 0.2),
     ]
-    figure = figures(total(matched(dataset(boxes), results(found)).above(0.5)))
-    assert figure["mean_iou"] == pytest.approx(0.9)
-    assert figure["mean_confidence"] == pytest.approx(0.8)
-    assert figure["mean_confidence_tp"] == pytest.approx(0.85)
-    assert figure["mean_confidence_fp"] == pytest.approx(0.7)
+    seen = matched(dataset(boxes), results(found)).above(0.5)
+    assert {key: float(value) for key, value in figures(total(seen)).items()} == pytest.approx(
+        {"precision": 2 / 5, "recall": 2 / 4, "f1": 4 / 9, "mean_iou": 0.9}
+        | {"mean_confidence": 0.84, "mean_confidence_tp": 0.8, "mean_confidence_fp": 2.6 / 3}
+    )
+    assert confusion(seen).tolist() == [[1, 1, 0], [0, 1, 1], [1, 1, 0]]
 
 
 def test_curves_go_through_the_operating_points():
@@ -47,49 +55,22 @@ def test_curves_go_through_the_operating_points():
     assert curve["f1"][curve["threshold"] == best] == curve["f1"].max()
 
 
-def test_confusion_counts_every_label_and_every_detection_once():
-    boxes = [(1, 1, (0, 0, 10, 10)), (1, 1, (100, 0, 10, 10)), (1, 2, (200, 0, 10, 10)), (1, 2, (300, 0, 10, 10))]
-    found = [
-        (1, 1, (0, 0, 10, 10), 0.9),
-        (1, 2, (100, 0, 10, 10), 0.9),
-        (1, 2, (100, 0, 10, 10), 0.8),
-        (1, 1, (400, 0, 10, 10), 0.9),
-        (1, 2, (300, 0, 10, 10), 0.2),
-    ]
-    matrix = confusion(matched(dataset(boxes), results(found)).above(0.5))
-    assert matrix.tolist() == [[1, 1, 0], [0, 0, 2], [1, 1, 0]]
-
-
-def averages(labels, predictions, times):
-    """AP, AP50, and AP75 of each class, where each image counts so many times."""
+@pytest.mark.parametrize(("times", "ties"), [((1, 1, 1, 1, 1, 1), True), ((3, 0, 1, 1, 2, 0), False)])
+@pytest.mark.parametrize("seed", range(6))
+def test_average_precision_of_positions_drawn_several_times_equals_the_librarys_of_so_many_images(seed, times, ties):
+    coco, found = random_case(seed, images=6, crowds=0.5, ties=ties)
+    copies = list(enumerate((i + 1 for i in np.repeat(np.arange(6), times)), start=1))
+    many = dataset([], images=len(copies), classes=("a", "b", "c"))
+    boxes, repeated = (
+        [{**one, "image_id": k} for k, i in copies for one in records if one["image_id"] == i]
+        for records in (coco["annotations"], found)
+    )
+    labels, predictions = loaded(coco, found)
     pairs = overlapping(labels, predictions)
     matchings = [match(labels, predictions, pairs, iou=iou) for iou in IOUS]
-    weights = np.bincount(labels.position, weights=times)[None]
-    return resampled_averages(matchings, np.concatenate([np.ones_like(weights), weights]))[1]
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_average_precision_on_arrays_equals_the_librarys_for_each_class(seed):
-    labels, predictions = loaded(*random_case(seed, crowds=0.5))
-    own = averages(labels, predictions, np.ones(12))
-    _, theirs = official(labels, predictions)
-    assert np.allclose(own, theirs, rtol=0, atol=1e-12, equal_nan=True)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_a_position_drawn_three_times_counts_as_three_images(seed):
-    coco, found = random_case(seed, images=6, ties=False)
-    times = np.array([3, 0, 1, 1, 2, 0])
-    copies = [i + 1 for i in np.repeat(np.arange(6), times)]
-    many = dataset([], images=len(copies), classes=("a", "b", "c"))
-    many["annotations"] = [
-        {**box, "image_id": k} for k, i in enumerate(copies, 1) for box in coco["annotations"] if box["image_id"] == i
-    ]
-    repeated = [{**one, "image_id": k} for k, i in enumerate(copies, 1) for one in found if one["image_id"] == i]
-    labels, predictions = loaded(coco, found)
-    own = averages(labels, predictions, times)
-    _, theirs = official(*loaded(many, repeated))
-    assert np.allclose(own, theirs, rtol=0, atol=1e-12, equal_nan=True)
+    weights = np.stack([np.ones(6), np.bincount(labels.position, weights=times)])
+    _, theirs = average_precision(*loaded(many | {"annotations": boxes}, repeated))
+    assert np.allclose(resampled_averages(matchings, weights)[1], theirs, rtol=0, atol=1e-12, equal_nan=True)
 
 
 @pytest.mark.parametrize("labels", [1, 7, 100])
@@ -106,11 +87,11 @@ def test_recalls_rounded_across_an_edge_count_as_by_division(labels):
 
 
 def test_ap_is_0_without_detections_and_undefined_without_labels():
-    summary, each = official(*loaded(dataset([(1, 1, (0, 0, 9, 9))]), []))
+    summary, each = average_precision(*loaded(dataset([(1, 1, (0, 0, 9, 9))]), []))
     assert summary["ap"] == 0
     assert (each[0] == 0).all()
     assert np.isnan(each[1]).all()
-    assert np.isnan(official(*loaded(dataset([]), results([(1, 1, (0, 0, 9, 9), 0.5)])))[0]["ap"])
+    assert np.isnan(average_precision(*loaded(dataset([]), results([(1, 1, (0, 0, 9, 9), 0.5)])))[0]["ap"])
 
 
 def errors_of(boxes, found):
@@ -214,14 +195,6 @@ def test_for_independent_labels_the_interval_is_wilsons_with_students_quantile(p
     expected = binomtest(part, whole).proportion_ci(method="wilson")
     assert (low, high) == (pytest.approx(expected.low, abs=0.02), pytest.approx(expected.high, abs=0.03))
     assert 0.97 <= (high - low) / (expected.high - expected.low) <= 1 + 2 / whole**0.5
-
-
-def test_images_of_one_position_widen_the_interval():
-    """The same labels in positions of ten that are all found or all missed: three times as wide."""
-    each = counted(np.arange(1000) < 640)
-    tens = each.reshape(100, 10, 6).sum(axis=1)
-    narrow, wide = (np.ptp(recall_interval(sums)) for sums in (each, tens))
-    assert wide / narrow == pytest.approx(np.sqrt(10), rel=0.12)
 
 
 def test_the_delta_method_agrees_with_the_bootstrap():
