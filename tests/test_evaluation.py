@@ -163,7 +163,8 @@ def test_files_with_equal_names_are_named_by_their_folders(scene, tmp_path):
 
 def test_without_detections_labels_or_images_there_is_a_report(scene, tmp_path):
     found = evaluate_files(scene, [scene / "none.json"], tmp_path / "r")
-    assert [found["overall"][key] for key in ("recall", "f1", "ap", "precision")] == [0, 0, 0, None]
+    for one in (found["overall"], *found["per_class"].values()):
+        assert [one[key] for key in ("recall", "f1", "ap", "precision")] == [0, 0, 0, None]
     folder = stored(tmp_path / "alarm", dataset([]), found=results([(1, 1, (0, 0, 9, 9), 0.9)]))
     found = evaluate_files(folder, [folder / "found.json"], tmp_path / "r")
     assert (found["overall"]["fp"], found["overall"]["recall"], found["overall"]["ap"]) == (1, None, None)

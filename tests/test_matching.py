@@ -9,7 +9,8 @@ from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
 from hulldown.tests.detections import dataset, loaded, random_case, results
-from hulldown.training.evaluation.average_precision import average_precision
+from hulldown.training.evaluation.average_precision import AVERAGES
+from hulldown.training.evaluation.evaluate import Evaluation, Threshold
 from hulldown.training.evaluation.matching import Overlaps, match, overlapping
 
 IOUS = (0.1, 0.5, 0.75, 0.95)
@@ -118,15 +119,15 @@ def compare(seeds):
         labels, predictions = case(seed)
         if not len(predictions.score):
             continue
-        summary, each = average_precision(labels, predictions)
-        theirs = pycocotools_evaluation(labels, predictions)
-        stats, precision = (
-            np.where(found < 0, np.nan, found) for found in (theirs.stats, theirs.eval["precision"][:, :, :, 0, -1])
+        one, theirs = (
+            Evaluation(labels, predictions, threshold=Threshold(0.5, "given")),
+            pycocotools_evaluation(labels, predictions),
         )
-        at_each = precision.mean(axis=1)
-        assert np.allclose(list(summary.values()), stats, rtol=0, atol=1e-12, equal_nan=True), seed
-        expected = np.stack([at_each.mean(axis=0), at_each[0], at_each[5]], axis=1)
-        assert np.allclose(each, expected, rtol=0, atol=1e-12, equal_nan=True), seed
+        precision = theirs.eval["precision"][:, :, :, 0, -1].mean(axis=1)
+        each = np.stack([precision.mean(axis=0), precision[0], precision[5]], axis=1)
+        ours = [*one.summary.values(), *(one.values(c)[key] for c in range(len(each)) for key in AVERAGES)]
+        official = np.concatenate([theirs.stats, each.ravel()])
+        assert np.allclose(ours, np.where(official < 0, np.nan, official), rtol=0, atol=1e-12, equal_nan=True), seed
         compared += 1
     return compared
 

@@ -194,7 +194,7 @@ def test_average_precision_of_oriented_boxes_equals_hotcocos(seed):
     hotcoco = package("hotcoco")
     coco, found = oriented_case(seed)
     labels, predictions = loaded(coco, found)
-    summary = Evaluation(labels, predictions, threshold=Threshold(0.5, "given")).average[0]
+    summary = Evaluation(labels, predictions, threshold=Threshold(0.5, "given")).summary
     truth = hotcoco.COCO(
         {**coco, "annotations": [{"area": one["obb"][2] * one["obb"][3], **one} for one in coco["annotations"]]}
     )

@@ -203,7 +203,7 @@ def validation_figures(
         progress(len(done), len(labels.images))
     results = [one for found in done.values() for one in found]
     predictions = predictions_of(results, labels, path=labels.path, name="validation")
-    summary, _ = average_precision(labels, predictions)
+    summary = average_precision(labels, predictions)
     return {key: float(np.nan_to_num(summary[key])) for key in AVERAGES}
 
 

@@ -1,8 +1,8 @@
 """Average precision: of a test set by faster-coco-eval, and of resampled test sets by array operations.
 
 faster-coco-eval equals pycocotools on thousands of random sets with crowds, ties, areas, and empty classes, in a sixth
-of its time. No library resamples positions, which needs the match of every detection, from
-`training.evaluation.matching`.
+of its time. No library resamples positions, or knows oriented boxes; both need the match of every detection,
+from `training.evaluation.matching`.
 
 References
 ----------
@@ -32,43 +32,19 @@ SUMMARY = (
     *("ap", "ap50", "ap75", "ap_small", "ap_medium", "ap_large"),
     *("ar_1", "ar_10", "ar_100", "ar_small", "ar_medium", "ar_large"),
 )
-Averages = tuple[dict[str, float], Float[np.ndarray, "c 3"]]
 
 
-def average_precision(labels: Labels, predictions: Predictions) -> Averages:
-    """AP and AR as COCO defines them.
-
-    Returns
-    -------
-    The twelve figures of COCO's summary over all classes, by name, nan where COCO has -1; and `AVERAGES` of each
-    class, (c, 3), nan for a class without labels.
-    """
-    classes = len(predictions.class_names)
+def average_precision(labels: Labels, predictions: Predictions) -> dict[str, float]:
+    """AP and AR over all classes as COCO defines them: the twelve figures of its summary; nan where COCO has -1."""
     if not len(predictions.score):
-        # The library refuses an empty list of results. Without detections, AP is 0 for classes with labels.
-        known = np.bincount(labels.label[~labels.crowd], minlength=classes) > 0
-        each = np.where(known[:, None], [0.0] * len(AVERAGES), np.nan)
-        return dict.fromkeys(SUMMARY, 0.0 if known.any() else float("nan")), each
+        # The library refuses an empty list of results. Without detections, AP is 0 if there are labels.
+        return dict.fromkeys(SUMMARY, float("nan") if labels.crowd.all() else 0.0)
     evaluation = COCOeval_faster(*_loaded(labels, predictions), "bbox", print_function=lambda *text: None)
     evaluation.evaluate()
     evaluation.accumulate()
     evaluation.summarize()
-    # (IoU, recall, class, area, detections): all areas, the most detections.
-    precision = np.where(evaluation.eval["precision"] < 0, np.nan, evaluation.eval["precision"])[:, :, :, 0, -1]
-    summary = [float(figure) if figure >= 0 else float("nan") for figure in evaluation.stats[: len(SUMMARY)]]
-    return dict(zip(SUMMARY, summary, strict=True)), _averages(np.mean(precision, axis=1).T)
-
-
-def oriented_average(matchings: Sequence[Matching]) -> Averages:
-    """The same of oriented boxes, which the library doesn't support, from matches at `IOUS`; all but AP is nan."""
-    each = resampled_averages(matchings, np.ones((1, matchings[0].labels.positions)))
-    known = dict(zip(AVERAGES, class_mean(each)[0].tolist(), strict=True))
-    return dict.fromkeys(SUMMARY, float("nan")) | known, each[0]
-
-
-def _averages(each: Float[np.ndarray, "r ious"]) -> Float[np.ndarray, "r 3"]:
-    """`AVERAGES` from the AP at each of `IOUS`."""
-    return np.stack([each.mean(axis=1), each[:, AT_50], each[:, AT_75]], axis=1)
+    figures = (float(figure) if figure >= 0 else float("nan") for figure in evaluation.stats)
+    return dict(zip(SUMMARY, figures, strict=False))
 
 
 def _loaded(labels: Labels, predictions: Predictions) -> list[COCO]:
@@ -117,7 +93,7 @@ def resampled_averages(
         at_once = max(1, CELLS // max(1, len(rows)))
         parts = np.split(weights, range(at_once, len(weights), at_once))
         found = np.concatenate([weighted_averages(true, counts, some[:, where], some @ wanted_at) for some in parts])
-        each.append(_averages(found))
+        each.append(np.stack([found.mean(axis=1), found[:, AT_50], found[:, AT_75]], axis=1))
     return np.stack(each, axis=1) if each else np.zeros((len(weights), 0, len(AVERAGES)))
 
 

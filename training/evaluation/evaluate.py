@@ -11,10 +11,9 @@ from jaxtyping import Float
 from hulldown.training.evaluation.average_precision import (
     AVERAGES,
     IOUS,
-    Averages,
+    SUMMARY,
     average_precision,
     class_mean,
-    oriented_average,
     resampled_averages,
 )
 from hulldown.training.evaluation.bins import BinFigures, fields, figures_of
@@ -99,11 +98,16 @@ class Evaluation:
         return denominators(self.position_sums.sum(axis=1))["recall"]
 
     @cached_property
-    def average(self) -> Averages:
-        """AP and AR: COCO's summary, and `AVERAGES` of each class."""
-        if self.predictions.corners is not None:
-            return oriented_average(self._matchings)
-        return average_precision(self.labels, self.predictions)
+    def summary(self) -> dict[str, float]:
+        """COCO's summary of all classes; of oriented boxes, which the library doesn't support, it has AP alone."""
+        if self.predictions.corners is None:
+            return average_precision(self.labels, self.predictions)
+        known = class_mean(self._averages[None])[0].tolist()
+        return dict.fromkeys(SUMMARY, float("nan")) | dict(zip(AVERAGES, known, strict=True))
+
+    @cached_property
+    def _averages(self) -> Float[np.ndarray, "c 3"]:
+        return resampled_averages(self._matchings, np.ones((1, self.labels.positions)))[0]
 
     @cached_property
     def _matchings(self) -> list[Matching]:
@@ -128,8 +132,7 @@ class Evaluation:
     def values(self, label: int | None = None) -> dict[str, float]:
         """`metrics.COUNTS`, `metrics.FIGURES`, and `AVERAGES`, over all classes or of one; nan if undefined."""
         sums = self.position_sums[:, _among(label)].sum(axis=0).sum(axis=0)
-        summary, each = self.average
-        averages = [summary[key] for key in AVERAGES] if label is None else each[label]
+        averages = [self.summary[key] for key in AVERAGES] if label is None else self._averages[label]
         found = {**dict(zip(SUMS, sums, strict=True)), **figures(sums), **dict(zip(AVERAGES, averages, strict=True))}
         return {key: float(found[key]) for key in (*COUNTS, *FIGURES, *AVERAGES)}
 

@@ -199,7 +199,7 @@ def report(one: Evaluation) -> dict[str, Any]:
         "picture_px": _picture_px(one.labels),
         "overall": {
             **_record(one),
-            "average_precision": plain(one.average[0]),
+            "average_precision": plain(one.summary),
             "intervals": plain(one.intervals()),
         },
         "per_class": {name: {**_record(one, c), "intervals": plain(one.intervals(c))} for c, name in enumerate(names)},
