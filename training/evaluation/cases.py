@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from typing import NamedTuple
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -16,25 +16,18 @@ from hulldown.dataset.oriented import visible_corners
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.reports.page import Facet, Tile
 from hulldown.geometry.errors import DatasetError
+from hulldown.geometry.files import replacing
 from hulldown.training.evaluation.evaluate import Evaluation
 from hulldown.training.evaluation.tide import CAUSES
 
 OUTCOMES = ("missed", "false alarm", "found")
+SHEETS = {"missed": "misses.png", "false alarm": "false_alarms.png"}
 MOST = 60  # of each outcome
 SHEET = 24  # of these on a sheet
 TILE = (320, 240)
 AROUND = 2.4  # widths of a box that its picture shows
 LEAST = 96  # least pixels of a crop, for context
 LABEL_COLOR, FOUND_COLOR = (0, 200, 120), (255, 120, 0)
-
-
-class Case(NamedTuple):
-    """A label or a false positive to show: its image and box, lines about it, and its value in each facet."""
-
-    image: int
-    xywh: Float[np.ndarray, "4"]
-    caption: list[str]
-    values: dict[str, list[str]]
 
 
 def facets(one: Evaluation) -> list[Facet]:
@@ -55,31 +48,37 @@ def thumbnails(one: Evaluation) -> tuple[list[Tile], str]:
     overlap = np.zeros(len(one.labels.label))
     overlap[one.seen.found] = one.matching.iou[one.matching.detection[one.seen.found]]
     cases = [
-        *(_case(one, "missed", k) for k in _first(one.seen.missed, -size)),
-        *(_case(one, "false alarm", k) for k in _first(one.seen.false, -one.predictions.score)),
-        *(_case(one, "found", k) for k in _first(one.seen.found, overlap)),
+        *(("missed", k, one.labels) for k in _first(one.seen.missed, -size)),
+        *(("false alarm", k, one.predictions) for k in _first(one.seen.false, -one.predictions.score)),
+        *(("found", k, one.labels) for k in _first(one.seen.found, overlap)),
     ]
     crops: list[Image.Image] = [Image.new("RGB", TILE, BACKGROUND)] * len(cases)
     unread = ""
-    for image in sorted({case.image for case in cases}):
+    for image in sorted({int(boxes.image[k]) for _, k, boxes in cases}):
         name = one.labels.images[image]["file_name"]
         try:
             whole = Image.fromarray(read_pixels(one.labels.folder / name))
         except DatasetError as error:
             unread = unread or f"{name} {error.problem}"
             continue
-        for k, case in enumerate(cases):
-            if case.image == image:
-                crops[k] = _cut(one, case, whole)
-    return [Tile(_jpeg(crop), case.caption, case.values) for case, crop in zip(cases, crops, strict=True)], unread
+        for row, (_, k, boxes) in enumerate(cases):
+            if boxes.image[k] == image:
+                crops[row] = _cut(one, image, boxes.xywh[k], whole)
+    tiles = [Tile(_jpeg(crop), *_about(one, outcome, k)) for crop, (outcome, k, _) in zip(crops, cases, strict=True)]
+    return tiles, unread
 
 
-def sheet(tiles: Sequence[Tile], outcome: str) -> Image.Image | None:
-    """A contact sheet of the first thumbnails of an outcome; None if there are none."""
-    chosen = [tile for tile in tiles if tile.values["outcome"] == [outcome]][:SHEET]
-    pictures = [Image.open(io.BytesIO(tile.picture)) for tile in chosen]
-    captions = [", ".join(tile.caption[:2]) for tile in chosen]
-    return contact_sheet(pictures, columns=6, tile_width=TILE[0], captions=captions) if chosen else None
+def write_sheets(folder: Path, tiles: Sequence[Tile]) -> None:
+    """Write contact sheets of misses and of false positives, without which a sheet of an earlier report is removed."""
+    for outcome, name in SHEETS.items():
+        chosen = [tile for tile in tiles if tile.values["outcome"] == [outcome]][:SHEET]
+        if not chosen:
+            (folder / name).unlink(missing_ok=True)
+            continue
+        pictures = [Image.open(io.BytesIO(tile.picture)) for tile in chosen]
+        captions = [", ".join(tile.caption[:2]) for tile in chosen]
+        with replacing(folder / name) as file:
+            contact_sheet(pictures, columns=6, tile_width=TILE[0], captions=captions).save(file, "PNG")
 
 
 def _first(among: np.ndarray, order: np.ndarray) -> list[int]:
@@ -87,11 +86,11 @@ def _first(among: np.ndarray, order: np.ndarray) -> list[int]:
     return rows[np.argsort(order[rows], kind="stable")][:MOST].tolist()
 
 
-def _case(one: Evaluation, outcome: str, k: int) -> Case:
-    """The k-th detection, if it's a false alarm, else the k-th label."""
+def _about(one: Evaluation, outcome: str, k: int) -> tuple[list[str], dict[str, list[str]]]:
+    """Caption and values in each facet of the k-th detection, if it's a false alarm, else of the k-th label."""
     false = outcome == "false alarm"
     boxes = one.predictions if false else one.labels
-    image, xywh, name = int(boxes.image[k]), boxes.xywh[k], one.predictions.class_names[boxes.label[k]]
+    name = one.predictions.class_names[boxes.label[k]]
     values = {"outcome": [outcome]}
     if false:
         caption = [f"{name} {one.predictions.score[k]:.2f}, false"]
@@ -103,31 +102,29 @@ def _case(one: Evaluation, outcome: str, k: int) -> Case:
         if outcome == "found":
             d = int(one.matching.detection[k])
             caption.append(f"confidence {one.predictions.score[d]:.2f}, IoU {one.matching.iou[d]:.2f}")
-        caption.append(f"{xywh[2]:.0f} x {xywh[3]:.0f} px")
+        caption.append(f"{boxes.xywh[k, 2]:.0f} x {boxes.xywh[k, 3]:.0f} px")
     for field in (found.field for found in one.bins):
         bins = field.of_detection if false else field.of_label
         if bins is not None and bins[k] >= 0:
             values[field.name] = [field.bins[bins[k]]]
-    return Case(image, xywh, [*caption, str(one.labels.images[image]["file_name"])], values)
+    return [*caption, str(one.labels.images[boxes.image[k]]["file_name"])], values
 
 
-def _cut(one: Evaluation, case: Case, whole: Image.Image) -> Image.Image:
-    """A case's surroundings at a tile's size, with the boxes of all labels and counted detections."""
-    center = case.xywh[:2] + case.xywh[2:] / 2.0
+def _cut(one: Evaluation, image: int, around: Float[np.ndarray, "4"], whole: Image.Image) -> Image.Image:
+    """A box's surroundings at a tile's size, with the boxes of all labels and counted detections."""
+    center = around[:2] + around[2:] / 2.0
     ratio = TILE[0] / TILE[1]
-    width = max(AROUND * case.xywh[2], AROUND * case.xywh[3] * ratio, LEAST)
+    width = max(AROUND * around[2], AROUND * around[3] * ratio, LEAST)
     size = np.minimum([width, width / ratio], whole.size)
     low = np.clip(center - size / 2.0, 0.0, np.maximum(whole.size - size, 0.0))
     scale = min(TILE[0] / size[0], TILE[1] / size[1])
     inner = tuple(max(1, round(n * scale)) for n in size.tolist())
     cut = whole.resize((inner[0], inner[1]), Image.Resampling.BICUBIC, box=(*low, *np.minimum(low + size, whole.size)))
     pen = ImageDraw.Draw(cut)
-    shown = (one.labels.image == case.image) & ~one.labels.crowd
-    counted = (one.seen.true | one.seen.false) & (one.predictions.image == case.image)
+    shown = (one.labels.image == image) & ~one.labels.crowd
+    counted = ~one.seen.ignored & (one.predictions.image == image)
     if one.predictions.corners is not None:
-        true = [
-            visible_corners(one.labels.annotations[k], one.labels.images[case.image]) for k in np.flatnonzero(shown)
-        ]
+        true = [visible_corners(one.labels.annotations[k], one.labels.images[image]) for k in np.flatnonzero(shown)]
         for rings, color in ((true, LABEL_COLOR), (one.predictions.corners[counted], FOUND_COLOR)):
             for ring in rings:
                 pen.polygon([(x, y) for x, y in ((ring - low) * scale).tolist()], outline=color, width=2)
@@ -136,7 +133,7 @@ def _cut(one: Evaluation, case: Case, whole: Image.Image) -> Image.Image:
         for boxes, color in ((one.labels.xywh[shown], LABEL_COLOR), (found, FOUND_COLOR)):
             for xywh in boxes:
                 start, stop = (xywh[:2] - low) * scale, (xywh[:2] + xywh[2:] - low) * scale
-                line = 3 if np.array_equal(xywh, case.xywh) else 2
+                line = 3 if np.array_equal(xywh, around) else 2
                 corners = (*(start - line), *np.maximum(stop + line - 1, start - line))
                 pen.rectangle(tuple(float(n) for n in corners), outline=color, width=line)
     tile = Image.new("RGB", TILE, BACKGROUND)

@@ -15,14 +15,13 @@ from typing import Any
 import numpy as np
 import orjson
 
-from hulldown.dataset.reports.page import Tile
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import DatasetError, HulldownError
-from hulldown.geometry.files import make_room, replace_file, replacing
+from hulldown.geometry.files import make_room, replace_file
 from hulldown.geometry.terminal import shown
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.bins import BinFigures, worst
-from hulldown.training.evaluation.cases import sheet, thumbnails
+from hulldown.training.evaluation.cases import thumbnails, write_sheets
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare
 from hulldown.training.evaluation.evaluation_page import comparison_page, evaluation_page
 from hulldown.training.evaluation.labels import Labels, read_labels
@@ -33,7 +32,6 @@ from hulldown.training.evaluation.tide import CAUSES
 DIGITS = 6
 COLUMNS = ("predictions", "scope", *COUNTS, *FIGURES, *AVERAGES, "threshold", "threshold_source", "iou")
 CURVE_POINTS = 200
-SHEETS = {"missed": "misses.png", "false alarm": "false_alarms.png"}
 
 
 def evaluate_files(
@@ -122,7 +120,7 @@ def evaluate_files(
             folder = output / name if len(evaluations) > 1 else output
             tiles, unread = thumbnails(one)
             _write(folder, {name: found}, found, evaluation_page(one, found, tiles, unread))
-            _write_sheets(folder, tiles)
+            write_sheets(folder, tiles)
             advance(len(paths) + k + 1, 2 * len(paths))
     if len(evaluations) == 1:
         return next(iter(reports.values()))
@@ -157,16 +155,6 @@ def _write(folder: Path, reports: Mapping[str, Mapping[str, Any]], written: Mapp
     replace_file(folder / "metrics.csv", metrics_csv(reports).encode())
     replace_file(folder / "report.json", orjson.dumps(written, option=orjson.OPT_INDENT_2) + b"\n")
     replace_file(folder / "report.html", page.encode())
-
-
-def _write_sheets(folder: Path, tiles: Sequence[Tile]) -> None:
-    for outcome, name in SHEETS.items():
-        picture = sheet(tiles, outcome)
-        if picture is None:
-            (folder / name).unlink(missing_ok=True)  # of an earlier report
-        else:
-            with replacing(folder / name) as file:
-                picture.save(file, "PNG")
 
 
 def metrics_csv(reports: Mapping[str, Mapping[str, Any]]) -> str:
