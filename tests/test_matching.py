@@ -11,7 +11,7 @@ from pycocotools.cocoeval import COCOeval
 from hulldown.tests.detections import dataset, loaded, random_case, results
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold
-from hulldown.training.evaluation.matching import Overlaps, match, overlapping
+from hulldown.training.evaluation.matching import DETECTIONS_AT_ONCE, match, overlapping
 
 IOUS = (0.1, 0.5, 0.75, 0.95)
 
@@ -89,14 +89,10 @@ def test_hard_cases_are_matched_like_pycocotools(case):
     assert_official(dataset(boxes), results(found))
 
 
-def test_pairs_do_not_depend_on_the_block_size(monkeypatch):
-    labels, predictions = loaded(*random_case(3))
-    whole = overlapping(labels, predictions)
-    monkeypatch.setattr("hulldown.training.evaluation.matching.DETECTIONS_AT_ONCE", 7)
-    pieces = overlapping(labels, predictions)
-    assert len(whole.box) > 50
-    for key in Overlaps.__slots__:
-        assert np.array_equal(getattr(whole, key), getattr(pieces, key))
+def test_many_images_are_matched_like_pycocotools():
+    coco, found = random_case(3, images=1000)
+    assert len(found) > DETECTIONS_AT_ONCE
+    assert_official(coco, found)
 
 
 def case(seed):

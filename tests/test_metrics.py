@@ -237,12 +237,11 @@ def test_each_resample_chooses_its_own_threshold(seed):
         assert np.nan_to_num(got) == pytest.approx(best, abs=1e-12)
 
 
-def test_resamples_have_the_size_of_the_sample(monkeypatch):
-    monkeypatch.setattr("hulldown.training.evaluation.bootstrap.DRAWN_AT_ONCE", 100)
-    drawn = list(resamples(7, times=50))
-    assert len(drawn) > 1
-    assert (np.concatenate(drawn).sum(axis=1) == 7).all()
-    assert np.concatenate(drawn).shape == (50, 7)
+@pytest.mark.parametrize("groups", [7, 70_000])
+def test_resamples_have_the_size_of_the_sample(groups):
+    drawn = list(resamples(groups, times=70))
+    assert len(drawn) == 1 + (groups == 70_000)
+    assert [row.sum() for rows in drawn for row in rows] == [groups] * 70
 
 
 def test_without_data_or_five_positions_there_is_no_interval():

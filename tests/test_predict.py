@@ -70,11 +70,7 @@ def test_an_interrupted_prediction_continues_to_the_same_results(run, data, tmp_
     picture.write_bytes(kept)
     assert predict(run, data, output, batch=1).already == 3
     assert output.read_bytes() == (tmp_path / "whole.json").read_bytes()
-
-
-def test_with_other_weights_prediction_starts_over(run, data, tmp_path):
-    output = tmp_path / "found.json"
-    (tmp_path / f"found.json{UNFINISHED_SUFFIX}").write_text('"another"\n[1,[]]\n')
+    unfinished.write_text('"other weights"\n[1,[]]\n')
     assert predict(run, data, output).already == 0
 
 

@@ -142,17 +142,12 @@ def _video_size(path: Path) -> tuple[int, int, int]:
     import cv2
 
     video = cv2.VideoCapture(str(path))
-    try:
-        counts = [video.get(key) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)]
-        frames = 0
-        while video.grab():  # a file's own count is often an estimate
-            frames += 1
-    finally:
-        video.release()
+    width, height = (int(video.get(key)) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+    frames = sum(1 for _ in iter(video.grab, False))  # a file's own count is often an estimate
     if not frames:
         problem = "cannot be read as a video" if path.exists() else "no such file"
         raise DatasetError(problem, path=path, remedy="convert it to MP4 (H.264)")
-    return int(counts[0]), int(counts[1]), frames
+    return width, height, frames
 
 
 def _frames(path: Path, indices: Sequence[int]) -> Iterator[Picture]:
@@ -160,11 +155,8 @@ def _frames(path: Path, indices: Sequence[int]) -> Iterator[Picture]:
 
     wanted = set(indices)
     video = cv2.VideoCapture(str(path))
-    try:
-        for k in range(max(wanted, default=-1) + 1):
-            if not video.grab():
-                raise DatasetError(f"frame {k} cannot be decoded", path=path, remedy="convert it to MP4 (H.264)")
-            if k in wanted:
-                yield cv2.cvtColor(video.retrieve()[1], cv2.COLOR_BGR2RGB)
-    finally:
-        video.release()
+    for k in range(max(wanted, default=-1) + 1):
+        if not video.grab():
+            raise DatasetError(f"frame {k} cannot be decoded", path=path, remedy="convert it to MP4 (H.264)")
+        if k in wanted:
+            yield cv2.cvtColor(video.retrieve()[1], cv2.COLOR_BGR2RGB)

@@ -117,18 +117,17 @@ def predictions_of(
     DatasetError
         Naming the first detection that cannot be used.
     """
-    index = {image["id"]: i for i, image in enumerate(labels.images)}
     try:
         rows = msgspec.convert(found, list[_Detection])
     except msgspec.ValidationError as error:
         problem, _, place = str(error).rpartition(" - at `$[")
         number, _, key = place.rstrip("`").partition("]")
         raise _unusable(f"{number}: {key.lstrip('.') or 'it'} is wrong: {problem}", path, labels) from None
+    index = {image["id"]: i for i, image in enumerate(labels.images)}
+    oriented = any(row.obb is not None for row in rows)
     for i, row in enumerate(rows):
         if row.image_id not in index:
             raise _unusable(f"{i}: image {row.image_id} is not in the dataset", path, labels)
-    oriented = any(row.obb is not None for row in rows)
-    for i, row in enumerate(rows):
         if (row.obb if oriented else row.bbox) is None:
             raise _unusable(f"{i}: has no {'obb, which others have' if oriented else 'bbox'}", path, labels)
     known = labels.class_id.tolist()
