@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
-import orjson
 from jaxtyping import Float32, Int, UInt8, UInt16
+from msgspec import UNSET, Struct, UnsetType
 from PIL import Image
 
 from hulldown.assets.library import Assets
@@ -32,6 +33,35 @@ STUFF_SEGMENT = 1 << 16  # first segment number of stuff; segments of vehicles h
 MOST_INSTANCES = (1 << 16) - 1
 
 
+class Instance(Struct, frozen=True):
+    """A vehicle or a surface in an image, numbered from 1; class and label are a vehicle's."""
+
+    id: int
+    kind: str
+    name: str
+    category: str | UnsetType | None = UNSET
+    label: str | UnsetType = UNSET
+
+
+class Segment(Struct, frozen=True):
+    """A segment of an image in COCO's panoptic format."""
+
+    id: int
+    category_id: int
+    area: int
+    bbox: tuple[int, int, int, int]
+    iscrowd: int
+
+
+class Written(Struct, frozen=True):
+    """The file that lists an image's written passes, for the row with this hash."""
+
+    row_sha256: str
+    passes: list[str]
+    instances: list[Instance]
+    segments_info: list[Segment]
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Pixels:
     """The surfaces at the pixel centers of an image.
@@ -47,7 +77,7 @@ class Pixels:
     part
         (h, w) number in `part_table`; 0 for other surfaces than vehicles.
     table
-        A record for each instance.
+        The instances.
     """
 
     axis: Float32[np.ndarray, "h w"]
@@ -55,7 +85,7 @@ class Pixels:
     normal: Float32[np.ndarray, "h w 3"]
     instance: UInt16[np.ndarray, "h w"]
     part: UInt16[np.ndarray, "h w"]
-    table: list[dict[str, Any]]
+    table: list[Instance]
 
 
 def part_table(artist: Artist) -> list[dict[str, Any]]:
@@ -84,24 +114,22 @@ def pixels_of(row: Row, artist: Artist, scenery: Scenery) -> Pixels:
 
 def _instances(
     row: Row, kind: UInt8[np.ndarray, " n"], which: Int[np.ndarray, " n"], scenery: Scenery
-) -> tuple[UInt16[np.ndarray, " n"], list[dict[str, Any]]]:
-    """Return the instance of each pixel, and a record for each vehicle and each visible surface."""
-    table: list[dict[str, Any]] = [
-        {"kind": "vehicle", "name": v.vehicle, "category": v.category, "label": v.label} for v in row.vehicles
-    ]
+) -> tuple[UInt16[np.ndarray, " n"], list[Instance]]:
+    """Return the number of each pixel's instance, and all vehicles and visible surfaces."""
+    table = [Instance(i, "vehicle", v.vehicle, v.category, v.label) for i, v in enumerate(row.vehicles, start=1)]
     instance = np.where(kind == Kind.VEHICLE, which + 1, 0)
     if (ground := kind == Kind.GROUND).any():
-        table.append({"kind": "ground", "name": "ground"})
+        table.append(Instance(len(table) + 1, "ground", "ground"))
         instance[ground] = len(table)
     obstacles = kind == Kind.OBSTACLE
     shown, number = np.unique(which[obstacles], return_inverse=True)
     instance[obstacles] = number + len(table) + 1
     for i in shown.tolist():
         what = "water" if scenery.instance_is_water[i] else "obstacle"
-        table.append({"kind": what, "name": scenery.instance_names[i]})
+        table.append(Instance(len(table) + 1, what, scenery.instance_names[i]))
     if len(table) > MOST_INSTANCES:
         raise ConfigError(f"image {row.index} shows {len(table):,} instances, more than 16-bit pictures can tell apart")
-    return instance.astype(np.uint16), [{"id": i, **record} for i, record in enumerate(table, start=1)]
+    return instance.astype(np.uint16), table
 
 
 def _parts(row: Row, artist: Artist, hits: WorldHits) -> UInt16[np.ndarray, " n"]:
@@ -114,28 +142,27 @@ def _parts(row: Row, artist: Artist, hits: WorldHits) -> UInt16[np.ndarray, " n"
     return part
 
 
-def panoptic(pixels: Pixels, class_ids: Mapping[str, int]) -> tuple[UInt8[np.ndarray, "h w 3"], list[dict[str, Any]]]:
-    """Return an image's segments in COCO's format: a picture with their numbers as colors, and a record for each.
+def panoptic(pixels: Pixels, class_ids: Mapping[str, int]) -> tuple[UInt8[np.ndarray, "h w 3"], list[Segment]]:
+    """Return an image's segments: a picture with their numbers as colors, and a list.
 
     The ids of `STUFF` follow those of `class_ids`.
     """
     segment, category, crowd = np.zeros((3, len(pixels.table) + 1), np.int64)
-    for record in [{"id": 0, "kind": "sky"}, *pixels.table]:
-        i, name = record["id"], record.get("category")
-        if name is not None:
-            segment[i], category[i], crowd[i] = i, class_ids[name], record["label"] != "full"
+    for one in [Instance(0, "sky", "sky"), *pixels.table]:
+        i = one.id
+        if isinstance(one.category, str):
+            segment[i], category[i], crowd[i] = i, class_ids[one.category], one.label != "full"
         else:
-            stuff = STUFF.index("distractor" if record["kind"] == "vehicle" else record["kind"])
+            stuff = STUFF.index("distractor" if one.kind == "vehicle" else one.kind)
             segment[i], category[i] = STUFF_SEGMENT + stuff, len(class_ids) + 1 + stuff
     numbers = segment[pixels.instance]
     colors = np.stack([numbers & 255, numbers >> 8 & 255, numbers >> 16], axis=-1).astype(np.uint8)
     segments = []
     for number in np.unique(numbers).tolist():
         (rows, columns), i = np.nonzero(numbers == number), int(np.flatnonzero(segment == number)[0])
-        low, high = (rows.min(), columns.min()), (rows.max() + 1, columns.max() + 1)
-        bbox = [int(low[1]), int(low[0]), int(high[1] - low[1]), int(high[0] - low[0])]
-        counts = {"area": len(rows), "bbox": bbox, "iscrowd": int(crowd[i])}
-        segments.append({"id": number, "category_id": int(category[i]), **counts})
+        top, left = int(rows.min()), int(columns.min())
+        bbox = (left, top, int(columns.max()) + 1 - left, int(rows.max()) + 1 - top)
+        segments.append(Segment(number, int(category[i]), len(rows), bbox, int(crowd[i])))
     return colors, segments
 
 
@@ -174,7 +201,7 @@ def write_passes(
         if progress:
             progress(done, len(chosen))
         row = plan[index]
-        segments = _written(row, artist, assets, output, passes)["segments_info"]
+        segments = _written(row, artist, assets, output, passes)
         size = {"width": row.width, "height": row.height}
         document["images"].append({"id": row.image_id, "file_name": row.file_name, **size})
         which = {"image_id": row.image_id, "file_name": f"{_stem(row)}.png"}
@@ -182,23 +209,23 @@ def write_passes(
     if progress:
         progress(len(chosen), len(chosen))
     if "part" in passes:
-        _write(output / "parts.json", orjson.dumps(part_table(artist), option=orjson.OPT_INDENT_2))
+        _write(output / "parts.json", msgspec.json.format(msgspec.json.encode(part_table(artist))))
     if "category" in passes:
-        _write(output / "panoptic.json", orjson.dumps(document))
+        _write(output / "panoptic.json", msgspec.json.encode(document))
     return len(chosen)
 
 
-def _written(row: Row, artist: Artist, assets: Assets, output: Path, passes: Sequence[str]) -> dict[str, Any]:
-    """Write an image's passes and return their table, which is written last and lists the complete ones."""
+def _written(row: Row, artist: Artist, assets: Assets, output: Path, passes: Sequence[str]) -> list[Segment]:
+    """Write an image's passes, then their table, which lists the complete ones, and return its segments."""
     stem, digest = _stem(row), hashlib.sha256(encode(row)).hexdigest()
-    table = output / "tables" / f"{stem}.json"
+    path, complete = output / "tables" / f"{stem}.json", set[str]()
     try:
-        record: dict[str, Any] = orjson.loads(table.read_bytes())
-        complete = record["passes"] if record["row_sha256"] == digest else []
-    except (OSError, ValueError, KeyError, TypeError):
-        complete = []
-    if set(passes) <= set(complete):
-        return record
+        table = msgspec.json.decode(path.read_bytes(), type=Written)
+        complete = set(table.passes) if table.row_sha256 == digest else complete
+    except (OSError, msgspec.DecodeError, UnicodeDecodeError):
+        pass  # written anew
+    if complete >= set(passes):
+        return table.segments_info
     pixels = pixels_of(row, artist, assets.sceneries[row.scenery])
     colors, segments = panoptic(pixels, artist.class_ids)
     files = {
@@ -211,14 +238,8 @@ def _written(row: Row, artist: Artist, assets: Assets, output: Path, passes: Seq
     for name in passes:
         folder, suffix, content = files[name]
         _write(output / folder / f"{stem}{suffix}", content())
-    record = {
-        "row_sha256": digest,
-        "passes": sorted({*passes, *complete}),
-        "instances": pixels.table,
-        "segments_info": segments,
-    }
-    _write(table, orjson.dumps(record))
-    return record
+    _write(path, msgspec.json.encode(Written(digest, sorted({*passes, *complete}), pixels.table, segments)))
+    return segments
 
 
 def _stem(row: Row) -> str:
