@@ -309,14 +309,12 @@ class PlanWriter:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._lock.acquire()
+            self._file = self._open()
         except filelock.Timeout:
             raise ConfigError("another process is writing this plan", path=self.path, remedy="wait for it") from None
         except OSError as error:
-            raise ConfigError(f"cannot be written: {error.strerror}", path=self.path) from None
-        try:
-            self._file = self._open()
-        except OSError as error:
-            self._unlock()
+            if self._lock.is_locked:
+                self._unlock()
             raise ConfigError(f"cannot be written: {error.strerror}", path=self.path) from None
 
     def _open(self) -> BinaryIO:

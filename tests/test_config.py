@@ -42,8 +42,9 @@ def test_the_template_has_the_defaults_and_nothing_else(read):
 
 
 def test_the_template_has_every_key():
+    text = bare_text()
     for section, kind in {"": Config, **sections()}.items():
-        part = bare_text().split(f"[{section}]\n")[-1] if section else bare_text()
+        part = text.split(f"[{section}]\n")[-1] if section else text
         for key in keys_of(kind):
             assert re.search(rf"(?m)^(# )?(\[\[assets\.)?{key.name}( =|\]\])", part), f"{section}.{key.name}"
 

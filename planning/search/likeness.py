@@ -22,7 +22,7 @@ from hulldown.camera.shell import draw_azimuth, draw_elevation, shell_axes
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.portable import exp, hypot, log, sin_cos
 from hulldown.planning.config.schema import Config
-from hulldown.planning.search.draws import Purpose, RandomStreams, RowStreams
+from hulldown.planning.search.draws import Purpose, RandomStreams, RowStreams, choose
 from hulldown.planning.search.instances import Instances, hull_of
 from hulldown.planning.search.sizing import sized_cameras
 from hulldown.planning.search.stage import Fleet
@@ -86,12 +86,9 @@ class Likeness:
         shown = np.minimum(photographs.count, config.placement.vehicles_per_image[1])[photographs.image]
         self._weights = np.where(self.usable, 1.0 / np.maximum(shown, 1), 0.0)
         classes = np.array(photographs.category, dtype=object)
-        self._all = np.cumsum(self._weights)
-        self._own: dict[str, Float[np.ndarray, " n"]] = {}
         self._boxes = Counter(classes[self.usable].tolist())
-        for category, n in self._boxes.items():
-            if n >= FEW:
-                self._own[category] = np.cumsum(np.where(classes == category, self._weights, 0.0))
+        enough = [category for category, n in self._boxes.items() if n >= FEW]
+        self._own = {category: np.where(classes == category, self._weights, 0.0) for category in enough}
 
     def notes(self, categories: Iterable[str]) -> list[str]:
         """Return a line for each kind of unused boxes, and for each class with too few boxes."""
@@ -119,9 +116,10 @@ class Likeness:
         """Sample boxes of each model's class, or of all classes if it has few, from numbers in [0, 1)."""
         box = np.zeros(len(model), dtype=np.int64)
         for index in np.unique(model).tolist():
-            running, rows = self._own.get(fleet.models[index].category or "", self._all), np.flatnonzero(model == index)
-            box[rows] = np.searchsorted(running, uniform[rows] * running[-1], side="right")
-        return np.minimum(box, np.flatnonzero(self.usable)[-1])
+            weights = self._own.get(fleet.models[index].category or "", self._weights)
+            rows = np.flatnonzero(model == index)
+            box[rows] = choose(weights, uniform[rows])
+        return box
 
     def companions(self, box: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
         """Number of other boxes in the photograph of each box; -1 without a box."""
