@@ -10,6 +10,7 @@ import hulldown.dataset.store.document as documents
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.provenance import GROWING, add_provenance, write_failures
 from hulldown.dataset.store.document import read_coco
+from hulldown.dataset.store.seals import broken
 from hulldown.geometry.errors import DatasetError
 from hulldown.tests.editing import edit
 
@@ -74,6 +75,18 @@ def test_a_foreign_dataset_keeps_all_its_fields(tmp_path):
         assert coco[key][: len(value)] == value if isinstance(value, list) else coco[key] == value
     assert coco["categories"][2:] == [{"id": 10, "name": "launcher", "supercategory": "vehicle"}]
     assert [(a["id"], a["category_id"]) for a in coco["annotations"][2:]] == [(100, 9), (101, 10)]
+
+
+def test_the_first_of_two_categories_with_the_same_name_is_used(tmp_path):
+    twice = [{"id": -5, "name": "tank"}, {"id": -3, "name": "tank"}]
+    (tmp_path / "annotations.json").write_text(json.dumps({"categories": twice}))
+    with CocoDataset.open(tmp_path) as dataset:
+        dataset.add_categories([{"name": "car", "color": 1}, {"name": "car", "color": 2}])
+        dataset.append(image(1), [annotation(record_sha256="of another record")])
+    coco = load(tmp_path)
+    assert coco["categories"] == [*twice, {"name": "car", "color": 1, "id": 1}]
+    assert coco["annotations"][0]["category_id"] == -5
+    assert not broken(coco["annotations"][0])
 
 
 def test_two_plans_get_different_ids_and_names(tmp_path):
