@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,7 +17,7 @@ from hulldown.annotate.known import SCALES, SIDES, SIZE, name_of, number, number
 from hulldown.annotate.notebooks import ShownInNotebooks
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.records import by_image, read_usable
-from hulldown.dataset.store.entries import Record
+from hulldown.dataset.store.entries import Coco, Record
 from hulldown.dataset.verification.planned import image_record, label_records
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import DatasetError
@@ -85,10 +85,8 @@ class Dataset(ShownInNotebooks):
     ----------
     name
         Its source.
-    categories
-        Names of the classes by COCO's ids.
-    images
-        In the order of the file.
+    coco
+        Its usable records.
     opened
         Function from an image to its picture without labels.
 
@@ -107,15 +105,33 @@ class Dataset(ShownInNotebooks):
     array([3.46])
     """
 
-    def __init__(
-        self,
-        name: str,
-        categories: Mapping[int, str],
-        images: Sequence[Image],
-        opened: Callable[[int], Pictures.Image],
-    ) -> None:
-        self.name, self.categories, self.images = name, dict(categories), list(images)
+    def __init__(self, name: str, coco: Coco, opened: Callable[[int], Pictures.Image]) -> None:
+        self.name = name
+        self.categories: dict[int, str] = {category["id"]: category["name"] for category in coco["categories"]}
+        of_image = by_image(coco["images"], coco["annotations"])
+        self.images = [
+            Image(
+                image["id"],
+                image["file_name"],
+                image["width"],
+                image["height"],
+                tuple(self._label(label) for label in of_image[image["id"]]),
+                image,
+            )
+            for image in coco["images"]
+        ]
         self._opened = opened
+
+    def _label(self, label: Record) -> Label:
+        return Label(
+            label["id"],
+            self.categories[label["category_id"]],
+            np.array(label["bbox"], dtype=np.float64),
+            bool(label.get("iscrowd", 0)),
+            number(label.get("visible_fraction")),
+            number(label.get("truncated_fraction")),
+            label,
+        )
 
     @classmethod
     def read(cls, folder: str | os.PathLike[str]) -> Dataset:
@@ -128,10 +144,8 @@ class Dataset(ShownInNotebooks):
         """
         folder = Path(folder)
         coco = read_usable(folder)
-        names = {category["id"]: category["name"] for category in coco["categories"]}
-        of_image = by_image(coco["images"], coco["annotations"])
-        images = [_image(image, of_image[image["id"]], names) for image in coco["images"]]
-        return cls(str(folder), names, images, lambda i: Pictures.fromarray(read_pixels(folder / images[i].file_name)))
+        paths = [folder / image["file_name"] for image in coco["images"]]
+        return cls(str(folder), coco, lambda i: Pictures.fromarray(read_pixels(paths[i])))
 
     @classmethod
     def of_plan(cls, plan: Plan, picture: Callable[[int], Pictures.Image]) -> Dataset:
@@ -142,16 +156,16 @@ class Dataset(ShownInNotebooks):
         ConfigError
             If a row of the plan is damaged.
         """
-        names = {number: name for number, name in enumerate(plan.header.categories, start=1)}
-        ids = {name: number for number, name in names.items()}
-        images = []
+        ids = {name: number for number, name in enumerate(plan.header.categories, start=1)}
+        images: list[Record] = []
+        labels: list[Record] = []
         for row in plan:
-            record = {"id": row.image_id, "file_name": row.file_name, **image_record(row)}
-            labels = [
-                {**label, "id": k, "category_id": ids[label["category"]]} for k, label in enumerate(label_records(row))
-            ]
-            images.append(_image(record, labels, names))
-        return cls(str(plan.path), names, images, picture)
+            images.append({"id": row.image_id, "file_name": row.file_name, **image_record(row)})
+            for k, label in enumerate(label_records(row)):
+                of_image = {"id": k, "image_id": row.image_id, "category_id": ids[label["category"]]}
+                labels.append({**label, **of_image})
+        categories: list[Record] = [{"id": number, "name": name} for name, number in ids.items()]
+        return cls(str(plan.path), {"categories": categories, "images": images, "annotations": labels}, picture)
 
     def picture(self, i: int, *, labels: bool = True, masks: bool = True) -> Pictures.Image:
         """The picture of the i-th image, by default with boxes, class names, and masks.
@@ -243,25 +257,3 @@ class Dataset(ShownInNotebooks):
             "hdri": np.array([name_of(record.get("hdri")) or "" for record in records], dtype=str),
             "weather": np.array([kind or "" for kind in weather], dtype=str),
         }
-
-
-def _image(record: Record, labels: Sequence[Record], names: Mapping[int, str]) -> Image:
-    return Image(
-        record["id"],
-        record["file_name"],
-        record["width"],
-        record["height"],
-        tuple(
-            Label(
-                label["id"],
-                names[label["category_id"]],
-                np.array(label["bbox"], dtype=np.float64),
-                bool(label.get("iscrowd", 0)),
-                number(label.get("visible_fraction")),
-                number(label.get("truncated_fraction")),
-                label,
-            )
-            for label in labels
-        ),
-        record,
-    )
