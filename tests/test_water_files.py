@@ -1,5 +1,6 @@
-"""Water, ground, and removed objects in files read by Blender; removed objects aren't rendered."""
+"""Water, ground, sky objects, and removed objects in files read by Blender; what isn't planned isn't rendered."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,9 +12,24 @@ from hulldown.assets.scenery import Scenery
 from hulldown.placement.terrain import Terrain
 from hulldown.reading.export import Exported, export
 from hulldown.reading.options import Options
-from hulldown.tests.test_backdrops import assert_what_is_planned_is_rendered
+from hulldown.tests.blender_plans import run_python
 
 SCRIPT = "water_blends.py"
+SHOWN = """
+import json, sys
+import bpy, numpy as np
+from hulldown.reading.blender.capture import visit_render
+from hulldown.render.blender.scene import Stage
+from hulldown.render.messages import SceneryInput
+stage = Stage(SceneryInput(sys.argv[1], np.eye(4), *json.loads(sys.argv[2])))
+shown = []
+def look(depsgraph):
+    for instance in depsgraph.object_instances:
+        if instance.show_self and instance.object.type == "MESH" and instance.object.data.polygons:
+            shown.append(instance.object.name.partition(".")[0])
+visit_render(stage.scene, look)
+print("shown", json.dumps(sorted(shown)))
+"""
 
 
 def read(written: Path, name: str, **patterns: tuple[str, ...]) -> tuple[Exported, Scenery]:
@@ -23,6 +39,14 @@ def read(written: Path, name: str, **patterns: tuple[str, ...]) -> tuple[Exporte
 
 def water_of(scenery: Scenery) -> list[str]:
     return sorted({scenery.instance_names[i] for i in np.flatnonzero(scenery.instance_is_water)})
+
+
+def assert_what_is_planned_is_rendered(file: Path, exported: Exported, scenery: Scenery) -> None:
+    """In renders of the file and of its tidy twin, which numbers copies when it writes them."""
+    planned = sorted(name.partition(".")[0] for name in (*scenery.ground_names, *scenery.instance_names))
+    for path, removed in ((file, list(scenery.removed_names)), (exported.tidy, [])):
+        shown = run_python("-c", SHOWN, path, json.dumps([scenery.standing_names, removed]))
+        assert json.loads(shown.rpartition("shown ")[2]) == planned
 
 
 @pytest.mark.blender
@@ -80,3 +104,19 @@ def test_dropped_objects_are_neither_planned_nor_rendered(written: Path, drop: t
     kept = {*scenery.ground_names, *scenery.instance_names}
     assert {*all_of_it.ground_names, *all_of_it.instance_names} - kept == gone
     assert_what_is_planned_is_rendered(written / "named.blend", exported, scenery)
+
+
+@pytest.mark.blender
+@pytest.mark.parametrize(
+    ("patterns", "expected"),
+    [
+        pytest.param({}, [], id="names"),
+        pytest.param({"include": ("terrain_n",)}, ["Terrain_N"], id="object in include, mesh called like a sky"),
+    ],
+)
+def test_rendered_objects_are_the_planned_ones(
+    written: Path, patterns: dict[str, tuple[str, ...]], expected: list[str]
+) -> None:
+    exported, scenery = read(written, "sky.blend", **patterns)
+    assert sorted([*scenery.ground_names, *scenery.instance_names]) == sorted([*expected, "Inner rock", "Rock"])
+    assert_what_is_planned_is_rendered(written / "sky.blend", exported, scenery)

@@ -1,4 +1,4 @@
-"""Write sceneries with water, ground, and what scatters objects, for test_water_files; run in Blender with a folder."""
+"""Write sceneries with water, ground, skies, and what scatters objects, for test_water_files; run in Blender."""
 
 import math
 import sys
@@ -88,8 +88,25 @@ def worn():
         face.material_index = int(face.center.x > 9)
 
 
+def sky():
+    """Objects and meshes called like a sky, in a collection that is only instanced too."""
+    fresh()
+    kept = bpy.data.collections.new("kept")
+    sizes = {"Skydome": 400, "Rock": 2, "Inner backdrop": 300, "Inner rock": 3, "Terrain_N": 100}
+    for name, size in sizes.items():
+        made = cuboid(name, (size, size, size), (0, 0, 0))
+        made.data.name = "Skydome.001" if name == "Terrain_N" else name
+        if name.startswith("Inner"):
+            bpy.context.scene.collection.objects.unlink(made)
+            link(made, kept)
+    bpy.ops.curve.primitive_bezier_circle_add(radius=90)
+    bpy.context.object.name, bpy.context.object.data.name = "Ring", "Sky ring"
+    bpy.context.object.data.bevel_depth = 1.0
+    instance("carrier", kept)
+
+
 def main(folder):
-    for make in (named, worn, dressed):
+    for make in (named, worn, sky, dressed):
         make()
         save(folder / f"{make.__name__}.blend")
     # KHR_materials_transmission; without the wide flat sheet of murk, which glTF cannot hold.

@@ -20,6 +20,7 @@ from hulldown.reading.blender.surfaces.opacity import Cutter, Lookup, NotUnderst
 from hulldown.reading.blender.surfaces.opacity_nodes import show_opacity
 
 NOISE = 2e-6  # of Cycles, whose luminance of white is 1.000001
+FEWEST = 4  # pixels along each side of a picture that Blender renders
 UNIT = np.array([[0.0, 0.0], [1.0, 1.0]])
 WIDEST = 16.0  # times that an image may repeat in what is baked
 # Nodes whose outputs follow from their inputs.
@@ -184,7 +185,8 @@ def _render(
     scene, lens = bpy.data.scenes.new("hulldown bake"), bpy.data.cameras.new("hulldown bake")
     mesh = bpy.data.meshes.new("hulldown bake")
     (width, height), count = size, len(materials)
-    x, y = np.array([width, height]) / max(width, count * height)
+    seen = np.maximum([width, count * height], FEWEST)
+    x, y = np.array([width, height]) / seen.max()
     ends = [(0, 0), (1, 0), (1, 1), (0, 1)]  # of a rectangle's corners, along both sides
     points = [(x * i, y * (k + j), 0.0) for k in range(count) for i, j in ends]
     mesh.from_pydata(points, [], np.arange(4 * count).reshape(-1, 4).tolist())
@@ -195,17 +197,18 @@ def _render(
     mesh.polygons.foreach_set("material_index", np.arange(count, dtype=np.int32))
     plane, camera = bpy.data.objects.new("hulldown bake", mesh), bpy.data.objects.new("hulldown bake", lens)
     lens.type, lens.ortho_scale = "ORTHO", 1.0
-    camera.location = (x / 2, count * y / 2, 1.0)
+    camera.location = (*(seen / seen.max() / 2), 1.0)
     for obj in (plane, camera):
         scene.collection.objects.link(obj)
     scene.camera, scene.frame_current = camera, bpy.context.scene.frame_current
     scene.render.engine = "CYCLES"
     scene.cycles.device, scene.cycles.samples, scene.cycles.use_adaptive_sampling = "CPU", 1, False
     scene.cycles.use_denoising, scene.cycles.max_bounces = False, 0
-    scene.render.resolution_x, scene.render.resolution_y = width, count * height
+    scene.render.resolution_x, scene.render.resolution_y = seen.tolist()
     scene.render.resolution_percentage = 100
     see_pixel_centers(scene)
     try:
-        return rendered(scene)[..., 0].clip(0.0, 1.0).reshape(count, height, width)
+        light = rendered(scene)[: count * height, :width, 0]
+        return light.clip(0.0, 1.0).reshape(count, height, width)
     finally:
         bpy.data.batch_remove([plane, camera, mesh, lens, scene])
