@@ -18,7 +18,7 @@ from hulldown.placement.footprint import contact_footprint, underside
 from hulldown.reading.options import Options
 from hulldown.reading.report import PartRow, xyz
 from hulldown.reading.roles import Evaluated, Piece, PieceRole, is_wanted, vehicle_roles
-from hulldown.reading.scenery.scenery_roles import removed_names, unmatched
+from hulldown.reading.scenery.scenery_roles import NARROWEST, removed_names, unmatched
 from hulldown.reading.scenery.shape import is_wide_and_level, level_share
 from hulldown.reading.vehicle.keypoints import known_points, marked_points
 from hulldown.reading.vehicle.nose import forward_said
@@ -29,7 +29,6 @@ from hulldown.reading.vehicle.stance import Upright, heading, vehicle_from_uprig
 from hulldown.reading.vehicle.strays import find_strays
 
 KILOMETER = 1000.0
-NARROWEST = 1.0  # meters, of water that is part of the ground's mesh, as for water objects
 NAMES = (
     "write an object's whole name, with * a part of it; mesh:, collection: or material: before the name of one of those"
 )

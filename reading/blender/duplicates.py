@@ -18,10 +18,9 @@ from jaxtyping import Float
 
 from hulldown.reading.blender.arrays import read
 from hulldown.reading.blender.poses import own_poses
-from hulldown.reading.blender.tidy import VISIBILITY
+from hulldown.reading.blender.tidy import look_of
 
 FEWEST = 1000  # so that files of the usual size are read as they are
-LOOK = (*VISIBILITY, "is_holdout", "is_shadow_catcher", "pass_index")
 HARMLESS = ("Scene", "Collection", "Screen", "WorkSpace", "WindowManager")  # users that objects may have
 # By type of attribute: the property of its elements, how they are stored, how many numbers each.
 STORED = {
@@ -164,4 +163,4 @@ def _around(collection: Any, users: dict[Any, set[Any]]) -> set[Any]:
 
 def _look(obj: Any) -> tuple[object, ...]:
     slots = tuple((slot.link, slot.material) for slot in obj.material_slots)
-    return (*(getattr(obj, name) for name in LOOK), tuple(obj.color), slots)
+    return (*look_of(obj), obj.is_holdout, obj.is_shadow_catcher, slots)

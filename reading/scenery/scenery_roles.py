@@ -11,6 +11,7 @@ from hulldown.reading.roles import Piece, PieceRole
 from hulldown.reading.scenery.shape import ground_by_shape, is_wide_and_level, lawns, sheets_between, sunken
 
 VOLUME = "has volume shaders only"
+NARROWEST = 1.0  # meters, of water by its name or material
 # The scenery's own keys in the order in which they are asked, then those of the table [ground] for all sceneries.
 ASKED = (
     ("drop", "removed", "the scenery's drop"),
@@ -46,7 +47,7 @@ def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[PieceRole]:
     for piece in pieces:
         asked = (
             *(piece.name, piece.data, piece.chain[0].collections, piece.carrier, piece.materials),
-            *(piece.scattered, piece.anonymous, piece.hair, piece.unseen, _may_be_water(piece)),
+            *(piece.scattered, piece.anonymous, piece.hair, piece.unseen, is_wide_and_level(piece, least=NARROWEST)),
         )
         if asked not in decided:
             decided[asked] = _role(piece, options)
@@ -165,13 +166,9 @@ def is_water_name(name: str) -> bool:
     return not first_match(name, _DRY) and first_match(name, (*WATER, *WATERS)) is not None
 
 
-def _may_be_water(piece: Piece) -> bool:
-    return is_wide_and_level(piece, least=1.0)
-
-
 def _water(piece: Piece) -> PieceRole | None:
     """The role of water by name or material: wide, level, and not named like ground, a house, or a rock."""
-    if not _may_be_water(piece):
+    if not is_wide_and_level(piece, least=NARROWEST):
         return None
     own = [("object", piece.name), ("mesh", piece.data)]
     own = own[2 * piece.anonymous :]  # which is called like what carries it
