@@ -220,6 +220,8 @@ def test_children_of_a_turret_belong_to_it_and_carry_its_gun() -> None:
         ((link("Hull"), link("turretpivot"), link("gunbarrel", at=(3, 0, 0))), {}, ("hull", "turret", "gun")),
         ((link("Hull"), link("Turret"), link("turretshelf"), link("Gun", at=(3, 0, 0))), {},
          ("hull", "turret", "turret", "gun")),
+        # A helper named for a part isn't the part where something else is.
+        ((link("Hull"), link("turretpivot", at=(1, 0, 0)), link("Turm_03")), {}, ("hull", "turret", "turret")),
         # The closest name decides.
         ((link("Hull"), link("Turret", "Guns"), (link("Sight"), link("Turret")), link("Tube", "Guns")), {},
          ("hull", "turret", "turret", "gun")),

@@ -116,7 +116,7 @@ def names_of_parts(whole: PlacedPieces, options: Options, *, no_gun: Collection[
     of_pieces = [_names(piece.chain) for piece in whole.pieces]
     # A name that covers the whole vehicle is the vehicle's, not a part's.
     shared = set.intersection(*of_pieces) if of_pieces else set()
-    drawn = set().union(*of_pieces) - shared
+    drawn = set().union(*of_pieces)
     known = drawn.union(*map(_names, whole.markers)) - shared
     turret = _naming(TURRET_PART, options.turret, known, drawn)
     gun = _naming(GUN_PART, options.gun, known.difference(no_gun), drawn)

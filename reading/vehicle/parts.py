@@ -75,24 +75,25 @@ def find_parts(whole: PlacedPieces, options: Options = DEFAULTS) -> Parts:
     naming, doubts = _named(whole, options)
     decided = [naming.decided(piece.chain) for piece in whole.pieces]
     part_of = [part for part, _, _ in decided]
+    by_part = {name: whole.where([part == name for part in part_of]) for name in (None, TURRET_PART, GUN_PART)}
     moving: list[PartRow] = []
     piece_part = np.zeros(len(whole.pieces), int)
     bounds = whole.bounds
     behind = (bounds[:, 0].min(axis=0) + bounds[:, 1].max(axis=0)) / 2
     for name in (TURRET_PART, GUN_PART):
-        members = np.array([part == name for part in part_of], bool)
-        if not members.any() or members.all():
+        own = by_part[name]
+        if len(own.pieces) in (0, len(whole.pieces)):
             continue
-        pivot = find_pivot(whole, naming, name, part_of=part_of, behind=behind, options=options)
+        pivot = find_pivot(whole, by_part, name, naming=naming, behind=behind, options=options)
         if pivot.guessed:
             doubts.append(f"the {name} turns about {pivot.why}; set {PIVOT_KEYS[name]} if that is wrong")
         behind = pivot.at
         axis = np.array([0.0, 0.0, 1.0])
         if name == GUN_PART:
-            axis = _raising_axis(whole.where(members).cloud, pivot.at)
+            axis = _raising_axis(own.cloud, pivot.at)
         parent = moving[0].name if moving else HULL
         moving.append(PartRow(name, parent, xyz(pivot.at), xyz(axis), LIMITS[name], pivot.why))
-        piece_part[members] = len(moving)
+        piece_part[np.array(part_of) == name] = len(moving)
     doubts += _missing_parts([row.name for row in moving], options, naming.no_gun)
     if not moving and not doubts and options.turret is None and options.gun is None:
         doubts += unnamed(whole)

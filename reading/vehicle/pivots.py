@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,10 +54,10 @@ class Pivot:
 
 def find_pivot(
     whole: PlacedPieces,
-    naming: Naming,
+    by_part: Mapping[str | None, PlacedPieces],
     part: str,
     *,
-    part_of: Sequence[str | None],
+    naming: Naming,
     behind: Float[np.ndarray, "3"],
     options: Options,
 ) -> Pivot:
@@ -67,10 +67,12 @@ def find_pivot(
     ----------
     whole
         The vehicle's pieces.
-    naming, part_of
-        What names each object's part, and the part of each piece.
+    by_part
+        Part -> its pieces; None: the hull's.
     part
         "turret" or "gun", which some pieces are.
+    naming
+        What names each object's part.
     behind
         A point behind a gun: the turret's pivot, or the vehicle's middle.
     options
@@ -90,10 +92,10 @@ def find_pivot(
     for piece in whole.pieces:
         if pivot_named(piece.name) == part:
             return Pivot(middles[key_of(piece.chain[0])], f"the middle of {piece.name!r}, named as a pivot")
-    own = whole.where([its == part for its in part_of])
-    nodes, guess = _nodes(own, naming, part), _guess(whole, part_of, part, behind)
+    own = by_part[part]
+    nodes, guess = _nodes(own, naming, part), _guess(by_part, part, behind)
     # One origin shared by most of the hull's objects isn't a pivot.
-    resting = np.array([whole.origin(p.chain[0]) for p, its in zip(whole.pieces, part_of, strict=True) if its is None])
+    resting = np.array([whole.origin(piece.chain[0]) for piece in by_part[None].pieces])
     low, high = own.cloud.min(axis=0), own.cloud.max(axis=0)
     size = float((high - low).max())
     scale = float(abs(np.linalg.det(whole.vehicle_from_file[:3, :3]))) ** (1 / 3)
@@ -175,9 +177,9 @@ def _nodes(own: PlacedPieces, naming: Naming, part: str) -> list[Node]:
     ]
 
 
-def _guess(whole: PlacedPieces, part_of: Sequence[str | None], part: str, behind: Float[np.ndarray, "3"]) -> Pivot:
+def _guess(by_part: Mapping[str | None, PlacedPieces], part: str, behind: Float[np.ndarray, "3"]) -> Pivot:
     """Estimate a part's axis from shape."""
-    turret, gun, hull = (whole.where([its == name for its in part_of]) for name in (TURRET_PART, GUN_PART, None))
+    turret, gun, hull = by_part[TURRET_PART], by_part[GUN_PART], by_part[None]
     if not gun.pieces:
         return turret_guess(turret, hull)
     of_gun = gun_guess(gun, behind, held=cheeks(gun, turret if turret.pieces else hull))
