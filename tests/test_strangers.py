@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
 from hulldown.assets.bundle import load_scenery
@@ -81,17 +82,10 @@ def turned(mesh, axis):
     return mesh.at(mesh.vertices @ rotation_about(axis, np.pi / 2).T)
 
 
-def curb(half, width):
+def curb(radius, width):
     """A closed strip around the origin, 0.2 m high."""
-    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
-    plan = np.concatenate([corners * half, corners * (half - width)])
-    vertices = np.concatenate([np.c_[plan, np.zeros(8)], np.c_[plan, np.full(8, 0.2)]])
-    faces = []
-    for k in range(4):
-        n = (k + 1) % 4
-        for a, b, c, d in ((k, n, n + 4, k + 4), (k + 8, n + 8, n + 12, k + 12), (k, n, n + 8, k + 8)):
-            faces += [(a, b, c), (a, c, d)]
-    return Mesh(vertices, np.array(faces))
+    ring = trimesh.creation.annulus(radius - width, radius, 0.2)
+    return Mesh(ring.vertices - [0, 0, ring.vertices[:, 2].min()], ring.faces)
 
 
 @pytest.fixture(scope="module")
