@@ -27,9 +27,6 @@ class Graph:
     def __init__(self, name: str) -> None:
         self.material = bpy.data.materials.new(name)
         self.tree = self.material.node_tree
-        if self.tree is None:  # Blender before 5.0 starts without nodes
-            self.material.use_nodes = True
-            self.tree = self.material.node_tree
         self.tree.nodes.clear()
 
     def add(self, kind: str, inputs: Mapping[Any, Any] | None = None, /, **settings: Any) -> Any:

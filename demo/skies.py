@@ -52,8 +52,6 @@ def write_sky(name: str, folder: Path) -> Path:
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     world = scene.world = bpy.data.worlds.new(name)
-    if world.node_tree is None:  # Blender before 5.0 starts without nodes
-        world.use_nodes = True
     world.cycles.sampling_method = "NONE"  # it lights nothing here
     _build(world.node_tree, sky)
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))

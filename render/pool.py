@@ -10,10 +10,9 @@ from functools import partial
 from pathlib import Path
 from threading import Event
 
-from hulldown.render.confinement import Confinement
 from hulldown.render.engine import Engine
 from hulldown.render.messages import MaskJob, RenderJob
-from hulldown.render.process import POLL_S, Allowance, Blender, Outcome, Stopped
+from hulldown.render.process import POLL_S, Allowance, Blender, Confinement, Outcome, Stopped
 
 MOST = 256  # Blenders
 

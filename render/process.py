@@ -8,9 +8,10 @@ import os
 import pickle
 import platform
 import queue
+import shutil
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,6 @@ from hulldown.geometry.child import Child, memory_limit
 from hulldown.geometry.errors import HulldownError
 from hulldown.reading.confinement import landlock
 from hulldown.render.blender.worker import ANSWER
-from hulldown.render.confinement import Confinement
 from hulldown.render.messages import Job, MaskJob, RenderJob, StartJob
 from hulldown.render.pictures import damage
 
@@ -34,6 +34,8 @@ ENVIRONMENT = {"MALLOC_MMAP_THRESHOLD_": str(2**17), "OPENBLAS_NUM_THREADS": "1"
 POLL_S = 0.2  # interval of checks of time and memory
 NEARLY = 0.8  # of the memory limit: above it, Blender is replaced between two jobs
 GIB = 2**30
+CARDS = ("nvidia*", "dri", "kfd", "shm")  # of /dev
+DRIVER_CACHES = (".nv", ".cache/cycles", ".cache/nvidia", ".cache/neo_compiler_cache", ".cache/mesa_shader_cache")
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +133,29 @@ class Outcome:
     reasons: tuple[str, ...] = ()
     restarts: int = 0
     made_by: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Confinement:
+    """Paths that a worker may use, if the kernel has Landlock; see `reading.confinement.landlock`.
+
+    Parameters
+    ----------
+    write
+        Folder for output, which must exist at the start.
+    read
+        Files and folders of its jobs.
+    """
+
+    write: Path
+    read: tuple[Path, ...]
+
+    def of(self, command: Sequence[str], *, gpu: bool) -> list[str]:
+        """Return a command that runs `command` confined; `gpu`: with graphics cards, and their kernel caches."""
+        program = shutil.which(command[0]) or command[0]
+        cards = [str(card) for pattern in CARDS for card in sorted(Path("/dev").glob(pattern))] if gpu else []
+        caches = [Path.home() / cache for cache in DRIVER_CACHES] if gpu else []
+        return landlock.confined([program, *command[1:]], read=self.read, write=[self.write, *caches], devices=cards)
 
 
 class Blender:

@@ -8,14 +8,6 @@ from distributed import get_worker
 from hulldown.render.cluster.workers import Answer, wanted
 
 
-def no_refusal():
-    return ""
-
-
-def other_code():
-    return "has another version"
-
-
 def address_unless(refused):
     """Answer with the worker's address; the worker at `refused` refuses."""
     address = str(get_worker().address)

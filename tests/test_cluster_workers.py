@@ -28,7 +28,7 @@ def workers(nodes):
 
 
 def connected(nodes, tls=()):
-    return Cluster(Scheduler(nodes.address, tls), "render", cluster_tasks.no_refusal, say=lambda line: None)
+    return Cluster(Scheduler(nodes.address, tls), "render", lambda: "", say=lambda line: None)
 
 
 def calling(function):
@@ -92,7 +92,7 @@ def test_a_refused_worker_gets_no_tasks_and_the_run_ends_when_all_are_refused(wo
 def test_a_worker_without_the_clients_code_is_refused_before_it_reads_the_task(nodes):
     lines = []
     with (
-        Cluster(Scheduler(nodes.address), "render", cluster_tasks.other_code, say=lines.append) as workers,
+        Cluster(Scheduler(nodes.address), "render", lambda: "has another version", say=lines.append) as workers,
         pytest.raises(HulldownError, match="all workers are: it has another version"),
     ):
         list(workers.run([""], calling(cluster_tasks.with_contents), lost=None))

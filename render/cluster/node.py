@@ -20,9 +20,8 @@ from hulldown.geometry.errors import HulldownError
 from hulldown.reading.confinement import landlock
 from hulldown.render.cluster.asset_files import AssetCache, AssetNote, cache_folder
 from hulldown.render.cluster.workers import Answer, wanted
-from hulldown.render.confinement import Confinement
 from hulldown.render.messages import RenderJob
-from hulldown.render.process import Allowance, Blender, Limits, Stopped
+from hulldown.render.process import Allowance, Blender, Confinement, Limits, Stopped
 
 SHARE_VARIABLE = "HULLDOWN_SHARE"  # number of workers that share this machine's cores and memory
 IDLE_S = 60.0  # of idling, after which Blender is ended to free memory
