@@ -99,27 +99,17 @@ def curious(tmp_path):
     return replace(library, sceneries={"void": void}), folder, secret
 
 
-def test_a_blend_cannot_choose_the_files_to_send(curious):
-    """It could name a password file, which was sent to the workers."""
-    library, folder, _ = curious
-    asset = ClientFiles(library).assets[str(folder / "void.blend")]
-    assert [file.path for file in asset[1:]] == [str(folder / "bark.png")]
-
-
-def test_a_blend_cannot_choose_what_its_blender_may_read(curious):
-    """Blender could read the folders of all files that it named, and their parents."""
+@pytest.mark.parametrize("added", [False, True])
+def test_a_blend_cannot_choose_what_is_sent_and_read_unless_the_user_adds_its_folder(curious, monkeypatch, added):
+    """It could name a password file, which was sent to the workers, and whose folder its Blender could read."""
     library, folder, secret = curious
-    readable = ClientFiles(library).readable
-    assert folder in readable
-    assert not any(secret.is_relative_to(path) for path in readable)
-
-
-def test_folders_added_by_the_user_are_sent_from(curious, monkeypatch):
-    library, folder, secret = curious
-    monkeypatch.setenv("HULLDOWN_READ", str(secret.parent))
+    if added:
+        monkeypatch.setenv("HULLDOWN_READ", str(secret.parent))
     files = ClientFiles(library)
-    assert str(secret) in {file.path for file in files.assets[str(folder / "void.blend")]}
-    assert secret in files.readable
+    sent = {file.path for file in files.assets[str(folder / "void.blend")][1:]}
+    assert sent == {str(folder / "bark.png"), *([str(secret), str(folder / "link.png")] if added else [])}
+    assert folder in files.readable
+    assert any(secret.is_relative_to(path) for path in files.readable) == added
 
 
 @pytest.mark.parametrize("change", [lambda sky: sky.write_bytes(b"other light"), lambda sky: sky.unlink()])
