@@ -1,5 +1,7 @@
 """Tasks for the workers of a cluster in tests."""
 
+import os
+import signal
 import time
 from pathlib import Path
 
@@ -17,6 +19,19 @@ def address_unless(refused):
 def fails(reason):
     """Fail on each worker."""
     return Answer(f"{reason} on {get_worker().address}", has_failed=True)
+
+
+def fails_on(bad):
+    """Answer with the worker's address; the worker at `bad` fails."""
+    address = str(get_worker().address)
+    return Answer(address, has_failed=address == bad)
+
+
+def kills_its_worker(deadly):
+    """End the worker at once if the job is deadly."""
+    if deadly:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return Answer("done")
 
 
 def until_unwanted(folder):

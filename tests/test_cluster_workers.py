@@ -7,7 +7,7 @@ import pytest
 
 from hulldown.geometry.errors import AssetError, HulldownError
 from hulldown.render.cluster.scheduler import Scheduler
-from hulldown.render.cluster.workers import Cluster
+from hulldown.render.cluster.workers import LOSSES, Cluster
 from hulldown.render.process import Stopped
 from hulldown.tests import cluster_tasks
 from hulldown.tests.certificates import certificates, needs_openssl
@@ -103,6 +103,29 @@ def test_the_results_of_all_workers_that_fail_are_kept(workers):
     ((_, results),) = workers.run(["it fails"], calling(cluster_tasks.fails), lost=None)
     addresses = sorted(workers.client.scheduler_info()["workers"])
     assert sorted(results) == [f"it fails on {address}" for address in addresses]
+
+
+def test_a_worker_that_fails_where_another_succeeds_gets_no_more_tasks(workers):
+    one, other = sorted(workers.client.scheduler_info()["workers"])
+    found = workers.run([one] * 8, calling(cluster_tasks.fails_on), lost=None)
+    assert [results[-1] for _, results in found] == [other] * 8
+    assert workers.working == 1
+
+
+@pytest.mark.thorough
+def test_a_task_that_kills_its_workers_is_given_up_after_the_others(tmp_path):
+    with cluster(tmp_path / "nodes", 1) as nodes, connected(nodes) as workers:
+
+        def replace():
+            if nodes.workers[-1].poll() is not None:
+                nodes.add()
+            return False
+
+        found = workers.run(
+            [True, False, False], calling(cluster_tasks.kills_its_worker), lost="lost", stopping=replace
+        )
+        assert list(found) == [(False, ["done"]), (False, ["done"]), (True, ["lost"])]
+        assert len(nodes.workers) - 1 in (LOSSES, LOSSES + 1)
 
 
 def test_a_task_whose_workers_are_all_gone_is_done_by_the_next(tmp_path):
