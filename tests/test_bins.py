@@ -25,69 +25,43 @@ def camera_at(*place):
     return posed("z", 0.0, place)
 
 
-def of(image, annotation):
-    """Bin of a single label in each field."""
-    coco = dataset([(1, 1, (0, 0, 30, 30), annotation)])
+AWAY, OFF = {"world_from_camera": camera_at(103, 200, 31)}, {"world_from_vehicle": posed("z", 30, (100, 196, 19))}
+STORED = {"world_from_vehicle": posed("z", 0), "distance": 300.0, "slope_deg": 12.0, "contrast": 0.15}
+VALUES = [
+    *(("azimuth_seen", {"world_from_camera": camera_at(*camera)}, {"world_from_vehicle": posed("z", yaw)}, side)
+      for yaw, camera, side in (
+        (0, (50, 0, 10), "front"), (0, (-50, 0, 10), "rear"), (0, (0, 50, 10), "side"), (0, (0, -50, 10), "side"),
+        (90, (0, 50, 10), "front"), (180, (50, 1, 10), "rear"), (0, (50, 49, 10), "front"), (0, (49, 50, 10), "side"),
+      )),
+    *(("weather", {"weather": weather}, {}, name) for weather, name in (
+        (None, "clear"), ({"visibility_m": 300}, "fog, under 500 m"), ({"visibility_m": 900.0}, "fog, 500 m to 2 km"),
+        ({"visibility_m": 5000}, "fog, over 2 km"), ({"kind": "rain"}, "rain"),
+        ({"kind": "rain", "visibility_m": 900.0}, "rain, 500 m to 2 km"), ("snow", "snow"),
+    )),
+    *(("slope", {}, {"world_from_vehicle": posed("y", degrees)}, name)
+      for degrees, name in ((0, "under 5°"), (12, "10 to 15°"), (26, "25° and more"))),
+    *(("visible_fraction", {}, {"visible_fraction": share}, name)
+      for share, name in ((0.1, "under 25 %"), (0.9, "90 to 100 %"), (1.0, "100 %"), (1, "100 %"))),
+    ("distance", AWAY, OFF, "under 25 m"), ("elevation", AWAY, OFF, "45° and more"),
+    *((field, {"world_from_camera": camera_at(13, 0, 0)}, STORED, name)
+      for field, name in (("distance", "200 to 400 m"), ("slope", "10 to 15°"), ("contrast", "0.1 to 0.2"))),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("field", "image", "label", "name"), VALUES)
+def test_every_value_has_its_bin_and_stored_ones_come_first(field, image, label, name):
+    coco = dataset([(1, 1, (0, 0, 30, 30), label)])
     coco["images"][0] |= image
     labels, predictions = loaded(coco, [])
-    return {field.name: field.bins[field.of_label[0]] for field in fields(labels, predictions)}
+    assert {one.name: one.bins[one.of_label[0]] for one in fields(labels, predictions)}[field] == name
 
 
-@pytest.mark.parametrize(
-    ("yaw", "camera", "side"),
-    [
-        (0, (50, 0, 10), "front"),
-        (0, (-50, 0, 10), "rear"),
-        (0, (0, 50, 10), "side"),
-        (0, (0, -50, 10), "side"),
-        (90, (0, 50, 10), "front"),
-        (180, (50, 1, 10), "rear"),
-        (0, (50, 49, 10), "front"),
-        (0, (49, 50, 10), "side"),
-    ],
-)
-def test_the_visible_side_turns_with_the_vehicle(yaw, camera, side):
-    pose = {"world_from_vehicle": posed("z", yaw)}
-    assert of({"world_from_camera": camera_at(*camera)}, pose)["azimuth_seen"] == side
-
-
-def test_distance_and_elevation_are_those_of_the_camera_from_the_target():
-    found = of({"world_from_camera": camera_at(103, 200, 31)}, {"world_from_vehicle": posed("z", 30, (100, 196, 19))})
-    assert found["distance"] == "under 25 m"  # 13 m
-    assert found["elevation"] == "45° and more"
-    vehicle, camera = np.array([posed("z", 30, (100, 196, 19))]), np.array([camera_at(103, 200, 31)], dtype=float)
-    distance, elevation, azimuth = seen_from(vehicle, camera)
+def test_distance_elevation_and_side_are_those_of_the_camera_from_the_target():
+    poses = (np.array([one], dtype=float) for one in (OFF["world_from_vehicle"], AWAY["world_from_camera"]))
+    distance, elevation, azimuth = seen_from(*poses)
     assert distance[0] == pytest.approx(13)
     assert elevation[0] == pytest.approx(math.degrees(math.asin(12 / 13)))
     assert azimuth[0] == pytest.approx(math.degrees(math.atan2(4, 3)) - 30)
-
-
-def test_stored_values_override_derived_ones():
-    image = {"world_from_camera": camera_at(13, 0, 0)}
-    stored = {"world_from_vehicle": posed("z", 0), "distance": 300.0, "slope_deg": 12.0, "contrast": 0.15}
-    found = of(image, stored)
-    assert (found["distance"], found["slope"], found["contrast"]) == ("200 to 400 m", "10 to 15°", "0.1 to 0.2")
-
-
-WEATHER = [
-    (None, "clear"), ({"visibility_m": 300}, "fog, under 500 m"), ({"visibility_m": 900.0}, "fog, 500 m to 2 km"),
-    ({"visibility_m": 5000}, "fog, over 2 km"), ({"kind": "rain"}, "rain"),
-    ({"kind": "rain", "visibility_m": 900.0}, "rain, 500 m to 2 km"), ("snow", "snow"),
-]  # fmt: skip
-TILTS = [(0, "under 5°"), (12, "10 to 15°"), (26, "25° and more")]
-FRACTIONS = [(0.1, "under 25 %"), (0.9, "90 to 100 %"), (1.0, "100 %"), (1, "100 %")]
-
-
-@pytest.mark.parametrize(
-    ("field", "image", "label", "name"),
-    [
-        *(("weather", {"weather": weather}, {}, name) for weather, name in WEATHER),
-        *(("slope", {}, {"world_from_vehicle": posed("y", degrees)}, name) for degrees, name in TILTS),
-        *(("visible_fraction", {}, {"visible_fraction": share}, name) for share, name in FRACTIONS),
-    ],
-)
-def test_every_value_has_its_bin(field, image, label, name):
-    assert of(image, label)[field] == name
 
 
 def test_other_formats_of_poses_are_left_out():

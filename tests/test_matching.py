@@ -93,6 +93,7 @@ def test_many_images_are_matched_like_pycocotools():
     coco, found = random_case(3, images=1000)
     assert len(found) > DETECTIONS_AT_ONCE
     assert_official(coco, found)
+    assert_official_averages(*loaded(coco, found))
 
 
 def case(seed):
@@ -109,23 +110,21 @@ def case(seed):
     return loaded(coco, found * (8 if rng.random() < 0.03 else 1))  # more than a hundred in an image
 
 
+def assert_official_averages(labels, predictions):
+    one = Evaluation(labels, predictions, threshold=Threshold(0.5, "given"))
+    theirs = pycocotools_evaluation(labels, predictions)
+    precision = theirs.eval["precision"][:, :, :, 0, -1].mean(axis=1)
+    each = np.stack([precision.mean(axis=0), precision[0], precision[5]], axis=1)
+    ours = [*one.summary.values(), *(one.values(c)[key] for c in range(len(each)) for key in AVERAGES)]
+    official = np.concatenate([theirs.stats, each.ravel()])
+    assert np.allclose(ours, np.where(official < 0, np.nan, official), rtol=0, atol=1e-12, equal_nan=True)
+
+
 def compare(seeds):
-    compared = 0
-    for seed in seeds:
-        labels, predictions = case(seed)
-        if not len(predictions.score):
-            continue
-        one, theirs = (
-            Evaluation(labels, predictions, threshold=Threshold(0.5, "given")),
-            pycocotools_evaluation(labels, predictions),
-        )
-        precision = theirs.eval["precision"][:, :, :, 0, -1].mean(axis=1)
-        each = np.stack([precision.mean(axis=0), precision[0], precision[5]], axis=1)
-        ours = [*one.summary.values(), *(one.values(c)[key] for c in range(len(each)) for key in AVERAGES)]
-        official = np.concatenate([theirs.stats, each.ravel()])
-        assert np.allclose(ours, np.where(official < 0, np.nan, official), rtol=0, atol=1e-12, equal_nan=True), seed
-        compared += 1
-    return compared
+    cases = [found for found in map(case, seeds) if len(found[1].score)]
+    for found in cases:
+        assert_official_averages(*found)
+    return len(cases)
 
 
 def test_average_precision_equals_pycocotools_on_random_sets():

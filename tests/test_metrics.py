@@ -5,9 +5,7 @@ from scipy.stats import binomtest
 from hulldown.tests.detections import by_position, dataset, loaded, matched, random_case, results, total
 from hulldown.training.evaluation.average_precision import (
     IOUS,
-    RECALLS,
     resampled_averages,
-    weighted_averages,
 )
 from hulldown.training.evaluation.bootstrap import (
     combined_error,
@@ -75,19 +73,6 @@ def averages(coco, found, times):
     matchings = [match(labels, predictions, pairs, iou=iou) for iou in IOUS]
     weights = np.bincount(labels.position, weights=times)
     return resampled_averages(matchings, np.stack([np.ones_like(weights), weights]))[1]
-
-
-@pytest.mark.parametrize("labels", [1, 7, 100])
-def test_recalls_rounded_across_an_edge_count_as_by_division(labels):
-    """0.07 of 100 labels is 7.000000000000001 of them in float64; the seventh label reaches that recall."""
-    true = np.random.default_rng(labels).random(3 * labels) < 0.3
-    true &= np.cumsum(true) <= labels
-    every = np.ones((1, len(true)), dtype=bool)
-    found = weighted_averages(true[None], every, np.ones((1, len(true))), np.array([float(labels)]))
-    tp = np.cumsum(true)
-    highest = np.maximum.accumulate((tp / np.arange(1, len(true) + 1))[::-1])[::-1]
-    at = np.searchsorted(tp / labels, RECALLS)
-    assert found[0, 0] == pytest.approx(np.append(highest, 0.0)[at].mean(), abs=1e-14)
 
 
 def errors_of(boxes, found):
