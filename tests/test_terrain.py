@@ -22,13 +22,6 @@ def hills(n, *, seed=0):
     )
 
 
-def sheets_of(mesh):
-    ground = Ground.of(mesh)
-    low, high = ground.boxes()
-    bounds = np.stack([low.min(axis=1), high.max(axis=1)])
-    return SheetMap(mesh.vertices[:, :2], ground.corners, bounds, ExactGround(ground, low, high).count)
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_points_at_the_limits_of_float64_miss_without_a_warning(method):
     far = np.array([[1e308, -1e308], [-1e308, 1e308], [5e-324, -1e308], [1.7e308, 1.7e308]])
@@ -36,29 +29,31 @@ def test_points_at_the_limits_of_float64_miss_without_a_warning(method):
     assert hits.hit.tolist() == [False] * 8000 + [True]
 
 
-def test_clean_ground_is_certified_as_one_sheet_except_at_its_border():
-    sheets = sheets_of(hills(20))
+def states(mesh, xy):
+    """What is certified at each point."""
+    ground = Ground.of(mesh)
+    low, high = ground.boxes()
+    bounds = np.stack([low.min(axis=1), high.max(axis=1)])
+    sheets = SheetMap(mesh.vertices[:, :2], ground.corners, bounds, ExactGround(ground, low, high).count)
+    return sheets.state(*np.array(xy, dtype=float).T.copy())
+
+
+def test_clean_ground_is_certified_as_one_sheet_and_holes_as_empty():
+    ground = hills(20)
+    kept = np.abs(ground.triangles[:, :, :2] - 10).max(axis=(1, 2)) > 4
+    holed = Mesh(ground.vertices, ground.faces[kept])
     xy = np.random.default_rng(0).uniform(1, 19, (2000, 2))
-    assert (sheets.state(*xy.T.copy()) == SINGLE).all()
-    assert (sheets.state(np.array([0.0]), np.array([10.0])) == UNKNOWN).all()
-    assert (sheets.state(np.array([-9.0, 40.0]), np.array([10.0, 1e9])) == EMPTY).all()
-
-
-def test_a_hole_is_certified_empty():
-    outer = hills(20)
-    kept = np.abs(outer.triangles[:, :, :2] - 10).max(axis=(1, 2)) > 4
-    sheets = sheets_of(Mesh(outer.vertices, outer.faces[kept]))
-    assert (sheets.state(np.array([10.0, 2.0]), np.array([10.0, 2.0])) == [EMPTY, SINGLE]).all()
+    assert (states(ground, xy) == SINGLE).all()
+    assert (states(holed, xy[np.abs(xy - 10).max(axis=1) > 6]) == SINGLE).all()
+    at = [[10, 10], [0, 10], [-9, 10], [40, 1e9]]  # in the hole, on the border, and outside
+    assert states(holed, at).tolist() == [EMPTY, UNKNOWN, EMPTY, EMPTY]
 
 
 def test_a_long_border_across_many_cells_is_marked_along_its_length():
     large = sheet((0, 0), (1000, 1000))  # its diagonal is no border; a strip placed across it has two
     strip = Mesh(np.array([[100.0, 0, 1], [103.0, 0, 1], [900.0, 1000, 1]]), np.array([[0, 1, 2]]))
-    mesh = merge([large, hills(40), strip])[0]
     xy = np.column_stack([np.linspace(101, 899, 300), np.linspace(0.1, 999, 300)])
-    assert Terrain(mesh).top_hits(xy).face.tolist() == [t.face for t in exact_tops(mesh, xy)]
-    sheets = sheets_of(mesh)
-    assert not (sheets.state(*xy.T.copy()) == SINGLE).any()
+    assert not (states(merge([large, hills(40), strip])[0], xy) == SINGLE).any()
 
 
 def test_threads_and_batches_change_nothing():
