@@ -6,7 +6,6 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hulldown.camera.beams import passed_in_beams
 from hulldown.camera.camera_rays import CameraRays
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
@@ -86,9 +85,10 @@ def test_an_added_occluder_never_raises_the_fraction(
 
 
 @given(seeds, st.integers(0, 30), st.floats(0.1, 100))
-def test_a_beam_finds_the_hits_of_its_single_rays(seed: int, k: int, fov: float) -> None:
+def test_rays_of_cameras_are_hidden_like_single_rays(seed: int, k: int, fov: float) -> None:
     rng = np.random.default_rng(seed)
-    scene, n, r, half = boulders(rng, k), 5, 40, math.tan(math.radians(fov / 2))
+    n, r, half = 5, 40, math.tan(math.radians(fov / 2))
+    world = World(Plane(-1.0), boulders(rng, k), [PosedVehicle(TANK, HERE, {"turret": 0.5})])
     poses = cameras(seed, 0.3, n)
     low = rng.uniform(-half, half, (n, 2))
     camera_rays = CameraRays(low, rng.uniform(0, 1, (n, 2)) * (half - low), rng.uniform(0, 1, (r, 2)))
@@ -96,9 +96,10 @@ def test_a_beam_finds_the_hits_of_its_single_rays(seed: int, k: int, fov: float)
     asked[2] = False
     which = np.flatnonzero(asked)
     reach = np.where(asked.ravel(), rng.uniform(-1, 60, n * r), -np.inf)
-    passed = passed_in_beams(scene, camera_rays, poses, reach=reach)
-    hidden = scene.occluded(*camera_rays.rays(poses, which), max_distance=reach[which])
-    np.testing.assert_array_equal(passed[which] == 0.0, hidden)
+    passed, rays = world.passed(camera_rays, poses, reach=reach)[which], camera_rays.rays(poses, which)
+    for column, hiders in enumerate((World(Plane(-1.0)), World(Plane(-1.0), world.obstacles), world)):
+        hidden = hiders.occluded(*rays, max_distance=reach[which])
+        np.testing.assert_array_equal(passed[:, column] == 0.0, hidden)
 
 
 @given(seeds, st.floats(0.05, 0.8))

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from hulldown.camera.camera_rays import CameraRays
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, Camera
-from hulldown.camera.shell import camera_pose
 from hulldown.camera.target import PosedVehicle
 from hulldown.camera.world import Kind, Plane, World
 from hulldown.geometry.instances import InstancedScene
@@ -93,19 +91,6 @@ def test_occluded_rays_have_a_closer_hit():
     hits = WORLD.nearest(origin, along)
     reach = np.random.default_rng(1).uniform(1.0, 15.0, len(along))
     np.testing.assert_array_equal(WORLD.occluded(origin, along, max_distance=reach), hits.distance <= reach)
-
-
-def test_camera_rays_are_hidden_like_single_rays():
-    cameras = camera_pose([0, 0, 1.0], np.array([14.0, 20.0]), np.array([0.0, 2.0]), np.array([0.3, 0.6]))
-    pattern = np.random.default_rng(0).random((400, 2))
-    camera_rays = CameraRays(np.full((2, 2), -0.4), np.full((2, 2), 0.8), pattern)
-    which = np.flatnonzero(np.random.default_rng(1).random(800) < 0.9)
-    reach = np.full(800, -np.inf)
-    reach[which] = np.random.default_rng(2).uniform(5.0, 30.0, len(which))
-    passed = WORLD.passed(camera_rays, cameras, reach=reach)
-    assert np.unique(passed, axis=0).tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1]]
-    hidden = WORLD.occluded(*camera_rays.rays(cameras, which), max_distance=reach[which])
-    np.testing.assert_array_equal(passed[which, 2] == 0.0, hidden)
 
 
 @pytest.mark.parametrize(
