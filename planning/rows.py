@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from hulldown.assets.library import Assets
+from hulldown.geometry.columns import records
 from hulldown.geometry.files import picture_name
 from hulldown.placement.rejection import Rejection
 from hulldown.planning.appearance.light import draw_lights, draw_sensors
@@ -194,11 +194,6 @@ def seen_in_rows(views: Views) -> list[dict[str, Any]]:
     }
     columns = {key: rounded(key, share).tolist() for key, share in shares.items()}
     return records({"bbox": _boxes(views.boxes.xywh), "bbox_amodal": _boxes(views.boxes.amodal), **columns})
-
-
-def records(columns: Mapping[str, Iterable[Any]]) -> list[dict[str, Any]]:
-    """Return a dictionary for each row of columns of the same length."""
-    return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
 
 
 def bounds_in_rows(instances: Instances) -> list[Bounds]:

@@ -14,6 +14,7 @@ from hulldown.assets.library import Assets
 from hulldown.camera.response import ALBEDO, FARTHEST_EV, metered
 from hulldown.camera.sensor import LIMITS, Sensor
 from hulldown.camera.weather.kinds import KINDS, Weather
+from hulldown.geometry.columns import records
 from hulldown.geometry.errors import ConfigError
 from hulldown.planning.config.schema import LightSection
 from hulldown.planning.config.sensor_section import SensorSection
@@ -70,9 +71,8 @@ def draw_lights(
     """
     u = draws.uniform(Purpose.LIGHT, image, 0, count=3)
     errors = draws.uniform(Purpose.EXPOSURE, image, 0, count=2)
-    usual, cloudy = (choose(of_sky, u[:, 0]) for of_sky in weights)
-    overcast = [weather is not None and KINDS[weather.kind].overcast for weather in weathers]
-    hdris = [assets.hdris[i] for i in np.where(overcast, cloudy, usual).tolist()]
+    overcast = np.array([weather is not None and KINDS[weather.kind].overcast for weather in weathers], dtype=np.int64)
+    hdris = [assets.hdris[i] for i in choose(weights[overcast], u[:, 0]).tolist()]
     skies = {name: assets.sky(name) for name in set(hdris)}
     strength = rounded("strength", between(*light.strength, u[:, 2]))
     if light.exposure == "auto":
@@ -116,5 +116,4 @@ def draw_sensors(section: SensorSection, *, draws: RandomStreams, image: Int[np.
     u = draws.uniform(Purpose.SENSOR, image, 0, count=len(LIMITS)).T
     table = {key: rounded("sensor", between(*ranges[key], own)) for key, own in zip(LIMITS, u, strict=True)}
     table["jpeg_quality"] = np.rint(table["jpeg_quality"]).astype(np.int64)
-    columns = zip(*(values.tolist() for values in table.values()), strict=True)
-    return [Sensor(**dict(zip(table, values, strict=True))) for values in columns]
+    return [Sensor(**values) for values in records({key: column.tolist() for key, column in table.items()})]
