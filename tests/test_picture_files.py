@@ -21,21 +21,17 @@ GRAY_AS_RGB = np.repeat(GRAY[..., None], 3, axis=2)
 
 def of_mode(mode):
     """A picture of a mode, and its displayed colors."""
-    whole, color = Image.fromarray(GRAY), Image.fromarray(COLOR)
     if mode.startswith("I;16"):
         values = (GRAY / 255.0 * 65535.0).astype({"B": ">u2"}.get(mode[-1], "<u2"))
         return Image.frombytes(mode, (3, 2), values.tobytes()), GRAY_AS_RGB
-    if mode == "I":
-        return Image.fromarray((GRAY / 255.0 * 65535.0).astype(np.int32)), GRAY_AS_RGB
-    if mode == "F":
-        return Image.fromarray((GRAY / 255.0).astype(np.float32)), GRAY_AS_RGB
+    if mode in ("I", "F"):
+        values = (GRAY / 255.0 * 65535.0).astype(np.int32) if mode == "I" else (GRAY / 255.0).astype(np.float32)
+        return Image.fromarray(values), GRAY_AS_RGB
     if mode == "1":
-        return whole.point(lambda v: 255 * (v > 127)).convert("1"), 255 * np.uint8(GRAY_AS_RGB > 127)
-    if mode in ("L", "LA", "La", "P", "PA"):
-        return whole.convert("LA").convert(mode) if mode == "La" else whole.convert(mode), GRAY_AS_RGB
-    if mode == "RGBa":
-        return color.convert("RGBA").convert(mode), COLOR
-    return color.convert(mode), COLOR
+        return Image.fromarray(GRAY > 127), 255 * np.uint8(GRAY_AS_RGB > 127)
+    gray = mode in ("L", "LA", "La", "P", "PA")
+    plain = {"La": "LA", "RGBa": "RGBA"}.get(mode, mode)  # colors are multiplied by alpha only from there
+    return Image.fromarray(GRAY if gray else COLOR).convert(plain).convert(mode), GRAY_AS_RGB if gray else COLOR
 
 
 MODES = ["1", "L", "LA", "La", "P", "PA", "RGB", "RGBA", "RGBa", "RGBX", "CMYK", "YCbCr", "HSV", "LAB", "F", "I",
