@@ -7,6 +7,7 @@ from PIL import Image
 
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.join import join
+from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.errors import DatasetError
 from hulldown.tests.editing import write_dataset
 
@@ -75,3 +76,4 @@ def test_circular_links_and_pipes_are_one_line_errors(foreign, tmp_path, made):
     os.mkfifo(foreign / "images/1.png")
     with pytest.raises(DatasetError, match=r"1\.png(:| cannot be) .*isn't a regular file"):
         made(foreign, tmp_path / "out")
+    assert "isn't a regular file" in verify(foreign)[0].problem

@@ -131,17 +131,13 @@ def test_an_export_has_matching_seals(tmp_path):
         export(tmp_path / "all", tmp_path / "again", fractions=(1.0, 0.0, 0.0))
 
 
-PICTURE = "images/00000002.png"
-
-
-@pytest.mark.parametrize("name", [PICTURE, "annotations.json", "journal.jsonl", "failures.jsonl", "provenance.json"])
+@pytest.mark.parametrize("name", ["annotations.json", "journal.jsonl", "failures.jsonl", "provenance.json"])
 def test_a_pipe_in_place_of_a_file_does_not_block(tmp_path, name):
     part = fill(tmp_path / "part")
     (part / name).unlink(missing_ok=True)
     os.mkfifo(part / name)
     with pytest.raises(DatasetError, match="isn't a regular file"):
         join([part], tmp_path / "new")
-    assert name != PICTURE or "isn't a regular file" in "".join(errors(part))
 
 
 def test_a_name_of_a_megabyte_is_abbreviated(tmp_path):
