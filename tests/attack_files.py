@@ -7,7 +7,6 @@ would write below TARGET or next to itself, and ASSETS/all/everything.blend, a s
 
 import json
 import os
-import struct
 import sys
 from functools import partial
 from pathlib import Path
@@ -15,6 +14,7 @@ from pathlib import Path
 import bpy
 import matplotlib
 import numpy as np
+from PIL import Image
 
 from hulldown.reading.blender.add_nodes import add_node
 from hulldown.reading.blender.tidy_properties import PART, REST
@@ -22,6 +22,8 @@ from hulldown.tests.blend_parts import collection, cube, fresh, from_library, li
 from hulldown.tests.node_trees import node_group, shader_of, textured, write_picture
 
 FONT = Path(matplotlib.get_data_path()) / "fonts/ttf/DejaVuSans.ttf"
+USD = partial(bpy.ops.wm.usd_export, root_prim_path="/scene")
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 
 
 def picture(path):
@@ -31,6 +33,13 @@ def picture(path):
 def text(path, lines):
     path.write_text(lines)
     return path
+
+
+def beside(path):
+    """A link next to the asset that leads to a file."""
+    here = Path(bpy.data.filepath).with_name(f"beside{path.suffix}")
+    here.symlink_to(path)
+    return here
 
 
 def skinned(path, source="FILE"):
@@ -65,17 +74,6 @@ def importing(kind, path):
     cube().modifiers.new("nodes", "NODES").node_group = group
 
 
-def linked(secret):
-    library(secret / "linked.blend")
-
-
-def linked_by_a_link(secret):
-    """The library is a symbolic link next to the asset."""
-    here = Path(bpy.data.filepath).parent / "beside.blend"
-    here.symlink_to(secret / "linked_by_a_link.blend")
-    library(here)
-
-
 def library(path):
     """Link an object of another file."""
     loot = from_library(path, "objects", "Loot")
@@ -83,18 +81,8 @@ def library(path):
     link(loot)
 
 
-def image(secret):
-    skinned(picture(secret / "image.png"))
-
-
 def relative(secret):
     skinned(picture(secret / "relative.png")).filepath = bpy.path.relpath(str(secret / "relative.png"))
-
-
-def image_by_a_link(secret):
-    here = Path(bpy.data.filepath).parent / "beside.png"
-    here.symlink_to(picture(secret / "image_by_a_link.png"))
-    skinned(here)
 
 
 def udim(secret):
@@ -103,20 +91,8 @@ def udim(secret):
 
 
 def movie(secret):
-    """An uncompressed AVI of one picture."""
-    frame = bytes(8 * 8 * 3)
-    strf = struct.pack("<IiiHHIIiiII", 40, 8, 8, 1, 24, 0, len(frame), 0, 0, 0, 0)
-    strh = struct.pack("<4s4sIHHIIIIIIIIHHHH", b"vids", b"DIB ", 0, 0, 0, 0, 1, 25, 0, 1, len(frame), 0, 0, 0, 0, 8, 8)
-    avih = struct.pack("<14I", 40000, 0, 0, 0x10, 1, 0, 1, len(frame), 8, 8, 0, 0, 0, 0)
-
-    def chunk(name, data):
-        return name + struct.pack("<I", len(data)) + data
-
-    streams = chunk(b"LIST", b"strl" + chunk(b"strh", strh) + chunk(b"strf", strf))
-    body = b"AVI " + chunk(b"LIST", b"hdrl" + chunk(b"avih", avih) + streams)
-    body += chunk(b"LIST", b"movi" + chunk(b"00db", frame)) + chunk(b"idx1", struct.pack("<4sIII", b"00db", 16, 4, 192))
-    (secret / "movie.avi").write_bytes(chunk(b"RIFF", body))
-    skinned(secret / "movie.avi", "MOVIE")
+    Image.new("RGB", (8, 8)).save(secret / "movie.gif")
+    skinned(secret / "movie.gif", "MOVIE")
 
 
 def displaced(secret):
@@ -149,14 +125,6 @@ def cached(path, export, inside):
     modifier.cache_file, modifier.object_path = bpy.data.cache_files[0], inside
 
 
-def alembic(secret):
-    cached(secret / "alembic.abc", bpy.ops.wm.alembic_export, "/Body/Body")
-
-
-def usd(secret):
-    cached(secret / "usd.usdc", partial(bpy.ops.wm.usd_export, root_prim_path="/scene"), "/scene/Body/Body")
-
-
 def ies(secret):
     text(secret / "ies.ies", "IESNA:LM-63-2002\nTILT=NONE\n1 100 1 2 1 1 1 0 0 0\n1 1 10\n0 90\n0\n1 1\n")
     material = bpy.data.materials.new("m")
@@ -165,22 +133,20 @@ def ies(secret):
     material.node_tree.links.new(node.outputs[0], shader_of(material).inputs["Base Color"])
 
 
-def import_text(secret):
-    importing("Text", text(secret / "import_text.txt", "loot"))
-
-
-def import_csv(secret):
-    importing("CSV", text(secret / "import_csv.csv", "position:3,a\n1,2\n"))
-
-
-def import_obj(secret):
-    importing("OBJ", text(secret / "import_obj.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"))
-
-
-READERS = (
-    *(linked, linked_by_a_link, image, relative, image_by_a_link, udim, movie, displaced, font, volume),
-    *(alembic, usd, ies, import_text, import_csv, import_obj),
-)
+# By name, what builds it with a file of that name in a folder.
+READERS = {
+    "linked": lambda secret: library(secret / "linked.blend"),
+    "linked_by_a_link": lambda secret: library(beside(secret / "linked_by_a_link.blend")),
+    "image": lambda secret: skinned(picture(secret / "image.png")),
+    "relative": relative,
+    "image_by_a_link": lambda secret: skinned(beside(picture(secret / "image_by_a_link.png"))),
+    **{"udim": udim, "movie": movie, "displaced": displaced, "font": font, "volume": volume, "ies": ies},
+    "alembic": lambda secret: cached(secret / "alembic.abc", bpy.ops.wm.alembic_export, "/Body/Body"),
+    "usd": lambda secret: cached(secret / "usd.usdc", USD, "/scene/Body/Body"),
+    "import_text": lambda secret: importing("Text", text(secret / "import_text.txt", "loot")),
+    "import_csv": lambda secret: importing("CSV", text(secret / "import_csv.csv", "position:3,a\n1,2\n")),
+    "import_obj": lambda secret: importing("OBJ", text(secret / "import_obj.obj", TRIANGLE)),
+}
 
 
 def particles(target):
@@ -210,10 +176,6 @@ def fluid(target):
     cube("Hull")
 
 
-def nothing(target):
-    cube()
-
-
 def outputs(target):
     cube()
     render = bpy.context.scene.render
@@ -225,7 +187,7 @@ def outputs(target):
     node.directory = str(target / "composited")
 
 
-WRITERS = (particles, paint, fluid, outputs, nothing)
+WRITERS = {case.__name__: case for case in (particles, paint, fluid, outputs)} | {"nothing": lambda target: cube()}
 
 
 def as_vehicle():
@@ -269,21 +231,21 @@ def build(assets, secret, target):
         fresh()
         cube("Loot")
         save(secret / f"{name}.blend")
-    attacks = [(case, secret) for case in READERS] + [(case, target) for case in WRITERS]
-    for case, aim in attacks:
-        path = assets / f"{case.__name__}.blend"
+    attacks = READERS | WRITERS
+    for name, attack in attacks.items():
+        path = assets / f"{name}.blend"
         fresh()
         save(path)  # relative paths need it
-        case(aim)
-        if case in WRITERS:
+        attack(target if name in WRITERS else secret)
+        if name in WRITERS:
             as_vehicle()
         save(path, relative_remap=False)
     files_of_other_formats(assets, secret)
     fresh()
     save(assets / "all/everything.blend")
-    for case, aim in attacks:
-        if case.__name__ not in ("alembic", "usd", "fluid"):  # those export the whole scene, or crash with others
-            case(aim)
+    for name, attack in attacks.items():
+        if name not in ("alembic", "usd", "fluid"):  # those export the whole scene, or crash with others
+            attack(target if name in WRITERS else secret)
     for obj in bpy.data.objects:
         if not obj.library:
             obj.name = "thing"  # a body would make the file a vehicle

@@ -12,6 +12,8 @@ import numpy as np
 
 from hulldown.reading.blender.add_nodes import add_node
 from hulldown.reading.blender.light_pictures import rendered, see_pixel_centers
+from hulldown.reading.blender.surfaces.bake import opacities
+from hulldown.reading.blender.surfaces.opacity import is_opaque
 from hulldown.render.blender import cycles
 from hulldown.render.blender.object_index import ONE_RAY
 from hulldown.tests.blend_parts import fresh, mesh, place, save
@@ -207,5 +209,10 @@ IMAGES = {
 cards()
 (FOLDER / "lost.png").unlink()
 save(FOLDER / "cards.blend")
+every = opacities([material for material in bpy.data.materials if not is_opaque(material)])
+for name in ("multiply", "invert"):
+    key = bpy.data.materials[name].as_pointer()
+    (alone,) = opacities([bpy.data.materials[name]]).values()
+    assert np.array_equal(alone.curve, every[key].curve), "one material is baked like many"
 np.save(FOLDER / "shown.npy", show())
 (FOLDER / "cards.json").write_text(json.dumps(CARDS))
