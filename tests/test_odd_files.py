@@ -14,7 +14,7 @@ from hulldown.reading.export import export
 from hulldown.reading.formats import format_of
 from hulldown.tests.messy_export import Messy
 
-LIMITS = ReadLimits(silence_s=20.0, memory_bytes=2 * 2**30)
+LIMITS = ReadLimits(silence_s=120.0, memory_bytes=2 * 2**30)
 TOO_LARGE = "GiB of memory, more than the limit of 2.00 GiB; make it smaller, leave it out, or raise"
 
 
