@@ -13,7 +13,6 @@ from hulldown.camera.weather.kinds import airlight
 from hulldown.geometry.color import LUMINANCE, linear_color
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.meshes import Mesh, merge
-from hulldown.geometry.transforms import rotation_about
 from hulldown.planning.appearance.land import land_above_horizon
 from hulldown.planning.appearance.paint import PaintEntry, paint_doubts
 from hulldown.planning.config.schema import Config
@@ -38,18 +37,10 @@ from hulldown.tests.test_roles import piece
 MAX_MATERIAL = "newmtl body\n\tNi 1.5\n\td 1\n\tTr 0\n\tTf 1 1 1\n\tillum 2\n\tKd 0.3 0.32 0.2\n"
 GLASS = "newmtl window\nTf 1 1 1\nillum 7\nd 1\n"
 MOVED = "newmtl body\nmap_Kd model://car/materials/textures/skin.png\nnewmtl tire\nmap_Kd C:\\art\\Tire.PNG\n"
-
-
-def wheel(at):
-    return tube(np.subtract(at, (0, 0.15, 0)), np.add(at, (0, 0.15, 0)), 0.5, sides=24)
-
-
-WHEELS = {f"wheel_{x}_{y}": wheel([x, y, 0.5]) for x in (-2, 0, 2) for y in (-1.2, 1.2)}
-
-
-CAR = {"hull": box([6, 3, 1], [0, 0, 1]), "cabin": box([2, 2, 1], [1, 0, 2]), **WHEELS}
-
-
+CAR = {
+    "hull": box([6, 3, 1], [0, 0, 1]), "cabin": box([2, 2, 1], [1, 0, 2]),
+    **{f"wheel_{x}_{y}": tube((x, y - 0.15, 0.5), (x, y + 0.15, 0.5), 0.5) for x in (-2, 0, 2) for y in (-1.2, 1.2)},
+}  # fmt: skip
 HOUSES = [box([6, 6, 20], [x, y, 10]) for x in range(-24, 25, 12) for y in range(-24, 25, 12)]
 NAMELESS = {f"Mesh_{k}": mesh for k, mesh in enumerate(CAR.values())}
 ON_ATLAS = {name: (0.3, 0.5) if name == "Mesh_0" else (0.75, 0.5) for name in NAMELESS}
@@ -77,11 +68,6 @@ def hills():
     return surface(x, x, 2 * np.outer(np.sin(x / 60), np.cos(x / 50)))
 
 
-def turned(mesh, axis):
-    """A mesh after a quarter turn."""
-    return mesh.at(mesh.vertices @ rotation_about(axis, np.pi / 2).T)
-
-
 def curb(radius, width):
     """A closed strip around the origin, 0.2 m high."""
     ring = trimesh.creation.annulus(radius - width, radius, 0.2)
@@ -99,7 +85,7 @@ def read(tmp_path_factory):
         "pit": {"Terrain": hills(), "Terrain_low": box([120, 120, 1], [0, 0, -194]), "tree": tree},
         "track": {"Terrain": hills(), "Object_7": curb(200, 0.8)},
         "lawn": {"stadium_dirt": curb(35, 4), "stadium_grass": box([82, 82, 0], [0, 0, -0.02])},
-        "upright": {"Terrain": turned(hills(), [1.0, 0.0, 0.0])},
+        "upright": {"Terrain": hills().at(hills().vertices[:, [0, 2, 1]] * [1, -1, 1])},
         "village": {"Ground": village},
     }
     # Meshes by name, then arguments of `write_obj`.
