@@ -8,7 +8,7 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.geometry.errors import HulldownError
 from hulldown.render import process
 from hulldown.render.engine import Engine
-from hulldown.render.messages import CameraInput, MaskJob, SceneryInput
+from hulldown.render.messages import CameraInput, CyclesSettings, LightInput, RenderJob, SceneryInput
 from hulldown.render.pool import Pool
 from hulldown.render.process import FIRST_JOBS, Limits, Stopped
 
@@ -33,7 +33,9 @@ class Work:
 
     def job(self, number):
         camera = CameraInput([], Intrinsics(1, 1, 1.0), 0.1, 0.0, 0.0)
-        return MaskJob(SceneryInput(self.how[number], [], [], []), [], camera, str(self.folder / f"{number}.npy"))
+        scenery, light = SceneryInput(self.how[number], [], [], []), LightInput("", 0.0, 1.0, None)
+        settings, output = CyclesSettings(1, False, 0.0, 1), str(self.folder / f"{number}.png")
+        return RenderJob(scenery, [], camera, light, None, 0, settings, output)
 
 
 @pytest.mark.parametrize("workers", [1, 3])
@@ -59,6 +61,7 @@ def test_no_jobs_start_no_worker(tmp_path, blender):
         ("hang", "no answer within 0.5 s"),
         ("grow", "more than the limit of 0.16 GiB"),
         ("fail", "ValueError: as asked"),
+        ("cut", "Blender wrote a picture that cannot be read"),
     ],
 )
 def test_a_job_is_given_up_after_three_failures_and_the_others_continue(tmp_path, blender, how, reason):
@@ -70,7 +73,7 @@ def test_a_job_is_given_up_after_three_failures_and_the_others_continue(tmp_path
     assert len(work.failed[1]) == 3
     assert all(reason in r for r in work.failed[1])
     assert sum(reason in line for line in work.lines) == 3  # each retry is reported
-    assert work.restarts == (0 if how == "fail" else 3)
+    assert work.restarts == (0 if how in ("fail", "cut") else 3)
 
 
 def test_a_job_that_takes_much_longer_than_the_first_ones_is_ended(tmp_path, blender, monkeypatch):
