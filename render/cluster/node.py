@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -89,11 +90,30 @@ def render_row(setting: Setting, job: RenderJob, assets: tuple[AssetNote, ...], 
     HulldownError, OSError
         If this machine can't render at all.
     """
-    is_wanted = wanted()
-    try:
-        return _open_blender().render(setting, job, assets, contents, stopping=lambda: not is_wanted())
-    except Stopped:
-        return Answer()
+    is_wanted, opened = wanted(), _open_blender()
+    with opened.busy(setting):
+        kept = {opened.cache.keep(content) for content in contents}
+        lacking = tuple({digest: None for asset in assets for digest in opened.cache.lacking(asset)})
+        if lost := kept.intersection(lacking):
+            raise HulldownError(f"{cache_folder()} does not keep {min(lost)[:12]}")
+        if lacking:
+            return Answer(lacking=lacking)
+        here = {asset[0].path: str(opened.cache.place(asset).resolve()) for asset in assets}
+        output = (opened.pictures / "picture").with_suffix(Path(job.output).suffix)
+        job_here = replace(
+            job,
+            scenery=replace(job.scenery, path=here[job.scenery.path]),
+            vehicles=[replace(vehicle, tidy=here[vehicle.tidy]) for vehicle in job.vehicles],
+            light=replace(job.light, hdri=here[job.light.hdri]),
+            output=str(output),
+        )
+        try:
+            outcome = opened.blender.do(job_here, stopping=lambda: not is_wanted())
+        except Stopped:
+            return Answer()
+        output.unlink(missing_ok=True)
+        lines, opened.lines[:] = tuple(opened.lines), []
+        return Answer(outcome, has_failed=bool(outcome.reasons), lines=lines)
 
 
 @cache
@@ -103,40 +123,33 @@ def _open_blender() -> OpenBlender:
 
 
 class OpenBlender:
-    """The Blender of a Dask worker, with logs and unfinished pictures in the folder `scratch`."""
+    """The Blender of a Dask worker, its copies of files, and unsent `lines` for the user; it writes to `scratch`."""
+
+    blender: Blender  # this and the cache are for the setting of the last `busy`
+    cache: AssetCache
 
     def __init__(self, scratch: Path) -> None:
-        self._scratch, self._pictures = scratch, scratch / "pictures"
-        self._pictures.mkdir(parents=True, exist_ok=True)
+        self._scratch, self.pictures = scratch, scratch / "pictures"
+        self.pictures.mkdir(parents=True, exist_ok=True)
         self._setting: Setting | None = None
-        self._blender: Blender
-        self._lines: list[str] = []
+        self.lines: list[str] = []
         self._busy = threading.Lock()
         self._idle = threading.Timer(IDLE_S, self._end_idle)
 
     def _end_idle(self) -> None:
         with self._busy:
             if self._setting is not None:
-                self._blender.close()  # the next image starts another
+                self.blender.close()  # the next image starts another
 
-    def render(
-        self,
-        setting: Setting,
-        job: RenderJob,
-        assets: tuple[AssetNote, ...],
-        contents: tuple[bytes, ...],
-        *,
-        stopping: Callable[[], bool],
-    ) -> Answer:
-        """Render an image, or return the missing contents; see `render_row`."""
+    @contextmanager
+    def busy(self, setting: Setting) -> Iterator[None]:
+        """Have a Blender and a cache for a setting during the block; Blender stays open for `IDLE_S` after it."""
         self._idle.cancel()
         try:
             with self._busy:
                 if setting != self._setting:
                     self._set(setting)
-                answer = self._render(job, assets, contents, stopping)
-                lines, self._lines[:] = tuple(self._lines), []
-                return replace(answer, lines=lines)
+                yield
         finally:
             self._idle = threading.Timer(IDLE_S, self._end_idle)
             self._idle.daemon = True
@@ -144,38 +157,16 @@ class OpenBlender:
 
     def _set(self, setting: Setting) -> None:
         if self._setting is not None:
-            self._blender.close()
+            self.blender.close()
         self._setting = None  # should any of this fail
-        self._cache = AssetCache(cache_folder(), setting.key)
-        self._blender = Blender(
+        self.cache = AssetCache(cache_folder(), setting.key)
+        self.blender = Blender(
             self._scratch / "logs" / "blender.log",
             device=setting.device,
             allowance=Allowance(setting.limits, max(1, int(os.environ.get(SHARE_VARIABLE, "1")))),
-            confinement=Confinement(self._pictures, (self._cache.tree, *setting.readable)),
-            say=self._lines.append,
+            confinement=Confinement(self.pictures, (self.cache.tree, *setting.readable)),
+            say=self.lines.append,
         )
         if why := landlock.unconfined():
-            self._lines.append(f"Blender is not confined there: {why}; see docs/safety.md")
+            self.lines.append(f"Blender is not confined there: {why}; see docs/safety.md")
         self._setting = setting
-
-    def _render(
-        self, job: RenderJob, assets: tuple[AssetNote, ...], contents: tuple[bytes, ...], stopping: Callable[[], bool]
-    ) -> Answer:
-        kept = {self._cache.keep(content) for content in contents}
-        lacking = tuple({digest: None for asset in assets for digest in self._cache.lacking(asset)})
-        if lost := kept.intersection(lacking):
-            raise HulldownError(f"{cache_folder()} does not keep {min(lost)[:12]}")
-        if lacking:
-            return Answer(lacking=lacking)
-        here = {asset[0].path: str(self._cache.place(asset).resolve()) for asset in assets}
-        output = (self._pictures / "picture").with_suffix(Path(job.output).suffix)
-        job_here = replace(
-            job,
-            scenery=replace(job.scenery, path=here[job.scenery.path]),
-            vehicles=[replace(vehicle, tidy=here[vehicle.tidy]) for vehicle in job.vehicles],
-            light=replace(job.light, hdri=here[job.light.hdri]),
-            output=str(output),
-        )
-        outcome = self._blender.do(job_here, stopping=stopping)
-        output.unlink(missing_ok=True)
-        return Answer(outcome, has_failed=bool(outcome.reasons))
