@@ -142,7 +142,7 @@ def _scene(images: int) -> tuple[Labels, Predictions]:
     ids = np.arange(1, CLASSES + 1)
     records = [{"id": i + 1, "file_name": f"{i}.png"} for i in range(images)]
     labels = Labels(
-        Path("d"), Path("d"), ids, names, np.repeat(np.arange(images), LABELS), label, xywh,
+        Path("d"), ids, names, np.repeat(np.arange(images), LABELS), label, xywh,
         xywh[:, 2] * xywh[:, 3], np.zeros(g, dtype=bool), records, [{}] * g,
     )  # fmt: skip
     classes = np.where(rng.random(d) < 0.9, label[near], rng.integers(0, CLASSES, d))

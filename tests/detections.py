@@ -38,7 +38,7 @@ def results(found):
 
 
 def loaded(coco, found) -> tuple[Labels, Predictions]:
-    labels = labels_of(coco, path=HERE, folder=HERE)
+    labels = labels_of(coco, path=HERE)
     return labels, predictions_of(found, labels, path=Path("predictions.json"), name="predictions")
 
 

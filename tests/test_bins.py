@@ -157,7 +157,7 @@ def scene(tmp_path):
         pixels[y : y + h, x : x + w] = level
     (tmp_path / "images").mkdir()
     Image.fromarray(pixels).save(tmp_path / "images" / "1.png")
-    return labels_of(dataset(records, images=2), path=tmp_path, folder=tmp_path)
+    return labels_of(dataset(records, images=2), path=tmp_path)
 
 
 def test_contrast_is_the_difference_from_the_surroundings_of_a_target_unless_stored(scene):

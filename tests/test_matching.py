@@ -120,6 +120,13 @@ def assert_official_averages(labels, predictions):
     assert np.allclose(ours, np.where(official < 0, np.nan, official), rtol=0, atol=1e-12, equal_nan=True)
 
 
+def test_recalls_rounded_across_an_edge_count_as_by_division():
+    """0.07 of 100 labels is 7.000000000000001 of them in float64; the seventh label reaches that recall."""
+    boxes = [(image, 1, (0, 0, 9, 9)) for image in range(1, 101)]
+    found = [(image, 1, (x, 0, 9, 9), 1 - (image + x / 99) / 200) for image in range(1, 101) for x in (0, 50)]
+    assert_official_averages(*loaded(dataset(boxes, images=100), results(found)))
+
+
 def compare(seeds):
     cases = [found for found in map(case, seeds) if len(found[1].score)]
     for found in cases:

@@ -24,9 +24,7 @@ class Labels:
     Parameters
     ----------
     path
-        The dataset's path, for errors.
-    folder
-        Folder of its pictures.
+        The dataset's folder, or its file.
     class_id
         (c,) ascending.
     class_names
@@ -44,7 +42,6 @@ class Labels:
     """
 
     path: Path
-    folder: Path
     class_id: Int[np.ndarray, " c"]
     class_names: tuple[str, ...]
     image: Int[np.ndarray, " g"]
@@ -54,6 +51,11 @@ class Labels:
     crowd: Bool[np.ndarray, " g"]
     images: Sequence[Mapping[str, Any]]
     annotations: Sequence[Mapping[str, Any]]
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the pictures."""
+        return self.path if self.path.is_dir() else self.path.parent
 
     @cached_property
     def position(self) -> Int[np.ndarray, " n"]:
@@ -80,11 +82,10 @@ def read_labels(path: Path | str) -> Labels:
     DatasetError
         If there is none, or naming the first unusable record.
     """
-    path = Path(path)
-    return labels_of(read_usable(path), path=path, folder=path if path.is_dir() else path.parent)
+    return labels_of(read_usable(Path(path)), path=Path(path))
 
 
-def labels_of(coco: Mapping[str, Any], *, path: Path, folder: Path) -> Labels:
+def labels_of(coco: Mapping[str, Any], *, path: Path) -> Labels:
     """Labels of a COCO dictionary with checked records.
 
     Raises
@@ -126,7 +127,6 @@ def labels_of(coco: Mapping[str, Any], *, path: Path, folder: Path) -> Labels:
         ) from None
     return Labels(
         path=path,
-        folder=folder,
         class_id=np.array([category["id"] for category in categories], dtype=np.int64),
         class_names=tuple(category["name"] for category in categories),
         image=np.array([index[record["image_id"]] for record in annotations], dtype=np.int64),

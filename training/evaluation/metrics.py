@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
+from scipy.sparse import csr_array
 
 from hulldown.training.evaluation.matching import Matching, greedy
 from hulldown.training.evaluation.predictions import places
@@ -136,21 +137,18 @@ def sums_at_best(matching: Matching, weights: Float[np.ndarray, "r positions"]) 
     labels, predictions = matching.labels, matching.predictions
     classes = len(predictions.class_names)
     rows, last = _by_score(predictions.score, ~matching.ignored)
-    score, label, true = predictions.score[rows], predictions.label[rows], matching.true[rows]
-    iou, where = np.where(true, matching.iou[rows], 0.0), labels.position[predictions.image[rows]]
-    wanted = np.flatnonzero(~labels.crowd)
+    score, true, where = predictions.score[rows], matching.true[rows], labels.position[predictions.image[rows]]
+    iou = np.where(true, matching.iou[rows], 0.0)
+    each = np.stack([true, ~true, np.zeros(len(rows)), iou, true * score, ~true * score], axis=1)
+    of_class = csr_array((np.ones(len(rows)), (predictions.label[rows], np.arange(len(rows)))), (classes, len(rows)))
+    of_all = sums_by(matching, of_detection=predictions.label, of_label=labels.label, bins=classes)
+    wanted = weights @ denominators(of_all)["recall"]
     result = np.zeros((len(weights), classes, len(SUMS)))
     for k, weight in enumerate(weights):
-        counts = weight[labels.position[labels.image[wanted]]]
-        per_class = np.bincount(labels.label[wanted], weights=counts, minlength=classes)
         counts = weight[where]
         if len(last):
-            f1 = ratio(2.0 * np.cumsum(counts * true)[last], np.cumsum(counts)[last] + per_class.sum())
-            best = last[np.argmax(np.nan_to_num(f1))] + 1
-            right, wrong = (counts * true)[:best], (counts * ~true)[:best]
-            columns = (right, wrong, None, right * iou[:best], right * score[:best], wrong * score[:best])
-            for column, values in enumerate(columns):
-                if values is not None:
-                    result[k, :, column] = np.bincount(label[:best], weights=values, minlength=classes)
-        result[k, :, 2] = per_class - result[k, :, 0]
+            f1 = ratio(2.0 * np.cumsum(counts * true)[last], np.cumsum(counts)[last] + wanted[k].sum())
+            counts[last[np.argmax(np.nan_to_num(f1))] + 1 :] = 0.0
+        result[k] = of_class @ (counts[:, None] * each)
+    result[..., 2] = wanted - result[..., 0]
     return result
