@@ -95,7 +95,8 @@ def test_rays_of_cameras_are_hidden_like_single_rays(seed: int, k: int, fov: flo
     asked = rng.random((n, r)) < 0.8
     asked[2] = False
     which = np.flatnonzero(asked)
-    reach = np.where(asked.ravel(), rng.uniform(-1, 60, n * r), -np.inf)
+    met = world.nearest(*camera_rays.rays(poses, np.arange(n * r))).distance
+    reach = np.where(asked.ravel(), met * rng.uniform(0.9, 1.1, n * r), -np.inf)
     passed, rays = world.passed(camera_rays, poses, reach=reach)[which], camera_rays.rays(poses, which)
     for column, hiders in enumerate((World(Plane(-1.0)), World(Plane(-1.0), world.obstacles), world)):
         hidden = hiders.occluded(*rays, max_distance=reach[which])
