@@ -16,6 +16,7 @@ from pycocotools.coco import COCO
 
 from hulldown.annotate.masks import decode, encode, mask_box
 from hulldown.annotate.outlines import polygons
+from hulldown.cli import parser
 from hulldown.dataset.exports.export import LAYOUTS, WITH_POLYGONS, export
 from hulldown.dataset.exports.layouts import webdataset as shards
 from hulldown.dataset.exports.layouts.kitti import label_line
@@ -314,6 +315,11 @@ def test_kittis_angles_are_zero_for_a_vehicle_ahead_that_drives_to_the_right(x, 
     assert (kind, truncated, occluded) == ("a_b", "0.2500", "1")
     wanted = [alpha, 1, 2, 4, 6, 2, 3, 8, x, 1, 20, turn]
     np.testing.assert_allclose([float(each) for each in fields], wanted, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_the_command_knows_every_layout(layout):
+    assert parser().parse_args(["export", "d", "-o", "out", "--format", layout]).format == layout
 
 
 @pytest.mark.parametrize("layout", sorted(set(LAYOUTS) - set(WITH_POLYGONS)))
