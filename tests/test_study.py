@@ -376,8 +376,10 @@ def test_a_named_arm_of_another_model_has_that_models_defaults(pictures, tmp_pat
     assert (mixed.weights, other.weights) == (None, str(tmp_path / "w.pth"))
 
 
-def test_a_dry_run_warns_of_equal_shares_and_of_arms_without_photographs(pictures, tmp_path):
-    keys = {"fractions": [1.0, 0.99], "train": SMALL | {"budget": 1}, "seeds": list(range(4))}
+def test_a_dry_run_warns_of_equal_shares_and_of_arms_without_photographs_or_a_class(pictures, tmp_path):
+    keys = {"fractions": [1.0, 0.99, 0.05], "train": SMALL | {"budget": 1}, "seeds": list(range(4))}
     warned = settled(pictures, tmp_path, **keys).warnings
     assert any("seed 0: 100 % and 99 % are the same 16 photographs" in line for line in warned)
     assert any("mixed-100-seed" in line and "no photograph" in line for line in warned)
+    lacking = [line for line in warned if "photographs show no" in line]
+    assert {line.split(":")[0] for line in lacking} == {f"real-5-seed{seed}" for seed in range(4)}
