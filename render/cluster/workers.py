@@ -15,7 +15,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import CancelledError
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Self, TypeVar
 from weakref import WeakValueDictionary
 
 from distributed import Client, Future, KilledWorker, Security, as_completed, get_worker
@@ -32,7 +32,6 @@ LOSSES = 3  # workers lost during a task before it's tried alone
 STRIKES = 3  # tasks that only this worker fails at, before it's excluded
 
 Job = TypeVar("Job")
-AnyCluster = TypeVar("AnyCluster", bound="Cluster")
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,7 +275,7 @@ class Cluster:
         if (futures := list(futures)) and self.client.status == "running":
             self.client.cancel(futures, force=True)
 
-    def __enter__(self: AnyCluster) -> AnyCluster:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
