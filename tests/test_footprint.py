@@ -13,22 +13,24 @@ def box_points(low, high, n=5):
 HULL = box_points([-3.0, -1.7, 0.4], [3.0, 1.7, 1.4])
 
 
-def test_four_wheels_span_the_footprint():
-    wheels = np.array([[x, y, 0.0] for x in (-1.5, 1.6) for y in (-0.8, 0.8)])
-    np.testing.assert_allclose(contact_footprint(np.concatenate([HULL, wheels])), [[-1.5, -0.8], [1.6, 0.8]])
+WHEELS = np.array([[x, y, 0.0] for x in (-1.5, 1.6) for y in (-0.8, 0.8)])
+# One foot is lowest, the others are 8 cm higher: within a tenth of the height, but not within a twentieth.
+UNEVEN = np.column_stack([WHEELS[:, :2], [0.0, 0.08, 0.08, 0.08]])
+BELOW = [[-1.5, -0.8], [1.6, 0.8]]
 
 
-@pytest.mark.parametrize("z", [0.0, -50.0])
-def test_the_band_is_doubled_until_the_footprint_is_wide_enough(z):
-    """One foot is lowest, the others are 8 cm higher: within a tenth of the height, but not within a twentieth."""
-    feet = np.array([[-1.5, -0.8, 0.0], [-1.5, 0.8, 0.08], [1.6, -0.8, 0.08], [1.6, 0.8, 0.08]])
-    vertices = np.concatenate([HULL, feet]) + np.array([0.0, 0.0, z])
-    np.testing.assert_allclose(contact_footprint(vertices), [[-1.5, -0.8], [1.6, 0.8]])
-
-
-def test_flat_sheets_and_single_points_have_the_footprint_of_their_bounds():
-    np.testing.assert_array_equal(contact_footprint([[0, 0, 1], [2, 3, 1]]), [[0, 0], [2, 3]])
-    np.testing.assert_array_equal(contact_footprint([[4, 5, 6]]), [[4, 5], [4, 5]])
+@pytest.mark.parametrize(
+    ("vertices", "footprint"),
+    [
+        pytest.param(np.concatenate([HULL, WHEELS]), BELOW, id="four wheels"),
+        *((np.concatenate([HULL, UNEVEN]) + np.array([0.0, 0.0, z]), BELOW) for z in (0.0, -50.0)),
+        pytest.param(np.concatenate([HULL, [[-2.9, 0.0, 0.3]]]), [[-3.0, -1.7], [3.0, 1.7]], id="a hook is no foot"),
+        pytest.param([[0, 0, 1], [2, 3, 1]], [[0, 0], [2, 3]], id="a flat sheet"),
+        pytest.param([[4, 5, 6]], [[4, 5], [4, 5]], id="a point"),
+    ],
+)
+def test_the_footprint_is_what_is_low_and_wide_enough(vertices, footprint):
+    np.testing.assert_allclose(contact_footprint(vertices), footprint)
 
 
 def tank():
@@ -53,9 +55,10 @@ def test_a_barrel_outside_the_footprint_is_ignored():
     assert np.isin(seen.heights, [0.0, np.inf]).all()
 
 
-def test_a_sheet_of_small_pieces_on_its_edge_has_a_footprint():
-    x = np.linspace(-2.0, 2.0, 301)  # shorter than a cell
-    lying = [surface(x, np.array([0.0, 0.5]), np.full((301, 2), y)) for y in (-0.9, 0.9)]
+@pytest.mark.parametrize("n", [301, 2])  # pieces shorter and longer than a cell
+def test_a_sheet_on_its_edge_has_a_footprint(n):
+    x = np.linspace(-2.0, 2.0, n)
+    lying = [surface(x, np.array([0.0, 0.5]), np.full((n, 2), y)) for y in (-0.9, 0.9)]
     sheets = [Mesh(each.vertices[:, [0, 2, 1]], each.faces) for each in lying]
     seen = underside(merge([*sheets, box((-2.0, -0.9, 0.5), (2.0, 0.9, 1.0))])[0])
     assert not seen.heights[:, [0, -1]].any()
@@ -98,8 +101,3 @@ def test_a_spot_is_as_low_as_the_geometry_around_its_point(n):
     spread = np.hypot(7.0, 3.5) / max(n - 1, 1)
     height = at.height.reshape(n, n)[nearest[:, None], nearest]
     assert (height <= seen.heights + LEAN * spread).all()
-
-
-def test_one_low_point_is_not_a_footprint():
-    hook = np.array([[-2.9, 0.0, 0.3]])
-    np.testing.assert_allclose(contact_footprint(np.concatenate([HULL, hook])), [[-3.0, -1.7], [3.0, 1.7]])

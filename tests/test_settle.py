@@ -86,18 +86,13 @@ def test_the_margin_is_the_distance_of_the_center_from_the_contact_polygon():
     assert np.isnan(placed(terrain, xy, yaw, rule="averaged").margin).all()
 
 
-def test_the_denser_measurement_finds_a_bump_between_the_rays():
-    terrain = Terrain(height_field(lambda x, y: 0.4 * np.exp(-(x**2 + (y - 0.44) ** 2) / 0.15**2), half=8, cell=0.05))
-    free, limited = (placed(terrain, max_penetration=most) for most in (math.inf, 0.3))
-    assert free.penetration[0] > 0.35
-    assert limited.rejection.tolist() == [Rejection.PENETRATION]
-
-
-def test_a_gap_over_a_hole_is_limited():
-    terrain = Terrain(height_field(lambda x, y: np.where(np.hypot(x - 2, y) < 0.9, -1.0, 0.0)))
-    settled = placed(terrain, max_gap=0.8)
-    assert settled.rejection.tolist() == [Rejection.GAP]
-    np.testing.assert_allclose(settled.gap, 1.0, atol=1e-9)
+def test_bumps_between_the_rays_and_gaps_over_holes_are_limited():
+    bump = Terrain(height_field(lambda x, y: 0.4 * np.exp(-(x**2 + (y - 0.44) ** 2) / 0.15**2), half=8, cell=0.05))
+    hole = Terrain(height_field(lambda x, y: np.where(np.hypot(x - 2, y) < 0.9, -1.0, 0.0)))
+    assert placed(bump).penetration[0] > 0.35
+    assert placed(bump, max_penetration=0.3).rejection.tolist() == [Rejection.PENETRATION]
+    np.testing.assert_allclose(placed(hole).gap, 1.0, atol=1e-9)
+    assert placed(hole, max_gap=0.8).rejection.tolist() == [Rejection.GAP]
 
 
 def test_the_footprint_can_be_off_the_origin():
