@@ -320,11 +320,21 @@ def test_a_cache_that_is_a_link_is_not_followed(exporter: Exporter, tmp_path: Pa
     assert not (tmp_path / "elsewhere").exists()
 
 
-def test_a_plan_is_refused_when_a_file_has_changed_since(exporter: Exporter, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("file", "content", "name"),
+    [
+        ("sky.exr", b"#?dusk", "hdris: 'sky'"),
+        ("a.blend", BLEND + b"new", "vehicles: 'T'"),
+        ("field.blend", BLEND + b"new", "sceneries: 'field'"),
+    ],
+)
+def test_a_plan_is_refused_when_a_file_has_changed_since(
+    exporter: Exporter, tmp_path: Path, file: str, content: bytes, name: str
+) -> None:
     plan = planned(tmp_path)
     assert list(load_planned_library(plan).assets.vehicles) == ["b", "T"]
-    (tmp_path / "sky.exr").write_bytes(b"#?dusk")
-    with pytest.raises(ConfigError, match=r"hdris: 'sky' \(sky\.exr\) is not what it was"):
+    (tmp_path / file).write_bytes(content)
+    with pytest.raises(ConfigError, match=rf"{name} \({file}\) is not what it was"):
         load_planned_library(plan)
 
 
