@@ -277,5 +277,6 @@ def test_links_beside_a_plan_are_not_followed(tmp_path, name, kind):
         (folder / name).symlink_to(precious if kind == "link" else tmp_path / "new")
     with pytest.raises(ConfigError, match=r"plan\.jsonl: cannot be written"):
         PlanWriter(folder / "plan.jsonl", header())
+    assert os.listdir(folder) == [name]
     assert precious.read_text() == "content"
     assert not (tmp_path / "new").exists()

@@ -13,6 +13,7 @@ from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.transforms import apply
 from hulldown.planning.planner import Planner
 from hulldown.planning.row import encode_rows
+from hulldown.planning.search.positions import first_accepted
 from hulldown.tests.planning_assets import bare, filled_share, hills, plan, small_assets, small_config, vehicle
 
 TANK = vehicle("t72")
@@ -133,6 +134,14 @@ def test_no_position_is_tried_more_often_than_allowed(limit):
         else:
             with pytest.raises(ConfigError, match=f"of {limit} tries"):
                 planner.rows(position, position + 1)
+
+
+def test_only_tries_within_a_positions_limit_are_taken():
+    rejection = np.array([[1, 0, 0], [2, 2, 0], [0, 1, 1]], dtype=np.uint8)
+    taken, chosen, counts = first_accepted(rejection, np.array([3, 2, 1]))
+    assert taken.tolist() == [True, False, True]
+    assert chosen.tolist() == [1, 6]
+    assert counts.sum(axis=1).tolist() == [1, 2, 0]
 
 
 def test_places_without_a_view_count_as_tries():
