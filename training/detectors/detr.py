@@ -172,7 +172,8 @@ def detr_configs(
     return model, train
 
 
-def _collated(batch: Sequence[Example]) -> tuple[Any, list[dict[str, Tensor]]]:
+def collated(batch: Sequence[Example]) -> tuple[Any, list[dict[str, Tensor]]]:
+    """The pictures of a batch, and their targets, as RF-DETR's own collation makes them."""
     pictures, targets = collate_fn([_target(k, example) for k, example in enumerate(batch)])
     return pictures, list(targets)
 
@@ -276,7 +277,7 @@ def fit_detr(training: Training) -> dict[str, object]:
     return training.fit(
         module, RFDETREMACallback(decay=train_config.ema_decay, tau=train_config.ema_tau),
         partial(build_trainer, train_config, model_config),
-        collate=_collated,
+        collate=collated,
         detector=lambda network: DetrDetector(network, module.postprocess, names, resolution, training.device),
         saved=partial(save_detr, module, training.classes),
     )  # fmt: skip
