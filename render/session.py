@@ -104,14 +104,14 @@ class Session:
         )
         dataset.add_categories(categories, keypoints=True)
         run = self._run = dataset.run(outline.key, images=len(outline.rows), annotations=int(outline.labels.sum()))
-        self._first_annotation = outline.first_annotations(run)
-        rows = part.of(outline)
-        left = [(i, n, name) for _, i, n, given in rows if not dataset.finished(name := run.file_name(given))]
-        for index, labels, name in left:
-            first = int(self._first_annotation[index])
-            dataset.check_free(name, run.image_offset + index + 1, range(first, first + labels))
-        self._order, names = [index for index, _, _ in left], {name for _, _, name in left}
-        self.images, self.already = len(rows), len(rows) - len(left)
+        rows, firsts = part.of(outline), outline.first_annotations(run).tolist()
+        self._left: dict[int, tuple[str, int]] = {}  # index -> name in the dataset, and id of the first label
+        for _, index, labels, planned in rows:
+            if not dataset.finished(name := run.file_name(planned)):
+                self._left[index] = name, firsts[index]
+                dataset.check_free(name, run.image_offset + index + 1, range(firsts[index], firsts[index] + labels))
+        names = {name for name, _ in self._left.values()}
+        self.images, self.already = len(rows), len(rows) - len(self._left)
         self._progress = progress
         self._pool: Pool | ClusterPool | None = None
         self._folder = dataset.folder
@@ -139,7 +139,7 @@ class Session:
         self._pool = pool
         self.say("")
         try:
-            for index, outcome in pool.results(self._order, self._job):
+            for index, outcome in pool.results(list(self._left), self._job):
                 self._take_in(index, outcome)
             if self.failed:
                 self._begin()
@@ -211,9 +211,8 @@ class Session:
     def _done(self, index: int, outcome: Outcome) -> None:
         row = self._row(index)
         picture = self._output(row)
-        name = self._run.file_name(row.file_name)
+        name, first = self._left[index]
         records = self._segmenter.records(row)
-        first = int(self._first_annotation[index])
         self._begin()
         self._record()
         content = without_notes(outcome.content)
@@ -229,7 +228,7 @@ class Session:
         self.say("")
 
     def _give_up(self, index: int, reasons: Sequence[str]) -> None:
-        name = self._run.file_name(self._row(index).file_name)
+        name, _ = self._left[index]
         self._failures.append({"index": index, "file_name": name, "reasons": list(reasons)})
         if self.begun:
             write_failures(self._folder, self._failures)
