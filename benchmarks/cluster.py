@@ -19,11 +19,10 @@ from hulldown.planning.plan_file import Plan
 from hulldown.render.cluster.cluster_pool import ClusterPool
 from hulldown.render.cluster.node import SHARE_VARIABLE
 from hulldown.render.cluster.scheduler import Scheduler
-from hulldown.render.engine import Engine
 from hulldown.render.jobs import readable, render_job
 from hulldown.render.messages import CyclesSettings, RenderJob
 from hulldown.render.outline import sort_key
-from hulldown.render.pool import Pool
+from hulldown.render.pool import Engine, Pool
 from hulldown.render.process import Confinement
 from hulldown.render.supervisor import render_plan
 from hulldown.tests.clusters import Cluster, blenders, cluster, digests

@@ -4,7 +4,6 @@
         blender/worker -> renderer -> scene, light, cycles, film   in separate processes
     cluster_pool -> workers -> node -> process               on a Dask cluster, in place of a pool: see docs/cluster.md
     annotations, pictures                                    records and pictures for the dataset
-    engine                                                   the choice of Blenders or a cluster, and their limits
     masks                                                    annotations compared with Cycles' own masks
 
 `doctor` checks the machine.

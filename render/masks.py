@@ -29,11 +29,10 @@ from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan_file import Plan, read_plan
 from hulldown.planning.row import Row
 from hulldown.render.annotations import Segmenter
-from hulldown.render.engine import Engine
 from hulldown.render.jobs import mask_job, readable
 from hulldown.render.messages import MaskJob
 from hulldown.render.outline import Outline
-from hulldown.render.pool import Pool
+from hulldown.render.pool import Engine, Pool
 from hulldown.render.process import Confinement
 
 ONE_PIXEL = 1.0  # largest difference between a box and a mask's box, whose sides are between pixel centers

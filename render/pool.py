@@ -1,20 +1,63 @@
-"""A pool of Blenders on this machine."""
+"""The choice of a renderer, and a pool of Blenders on this machine."""
 
 from __future__ import annotations
 
 import queue
+import shutil
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from threading import Event
 
-from hulldown.render.engine import Engine
+from hulldown.geometry.errors import HulldownError
+from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.messages import MaskJob, RenderJob
-from hulldown.render.process import POLL_S, Allowance, Blender, Confinement, Outcome, Stopped
+from hulldown.render.process import POLL_S, Allowance, Blender, Confinement, Limits, Outcome, Stopped
 
 MOST = 256  # Blenders
+
+
+@dataclass(frozen=True, slots=True)
+class Engine:
+    """The renderer: Blender processes on this machine, or the workers of a Dask cluster.
+
+    Parameters
+    ----------
+    workers
+        Processes of this machine; None for one a GPU, or one if there is none.
+    device
+        "auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi" or "metal".
+    blender
+        An installed Blender instead of the bpy module.
+    scheduler
+        Scheduler of a Dask cluster; None: processes on this machine.
+    require_confinement
+        Whether to use only workers of a cluster that can confine Blender.
+    limits
+        Limits of time and memory.
+
+    Raises
+    ------
+    HulldownError
+        If `blender` isn't a program.
+    """
+
+    workers: int | None = None
+    device: str = "auto"
+    blender: str | None = None
+    scheduler: Scheduler | None = None
+    require_confinement: bool = False
+    limits: Limits = field(default_factory=Limits)
+
+    def __post_init__(self) -> None:
+        if self.blender is not None and shutil.which(self.blender) is None:
+            raise HulldownError("isn't an executable program", path=self.blender, remedy="name Blender's executable")
+
+
+DEFAULT_ENGINE = Engine()
 
 
 class Pool:

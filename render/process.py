@@ -55,7 +55,6 @@ class Limits:
     memory_bytes: int | None = None
 
 
-DEFAULT_LIMITS = Limits()
 ATTEMPTS = 3  # at a job, or at a start
 START_S = 300.0  # time limit of a start
 FIRST_JOBS = 5  # jobs that set the time limit of the others
@@ -197,7 +196,7 @@ class Blender:
     ) -> None:
         self.devices = 1
         self._log, self._program, self._device, self._number = log, program, device, number
-        self._allowance = allowance or Allowance(DEFAULT_LIMITS)
+        self._allowance = allowance or Allowance(Limits())
         self._confinement, self._say = confinement, say
         # The doctor looks at the bpy module only.
         self._remedy = "run `hulldown doctor`" if program is None else f"see whether `{program} --background` starts"

@@ -23,10 +23,9 @@ from hulldown.geometry.terminal import reading_status, say, titled_bar, watched
 from hulldown.planning.inputs.loading import Library, load_planned_library
 from hulldown.planning.plan_file import read_plan
 from hulldown.render.cluster.scheduler import Scheduler, needing_dask
-from hulldown.render.engine import DEFAULT_ENGINE, Engine
 from hulldown.render.jobs import readable
 from hulldown.render.outline import WHOLE, Outline, Part
-from hulldown.render.pool import Pool
+from hulldown.render.pool import DEFAULT_ENGINE, Engine, Pool
 from hulldown.render.process import Confinement, Stopped
 from hulldown.render.session import LOGS_NAME, Progress, Session
 

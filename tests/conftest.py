@@ -94,7 +94,7 @@ def blender(tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.fixture
 def render(blender: str) -> Callable[..., RenderReport]:
     """`render_plan` for plans of render_plans.py, with a stand-in for Blender."""
-    from hulldown.render.engine import Engine
+    from hulldown.render.pool import Engine
     from hulldown.render.supervisor import render_plan
     from hulldown.tests.render_plans import CUBES
 

@@ -22,9 +22,9 @@ from hulldown.planning.write import write_plan
 from hulldown.reading.confinement.landlock import abi
 from hulldown.reading.export import export
 from hulldown.render.cluster.scheduler import Scheduler
-from hulldown.render.engine import Engine
 from hulldown.render.jobs import render_job
 from hulldown.render.messages import CyclesSettings
+from hulldown.render.pool import Engine
 from hulldown.render.process import Blender, Confinement
 from hulldown.render.supervisor import render_plan
 from hulldown.tests.blender_plans import run_script

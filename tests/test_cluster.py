@@ -21,7 +21,7 @@ from hulldown.geometry.errors import HulldownError
 from hulldown.reading.cache import sha256
 from hulldown.reading.confinement.landlock import abi
 from hulldown.render.cluster.scheduler import Scheduler
-from hulldown.render.engine import Engine
+from hulldown.render.pool import Engine
 from hulldown.render.process import Limits
 from hulldown.render.supervisor import render_plan
 from hulldown.tests.blender_plans import IMAGES, plan_in, run_python, run_script

@@ -27,7 +27,7 @@ from hulldown.planning.inputs.loading import load_planned_library
 from hulldown.planning.plan_file import Plan
 from hulldown.render.jobs import mask_job, readable
 from hulldown.render.masks import cycles_masks, verify_masks
-from hulldown.render.process import DEFAULT_LIMITS, WORKER, Allowance, Blender, worker_command
+from hulldown.render.process import WORKER, Allowance, Blender, Limits, worker_command
 from hulldown.render.supervisor import render_plan
 from hulldown.tests.blender_plans import draw, drawn, job, make_plan, pixels
 from hulldown.tests.render_plans import moved
@@ -217,7 +217,7 @@ def test_a_worker_ends_when_its_supervisor_dies(plan, library, tmp_path):
 
 def test_an_idle_worker_with_one_core_sleeps(plan, library, tmp_path):
     """A Blender limited to one thread kept a core busy while idle."""
-    with Blender(tmp_path / "log", allowance=Allowance(DEFAULT_LIMITS, blenders=psutil.cpu_count())) as blender:
+    with Blender(tmp_path / "log", allowance=Allowance(Limits(), blenders=psutil.cpu_count())) as blender:
         drawn(blender, job(plan[0], library, tmp_path / "0.png"))
         process = psutil.Process(blender.pid)
         before = sum(process.cpu_times()[:2])

@@ -7,9 +7,8 @@ import pytest
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.geometry.errors import HulldownError
 from hulldown.render import process
-from hulldown.render.engine import Engine
 from hulldown.render.messages import CameraInput, CyclesSettings, LightInput, RenderJob, SceneryInput
-from hulldown.render.pool import Pool
+from hulldown.render.pool import Engine, Pool
 from hulldown.render.process import FIRST_JOBS, Limits, Stopped
 
 

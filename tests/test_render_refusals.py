@@ -10,7 +10,7 @@ import pytest
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.store.document import read_coco
 from hulldown.geometry.errors import ConfigError, DatasetError, HulldownError
-from hulldown.render.engine import Engine
+from hulldown.render.pool import Engine
 from hulldown.render.session import GIVE_UP_AFTER
 from hulldown.render.supervisor import Part
 from hulldown.tests.editing import edit

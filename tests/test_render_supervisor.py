@@ -17,7 +17,7 @@ from hulldown.dataset.provenance import read_failures
 from hulldown.dataset.store.document import read_coco
 from hulldown.geometry.errors import DatasetError
 from hulldown.reading.confinement.landlock import confinement
-from hulldown.render.engine import Engine
+from hulldown.render.pool import Engine
 from hulldown.render.supervisor import Part
 from hulldown.tests.render_plans import contents, cube_library, make_row, write_plan
 

@@ -28,8 +28,8 @@ from hulldown.verbs.terminal import DONE, FOUND, STDOUT, STOPPED, print_json, sh
 
 
 def _render(arguments: argparse.Namespace) -> int:
-    from hulldown.render.engine import Engine
-    from hulldown.render.process import DEFAULT_LIMITS
+    from hulldown.render.pool import Engine
+    from hulldown.render.process import Limits
     from hulldown.render.supervisor import Part, render_bar, render_plan
 
     alone = next((name for name in ("workers", "blender") if getattr(arguments, name) is not None), None)
@@ -43,7 +43,7 @@ def _render(arguments: argparse.Namespace) -> int:
         blender=arguments.blender,
         scheduler=scheduler_of(arguments),
         require_confinement=arguments.require_confinement,
-        limits=dataclasses.replace(DEFAULT_LIMITS, job_s=arguments.image_timeout),
+        limits=Limits(job_s=arguments.image_timeout),
     )
     library, part = planned_library(arguments.plan, arguments), Part(limit=arguments.limit, share=arguments.share)
     with render_bar() as show:

@@ -12,8 +12,8 @@ from hulldown.render.cluster.asset_files import ClientFiles
 from hulldown.render.cluster.node import Setting, refusal, render_row
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.cluster.workers import Answer, Cluster
-from hulldown.render.engine import Engine
 from hulldown.render.messages import RenderJob
+from hulldown.render.pool import Engine
 from hulldown.render.process import Outcome
 
 RESOURCE = "render"  # declared by `dask worker --resources "render=1"`
