@@ -21,9 +21,8 @@ from hulldown.geometry.files import make_room, replace_file
 from hulldown.geometry.terminal import shown
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.bins import BinFigures, worst
-from hulldown.training.evaluation.cases import thumbnails, write_sheets
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare
-from hulldown.training.evaluation.evaluation_page import comparison_page, evaluation_page
+from hulldown.training.evaluation.evaluation_page import comparison_page, evaluation_page, thumbnails, write_sheets
 from hulldown.training.evaluation.labels import Labels, read_labels
 from hulldown.training.evaluation.metrics import COUNTS, FIGURES, confusion, curves
 from hulldown.training.evaluation.predictions import Predictions, read_predictions
