@@ -17,7 +17,7 @@ from hulldown.training.evaluation.bootstrap import (
     share_interval,
     standard_error,
 )
-from hulldown.training.evaluation.evaluate import best_threshold
+from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare
 from hulldown.training.evaluation.matching import match, overlapping
 from hulldown.training.evaluation.metrics import SHARES, confusion, curves, denominators, figures, sums_at_best
 from hulldown.training.evaluation.tide import CAUSES, errors
@@ -200,6 +200,13 @@ def test_a_difference_is_significant_if_enough_labels_changed():
     assert paired(np.zeros(0))[0] == -paired(np.zeros(0))[1] != 0
 
 
+def test_a_detector_differs_from_itself_by_no_more_than_the_two_added_labels():
+    labels, predictions = loaded(*random_case(0))
+    one = Evaluation(labels, predictions, threshold=Threshold(0.5, "given"))
+    for low, high in compare(one, one).intervals.values():
+        assert 0 < -low == high < 3 * np.sqrt(2) / (~labels.crowd).sum()
+
+
 def test_different_seeds_widen_an_interval():
     error, freedom = combined_error(0.03, 0.04, test_freedom=100, seed_freedom=2)
     assert error == pytest.approx(0.05)
@@ -220,6 +227,16 @@ def test_each_resample_chooses_its_own_threshold(seed):
             best = max(best, float(np.nan_to_num(figures(weight @ each)["f1"])))
         got = figures(chosen[k].sum(axis=0))["f1"]
         assert np.nan_to_num(got) == pytest.approx(best, abs=1e-12)
+
+
+def test_a_threshold_chosen_on_the_test_set_is_chosen_again_in_every_resample():
+    labels, predictions = loaded(*random_case(0))
+    given, own = (
+        Evaluation(labels, predictions, threshold=Threshold(0.7, source)).resampled()["f1"]
+        for source in ("given", "test")
+    )
+    assert (own >= given - 1e-12).all()
+    assert (own > given).any()
 
 
 @pytest.mark.parametrize("groups", [7, 70_000])

@@ -35,7 +35,9 @@ from hulldown.geometry.files import replacing
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.bins import BinFigures
 from hulldown.training.evaluation.evaluate import DetectorComparison, Evaluation
+from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.metrics import curves
+from hulldown.training.evaluation.predictions import Predictions
 from hulldown.training.evaluation.tide import CAUSES
 
 TEMPLATE = "training/evaluation/evaluation_page.html"
@@ -210,7 +212,7 @@ def thumbnails(one: Evaluation) -> tuple[list[Tile], str]:
     size = one.labels.xywh[:, 2] * one.labels.xywh[:, 3] * visible
     overlap = np.zeros(len(one.labels.label))
     overlap[one.seen.found] = one.matching.iou[one.matching.detection[one.seen.found]]
-    cases = [
+    cases: list[tuple[str, int, Labels | Predictions]] = [
         *(("missed", k, one.labels) for k in _first(one.seen.missed, -size)),
         *(("false alarm", k, one.predictions) for k in _first(one.seen.false, -one.predictions.score)),
         *(("found", k, one.labels) for k in _first(one.seen.found, overlap)),

@@ -144,8 +144,8 @@ def predictions_of(
     called = (*labels.class_names, *((names or {}).get(category, f"category {category}") for category in others))
     boxes = xywh if corners is None else np.concatenate([xywh, corners.reshape(-1, 8)], axis=1)
     order = np.lexsort((*boxes.T[::-1], -score, label, image))
-    ordered = (column if column is None else column[order] for column in (image, label, xywh, score, corners))
-    return Predictions(name, called, *ordered)
+    turned = None if corners is None else corners[order]
+    return Predictions(name, called, image[order], label[order], xywh[order], score[order], turned)
 
 
 def _unusable(problem: str, path: Path, labels: Labels) -> DatasetError:
