@@ -5,6 +5,7 @@ import os
 import pickle
 import queue
 import shlex
+import subprocess
 import sys
 import time
 from dataclasses import replace
@@ -30,6 +31,7 @@ from hulldown.render.masks import cycles_masks, verify_masks
 from hulldown.render.process import WORKER, Allowance, Blender, Limits, worker_command
 from hulldown.render.supervisor import render_plan
 from hulldown.tests.blender_plans import draw, drawn, job, make_plan, pixels
+from hulldown.tests.clusters import wait_for
 from hulldown.tests.render_plans import moved
 
 pytestmark = pytest.mark.blender
@@ -56,6 +58,25 @@ def dataset(plan, library, own_worlds):
     report = render_plan(plan.path, own_worlds / "dataset", library=library)
     assert report.complete
     return own_worlds / "dataset"
+
+
+def test_killing_blender_and_then_the_run_loses_and_doubles_nothing(plan, dataset, own_worlds):
+    killed = own_worlds / "killed"
+    command = [sys.executable, "-P", "-m", "hulldown.cli", "render", str(plan.path), "-o", str(killed)]
+    with subprocess.Popen([*command, "--device", "cpu"], stderr=subprocess.DEVNULL) as run:
+        wait_for(run, killed, 2)
+        psutil.Process(run.pid).children()[-1].kill()
+        wait_for(run, killed, 4)
+        run.kill()
+    assert render_plan(plan.path, killed).complete
+    assert contents(killed) == contents(dataset)
+
+
+def contents(dataset):
+    """Contents of pictures and records by name; names of all files but logs."""
+    records = [dataset / "annotations.json", *(dataset / "images").iterdir()]
+    names = {path.name for path in dataset.iterdir()} - {"logs", "lock"}
+    return names, {path.name: path.read_bytes() for path in records}
 
 
 def standing(library, target):
