@@ -18,8 +18,6 @@ from hulldown.tests.test_settle import TANK, height_field, placed
 
 RULES = st.sampled_from(["averaged", "least_squares", "support"])
 FIELDS = ("world_from_vehicle", "slope", "tilt", "share", "margin", "gap", "penetration", "rejection")
-# Rounding of heights of tens of meters, divided by the footprint's size.
-CLOSE = 1e-12
 
 
 def finite(low, high):

@@ -14,7 +14,6 @@ from hulldown.tests.test_footprint import tank
 
 TANK = np.array([7.0, 3.5, 2.5])
 ORIGIN, AHEAD = np.zeros((1, 2)), np.zeros(1)
-RULES = ["averaged", "least_squares", "support"]
 
 
 def height_field(height, half=20.0, cell=0.5):
