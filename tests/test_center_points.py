@@ -81,6 +81,13 @@ def test_the_loss_is_0_for_the_truth_and_positive_for_each_mistake(maps):
     assert loss(maps, (0, 2, 9, 3), -2.0) < loss(maps) + 0.01  # far from it
 
 
+def test_a_center_counts_although_the_next_object_overlaps_it(maps):
+    one = XYXY[0][0]
+    both, labels = torch.stack((one, one + 8)), torch.tensor([1, 1])
+    missed = CenterMaps(torch.full_like(maps.heat[:1], -20.0), maps.box[:1])
+    assert center_loss(missed, [both], [labels]) > 15  # nearly 20 for each, over their number
+
+
 def test_pictures_without_objects_have_a_loss_and_gradients():
     network = CenterNetwork(2)
     nothing = [torch.zeros(0, 4)] * 2, [torch.zeros(0, dtype=torch.int64)] * 2
