@@ -69,11 +69,12 @@ def test_other_formats_of_poses_are_left_out():
         (1, 1, (0, 0, 9, 9), {"world_from_vehicle": pose})
         for pose in (posed("z", 0), [1, 2, 3], "here", None, [["a"] * 4] * 4)
     ]
-    coco = dataset(boxes)
+    coco = dataset([*boxes, (1, 1, (0, 0, 9, 9), {"iscrowd": 1, "visible_fraction": 0.5})])
     coco["images"][0]["world_from_camera"] = camera_at(60, 0, 0)
     by_name = {field.name: field for field in fields(*loaded(coco, []))}
-    assert by_name["distance"].of_label.tolist() == [0, -1, -1, -1, -1]
+    assert by_name["distance"].of_label.tolist() == [0, -1, -1, -1, -1, -1]
     assert by_name["distance"].bins == ("50 to 100 m",)
+    assert "visible_fraction" not in by_name  # known of a crowd alone
 
 
 def test_the_rarest_of_many_names_share_a_bin():

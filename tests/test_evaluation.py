@@ -67,7 +67,7 @@ def test_the_report_has_the_documented_keys_and_hand_counted_figures(weak):
     # Two positions are too few for an interval, and so for a worst bin.
     assert found["overall"]["intervals"]["recall"] == [None, None]
     assert found["worst_bins"] == []
-    rows = [[row[key] for key in ("bin", "labels", "found", "precision")] for row in found["bins"]["distance"]]
+    rows = [[row[key] for key in ("bin", "labels", "found", "detections")] for row in found["bins"]["distance"]]
     assert rows == [["25 to 50 m", 12, 11, None], ["200 to 400 m", 6, 0, None]]
     assert {row["bin"] for row in found["bins"]["scenery"]} == {"hills", "steppe"}
     assert found["confusion"]["classes"] == ["tank", "truck", "background"]
