@@ -24,7 +24,7 @@ from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.predictions import Predictions
 
 MAX_DETECTIONS = 100  # of a class in an image, COCO's limit
-DETECTIONS_AT_ONCE = 1 << 12
+PAIRS_AT_ONCE = 1 << 15  # at most, which bounds memory
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -154,9 +154,10 @@ def overlapping(labels: Labels, predictions: Predictions, *, at_least: float = 0
         found, true, iou_of = predictions.corners, np.reshape(corners, (-1, 4, 2)), oriented_overlaps
     first = np.searchsorted(labels.image, np.arange(len(labels.images) + 1))
     counts = np.where(predictions.place < MAX_DETECTIONS, np.diff(first)[predictions.image], 0)
+    at_once = max(1, PAIRS_AT_ONCE // max(1, counts.max(initial=1)))
     parts = []
-    for start in range(0, max(len(counts), 1), DETECTIONS_AT_ONCE):
-        detection, within = numbered(counts[start : start + DETECTIONS_AT_ONCE])
+    for start in range(0, max(len(counts), 1), at_once):
+        detection, within = numbered(counts[start : start + at_once])
         detection += start
         box = first[predictions.image[detection]] + within
         iou = iou_of(found[detection], true[box], labels.crowd[box])
