@@ -184,6 +184,7 @@ SCENES = [InstancedScene([], [], []), InstancedScene([CUBE], [], np.zeros((0, 4,
 NO_ROWS = [
     *((lambda m=method: Terrain(FLOOR).top_hits(np.empty((0, 2)), method=m).normal, (0, 3)) for method in METHODS),
     *((lambda r=r: settled(n=0, rules=SettleRules(rule=r)).world_from_vehicle, (0, 4, 4)) for r in RULES),
+    (lambda: SCENES[0].bounds, (0, 2, 3)),
     (lambda: support_plane(GRID, np.zeros((0, 25)), np.zeros((0, 25), bool)).gradient, (0, 2)),
     *((lambda s=scene: s.cast(RAYS, RAYS).distance, (0,)) for scene in SCENES),
     *((lambda s=scene: s.occluded(RAYS, RAYS), (0,)) for scene in SCENES),

@@ -153,6 +153,17 @@ def test_a_file_that_is_not_a_bundle_is_a_one_line_error(path: Path, tmp_path: P
         assert "\n" not in str(caught.value)
 
 
+BEYOND = '{"name": "t", "mesh": {"name": "m", "vertices": ["float64", 0, 9, 3], "faces": ["int64", 0, 1, 3]}}'
+
+
+@pytest.mark.parametrize("tree", ["{", "{}", "[1]", BEYOND])
+def test_a_bundle_that_lacks_fields_or_arrays_is_a_one_line_error(tmp_path: Path, tree: str) -> None:
+    path, arrays = tmp_path / "v.npz", {"float64": np.zeros(3), "int64": np.zeros(3, int)}
+    np.savez(path, hulldown_bundle=np.int64(FORMAT), kind=np.str_("vehicle"), tree=np.str_(tree), **arrays)
+    with pytest.raises(AssetError, match=r"v\.npz: cannot be read as a bundle .*delete the file"):
+        load_vehicle(path)
+
+
 @pytest.mark.parametrize(("at", "value"), [(6, 250), (8, 1), (8, 64), (10, 8), (10, 99)])
 def test_a_damaged_directory_is_a_one_line_error(path: Path, at: int, value: int) -> None:
     content = bytearray(path.read_bytes())

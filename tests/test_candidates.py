@@ -11,6 +11,8 @@ def test_positions_and_headings_are_uniform_in_the_shrunk_bounds_around_the_cent
     for values, low, high in ((xy[:, 0], -6.0, 26.0), (xy[:, 1], 201.0, 209.0), (yaw, -np.pi, np.pi)):
         assert low <= values.min() <= values.max() <= high
         assert stats.kstest(values, "uniform", args=(low, high - low)).pvalue > 1e-3
+    # Five standard deviations of the correlation of independent draws.
+    assert np.abs(np.corrcoef([*xy.T, yaw]) - np.eye(3)).max() < 5 / np.sqrt(len(xy))
 
 
 def test_a_longer_draw_begins_with_the_shorter_one():

@@ -70,7 +70,15 @@ def dataset(tmp_path_factory):
         label |= {"segmentation": encode(mask) if render else [], "iscrowd": int(i in (6, 7))}
         annotations.append({"image_id": i + 1, "category_id": 1 + i // 3 % 2, **label})
     folder = write_dataset(tmp_path_factory.mktemp("dataset"), images, annotations, names=NAMES)
-    edit(folder, lambda coco: coco["categories"].reverse())
+
+    def renumbered(coco):  # ids that don't begin at 1, not in order
+        coco["categories"].reverse()
+        for category in coco["categories"]:
+            category["id"] += 2
+        for label in coco["annotations"]:
+            label["category_id"] += 2
+
+    edit(folder, renumbered)
     return folder
 
 

@@ -117,6 +117,11 @@ COSTS = {
         [(1, 1, (60, 0, 100, 100), 0.9), (1, 1, (0, 60, 100, 100), 0.8)],
         {"localization": HALF},
     ),
+    "a false positive beside a crowd with a detection in it": (
+        [(1, BOX), (1, (400, 0, 100, 100), {"iscrowd": 1})],
+        [(1, 1, (400, 0, 100, 100), 0.95), (1, 1, (800, 0, 100, 100), 0.9), (1, 1, BOX, 0.8)],
+        {"background": 1 - 0.5},
+    ),
     "a misplaced duplicate of a found label": (
         [(1, BOX), (1, (400, 0, 100, 100))],
         [(1, 1, (60, 0, 100, 100), 0.9), (1, 1, BOX, 0.8)],

@@ -144,6 +144,11 @@ def test_a_config_file_is_read_and_its_mistakes_are_named(tmp_path):
     path.write_text("bugdet = 100\n")
     with pytest.raises(ConfigError, match=r"train\.toml: unknown key bugdet; did you mean budget"):
         load_settings(path, {})
+    path.write_text("budget =\n")
+    with pytest.raises(ConfigError, match=r"train\.toml: isn't TOML"):
+        load_settings(path, {})
+    with pytest.raises(ConfigError, match="no such file"):
+        load_settings(tmp_path / "none.toml", {})
 
 
 def test_each_model_has_its_augmentation_and_the_users_lines_override_it():

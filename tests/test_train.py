@@ -1,3 +1,4 @@
+import hashlib
 import json
 import os
 import signal
@@ -128,6 +129,14 @@ def test_small_starts_from_weights_and_their_classes(tmp_path):
                 assert torch.equal(made[key][classes.index(label)], row)
 
 
+def test_training_starts_from_given_weights(pictures, tmp_path):
+    torch.save(small_weights(), tmp_path / "weights.pt")
+    still = small(weights=str(tmp_path / "weights.pt"), budget=8, learning_rate=1e-9)
+    train({"demo": pictures}, tmp_path / "run", settings=still, workers=0, device="cpu")
+    given, made = weights(tmp_path)["model"], weights(tmp_path / "run")["model"]
+    torch.testing.assert_close(made["stem.0.weight"], given["stem.0.weight"], rtol=0, atol=1e-7)
+
+
 def test_a_finished_run_is_extended(pictures, tmp_path):
     data, run = {"demo": pictures}, tmp_path / "run"
     with pytest.raises(HulldownError, match="no run to extend"):
@@ -144,6 +153,8 @@ def test_a_finished_run_is_extended(pictures, tmp_path):
     assert whole["budget"] == 71
     drawn = [row[1:] for name in ("before-47", "before-63", ".") for row in rows(run / name / "draws.csv")]
     assert drawn == [row[1:] for row in rows(tmp_path / "whole" / "draws.csv")]
+    before, config = (run / "before-63" / "weights.pt").read_bytes(), json.loads((run / "config.json").read_text())
+    assert config["weights_sha256"] == hashlib.sha256(before).hexdigest()
 
 
 def test_the_best_weights_are_kept_and_figures_logged(pictures, tmp_path):
