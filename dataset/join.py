@@ -167,7 +167,6 @@ def _read_part(folder: Path, target: Path, allowed: Sequence[Path]) -> _Part:
             raise DatasetError(problem, path=folder, remedy="check it with `hulldown verify`")
     check_usable(folder, document.categories, images, annotations)
     for what, n, unique in (
-        ("image ids", len(images), images.ids),
         ("file names", len(images), document.file_names),
         ("annotation ids", len(annotations), annotations.ids),
     ):

@@ -112,7 +112,11 @@ def check_usable(
     for category in categories:
         if not isinstance(category.get("name"), str):
             refuse(f"category {category['id']}", f"has no name but {category.get('name')!r}")
+    first: dict[int, str] = {}
     for image in images:
+        if image["id"] in first:
+            refuse(_name(image), f"has the id {image['id']}, as has {first[image['id']]}")
+        first[image["id"]] = _name(image)
         if not stays_inside(image.get("file_name")):
             refuse(f"image {image['id']}", f"file_name {image.get('file_name')!r} is no path inside the dataset")
         for problem in _size_problems(image):

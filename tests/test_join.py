@@ -21,7 +21,14 @@ def photos(folder, names, *, first=0):
     images = [{"id": i, "file_name": name, "width": 8, "height": 6} for i, name in enumerate(names, start=first)]
     label = {"id": 0, "image_id": first, "category_id": 1, "bbox": [1, 1, 2, 2], "score": 0.5}
     write_dataset(folder, images, [label], names=("tank", "car"))
-    edit(folder, lambda coco: (coco.update(info={"year": 2024}), coco["categories"][1].update(supercategory="civil")))
+
+    def made_elsewhere(coco):
+        coco["info"] = {"year": 2024}
+        coco["categories"][0].update(id=5, keypoints=["nose"])
+        coco["categories"][1].update(id=7, supercategory="civil")
+        coco["annotations"][0].update(category_id=5)
+
+    edit(folder, made_elsewhere)
     return folder
 
 
@@ -142,7 +149,7 @@ def edited(key, **fields):
             "has 'licenses', which joining would lose; join the other parts into this one",
         ),
         (run_without_a_key, r"'hulldown_runs' that are not as they were written .*\[0\]\.key"),
-        (edited("images", id=2), "image ids aren't unique"),
+        (edited("images", id=2), r"00000002\.png: has the id 2, as has images/00000001\.png"),
         (edited("images", file_name="images/00000002.png"), "file names aren't unique"),
         (edited("annotations", id=2), "annotation ids aren't unique"),
         (edited("annotations", image_id=77), "image 77 does not exist"),

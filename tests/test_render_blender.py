@@ -31,7 +31,7 @@ from hulldown.render.masks import cycles_masks, verify_masks
 from hulldown.render.process import WORKER, Allowance, Blender, Limits, worker_command
 from hulldown.render.supervisor import render_plan
 from hulldown.tests.blender_plans import draw, drawn, job, make_plan, pixels
-from hulldown.tests.clusters import wait_for
+from hulldown.tests.clusters import digests, wait_for
 from hulldown.tests.render_plans import moved
 
 pytestmark = pytest.mark.blender
@@ -69,14 +69,7 @@ def test_killing_blender_and_then_the_run_loses_and_doubles_nothing(plan, datase
         wait_for(run, killed, 4)
         run.kill()
     assert render_plan(plan.path, killed).complete
-    assert contents(killed) == contents(dataset)
-
-
-def contents(dataset):
-    """Contents of pictures and records by name; names of all files but logs."""
-    records = [dataset / "annotations.json", *(dataset / "images").iterdir()]
-    names = {path.name for path in dataset.iterdir()} - {"logs", "lock"}
-    return names, {path.name: path.read_bytes() for path in records}
+    assert digests(killed) == digests(dataset)
 
 
 def standing(library, target):
@@ -225,14 +218,17 @@ def test_the_sky_changes_in_a_scenery_that_packs_its_pictures(plan, library, own
         assert np.array_equal(picture, expected)
 
 
-def test_a_worker_ends_when_its_supervisor_dies(plan, library, tmp_path):
+@pytest.mark.parametrize("ended_by", ["its supervisor's death", "a job of another version"])
+def test_a_worker_ends(plan, library, tmp_path, ended_by):
     heard = queue.SimpleQueue()
     with Child(worker_command(None), env=os.environ, hear=heard.put, log=tmp_path / "log") as worker:
         assert b"ready" in heard.get(timeout=120)
-        message = job(plan[0], library, tmp_path / "0.png", samples=1_000_000)
-        worker.write(pickle.dumps(message))
+        worker.write(pickle.dumps(job(plan[0], library, tmp_path / "0.png", samples=1_000_000)))
         time.sleep(1.0)
-        worker.close_stdin()
+        if ended_by == "a job of another version":
+            worker.write(b"chulldown.render.messages\nForgotten\n.")
+        else:
+            worker.close_stdin()
         assert heard.get(timeout=30) == b""
 
 

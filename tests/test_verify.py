@@ -101,6 +101,7 @@ def test_every_damage_is_found(dataset, change, severity, text):
     [
         (lambda c: c["images"][1].update(height=None), "images/1.png: height is None"),
         (lambda c: c["images"][1].update(file_name="../x.png"), "no path inside the dataset"),
+        (lambda c: c["images"][1].update(id=c["images"][0]["id"]), "images/1.png: has the id 1, as has images/0.png"),
         (lambda c: c["annotations"][1].update(category_id=9), "annotation 2: category 9 does not exist"),
         (lambda c: c["annotations"][1].update(bbox=[5, 4, 6]), "is not [x, y, width, height]"),
         (lambda c: c["annotations"][1].update(bbox=[5, True, 10, 6]), "is not [x, y, width, height]"),

@@ -200,7 +200,7 @@ class Training:
             raise self._foreign("is no checkpoint of a training")
         callbacks = found["callbacks"]
         if not isinstance(callbacks, dict) or "validated" not in callbacks.get(Recorder.__qualname__, ()):
-            raise self._foreign("is of another training")
+            raise self._foreign("is of another training, or of an earlier version of hulldown")
         return found
 
     def _foreign(self, problem: str) -> HulldownError:

@@ -182,7 +182,8 @@ def _flat(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
 
 def _write_table(path: Path, columns: Sequence[str], rows: Sequence[Sequence[float]]) -> None:
     text, formats = io.BytesIO(), ["%d", *["%.6g"] * (len(columns) - 1)]
-    np.savetxt(text, rows, formats, delimiter=",", header=",".join(columns), comments="")
+    table = np.reshape(rows, (-1, len(columns)))
+    np.savetxt(text, table, formats, delimiter=",", header=",".join(columns), comments="")
     replace_file(path, text.getvalue())
 
 

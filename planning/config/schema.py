@@ -25,6 +25,7 @@ from hulldown.planning.config.sensor_section import SensorSection
 from hulldown.planning.config.weather_section import WeatherSection
 
 MOST_IMAGES = 1_000_000_000  # of a class
+LIKE_SHARE, LIKE_SPREAD = 0.7, 0.2
 
 
 def _exposure(value: Any) -> str | float:
@@ -166,9 +167,9 @@ class CameraSection(Section):
     """cameras tried for an image before the vehicle is moved"""
     like: str | None = Field(default=None, min_length=1, examples=["photographs/train"], exclude_if=is_absent)
     """photographs whose boxes targets follow: a COCO file, or a folder with one"""
-    like_share: Share = Field(default=0.7, exclude_if=(0.7).__eq__)
+    like_share: Share = Field(default=LIKE_SHARE, exclude_if=LIKE_SHARE.__eq__)
     """share of images that follow photographs"""
-    like_spread: float = Field(default=0.2, ge=0, le=0.9, exclude_if=(0.2).__eq__)
+    like_spread: float = Field(default=LIKE_SPREAD, ge=0, le=0.9, exclude_if=LIKE_SPREAD.__eq__)
     """largest deviation from the photograph's box, relative to its size"""
 
 

@@ -14,7 +14,10 @@ AtLeastZero = Annotated[float, Field(ge=0)]
 
 
 class Section(BaseModel):
-    """A frozen model that refuses unknown keys and silent conversions; the string below a key is its meaning."""
+    """A frozen model that refuses unknown keys and silent conversions; the string below a key is its meaning.
+
+    pydantic reads these strings from the source, which an installation of .pyc files alone lacks.
+    """
 
     model_config = ConfigDict(
         extra="forbid", strict=True, frozen=True, allow_inf_nan=False, use_attribute_docstrings=True

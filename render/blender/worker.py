@@ -97,12 +97,14 @@ def _claim_stdout() -> Any:
 
 def _read_jobs(jobs: queue.SimpleQueue[Any]) -> None:
     """Queue jobs; end at once, even during a picture, when the supervisor is gone."""
-    with contextlib.suppress(EOFError, pickle.UnpicklingError):  # the end, perhaps in the middle of a job
-        while True:
-            jobs.put(pickle.load(sys.stdin.buffer))
-    jobs.put(None)
-    time.sleep(1.0)  # an idle worker has ended by itself by now
-    os._exit(1)
+    try:
+        with contextlib.suppress(EOFError, pickle.UnpicklingError):  # the end, perhaps in the middle of a job
+            while True:
+                jobs.put(pickle.load(sys.stdin.buffer))
+    finally:  # also after a job of another version of hulldown
+        jobs.put(None)
+        time.sleep(1.0)  # an idle worker has ended by itself by now
+        os._exit(1)
 
 
 if __name__ == "__main__":

@@ -249,7 +249,7 @@ class DetrDetector:
         for found in self._postprocess(self._network(pictures), sizes):
             rows = found["scores"].argsort(descending=True, stable=True)
             rows = rows[torch.isin(found["labels"][rows], known)]
-            xywh = box_convert(found["boxes"][rows].double(), "xyxy", "xywh").cpu().numpy()
+            xywh = box_convert(found["boxes"][rows].cpu().double(), "xyxy", "xywh").numpy()
             label = np.array([self._index[logit] for logit in found["labels"][rows].tolist()], dtype=np.int64)
             detections.append(Detections(xywh, found["scores"][rows].cpu().double().numpy(), label))
         return detections

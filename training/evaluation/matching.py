@@ -24,7 +24,7 @@ from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.predictions import Predictions
 
 MAX_DETECTIONS = 100  # of a class in an image, COCO's limit
-PAIRS_AT_ONCE = 1 << 15  # at most, which bounds memory
+PAIRS_AT_ONCE = 1 << 15  # about, which bounds memory
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -154,10 +154,11 @@ def overlapping(labels: Labels, predictions: Predictions, *, at_least: float = 0
         found, true, iou_of = predictions.corners, np.reshape(corners, (-1, 4, 2)), oriented_overlaps
     first = np.searchsorted(labels.image, np.arange(len(labels.images) + 1))
     counts = np.where(predictions.place < MAX_DETECTIONS, np.diff(first)[predictions.image], 0)
-    at_once = max(1, PAIRS_AT_ONCE // max(1, counts.max(initial=1)))
+    ends = np.cumsum(counts)
+    cuts = np.searchsorted(ends, np.arange(PAIRS_AT_ONCE, counts.sum(), PAIRS_AT_ONCE)) + 1
     parts = []
-    for start in range(0, max(len(counts), 1), at_once):
-        detection, within = numbered(counts[start : start + at_once])
+    for start, stop in itertools.pairwise([0, *cuts.tolist(), len(counts)]):
+        detection, within = numbered(counts[start:stop])
         detection += start
         box = first[predictions.image[detection]] + within
         iou = iou_of(found[detection], true[box], labels.crowd[box])

@@ -18,7 +18,7 @@ SOURCES: dict[Arm, tuple[str, ...]] = {
     "matched": ("real", "synthetic"),
     "balanced": ("real", "synthetic"),
     "pretrain": ("real", "synthetic"),
-    "loop": ("synthetic",),
+    "loop": ("synthetic",),  # of its first detector
 }
 
 

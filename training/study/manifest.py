@@ -147,6 +147,7 @@ def write_manifest(manifest: Manifest, folder: Path) -> None:
     for run in manifest.runs:
         path = draws_path(folder, run)
         if not path.exists():
+            assert run.draws, "a manifest by `settle` has them"
             replace_file(path, run.draws)
     content = orjson.dumps(manifest.model_dump(mode="json"), option=orjson.OPT_INDENT_2)
     replace_file(folder / MANIFEST_NAME, content + b"\n")

@@ -108,7 +108,7 @@ def _hulldown(*arguments: str, log: Path) -> None:
 
 def _run(study: str, name: str, device: str, *workers: str) -> int:
     """Do a run in this process; return the exit code."""
-    end_with_parent(signal.SIGKILL)
+    end_with_parent(getattr(signal, "SIGKILL", signal.SIGTERM))  # Windows has no SIGKILL
     try:
         require_extra()
         run_one(Path(study), name, RunOptions(device, int(workers[0]) if workers else None), _tell)

@@ -38,8 +38,7 @@ def opacities(materials: Sequence[Any]) -> dict[int, Lookup | float]:
     shown, lookups = [], dict[int, Lookup | None]()
     with ExitStack() as copies:
         images = [copies.enter_context(_grades(values)) for values in (GRADES, linear_from_srgb(GRADES))]
-        for material in materials:
-            copy = copies.enter_context(_emitting(material))
+        for material, copy in zip(materials, copies.enter_context(_emitting(materials)), strict=True):
             with suppress(NotUnderstoodError):
                 lookups[material.as_pointer()] = lookup = lookup_of(copy)
                 _look_up(copy, images[lookup is not None and lookup.curved])
@@ -56,17 +55,16 @@ def opacities(materials: Sequence[Any]) -> dict[int, Lookup | float]:
 
 
 @contextmanager
-def _emitting(material: Any) -> Iterator[Any]:
-    """A copy of a material that emits its opacity."""
-    copy = material.copy()
-    groups = list(_own_groups(copy.node_tree))
+def _emitting(materials: Sequence[Any]) -> Iterator[list[Any]]:
+    """Copies of materials that emit their opacity."""
+    copies = [material.copy() for material in materials]
+    groups = [group for copy in copies for group in _own_groups(copy.node_tree)]
     try:
-        show_opacity(copy)
-        yield copy
+        for copy in copies:
+            show_opacity(copy)
+        yield copies
     finally:
-        bpy.data.materials.remove(copy)
-        for group in groups:
-            bpy.data.node_groups.remove(group)
+        bpy.data.batch_remove([*copies, *groups])  # one by one, each would look through all data
 
 
 @contextmanager
@@ -106,7 +104,7 @@ def baked(material: Any, size: int) -> Cutter:
     NotUnderstoodError
         Naming what it depends on, besides texture coordinates.
     """
-    with _emitting(material) as copy:
+    with _emitting([material]) as (copy,):
         layer = _layer(copy)
         low, high = uv = _range(material, layer)
         extent = (high - low) / (high - low).max()

@@ -2,7 +2,7 @@
 
 Cycles lets a ray through what Transparent BSDFs leave of a surface. All other shaders stop it, whatever they do with
 light. So the opacity of a surface is 1 for those and 0 for Transparent, Principled has its own, and mixes mix it.
-A lookup keeps every texel where a texture repeats, and needs no baking, which takes 420 ms for 1024 x 1024.
+A lookup keeps every texel where a texture repeats, and needs no picture of its own, which takes 420 ms for 1024 x 1024.
 """
 
 from __future__ import annotations
