@@ -62,6 +62,7 @@ def test_choices_follow_their_weights_and_zero_weights_are_never_chosen():
     numbers = [0.0, np.nextafter(0.5, 0.0), 0.5, 1.0 - 2.0**-53]
     assert choose([0.0, 1.0, 1.0, 0.0], numbers).tolist() == [1, 1, 2, 2]
     assert choose([[0.0, 1.0, 1.0, 0.0]] * 3 + [[2.0, 0.0, 0.0, 0.0]], numbers).tolist() == [1, 1, 2, 0]
+    assert choose([0.0, 0.0], []).tolist() == []
     with pytest.raises(ValueError, match="weights"):
         choose([[1.0, 0.0], [0.0, 0.0]], [0.5, 0.5])
 

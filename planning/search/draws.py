@@ -130,7 +130,7 @@ def choose(weights: ArrayLike, uniform: ArrayLike) -> Int[np.ndarray, "*n"]:
     """
     table = np.asarray(weights, dtype=np.float64)
     running = np.cumsum(table, axis=-1)
-    if not (running[..., -1] > 0.0).all():
+    if np.size(uniform) and not (running[..., -1] > 0.0).all():
         raise ValueError("weights: expected one above 0 in each row")
     # Rounding may reach the end; clip to the last index with a weight.
     last = table.shape[-1] - 1 - (table[..., ::-1] > 0.0).argmax(axis=-1)

@@ -91,14 +91,12 @@ def labels_of(coco: Mapping[str, Any], *, path: Path) -> Labels:
     Raises
     ------
     DatasetError
-        If an id occurs twice, a box belongs to no image, an area isn't a number, or a size is negative.
+        If a category's id occurs twice, a box belongs to no image, an area isn't a number, or a size is negative.
     """
-    for kind, records in (("image", coco["images"]), ("category", coco["categories"])):
-        doubled = [i for i, times in Counter(record["id"] for record in records).items() if times > 1]
-        if doubled:
-            raise DatasetError(
-                f"{kind} {doubled[0]} is given twice", path=path, remedy="check it with `hulldown verify`"
-            )
+    doubled = [i for i, times in Counter(category["id"] for category in coco["categories"]).items() if times > 1]
+    if doubled:
+        problem = f"category {doubled[0]} is given twice"
+        raise DatasetError(problem, path=path, remedy="check it with `hulldown verify`")
     images = sorted(coco["images"], key=lambda image: image["id"])
     categories = sorted(coco["categories"], key=lambda category: category["id"])
     index = {image["id"]: i for i, image in enumerate(images)}
