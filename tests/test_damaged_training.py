@@ -134,7 +134,7 @@ def test_boxes_of_one_run_follow_one_rule(tmp_path):
     assert not rule
     draws = make_draws([4, 4], 12, seed=0)
     examples = DrawnExamples(sources, draws, (96, 54), {}, masks=rule)
-    assert all(mask is None for k in range(12) for mask in examples._sample(k).masks)
+    assert not any(examples._sample(k).masks for k in range(12))
     with pytest.raises(ConfigError, match="masks = true: photographs has boxes without masks"):
         follow_masks(True, sources)
 

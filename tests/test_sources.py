@@ -65,7 +65,7 @@ def test_pictures_without_boxes_are_used_and_crowds_are_left_out(tmp_path):
     _, (source,) = read_sources({"real": dataset})
     assert np.diff(source.starts).tolist() == [0, 1, 1, 0, 1, 1, 1, 0]
     assert source.sample(3).xywh.shape == (0, 4)
-    assert source.sample(1).masks[0].sum() > 0
+    assert source.sample(1, masks=True).masks[0].sum() > 0
 
 
 def test_records_and_pictures_change_the_digest_and_the_order_of_records_does_not(tmp_path):

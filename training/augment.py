@@ -98,13 +98,13 @@ class Sample:
     label
         (n,) class index of each.
     masks
-        Mask of each, or None if unknown.
+        Mask of each box; empty if they are unknown or don't count.
     """
 
     picture: UInt8[np.ndarray, "h w 3"]
     xywh: Float[np.ndarray, "n 4"]
     label: Int[np.ndarray, " n"]
-    masks: tuple[Bool[np.ndarray, "h w"] | None, ...]
+    masks: tuple[Bool[np.ndarray, "h w"], ...] = ()
 
     def resized(self, width: int, height: int) -> Sample:
         """Resize, each side by its own factor."""
@@ -117,8 +117,7 @@ class Sample:
             self.xywh * ([width / was_width, height / was_height] * 2),
             self.label,
             tuple(
-                None if mask is None
-                else cv2.resize(mask.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) >= 0.5
+                cv2.resize(mask.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) >= 0.5
                 for mask in self.masks
             ),
         )  # fmt: skip
@@ -150,41 +149,36 @@ class Augmenter:
     def __call__(self, sample: Sample, seed: int) -> Sample:
         """Augment a sample; boxes that are mostly outside of the picture are dropped.
 
-        A box follows its mask if there is one, else the ellipse in it, since a turned object's outline
+        Boxes follow their masks if there are any, else the ellipses in them, since a turned object's outline
         rarely reaches the corners of its box. Boxes of `sample` must be inside its picture.
         """
         # One generator for all: Albumentations' own seeding gives each transform the same numbers, and what is
         # applied with a probability of 0.05 would then be applied with all the rest.
         self._compose.set_random_state(np.random.default_rng(seed), random.Random(seed))
-        masked = {i: mask for i, mask in enumerate(sample.masks) if mask is not None}
         given: dict[str, Any] = {
             "image": sample.picture,
             "bboxes": np.concatenate((sample.xywh[:, :2], sample.xywh[:, :2] + sample.xywh[:, 2:]), axis=1),
             "index": np.arange(len(sample.label)),
         }
-        if masked:
-            given["masks"] = [mask.view(np.uint8) for mask in masked.values()]
+        if sample.masks:
+            given["masks"] = [mask.view(np.uint8) for mask in sample.masks]
         found = self._compose(**given)
         index = np.asarray(found["index"], dtype=np.int64)
         corners = np.asarray(found["bboxes"], dtype=np.float64).reshape(-1, 4)
-        masks = dict(zip(masked, (np.asarray(m, dtype=bool) for m in found.get("masks", ())), strict=True))
         xywh = np.concatenate((corners[:, :2], corners[:, 2:] - corners[:, :2]), axis=1)
-        kept = []
-        for row, i in enumerate(index.tolist()):
-            if i in masks:
-                seen = mask_box(masks[i])
-                if seen is None:
-                    continue
-                x, y, width, height = seen
-                if np.abs([x, y, x + width, y + height] - corners[row]).max() > MASK_ROUNDING:
-                    xywh[row] = seen
+        changed, kept = Sample(np.ascontiguousarray(found["image"]), xywh, sample.label[index]), []
+        if not sample.masks:
+            return changed
+        masks = [np.asarray(found["masks"][i], dtype=bool) for i in index.tolist()]
+        for row, mask in enumerate(masks):
+            seen = mask_box(mask)
+            if seen is None:
+                continue
+            x, y, width, height = seen
+            if np.abs([x, y, x + width, y + height] - corners[row]).max() > MASK_ROUNDING:
+                xywh[row] = seen
             kept.append(row)
-        return Sample(
-            np.ascontiguousarray(found["image"]),
-            xywh[kept],
-            sample.label[index[kept]],
-            tuple(masks.get(i) for i in index[kept].tolist()),
-        )
+        return Sample(changed.picture, xywh[kept], changed.label[kept], tuple(masks[row] for row in kept))
 
 
 def changed_table(changes: Mapping[str, Any]) -> Table:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -73,7 +73,7 @@ class DrawnExamples(Dataset[Example]):
         if key in self._kept:
             return self._kept[key]
         sample = at_work_size(self.sources[key[0]].sample(key[1], masks=self.masks), self.size)
-        arrays = [sample.picture, *(mask for mask in sample.masks if mask is not None)]
+        arrays = [sample.picture, *sample.masks]
         needed = sum(array.nbytes for array in arrays)
         if needed <= self._room:
             self._room -= needed
@@ -92,7 +92,7 @@ def at_work_size(sample: Sample, size: tuple[int, int]) -> Sample:
 
 def example(sample: Sample, size: tuple[int, int]) -> Example:
     """A sample at a network's size (width, height)."""
-    seen = sample.resized(*size)
+    seen = replace(sample, masks=()).resized(*size)
     corners = np.concatenate((seen.xywh[:, :2], seen.xywh[:, :2] + seen.xywh[:, 2:]), axis=1)
     return Example(
         torch.from_numpy(np.ascontiguousarray(seen.picture.transpose(2, 0, 1))),
@@ -146,5 +146,5 @@ def network_pictures(
     images: Sequence[UInt8[np.ndarray, "_ _ 3"]], size: tuple[int, int]
 ) -> UInt8[torch.Tensor, "n 3 h w"]:
     """Pictures of any sizes at a network's size (width, height), as in training."""
-    nothing = np.zeros((0, 4)), np.zeros(0, dtype=np.int64), ()
+    nothing = np.zeros((0, 4)), np.zeros(0, dtype=np.int64)
     return torch.stack([example(at_work_size(Sample(image, *nothing), size), size).picture for image in images])

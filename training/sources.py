@@ -71,8 +71,8 @@ class LabeledPictures:
         """Whether every box has a mask."""
         return None not in self.segmentations
 
-    def sample(self, i: int, *, masks: bool = True) -> Sample:
-        """Picture i with its labels, with or without masks.
+    def sample(self, i: int, *, masks: bool = False) -> Sample:
+        """Picture i with its labels, without masks or with those of all boxes, which must have one.
 
         Raises
         ------
@@ -81,7 +81,7 @@ class LabeledPictures:
         """
         boxes = slice(self.starts[i], self.starts[i + 1])
         width, height = self.sizes[i]
-        decoded = (None if s is None or not masks else decode(s, width, height) for s in self.segmentations[boxes])
+        decoded = (decode(segmentation, width, height) for segmentation in self.segmentations[boxes] if masks)
         pixels = read_pixels(self.folder / self.file_names[i], (width, height))
         return Sample(pixels, self.xywh[boxes], self.label[boxes], tuple(decoded))
 
