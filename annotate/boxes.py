@@ -121,8 +121,10 @@ def surface_box(
     points = (camera.world_from_camera[:3, :3].T @ (vertices - camera.position).T).copy()
     lens = lenses(camera.intrinsics)
     if lens.distorted:
-        return _xywh(np.clip(extremes_of_curved(points, triangles, CurvedView(lens, frame), EMPTY), -FAR, FAR))
-    return _xywh(extremes_of_mesh(points, triangles, Frustum(lens, frame=frame)))
+        extremes = np.clip(extremes_of_curved(points, triangles, CurvedView(lens, frame), EMPTY), -FAR, FAR)
+    else:
+        extremes = extremes_of_mesh(points, triangles, Frustum(lens, frame=frame))
+    return _known(_xywh(extremes))
 
 
 class VehicleBoxes:
@@ -182,8 +184,7 @@ class VehicleBoxes:
         """
         pose = checked(world_from_vehicle, "world_from_vehicle", (4, 4))[None]
         found = self.boxes(pose, camera.world_from_camera[None], camera.intrinsics, [articulation or {}])
-        box = (found.xywh if frame else found.amodal)[0]
-        return None if np.isnan(box[0]) else box
+        return _known((found.xywh if frame else found.amodal)[0])
 
     def boxes(
         self,
@@ -231,29 +232,23 @@ class VehicleBoxes:
             for out, frame, known in ((xywh, True, framed | out_of_frame), (amodal, False, in_front)):
                 for i in np.flatnonzero(~known & (farthest >= NEAR)).tolist():
                     frustum = Frustum(each.rows(np.array(start + i)), frame=frame)
-                    box = _xywh(self._surface.extremes(camera_from_parts[i], frustum))
-                    out[start + i] = np.nan if box is None else box
+                    out[start + i] = _xywh(self._surface.extremes(camera_from_parts[i], frustum))
         return Boxes(xywh, amodal, truncated_fraction(xywh, amodal))
 
     def _curved_boxes(
         self, camera_from_parts: Float[np.ndarray, "p 3 4"], lens: Lenses
     ) -> tuple[Float[np.ndarray, "4"], Float[np.ndarray, "4"]]:
         """Boxes through distorting lenses, in the image and amodal; nan if there is none."""
-        nothing = np.full(4, np.nan)
         amodal = self._curved(camera_from_parts, lens, frame=False)
-        if amodal is None:
-            return nothing, nothing
         low, high = amodal[:2], amodal[:2] + amodal[2:]
         if (low >= 0.0).all() and (high <= lens.size).all():
             return amodal, amodal
-        box = (
-            None if (high < 0.0).any() or (low > lens.size).any() else self._curved(camera_from_parts, lens, frame=True)
-        )
-        return nothing if box is None else box, amodal
+        may_show = (high >= 0.0).all() and (low <= lens.size).all()
+        return self._curved(camera_from_parts, lens, frame=True) if may_show else np.full(4, np.nan), amodal
 
     def _curved(
         self, camera_from_parts: Float[np.ndarray, "p 3 4"], lens: Lenses, *, frame: bool
-    ) -> Float[np.ndarray, "4"] | None:
+    ) -> Float[np.ndarray, "4"]:
         return _xywh(np.clip(self._surface.curved_extremes(camera_from_parts, CurvedView(lens, frame)), -FAR, FAR))
 
     def _hull(
@@ -294,7 +289,11 @@ def truncated_fraction(xywh: ArrayLike, amodal: ArrayLike) -> Float[np.ndarray, 
     return np.asarray(np.clip(1.0 - share, 0.0, 1.0))
 
 
-def _xywh(extremes: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"] | None:
-    if not extremes[0] <= extremes[2]:
-        return None
-    return np.concatenate([extremes[:2], extremes[2:] - extremes[:2]])
+def _xywh(extremes: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"]:
+    """The box between extremes, nan if they are empty."""
+    empty = not extremes[0] <= extremes[2]
+    return np.full(4, np.nan) if empty else np.concatenate([extremes[:2], extremes[2:] - extremes[:2]])
+
+
+def _known(box: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"] | None:
+    return None if np.isnan(box[0]) else box
