@@ -26,21 +26,13 @@ NOTHING = World()
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Visibility:
-    """Visible and hidden shares of n cameras' targets.
-
-    Shares are of the target's silhouette in the frame, as it would be with nothing else in the world; they add up to 1.
-    All are nan if no ray met the target in the frame.
+    """Visible shares of n cameras' targets.
 
     Parameters
     ----------
     fraction
-        (n,) visible share.
-    by_ground
-        (n,) share hidden by the ground.
-    by_obstacles
-        (n,) share hidden by obstacles and not by the ground.
-    by_vehicles
-        (n,) share hidden by other vehicles and nothing else.
+        (n,) visible share of the target's silhouette in the frame, as it would be with nothing else in the world; nan
+        if no ray met the target in the frame.
     hits
         (n,) rays that met the target.
     area
@@ -48,9 +40,6 @@ class Visibility:
     """
 
     fraction: Float[np.ndarray, " n"]
-    by_ground: Float[np.ndarray, " n"]
-    by_obstacles: Float[np.ndarray, " n"]
-    by_vehicles: Float[np.ndarray, " n"]
     hits: Int[np.ndarray, " n"]
     area: Float[np.ndarray, " n"]
 
@@ -99,14 +88,13 @@ def visible_fraction(
         raise ValueError(f"rays: expected at least 1, got {rays}")
     pattern = jittered(rays, rng=np.random.default_rng(seed))
     lens = lenses(intrinsics).spread(n)
-    counts, area = np.zeros((n, 5)), np.zeros(n)
+    hits, visible, area = np.zeros(n, dtype=np.int64), np.zeros(n), np.zeros(n)
     size = max(1, BLOCK // rays)
     for index in (np.arange(i, min(i + size, n)) for i in range(0, n, size)):
         posed = [subject.rows(index) for subject in subjects]
-        counts[index], area[index] = _count(posed, world.rows(index), poses[index], lens.rows(index), pattern)
-    hits = counts[:, 0].astype(np.int64)
-    share = counts[:, 1:] / np.where(hits > 0, hits, np.nan)[:, None]
-    return Visibility(share[:, 0], share[:, 1], share[:, 2], share[:, 3], hits, area * hits / rays)
+        found = _count(posed, world.rows(index), poses[index], lens.rows(index), pattern)
+        hits[index], visible[index], area[index] = found
+    return Visibility(visible / np.where(hits > 0, hits, np.nan), hits, area * hits / rays)
 
 
 def jittered(n: int, *, rng: np.random.Generator) -> Float[np.ndarray, "n 2"]:
@@ -127,8 +115,8 @@ def _count(
     world_from_camera: Float[np.ndarray, "n 4 4"],
     lens: Lenses,
     pattern: Float[np.ndarray, "r 2"],
-) -> tuple[Float[np.ndarray, "n 5"], Float[np.ndarray, " n"]]:
-    """For each camera: rays on its subject, visible, hidden by ground, obstacles, vehicles; their area."""
+) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """For each camera: rays on its subject, how many of these see it, and the area that all rays go through."""
     n, r = len(world_from_camera), len(pattern)
     low, high = np.full((n, 2), np.inf), np.full((n, 2), -np.inf)
     for subject in subjects:
@@ -145,9 +133,7 @@ def _count(
     met = np.flatnonzero(np.isfinite(distance))
     reach = np.where(np.isfinite(distance), distance - TOUCHING, -np.inf)
     passed = world.passed(camera_rays, world_from_camera, reach=reach)[met]
-    shares = np.column_stack([passed[:, 2], -np.diff(passed, axis=1, prepend=1.0)])
-    counts = [np.bincount(met // r, weights=w, minlength=n) for w in (np.ones(len(met)), *shares.T)]
-    return np.stack(counts, axis=1, dtype=np.float64), area
+    return np.bincount(met // r, minlength=n), np.bincount(met // r, weights=passed, minlength=n), area
 
 
 def _rays(

@@ -89,7 +89,6 @@ class WorldHits(RayHits):
 
 
 Thing: TypeAlias = RayCaster | Plane | InstancedScene | PosedVehicle
-_HIDERS = (Kind.GROUND, Kind.OBSTACLE, Kind.VEHICLE)
 NO_OBSTACLES = InstancedScene([], [], [])
 
 
@@ -264,8 +263,8 @@ class World:
         world_from_camera: Float[np.ndarray, "n 4 4"],
         *,
         reach: Float[np.ndarray, " k"],
-    ) -> Float[np.ndarray, "k 3"]:
-        """Transmittance of rays of n cameras past the ground, then obstacles too, then vehicles too.
+    ) -> Float[np.ndarray, " k"]:
+        """Transmittance of rays of n cameras.
 
         It's 0 or 1 without alpha textures, like `occluded`, and faster among many obstacles.
         With them, the transmittances of faces are multiplied, as in Cycles.
@@ -279,18 +278,18 @@ class World:
         reach
             (n * r,) how far each looks, in meters from the near plane; -inf: it isn't cast.
         """
-        passed, cast = np.ones((len(reach), len(_HIDERS))), np.flatnonzero(reach > -np.inf)
+        passed, cast = np.ones(len(reach)), np.flatnonzero(reach > -np.inf)
         if self.ground is not None:
             for some in (cast[i : i + BATCH] for i in range(0, len(cast), BATCH)):
                 rays = camera_rays.rays(world_from_camera, some)
-                passed[some] = self.ground.transmittance(*rays, max_distance=reach[some])[:, None]
-        left = np.where(passed[:, 0] > 0.0, reach, -np.inf)
-        passed[:, 1:] *= passed_in_beams(self.obstacles, camera_rays, world_from_camera, reach=left)[:, None]
-        asked = (passed[:, 2] > 0.0) & (reach > -np.inf)
+                passed[some] = self.ground.transmittance(*rays, max_distance=reach[some])
+        left = np.where(passed > 0.0, reach, -np.inf)
+        passed *= passed_in_beams(self.obstacles, camera_rays, world_from_camera, reach=left)
+        asked = (passed > 0.0) & (reach > -np.inf)
         for vehicle in self.vehicles:
             for part, at, rays in vehicle.through(camera_rays, world_from_camera, asked):
-                np.multiply.at(passed[:, 2], at, part.caster.transmittance(*rays, max_distance=reach[at]))
-                asked[at] = passed[at, 2] > 0.0
+                np.multiply.at(passed, at, part.caster.transmittance(*rays, max_distance=reach[at]))
+                asked[at] = passed[at] > 0.0
         return passed
 
     def _things(self) -> Iterator[tuple[Kind, int, Thing]]:

@@ -63,7 +63,6 @@ def test_behind_a_wall_nothing_is_visible(lens: Intrinsics, seed: int, elevation
         world = World(obstacles=InstancedScene([CUBE], [0], wall[None]))
         seen = visible_fraction(target, pose[None], intrinsics=lens, world=world)
         assert seen.fraction[0] == 0
-        assert seen.by_obstacles[0] == 1
 
 
 @given(lenses, seeds, elevations, turns, st.integers(1, 12))
@@ -81,7 +80,6 @@ def test_an_added_occluder_never_raises_the_fraction(
     for above, below in [(free, some), (some, more), (more, most)]:
         np.testing.assert_array_equal(above.hits, below.hits)
         assert (below.fraction <= above.fraction).all()
-    np.testing.assert_allclose(most.fraction + most.by_ground + most.by_obstacles + most.by_vehicles, 1, atol=1e-15)
 
 
 @given(seeds, st.integers(0, 30), st.floats(0.1, 100))
@@ -97,10 +95,10 @@ def test_rays_of_cameras_are_hidden_like_single_rays(seed: int, k: int, fov: flo
     which = np.flatnonzero(asked)
     met = world.nearest(*camera_rays.rays(poses, np.arange(n * r))).distance
     reach = np.where(asked.ravel(), met * rng.uniform(0.9, 1.1, n * r), -np.inf)
-    passed, rays = world.passed(camera_rays, poses, reach=reach)[which], camera_rays.rays(poses, which)
-    for column, hiders in enumerate((World(Plane(-1.0)), World(Plane(-1.0), world.obstacles), world)):
-        hidden = hiders.occluded(*rays, max_distance=reach[which])
-        np.testing.assert_array_equal(passed[:, column] == 0.0, hidden)
+    rays = camera_rays.rays(poses, which)
+    for hiders in (World(Plane(-1.0)), World(Plane(-1.0), world.obstacles), world):
+        passed = hiders.passed(camera_rays, poses, reach=reach)[which]
+        np.testing.assert_array_equal(passed == 0.0, hiders.occluded(*rays, max_distance=reach[which]))
 
 
 @given(seeds, st.floats(0.05, 0.8))
