@@ -10,7 +10,6 @@ Stages are imported where they're used, so that `hulldown --help` doesn't wait f
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import errno
 import io
 import sys
@@ -23,17 +22,7 @@ from hulldown.geometry.errors import HulldownError, shortened
 from hulldown.geometry.terminal import STDERR, say
 from hulldown.verbs import cluster, planning, rendering, study, training
 from hulldown.verbs.arguments import add_verb
-from hulldown.verbs.terminal import (
-    DONE,
-    FOUND,
-    MISTAKE,
-    STDOUT,
-    STOPPED,
-    print_json,
-    show_list,
-    silence_stdout,
-    warnings_in_one_line,
-)
+from hulldown.verbs.terminal import DONE, FOUND, MISTAKE, STOPPED, show_result, silence_stdout, warnings_in_one_line
 
 LONGEST_LINE = 2000  # characters of a message
 # Errors of the file system that aren't bugs: a full disk, missing rights, a file instead of a folder or the reverse.
@@ -51,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     try:
         with warnings_in_one_line():
-            return arguments.run(arguments)
+            return arguments.run(arguments) or DONE
     except HulldownError as error:
         STDERR.print(f"hulldown: {escape(shortened(str(error), LONGEST_LINE))}", soft_wrap=True)
         return MISTAKE
@@ -77,13 +66,8 @@ def _doctor(arguments: argparse.Namespace) -> int:
 
     with STDERR.status("asking Blender"):
         diagnosis = diagnose()
-    if arguments.json:
-        print_json(dataclasses.asdict(diagnosis))
-    else:
-        STDOUT.print(diagnosis.table())
-        show_list([f"problem: {problem}" for problem in diagnosis.problems])
-        if not diagnosis.problems:
-            show_list(["all well: this machine can plan and render"])
+    problems = [f"problem: {problem}" for problem in diagnosis.problems]
+    show_result(arguments, diagnosis, diagnosis.table(), *problems or ["all well: this machine can plan and render"])
     return FOUND if diagnosis.problems else DONE
 
 

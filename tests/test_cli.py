@@ -15,7 +15,9 @@ import hulldown.verbs.rendering
 from hulldown import cli
 from hulldown.dataset.coco import CocoDataset
 from hulldown.geometry.errors import HulldownError
+from hulldown.geometry.terminal import STDERR
 from hulldown.tests.editing import render
+from hulldown.verbs.terminal import STDOUT
 
 ROOT = Path(__file__).parents[1]
 VERBS = ["init", "inspect", "plan", "check", "preview", "render", "join", "verify", "export", "doctor", "demo"]
@@ -215,7 +217,7 @@ def beside_progress(stderr):
     return [line for line in stderr.splitlines() if not line.startswith("checking ")]
 
 
-@pytest.mark.parametrize("console", [cli.STDOUT, cli.STDERR])
+@pytest.mark.parametrize("console", [STDOUT, STDERR])
 def test_names_cannot_control_the_terminal(console, capsys):
     """Escape codes, backspaces, bells, and changes of direction, wherever a name from a file is printed."""
     table = Table("object")

@@ -22,7 +22,7 @@ from hulldown.tests.blender_plans import run_python
 from hulldown.tests.shapes import box, scenery_of, vehicle_of
 from hulldown.tests.test_found_assets import SKY
 from hulldown.verbs import terminal
-from hulldown.verbs.terminal import show_table
+from hulldown.verbs.terminal import show
 
 FILES = """
 import bpy
@@ -225,7 +225,7 @@ def report(*rows: ObjectRow) -> FileReport:
 def shown(monkeypatch: pytest.MonkeyPatch, table: Table, **console: object) -> str:
     file = io.StringIO()
     monkeypatch.setattr(terminal, "STDOUT", Terminal(file=file, highlight=False, **console))
-    show_table(table)
+    show(table)
     return file.getvalue()
 
 
@@ -235,7 +235,7 @@ def test_a_name_with_a_line_break_stays_in_one_line() -> None:
 
 
 def test_a_piped_table_has_whole_names_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    # They were cut at 80 columns, but `drop` needs them.
+    # They were cut at 80 columns, but `drop` needs them; every verb shows its tables this way.
     text = shown(monkeypatch, report(ObjectRow(LONG, "MESH", "hull", "by default")).table())
     assert any(LONG in line for line in text.splitlines())
 

@@ -1,12 +1,14 @@
 """Passes: depth, normals, instances, parts, and panoptic segments, against masks, terrain, and the camera."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from hulldown.annotate.masks import mask_box, vehicle_mask
+from hulldown.cli import main
 from hulldown.planning.pictures.passes import PASSES, STUFF, write_passes
 from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan_file import read_plan
@@ -124,9 +126,11 @@ def test_panoptic_segments_have_cocos_format(made):
                 assert segments[number]["iscrowd"] == (vehicle.label == "ignored")
 
 
-def test_finished_images_are_kept_and_changed_ones_are_made_again(made, tmp_path):
+def test_finished_images_are_kept_and_changed_ones_are_made_again(made, tmp_path, monkeypatch, capsys):
     plan, folder = made
-    write_passes(plan, ASSETS, tmp_path, passes=["part"], count=1)
+    monkeypatch.setattr("hulldown.verbs.planning.planned_library", lambda *_: SimpleNamespace(assets=ASSETS))
+    assert main(["passes", str(plan.path), "-o", str(tmp_path), "--part", "--count", "1", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"part": 1}
     assert sorted(p.name for p in tmp_path.iterdir()) == ["part", "parts.json", "tables"]
     part = tmp_path / "part" / "00000001.png"
     part.write_bytes(b"kept")

@@ -24,7 +24,7 @@ Value = TypeVar("Value")
 def add_verb(
     verbs: Subparsers,
     name: str,
-    run: Callable[[argparse.Namespace], int],
+    run: Callable[[argparse.Namespace], int | None],
     does: str,
     more: str,
     *,
@@ -38,7 +38,7 @@ def add_verb(
     verbs
         The verbs.
     name, run
-        The verb and its function, which returns the exit code.
+        The verb and its function, which returns the exit code if it isn't 0.
     does, more
         Its help, and what follows that in its description.
     resumes

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from hulldown.geometry.terminal import say
 from hulldown.render.cluster.scheduler import Scheduler, local_cluster, needing_dask
 from hulldown.verbs.arguments import Subparsers, add_verb, at_least_one, port
-from hulldown.verbs.terminal import DONE, print_json
+from hulldown.verbs.terminal import show_result
 
 if TYPE_CHECKING:
     from hulldown.training.study.runs import Launch, Progress, RunOptions
@@ -67,16 +67,14 @@ def _train_here(study: Path, manifest: str, options: RunOptions, name: str) -> A
     return unseen(study, manifest) or Answer(run_here(study, name, options, wanted()))
 
 
-def _cluster(arguments: argparse.Namespace) -> int:
+def _cluster(arguments: argparse.Namespace) -> None:
     """Run a cluster until Ctrl-C or SIGTERM."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the workers end too
     with local_cluster(arguments.workers, port=arguments.port) as address:
-        if arguments.json:
-            print_json({"scheduler": address, "workers": arguments.workers})
+        show_result(arguments, {"scheduler": address, "workers": arguments.workers})
         say(f"{arguments.workers} workers; render with: hulldown render PLAN -o DATASET --scheduler {address}")
         say("Ctrl-C ends them")
         threading.Event().wait()
-    return DONE
 
 
 def add(verbs: Subparsers) -> None:

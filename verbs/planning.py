@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +22,10 @@ from hulldown.verbs.arguments import (
     planned_library,
     read_limits,
 )
-from hulldown.verbs.terminal import DONE, FOUND, STDOUT, print_json, show_list, show_table
+from hulldown.verbs.terminal import DONE, FOUND, show, show_result
 
 
-def _init(arguments: argparse.Namespace) -> int:
+def _init(arguments: argparse.Namespace) -> None:
     from hulldown.demo.project import AERIAL, create_project, write_config
     from hulldown.planning.config.template import bare_text
     from hulldown.planning.inputs.camera_file import read_camera
@@ -40,16 +39,15 @@ def _init(arguments: argparse.Namespace) -> int:
     if arguments.bare:
         config = write_config(arguments.folder, bare_text(values))
         say(f"wrote {config}; next: name your files in it, and hulldown inspect it")
-        return DONE
+        return
     with progress_bar("building demo assets") as advance:
         config = create_project(
             arguments.folder, seed=arguments.seed, small=arguments.small, values=values, progress=advance
         )
     say(f"wrote {config}; next: hulldown plan {config} -o plan.jsonl")
-    return DONE
 
 
-def _init_from(arguments: argparse.Namespace, values: Mapping[str, Any]) -> int:
+def _init_from(arguments: argparse.Namespace, values: Mapping[str, Any]) -> None:
     from hulldown.demo.project import CONFIG, refuse_config, write_config
     from hulldown.planning.inputs.found_assets import asset_files, found_config, missing_kinds, read_found
 
@@ -64,10 +62,9 @@ def _init_from(arguments: argparse.Namespace, values: Mapping[str, Any]) -> int:
         warn(f"no {word} was found in {arguments.source}; name one in {config}")
     used = sum(bool(file.kind) for file in found)
     say(f"wrote {config} with {used} of {len(found)} files; next: look at its comments, and hulldown inspect {config}")
-    return DONE
 
 
-def _inspect(arguments: argparse.Namespace) -> int:
+def _inspect(arguments: argparse.Namespace) -> None:
     from hulldown.annotate.sheets import make_room_for_picture
     from hulldown.planning.inputs.inspection import drawn_assets, inspect_file
     from hulldown.reading.inspect import Inspected, pages, write_pictures
@@ -85,13 +82,10 @@ def _inspect(arguments: argparse.Namespace) -> int:
             )  # fmt: skip
         inspected += new
         for report in (one.report for one in new if not arguments.json):
-            show_table(report.table())
-            show_list(report.lines())
+            show(report.table(), *report.lines())
     if output and drawn:
         say(f"wrote {', '.join(map(str, write_pictures(inspected, output)))}")
-    if arguments.json:
-        print_json([asdict(one.report) for one in inspected])
-    return DONE
+    show_result(arguments, [one.report for one in inspected])
 
 
 def _plan(arguments: argparse.Namespace) -> int:
@@ -108,12 +102,8 @@ def _plan(arguments: argparse.Namespace) -> int:
         arguments.config, output, workers=arguments.workers, strict=arguments.strict,
         more_of=arguments.more_of, poses=arguments.poses, cache=arguments.cache, limits=read_limits(arguments),
     )  # fmt: skip
-    if arguments.json:
-        print_json(made.summary.to_json())
-    else:
-        for table in made.summary.tables():
-            STDOUT.print(table)
-        show_list(made.summary.notes())
+    summary = made.summary
+    show_result(arguments, summary.to_json(), *summary.tables(), *summary.notes())
     say(f"wrote {output} ({len(made)} images) and {picture_of(output, 'summary')}; next: hulldown preview {output}")
     return DONE
 
@@ -126,15 +116,12 @@ def _check(arguments: argparse.Namespace) -> int:
     assets = planned_library(plan, arguments).assets
     with progress_bar("checking") as advance:
         findings = check_plan(plan, assets, progress=advance)
-    if arguments.json:
-        print_json(findings)
-    else:
-        show_list(findings)
+    show_result(arguments, findings, *findings)
     say(f"{len(plan)} images checked, {len(findings)} findings")
     return FOUND if findings else DONE
 
 
-def _preview(arguments: argparse.Namespace) -> int:
+def _preview(arguments: argparse.Namespace) -> None:
     from hulldown.annotate.sheets import make_room_for_picture
     from hulldown.planning.pictures.preview import preview_sheet
     from hulldown.planning.plan_file import picture_of, read_plan
@@ -146,10 +133,9 @@ def _preview(arguments: argparse.Namespace) -> int:
     with progress_bar("shading") as advance:
         preview_sheet(plan, assets, output, count=arguments.count, progress=advance)
     say(f"wrote {output}")
-    return DONE
 
 
-def _passes(arguments: argparse.Namespace) -> int:
+def _passes(arguments: argparse.Namespace) -> None:
     from hulldown.planning.pictures.passes import PASSES, write_passes
     from hulldown.planning.plan_file import read_plan
 
@@ -158,8 +144,8 @@ def _passes(arguments: argparse.Namespace) -> int:
     passes = [name for name in PASSES if getattr(arguments, name)] or PASSES
     with progress_bar("casting rays") as advance:
         written = write_passes(plan, assets, arguments.output, passes=passes, count=arguments.count, progress=advance)
+    show_result(arguments, dict.fromkeys(passes, written))
     say(f"wrote {', '.join(passes)} of {written} images into {arguments.output}")
-    return DONE
 
 
 def add(verbs: Subparsers) -> None:

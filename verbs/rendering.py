@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 from functools import cache, partial
 from pathlib import Path
 
@@ -24,7 +23,7 @@ from hulldown.verbs.arguments import (
     three_shares,
 )
 from hulldown.verbs.cluster import add_scheduler, scheduler_of
-from hulldown.verbs.terminal import DONE, FOUND, STDOUT, STOPPED, print_json, show_list
+from hulldown.verbs.terminal import DONE, FOUND, STOPPED, show, show_result
 
 
 def _render(arguments: argparse.Namespace) -> int:
@@ -48,8 +47,7 @@ def _render(arguments: argparse.Namespace) -> int:
     library, part = planned_library(arguments.plan, arguments), Part(limit=arguments.limit, share=arguments.share)
     with render_bar() as show:
         report = render_plan(arguments.plan, arguments.output, library, engine=engine, part=part, progress=show)
-    if arguments.json:
-        print_json(dataclasses.asdict(report))
+    show_result(arguments, report)
     say(
         f"{report.rendered} images rendered, {report.already} were there, {len(report.failed)} failed "
         f"in {report.seconds:.0f} s; next: hulldown verify {arguments.output}"
@@ -62,19 +60,17 @@ def _render(arguments: argparse.Namespace) -> int:
     return DONE if report.complete else FOUND
 
 
-def _join(arguments: argparse.Namespace) -> int:
+def _join(arguments: argparse.Namespace) -> None:
     from hulldown.dataset.join import join
 
     joined = join(arguments.parts, arguments.output, allow_links=arguments.allow_links)
-    if arguments.json:
-        print_json(dataclasses.asdict(joined))
+    show_result(arguments, joined)
     say(f"{joined.added} images added, {joined.already} were there; next: hulldown verify {arguments.output}")
     if joined.missing:
         warn(
             f"{joined.missing} planned images are not there yet, {joined.failed} of them given up; "
             "join again when there are more"
         )
-    return DONE
 
 
 def _verify(arguments: argparse.Namespace) -> int:
@@ -95,18 +91,15 @@ def _verify(arguments: argparse.Namespace) -> int:
         checked = len(measured.rows)
         findings += measured.findings
         if not arguments.json:
-            STDOUT.print(measured.table())
-    if arguments.json:
-        print_json([dataclasses.asdict(finding) for finding in findings])
-    else:
-        show_list(listed(findings))
+            show(measured.table())
+    show_result(arguments, findings, *listed(findings))
     errors = sum(finding.severity == "error" for finding in findings)
     masks = f", {checked} masks rendered" if arguments.masks else ""
     say(f"{arguments.dataset}: {errors} errors, {len(findings) - errors} warnings{masks}")
     return FOUND if errors else DONE
 
 
-def _export(arguments: argparse.Namespace) -> int:
+def _export(arguments: argparse.Namespace) -> None:
     from hulldown.dataset.exports.clipping import LabelFloors
     from hulldown.dataset.exports.export import export
 
@@ -120,13 +113,11 @@ def _export(arguments: argparse.Namespace) -> int:
         arguments.dataset, arguments.output, layout=arguments.format, fractions=arguments.split,
         polygons_within=arguments.polygons, floors=floors, clip=arguments.clip, allow_links=arguments.allow_links,
     )  # fmt: skip
-    if arguments.json:
-        print_json(counts)
+    show_result(arguments, counts)
     say(f"wrote {arguments.output}: " + ", ".join(f"{n} {name}" for name, n in counts.items()))
-    return DONE
 
 
-def _report(arguments: argparse.Namespace) -> int:
+def _report(arguments: argparse.Namespace) -> None:
     from hulldown.dataset.reports.report import report
 
     if arguments.features and not arguments.photographs:
@@ -144,16 +135,12 @@ def _report(arguments: argparse.Namespace) -> int:
         library=None if arguments.source.is_dir() else planned_library(arguments.source, arguments),
     )  # fmt: skip
     if comparison:
-        if arguments.json:
-            print_json(comparison.to_json())
-        else:
-            show_list(comparison.sentences)
+        show_result(arguments, comparison.to_json(), *comparison.sentences)
         for note in comparison.notes:
             warn(note)
         differing = sum(feature.differs for feature in comparison.features)
         say(f"{differing} of {len(comparison.features)} features differ by more than chance")
     say(f"wrote {arguments.output}")
-    return DONE
 
 
 def add(verbs: Subparsers) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,20 +10,19 @@ from typing import TYPE_CHECKING
 from hulldown.geometry.terminal import duration, progress_bar, progress_bars, say, warn
 from hulldown.verbs.arguments import Subparsers, add_verb
 from hulldown.verbs.cluster import add_scheduler, scheduler_of, training_workers
-from hulldown.verbs.terminal import DONE, FOUND, STDOUT, print_json
+from hulldown.verbs.terminal import DONE, FOUND, show_result
 
 if TYPE_CHECKING:
     from hulldown.training.study.manifest import Manifest
     from hulldown.training.study.runs import RunOptions
 
 
-def _init(arguments: argparse.Namespace) -> int:
+def _init(arguments: argparse.Namespace) -> None:
     from hulldown.training.study.config import write_study
 
     output, folders = arguments.output, ("real", "synthetic", "test", "valid")
     write_study(output, **{key: getattr(arguments, key) for key in folders})
     say(f"wrote {output}; next: hulldown study run {output} -o STUDY --dry-run")
-    return DONE
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -45,13 +43,13 @@ def _run(arguments: argparse.Namespace) -> int:
         warn(line)
     options = RunOptions(arguments.device, arguments.workers)
     if arguments.dry_run:
-        return _dry_run(arguments, manifest, options)
+        _dry_run(arguments, manifest, options)
+        return DONE
     usable_weights(config.train)
     scheduler = scheduler_of(arguments)
     with progress_bars() as advance, training_workers(scheduler) if scheduler else nullcontext() as launch:
         done = run_study(manifest, arguments.output, options=options, launch=launch, progress=advance, say=say)
-    if arguments.json:
-        print_json(dataclasses.asdict(done))
+    show_result(arguments, done)
     for name, reason in done.failed.items():
         warn(f"{name} was set aside: {reason}")
     say(
@@ -61,7 +59,7 @@ def _run(arguments: argparse.Namespace) -> int:
     return FOUND if done.failed else DONE
 
 
-def _dry_run(arguments: argparse.Namespace, manifest: Manifest, options: RunOptions) -> int:
+def _dry_run(arguments: argparse.Namespace, manifest: Manifest, options: RunOptions) -> None:
     from rich.table import Column, Table
 
     from hulldown.training.study.estimate import hours, overview, seconds_per_step
@@ -70,31 +68,25 @@ def _dry_run(arguments: argparse.Namespace, manifest: Manifest, options: RunOpti
     rows = overview(arguments.output, manifest)
     seconds = seconds_per_step(arguments.output, manifest, options, say=say)
     left = hours(rows, seconds, len(gpu_places(options)))
-    if arguments.json:
-        print_json({"runs": rows, "seconds_per_step": seconds, "hours": left})
-        return DONE
     headings = ("photographs", "synthetic", "draws", "per photograph", "per synthetic image", "state")
     table = Table(Column("run", no_wrap=True), *headings)
     for row in rows:
         counts = (str(row[key]) for key in ("photographs", "synthetic_images", "draws"))
         per_image = (row[key] for key in ("draws_per_photograph", "draws_per_synthetic_image"))
         table.add_row(row["name"], *counts, *(f"{n:.1f}" if n else "–" for n in per_image), row["state"])
-    STDOUT.print(table)
+    show_result(arguments, {"runs": rows, "seconds_per_step": seconds, "hours": left}, table)
     say(f"about {duration(3600 * left)} of training left, at {seconds:.2g} seconds a step; nothing was written")
-    return DONE
 
 
-def _report(arguments: argparse.Namespace) -> int:
+def _report(arguments: argparse.Namespace) -> None:
     from hulldown.training.study.report import write_report
 
     with progress_bar("evaluating") as advance:
         found = write_report(arguments.study, progress=advance)
-    if arguments.json:
-        print_json(found)
+    show_result(arguments, found)
     for line in found["summary"]:
         say(line)
     say(f"look at {arguments.study / 'report.html'}")
-    return DONE
 
 
 def add(verbs: Subparsers) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import argparse
+import dataclasses
 import json
 import os
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -42,21 +44,24 @@ def silence_stdout() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def show_list(lines: Sequence[str]) -> None:
-    """Print lines on stdout, each unbroken in a narrow terminal."""
-    for line in lines:
-        STDOUT.print(escape(line), soft_wrap=True)
+def show(*results: str | Table) -> None:
+    """Print lines and tables on stdout: lines unbroken in a narrow terminal, tables whole in a file or a pipe."""
+    for result in results:
+        if isinstance(result, str):
+            STDOUT.print(escape(result), soft_wrap=True)
+        elif STDOUT.is_terminal:
+            STDOUT.print(result)
+        else:
+            Terminal(file=STDOUT.file, width=WIDEST, highlight=False).print(result)
 
 
-def show_table(table: Table) -> None:
-    """Print a table on stdout, with its full width in a file or a pipe."""
-    if STDOUT.is_terminal:
-        STDOUT.print(table)
-    else:
-        Terminal(file=STDOUT.file, width=WIDEST, highlight=False).print(table)
-
-
-def print_json(value: Any) -> None:
-    """Print a result for machines on stdout."""
-    sys.stdout.write(json.dumps(value, indent=2, default=str) + "\n")
+def show_result(arguments: argparse.Namespace, result: Any, *shown: str | Table) -> None:
+    """Print a verb's result on stdout: with ``--json`` as JSON, otherwise as the given lines and tables."""
+    if not arguments.json:
+        return show(*shown)
+    sys.stdout.write(json.dumps(result, indent=2, default=_plain) + "\n")
     sys.stdout.flush()
+
+
+def _plain(value: Any) -> Any:
+    return dataclasses.asdict(value) if dataclasses.is_dataclass(value) and not isinstance(value, type) else str(value)

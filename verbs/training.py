@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 from pathlib import Path
 
 from hulldown.geometry.files import make_room
@@ -18,10 +17,10 @@ from hulldown.verbs.arguments import (
     picture_name,
     threshold_or_best,
 )
-from hulldown.verbs.terminal import DONE, print_json
+from hulldown.verbs.terminal import show_result
 
 
-def _subset(arguments: argparse.Namespace) -> int:
+def _subset(arguments: argparse.Namespace) -> None:
     from hulldown.training.subset import write_subsets
 
     with progress_bar("linking images") as advance:
@@ -29,13 +28,11 @@ def _subset(arguments: argparse.Namespace) -> int:
             arguments.dataset, arguments.output, fractions=arguments.fractions, seed=arguments.seed,
             stratified=arguments.stratified, progress=advance,
         )  # fmt: skip
-    if arguments.json:
-        print_json(counts)
+    show_result(arguments, counts)
     say(f"wrote {arguments.output}: " + ", ".join(f"{n} images in {name}" for name, n in counts.items()))
-    return DONE
 
 
-def _augment(arguments: argparse.Namespace) -> int:
+def _augment(arguments: argparse.Namespace) -> None:
     from hulldown.training.extra import require_extra
 
     require_extra()
@@ -48,10 +45,9 @@ def _augment(arguments: argparse.Namespace) -> int:
         )
     sheet.save(arguments.output)
     say(f"wrote {arguments.output}")
-    return DONE
 
 
-def _train(arguments: argparse.Namespace) -> int:
+def _train(arguments: argparse.Namespace) -> None:
     from hulldown.training.extra import require_extra
     from hulldown.training.settings import FLAGS, load_settings
 
@@ -65,15 +61,13 @@ def _train(arguments: argparse.Namespace) -> int:
             more_budget=arguments.more_budget, workers=arguments.workers, device=arguments.device, progress=advance,
             say=say,
         )  # fmt: skip
-    if arguments.json:
-        print_json(run)
+    show_result(arguments, run)
     if found := run["figures"].get("valid"):
         say(f"on {arguments.valid}: AP {found['ap']:.3f}, AP50 {found['ap50']:.3f}")
     say(f"wrote {arguments.output}; next: hulldown predict {arguments.output} DATASET -o predictions.json")
-    return DONE
 
 
-def _predict(arguments: argparse.Namespace) -> int:
+def _predict(arguments: argparse.Namespace) -> None:
     from hulldown.training.predict import predict
 
     done = predict(
@@ -83,45 +77,39 @@ def _predict(arguments: argparse.Namespace) -> int:
     pictures = arguments.pictures[0]
     if done.unknown:
         warn(f"{pictures} has no class {', '.join(done.unknown)}: detections of it count as false positives")
-    if arguments.json:
-        print_json(dataclasses.asdict(done))
+    show_result(arguments, done)
     counts = ", ".join(f"{n} {name}" for name, n in done.counts.items()) or "nothing"
     say(f"found with a score of at least {arguments.threshold:g}: {counts}")
     if arguments.draw:
         say(f"look at {arguments.draw}")
     again = f", {done.already} of them done before" if done.already else ""
     say(f"wrote {arguments.output}: {done.detections} detections in {done.images} images{again}")
-    return DONE
 
 
-def _export_model(arguments: argparse.Namespace) -> int:
+def _export_model(arguments: argparse.Namespace) -> None:
     from hulldown.training.extra import require_extra
 
     require_extra()
     from hulldown.training.onnx_model import export_model
 
     about = export_model(arguments.detector, arguments.output)
-    if arguments.json:
-        print_json(about)
+    show_result(arguments, about)
     say(f"wrote {arguments.output}; {about['input']}; {about['output']}")
-    return DONE
 
 
-def _evaluate(arguments: argparse.Namespace) -> int:
+def _evaluate(arguments: argparse.Namespace) -> None:
     from hulldown.training.evaluation.report import evaluate_files
 
     found = evaluate_files(
         arguments.dataset, arguments.predictions, arguments.output, threshold=arguments.threshold, iou=arguments.iou,
         validation=arguments.validation or (),
     )  # fmt: skip
-    if arguments.json:
-        print_json(found)
+    show_result(arguments, found)
     for name, one in found.get("runs", {found.get("predictions"): found}).items():
         figures = (f"{key} {_figure(one['overall'][key])}" for key in ("precision", "recall", "f1", "ap50"))
         chosen = " (threshold chosen on this very set)" if one["threshold_source"] == "test" else ""
         say(f"{name}: {', '.join(figures)}{chosen}")
     say(f"look at {arguments.output / 'report.html'}")
-    return DONE
 
 
 def _figure(value: float | None) -> str:
