@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -11,6 +11,7 @@ from hulldown.demo.build import build_demo_assets
 from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, DISTRACTORS, LAUNCHER, PAINT, SCENERY_FILES, TANK, TRUCK
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.files import replacing
+from hulldown.geometry.terminal import shown
 from hulldown.planning.config.template import config_text
 
 CONFIG = "hulldown.toml"
@@ -94,7 +95,6 @@ def create_project(
     seed: int = 0,
     small: bool = False,
     values: Mapping[str, Any] = NOTHING,
-    progress: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Path of the config written into `folder`, beside the demo assets.
 
@@ -108,8 +108,6 @@ def create_project(
         Whether the config asks for a few small images rather than for a dataset with the paper's settings.
     values
         What the config says instead of that; see `planning.config.template.config_text`.
-    progress
-        Called with the files done and their total.
 
     Raises
     ------
@@ -118,7 +116,8 @@ def create_project(
     """
     folder = Path(folder)
     refuse_config(folder / CONFIG)
-    build_demo_assets(folder, seed=seed, progress=progress)
+    with shown("building demo assets") as advance:
+        build_demo_assets(folder, seed=seed, progress=advance)
     return write_config(folder, project_text(small=small, values=values))
 
 

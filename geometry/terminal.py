@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.segment import Segment
 
+Item = TypeVar("Item")
 SPEED_S = 300.0  # the period over which a bar's speed is measured
 
 
@@ -125,7 +126,7 @@ def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
 
 
 @contextmanager
-def shown(title: str, progress: Callable[[int, int], None] | None) -> Iterator[Callable[[int, int], None]]:
+def shown(title: str, progress: Callable[[int, int], None] | None = None) -> Iterator[Callable[[int, int], None]]:
     """Yield `progress`, or if it's None a function that shows a bar in a terminal or notebook."""
     if progress is not None:
         yield progress
@@ -134,6 +135,15 @@ def shown(title: str, progress: Callable[[int, int], None] | None) -> Iterator[C
             yield advance
     else:
         yield lambda done, total: None
+
+
+def tracked(title: str, items: Iterable[Item], total: int) -> Iterator[Item]:
+    """Yield items, and show a bar of those that are done in a terminal or notebook."""
+    with shown(title) as advance:
+        for done, item in enumerate(items):
+            advance(done, total)
+            yield item
+        advance(total, total)
 
 
 def watched() -> bool:

@@ -17,6 +17,7 @@ from hulldown.assets.library import Assets
 from hulldown.camera.lenses import lenses
 from hulldown.geometry.columns import records
 from hulldown.geometry.errors import ConfigError
+from hulldown.geometry.terminal import shown
 from hulldown.placement.contact import gap_and_penetration
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.planner import BLOCK, Planner
@@ -31,15 +32,13 @@ MOST = 1000  # listed findings
 LONGEST = 80  # characters of a value in a finding
 
 
-def check_plan(plan: Plan, assets: Assets, *, progress: Callable[[int, int], None] | None = None) -> list[str]:
+def check_plan(plan: Plan, assets: Assets) -> list[str]:
     """Return a line for each difference of a plan from a new plan of its config, and of labels from poses.
 
     Parameters
     ----------
     plan, assets
         The plan, and the assets that it was made from.
-    progress
-        Called with the numbers of images checked so far and of all images.
 
     Raises
     ------
@@ -54,7 +53,8 @@ def check_plan(plan: Plan, assets: Assets, *, progress: Callable[[int, int], Non
             path=plan.path,
             remedy="plan again with `hulldown plan`, or bring the old file back",
         )
-    return check_rows(plan, planner, progress=progress)
+    with shown("checking") as advance:
+        return check_rows(plan, planner, progress=advance)
 
 
 def check_rows(plan: Plan, planner: Planner, *, progress: Callable[[int, int], None] | None = None) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from hulldown.dataset.verification.look import appearance
 from hulldown.dataset.verification.planned import not_annotated
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import DatasetError, HulldownError
+from hulldown.geometry.terminal import tracked
 from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan_file import Plan, read_plan
 from hulldown.planning.row import Row
@@ -94,7 +95,6 @@ def verify_masks(
     library: Library,
     *,
     count: int,
-    progress: Callable[[int, int], None] | None = None,
 ) -> MaskReport:
     """Render the masks of some images of a dataset, and compare its annotations with them.
 
@@ -108,8 +108,6 @@ def verify_masks(
         The plan's assets.
     count
         Number of images, an even selection of the finished ones.
-    progress
-        Called with (images done, all).
 
     Raises
     ------
@@ -127,7 +125,7 @@ def verify_masks(
     chosen = [finished[i] for i in spread(len(finished), count)]
     labels = {label["id"]: label for label in coco["annotations"] if run.has_annotation(label["id"])}
     first = outline.first_annotations(run)
-    maps = cycles_masks(plan, chosen, library, progress=progress)
+    maps = cycles_masks(plan, chosen, library)
     rows: list[MaskRow] = []
     segmenter = Segmenter(library.shapes, library.assets.sceneries)
     findings = [
@@ -218,13 +216,7 @@ def _judged(row: MaskRow, area: Any) -> Finding | None:
     return None
 
 
-def cycles_masks(
-    plan: Plan,
-    rows: Sequence[int],
-    library: Library,
-    *,
-    progress: Callable[[int, int], None] | None = None,
-) -> list[UInt8[np.ndarray, "_ h w"]]:
+def cycles_masks(plan: Plan, rows: Sequence[int], library: Library) -> list[UInt8[np.ndarray, "_ h w"]]:
     """Render the masks of all vehicles in some rows of a plan, as of `IndexPictures.maps` for each row.
 
     Parameters
@@ -235,8 +227,6 @@ def cycles_masks(
         Indices of rows.
     library
         The plan's assets.
-    progress
-        Called with (rows done, all).
 
     Raises
     ------
@@ -252,11 +242,10 @@ def cycles_masks(
 
         confinement = Confinement(folder, readable(library))
         with Pool(folder / "logs", Engine(workers=1), confinement=confinement) as pool:
-            for index, outcome in pool.results(sorted(rows, key=lambda i: plan[i].scenery), job):
+            results = pool.results(sorted(rows, key=lambda i: plan[i].scenery), job)
+            for index, outcome in tracked("rendering masks", results, len(rows)):
                 if outcome.reasons:
                     problem = f"the mask of image {index} cannot be rendered: {outcome.reasons[-1]}"
                     raise HulldownError(problem, path=plan.path)
                 maps[index] = np.load(io.BytesIO(outcome.content))
-                if progress:
-                    progress(len(maps), len(rows))
     return [maps[index] for index in rows]

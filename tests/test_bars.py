@@ -3,7 +3,7 @@
 import io
 
 from hulldown.geometry import terminal
-from hulldown.geometry.terminal import Terminal, titled_bar
+from hulldown.geometry.terminal import Terminal, titled_bar, tracked
 
 
 def test_a_bar_of_images_shows_workers_speed_and_remaining_time(monkeypatch):
@@ -18,3 +18,23 @@ def test_a_bar_of_images_shows_workers_speed_and_remaining_time(monkeypatch):
     last = out.getvalue().splitlines()[-2]
     for shown in ("rendering on 2 workers", "12/40", "0.2 images/s", "0:02:20"):
         assert shown in last
+
+
+def test_tracked_items_move_a_bar_that_an_error_ends(monkeypatch):
+    out = io.StringIO()
+    monkeypatch.setattr(terminal, "STDERR", Terminal(file=out, force_terminal=True, width=150))
+    assert list(tracked("checking", iter("abc"), 3)) == ["a", "b", "c"]
+    assert "3/3" in out.getvalue()
+    try:
+        for item in tracked("checking", [1, 0], 2):
+            raise KeyError(item)
+    except KeyError:
+        assert "0/2" in out.getvalue()
+        assert out.getvalue().endswith("\x1b[?25h")  # the cursor is shown again
+
+
+def test_tracked_items_have_no_bar_in_a_file(monkeypatch):
+    out = io.StringIO()
+    monkeypatch.setattr(terminal, "STDERR", Terminal(file=out))
+    assert list(tracked("checking", "abc", 3)) == ["a", "b", "c"]
+    assert out.getvalue() == ""

@@ -46,8 +46,6 @@ def test_a_folder_becomes_a_config_with_findings_as_comments(
     assert [path.name for path in Path("project").iterdir()] == ["hulldown.toml"]
     told = " ".join(capsys.readouterr().err.split())
     assert "with 3 of 6 files" in told
-    assert told.startswith("reading files ━")
-    assert " 6/6 " in told
     config = Config.read("project/hulldown.toml")
     assert [(v.path, v.category, v.name) for v in config.assets.vehicles] == [
         ("../mine/tanks/one/scene.blend", "tanks", "scene")

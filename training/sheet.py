@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +9,7 @@ from PIL import Image
 
 from hulldown.annotate.drawing import contact_sheet, draw
 from hulldown.geometry.arrays import spread
+from hulldown.geometry.terminal import tracked
 from hulldown.training.augment import Augmenter, Sample, changed_table
 from hulldown.training.data import at_work_size
 from hulldown.training.settings import load_settings
@@ -26,7 +26,6 @@ def augmentation_sheet(
     rows: int = 6,
     seed: int = 0,
     config: Path | None = None,
-    progress: Callable[[int, int], None] | None = None,
 ) -> Image.Image:
     """Make a sheet; each row has a picture, and eight augmentations of it.
 
@@ -40,8 +39,6 @@ def augmentation_sheet(
         Seed of the augmentations.
     config
         Config of a training for its augmentation; None: the paper's.
-    progress
-        Called with (pictures done, all).
 
     Raises
     ------
@@ -54,13 +51,11 @@ def augmentation_sheet(
     augment = Augmenter(table, height=WORK_SIZE[1])
     chosen = spread(len(source), rows)
     pictures = []
-    for row, i in enumerate(chosen.tolist()):
+    for i in tracked("augmenting", chosen.tolist(), len(chosen)):
         sample = at_work_size(source.sample(i, masks=source.masked), WORK_SIZE)
         seeds = [int(np.random.SeedSequence((seed, i, k)).generate_state(1)[0]) for k in range(TIMES)]
         changed = [augment(sample, own_seed) for own_seed in seeds]
         pictures += [_drawn(one, names) for one in (sample, *changed)]
-        if progress is not None:
-            progress(row + 1, len(chosen))
     return contact_sheet(pictures, columns=TIMES + 1, tile_width=TILE_WIDTH)
 
 

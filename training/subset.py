@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from itertools import accumulate
 from pathlib import Path
@@ -16,6 +16,7 @@ from hulldown.dataset.store.document import ANNOTATIONS_NAME, write_coco
 from hulldown.dataset.store.pictures import link_or_copy
 from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.files import all_or_nothing
+from hulldown.geometry.terminal import shown
 
 FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.05)
 
@@ -77,7 +78,6 @@ def write_subsets(
     fractions: Sequence[float] = FRACTIONS,
     seed: int = 0,
     stratified: bool = False,
-    progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, int]:
     """Write nested subsets of a dataset, each a dataset in its own folder, named by its percentage.
 
@@ -94,8 +94,6 @@ def write_subsets(
         Shares of the images, above 0 and at most 1.
     seed, stratified
         See `nested_subsets`.
-    progress
-        Called with (done, all) after each picture.
 
     Returns
     -------
@@ -123,7 +121,7 @@ def write_subsets(
     chosen = {name: set(ids) for name, ids in zip(names, subsets, strict=True)}
     done, total = 0, sum(sizes)
     head = {key: value for key, value in coco.items() if key not in ("images", "annotations")}
-    with all_or_nothing(out) as unfinished:
+    with shown("linking images") as advance, all_or_nothing(out) as unfinished:
         for name, ids in chosen.items():
             images = [image for image in coco["images"] if image["id"] in ids]
             for image in images:
@@ -132,8 +130,7 @@ def write_subsets(
                 with DatasetError.explaining("cannot be linked", path=source, remedy="check it with `hulldown verify`"):
                     link_or_copy(source, target)
                 done += 1
-                if progress is not None:
-                    progress(done, total)
+                advance(done, total)
             records = [annotation for image in images for annotation in boxes[image["id"]]]
             with (unfinished / name / ANNOTATIONS_NAME).open("wb") as file:
                 write_coco(file, {"info": {}, **head}, map(orjson.dumps, images), map(orjson.dumps, records))

@@ -10,7 +10,7 @@ from typing import Any
 
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.files import make_room
-from hulldown.geometry.terminal import progress_bar, reading_status, say, warn
+from hulldown.geometry.terminal import reading_status, say, warn
 from hulldown.verbs.arguments import (
     Subparsers,
     add_cache,
@@ -40,10 +40,7 @@ def _init(arguments: argparse.Namespace) -> None:
         config = write_config(arguments.folder, bare_text(values))
         say(f"wrote {config}; next: name your files in it, and hulldown inspect it")
         return
-    with progress_bar("building demo assets") as advance:
-        config = create_project(
-            arguments.folder, seed=arguments.seed, small=arguments.small, values=values, progress=advance
-        )
+    config = create_project(arguments.folder, seed=arguments.seed, small=arguments.small, values=values)
     say(f"wrote {config}; next: hulldown plan {config} -o plan.jsonl")
 
 
@@ -53,9 +50,7 @@ def _init_from(arguments: argparse.Namespace, values: Mapping[str, Any]) -> None
 
     refuse_config(arguments.folder / CONFIG)
     files = asset_files(arguments.source)
-    with progress_bar("reading files") as progress:
-        progress(0, len(files))
-        found = read_found(arguments.source, files, progress=progress, limits=read_limits(arguments))
+    found = read_found(arguments.source, files, limits=read_limits(arguments))
     make_room(arguments.folder / CONFIG)
     config = write_config(arguments.folder, found_config(arguments.source, found, arguments.folder, values))
     for word in missing_kinds(found):
@@ -113,9 +108,7 @@ def _check(arguments: argparse.Namespace) -> int:
     from hulldown.planning.plan_file import read_plan
 
     plan = read_plan(arguments.plan)
-    assets = planned_library(plan, arguments).assets
-    with progress_bar("checking") as advance:
-        findings = check_plan(plan, assets, progress=advance)
+    findings = check_plan(plan, planned_library(plan, arguments).assets)
     show_result(arguments, findings, *findings)
     say(f"{len(plan)} images checked, {len(findings)} findings")
     return FOUND if findings else DONE
@@ -129,9 +122,7 @@ def _preview(arguments: argparse.Namespace) -> None:
     plan = read_plan(arguments.plan)
     output = arguments.output or picture_of(arguments.plan, "preview")
     make_room_for_picture(output)
-    assets = planned_library(plan, arguments).assets
-    with progress_bar("shading") as advance:
-        preview_sheet(plan, assets, output, count=arguments.count, progress=advance)
+    preview_sheet(plan, planned_library(plan, arguments).assets, output, count=arguments.count)
     say(f"wrote {output}")
 
 
@@ -142,8 +133,7 @@ def _passes(arguments: argparse.Namespace) -> None:
     plan = read_plan(arguments.plan)
     assets = planned_library(plan, arguments).assets
     passes = [name for name in PASSES if getattr(arguments, name)] or PASSES
-    with progress_bar("casting rays") as advance:
-        written = write_passes(plan, assets, arguments.output, passes=passes, count=arguments.count, progress=advance)
+    written = write_passes(plan, assets, arguments.output, passes=passes, count=arguments.count)
     show_result(arguments, dict.fromkeys(passes, written))
     say(f"wrote {', '.join(passes)} of {written} images into {arguments.output}")
 

@@ -7,7 +7,7 @@ from functools import cache, partial
 from pathlib import Path
 
 from hulldown.geometry.errors import HulldownError
-from hulldown.geometry.terminal import progress_bar, say, warn
+from hulldown.geometry.terminal import say, warn
 from hulldown.verbs.arguments import (
     Subparsers,
     add_allow_links,
@@ -85,9 +85,7 @@ def _verify(arguments: argparse.Namespace) -> int:
     if arguments.masks:
         from hulldown.render.masks import verify_masks
 
-        library, count = assets(), arguments.masks
-        with progress_bar("rendering masks") as advance:
-            measured = verify_masks(arguments.dataset, arguments.plan, library, count=count, progress=advance)
+        measured = verify_masks(arguments.dataset, arguments.plan, assets(), count=arguments.masks)
         checked = len(measured.rows)
         findings += measured.findings
         if not arguments.json:

@@ -7,7 +7,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hulldown.geometry.terminal import duration, progress_bar, progress_bars, say, warn
+from hulldown.geometry.terminal import duration, progress_bars, say, warn
 from hulldown.verbs.arguments import Subparsers, add_verb
 from hulldown.verbs.cluster import add_scheduler, scheduler_of, training_workers
 from hulldown.verbs.terminal import DONE, FOUND, show_result
@@ -37,8 +37,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from hulldown.training.train import usable_weights
 
     changed_table(config.train.augmentation)
-    with progress_bar("checking pictures") as advance:
-        manifest = settle(config, progress=advance)
+    manifest = settle(config)
     for line in manifest.warnings:
         warn(line)
     options = RunOptions(arguments.device, arguments.workers)
@@ -81,8 +80,7 @@ def _dry_run(arguments: argparse.Namespace, manifest: Manifest, options: RunOpti
 def _report(arguments: argparse.Namespace) -> None:
     from hulldown.training.study.report import write_report
 
-    with progress_bar("evaluating") as advance:
-        found = write_report(arguments.study, progress=advance)
+    found = write_report(arguments.study)
     show_result(arguments, found)
     for line in found["summary"]:
         say(line)

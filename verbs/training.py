@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from hulldown.geometry.files import make_room
-from hulldown.geometry.terminal import progress_bar, progress_bars, say, warn
+from hulldown.geometry.terminal import say, warn
 from hulldown.verbs.arguments import (
     Subparsers,
     add_verb,
@@ -23,11 +23,10 @@ from hulldown.verbs.terminal import show_result
 def _subset(arguments: argparse.Namespace) -> None:
     from hulldown.training.subset import write_subsets
 
-    with progress_bar("linking images") as advance:
-        counts = write_subsets(
-            arguments.dataset, arguments.output, fractions=arguments.fractions, seed=arguments.seed,
-            stratified=arguments.stratified, progress=advance,
-        )  # fmt: skip
+    counts = write_subsets(
+        arguments.dataset, arguments.output, fractions=arguments.fractions, seed=arguments.seed,
+        stratified=arguments.stratified,
+    )  # fmt: skip
     show_result(arguments, counts)
     say(f"wrote {arguments.output}: " + ", ".join(f"{n} images in {name}" for name, n in counts.items()))
 
@@ -39,10 +38,7 @@ def _augment(arguments: argparse.Namespace) -> None:
     from hulldown.training.sheet import augmentation_sheet
 
     make_room(arguments.output)
-    with progress_bar("augmenting") as advance:
-        sheet = augmentation_sheet(
-            arguments.dataset, rows=arguments.rows, seed=arguments.seed, config=arguments.config, progress=advance
-        )
+    sheet = augmentation_sheet(arguments.dataset, rows=arguments.rows, seed=arguments.seed, config=arguments.config)
     sheet.save(arguments.output)
     say(f"wrote {arguments.output}")
 
@@ -55,12 +51,10 @@ def _train(arguments: argparse.Namespace) -> None:
     require_extra()
     from hulldown.training.train import train
 
-    with progress_bars() as advance:
-        run = train(
-            dict(arguments.data), arguments.output, settings=settings, valid=arguments.valid,
-            more_budget=arguments.more_budget, workers=arguments.workers, device=arguments.device, progress=advance,
-            say=say,
-        )  # fmt: skip
+    run = train(
+        dict(arguments.data), arguments.output, settings=settings, valid=arguments.valid,
+        more_budget=arguments.more_budget, workers=arguments.workers, device=arguments.device, say=say,
+    )  # fmt: skip
     show_result(arguments, run)
     if found := run["figures"].get("valid"):
         say(f"on {arguments.valid}: AP {found['ap']:.3f}, AP50 {found['ap50']:.3f}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from glob import escape
@@ -14,6 +14,7 @@ from types import MappingProxyType
 from typing import Any
 
 from hulldown.geometry.errors import AssetError
+from hulldown.geometry.terminal import tracked
 from hulldown.planning.config.template import config_text
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.export import export
@@ -71,7 +72,6 @@ def read_found(
     folder: Path,
     files: Sequence[Path],
     *,
-    progress: Callable[[int, int], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> list[FoundFile]:
     """Tell the kind of each file: by the name of a folder that it's in, else by its contents.
@@ -80,8 +80,6 @@ def read_found(
     ----------
     folder, files
         See `asset_files`.
-    progress
-        Called with the number of files read so far and of all files.
     limits
         Time and memory for reading a file.
 
@@ -108,9 +106,8 @@ def read_found(
 
     with ThreadPoolExecutor(at_once) as pool:
         reading = [pool.submit(read, path) for path in files]
-        for done, _ in enumerate(as_completed(reading), start=1):
-            if progress:
-                progress(done, len(files))
+        for _ in tracked("reading files", as_completed(reading), len(files)):
+            pass
     read_files = [each.result() for each in reading]
     if not any(file.kind for file in read_files):
         first = next((file for file in read_files if taken[file.path.with_suffix("")] == file.path), read_files[0])

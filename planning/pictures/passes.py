@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from hulldown.camera.world import Kind, WorldHits
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.files import make_room, replace_file
+from hulldown.geometry.terminal import tracked
 from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row, encode
@@ -173,7 +174,6 @@ def write_passes(
     *,
     passes: Sequence[str] = PASSES,
     count: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
 ) -> int:
     """Write passes of a plan's images into the folder `output` unless they're there, and return the number of images.
 
@@ -183,8 +183,6 @@ def write_passes(
         Some of `PASSES`.
     count
         Number of images, evenly spread over the plan; None for all.
-    progress
-        Called with the images done so far and their number.
 
     Raises
     ------
@@ -197,17 +195,13 @@ def write_passes(
     things = len(plan.header.categories)
     categories = [{"id": i, "name": name, "isthing": int(i <= things)} for i, name in enumerate(names, start=1)]
     document: dict[str, list[Any]] = {"images": [], "annotations": [], "categories": categories}
-    for done, index in enumerate(chosen):
-        if progress:
-            progress(done, len(chosen))
+    for index in tracked("casting rays", chosen, len(chosen)):
         row = plan[index]
         segments = _written(row, artist, assets, output, passes)
         size = {"width": row.width, "height": row.height}
         document["images"].append({"id": row.image_id, "file_name": row.file_name, **size})
         which = {"image_id": row.image_id, "file_name": f"{_stem(row)}.png"}
         document["annotations"].append({**which, "segments_info": segments})
-    if progress:
-        progress(len(chosen), len(chosen))
     if "part" in passes:
         _write(output / "parts.json", msgspec.json.format(msgspec.json.encode(part_table(artist))))
     if "category" in passes:

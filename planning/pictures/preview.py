@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Container, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from hulldown.camera.world import World
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.errors import ConfigError
+from hulldown.geometry.terminal import tracked
 from hulldown.planning.appearance.light import card
 from hulldown.planning.appearance.paint import previewed
 from hulldown.planning.pictures.shading import look, paint_of, sun_of
@@ -31,17 +32,11 @@ TILE_WIDTH = 480
 HIGHEST = 4  # largest ratio of a preview's height to its width
 
 
-def preview_sheet(
-    plan: Plan,
-    assets: Assets,
-    path: str | Path,
-    *,
-    count: int = 24,
-    progress: Callable[[int, int], None] | None = None,
-) -> None:
+def preview_sheet(plan: Plan, assets: Assets, path: str | Path, *, count: int = 24) -> None:
     """Write a contact sheet of up to `count` images, evenly spread over a plan; see `Artist.sheet`."""
     chosen = spread(len(plan), count).tolist()
-    save_sheet(Artist(plan, assets).sheet(chosen, columns=4, tile_width=TILE_WIDTH, progress=progress), Path(path))
+    shaded = tracked("shading", chosen, len(chosen))
+    save_sheet(Artist(plan, assets).sheet(shaded, columns=4, tile_width=TILE_WIDTH), Path(path))
 
 
 def caption(row: Row) -> str:
@@ -81,22 +76,13 @@ class Artist:
         self._worlds = {site.name: site.world for site in stage.sites}
         self.class_ids = {name: i + 1 for i, name in enumerate(plan.header.categories)}
 
-    def sheet(
-        self,
-        indices: Sequence[int],
-        *,
-        columns: int,
-        tile_width: int,
-        progress: Callable[[int, int], None] | None = None,
-    ) -> Image.Image:
-        """Return a contact sheet with `columns` images in a row; `progress` gets the images drawn and their number."""
+    def sheet(self, indices: Iterable[int], *, columns: int, tile_width: int) -> Image.Image:
+        """Return a contact sheet with `columns` images in a row."""
         pictures, captions = [], []
-        for done, index in enumerate(indices, start=1):
+        for index in indices:
             row = self._plan[index]
             pictures.append(self.picture(row, width=tile_width))
             captions.append(caption(row))
-            if progress:
-                progress(done, len(indices))
         return contact_sheet(pictures, columns=columns, tile_width=tile_width, captions=captions)
 
     def picture(self, row: Row, *, width: int = TILE_WIDTH, labels: bool = True) -> Image.Image:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from hulldown.dataset.records import by_image
 from hulldown.dataset.store.document import read_coco
 from hulldown.geometry.errors import ConfigError, DatasetError
 from hulldown.geometry.files import replace_file
+from hulldown.geometry.terminal import shown
 from hulldown.training.draws import draws_text
 from hulldown.training.settings import Settings
 from hulldown.training.sources import (
@@ -84,15 +85,13 @@ class Manifest(BaseModel):
         return next(run for run in self.runs if run.name == name)
 
 
-def settle(config: StudyConfig, *, progress: Callable[[int, int], None] | None = None) -> Manifest:
+def settle(config: StudyConfig) -> Manifest:
     """Fix everything that determines the runs of a study; every picture is read.
 
     Parameters
     ----------
     config
         The config by `load_study`.
-    progress
-        Called with (pictures read, all).
 
     Raises
     ------
@@ -105,7 +104,8 @@ def settle(config: StudyConfig, *, progress: Callable[[int, int], None] | None =
     classes, found = read_sources(folders)
     sources = {source.name: source for source in found}
     _check_classes(sources, classes)
-    checked = check_pictures(found, progress=progress)
+    with shown("checking pictures") as advance:
+        checked = check_pictures(found, progress=advance)
     _check_apart(sources, checked)
     datasets = {
         name: StudyData(folder=str(folders[name].resolve()), images=len(source), boxes=_boxes(source, classes),

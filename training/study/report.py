@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import numpy as np
 from hulldown.dataset.reports.charts import svg
 from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.files import replace_file
+from hulldown.geometry.terminal import tracked
 from hulldown.training.detectors.detector import read_run
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.evaluation.report import plain
@@ -42,10 +43,10 @@ WORTH_BY = ("f1", "recall", "ap50")
 MOST_BINS = 3  # reported bins of each sign
 
 
-def write_report(study: Path | str, *, progress: Callable[[int, int], None] | None = None) -> dict[str, Any]:
+def write_report(study: Path | str) -> dict[str, Any]:
     """Compare the finished runs of a study, and write report and charts into its folder."""
     study = Path(study)
-    report = compared_runs(study, progress=progress)
+    report = compared_runs(study)
     charts = charts_of(report)
     for name, (_, figure) in charts.items():
         replace_file(study / f"{name}.png", png(figure))
@@ -56,15 +57,13 @@ def write_report(study: Path | str, *, progress: Callable[[int, int], None] | No
     return report
 
 
-def compared_runs(study: Path | str, *, progress: Callable[[int, int], None] | None = None) -> dict[str, Any]:
+def compared_runs(study: Path | str) -> dict[str, Any]:
     """Compare the finished runs of a study.
 
     Parameters
     ----------
     study
         The study's folder, finished or not.
-    progress
-        Called with (runs evaluated, all).
 
     Returns
     -------
@@ -83,11 +82,10 @@ def compared_runs(study: Path | str, *, progress: Callable[[int, int], None] | N
     config, failures = manifest.config, read_failures(study)
     detections = [predictions_paths(study, manifest, run) for run in finished]
     labels = {which: read_labels(manifest.datasets[which].folder) for which in detections[0]}
-    runs: list[Judged] = []
-    for run, files in zip(finished, detections, strict=True):
-        runs.append(judge(run, labels, files, threshold=config.threshold, iou=config.iou))
-        if progress is not None:
-            progress(len(runs), len(finished))
+    runs = [
+        judge(run, labels, files, threshold=config.threshold, iou=config.iou)
+        for run, files in tracked("evaluating", zip(finished, detections, strict=True), len(finished))
+    ]
     return {
         **_compared(manifest, runs),
         "missing": {run.name: failures.get(run.name, "not run yet") for run in manifest.runs if run not in finished},
