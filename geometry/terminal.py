@@ -5,6 +5,7 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from typing import Any, TypeVar
 
 from rich.console import Console
@@ -73,13 +74,6 @@ def reading_status() -> Iterator[Callable[[str], None]]:
 
 
 @contextmanager
-def progress_bar(title: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a bar on stderr; yields a function of steps done and their total."""
-    with titled_bar() as advance:
-        yield lambda done, total: advance(title, done, total)
-
-
-@contextmanager
 def titled_bar(*, unit: str = "") -> Iterator[Callable[[str, int, int], None]]:
     """Show a bar on stderr; yields a function of title, steps done, and their total.
 
@@ -114,13 +108,13 @@ def titled_bar(*, unit: str = "") -> Iterator[Callable[[str, int, int], None]]:
 def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
     """Show bars on stderr, one after the other; yields a function of title, steps done, and their total."""
     with ExitStack() as bars:
-        advance: dict[str, Callable[[int, int], None]] = {}
+        advance: dict[str, Callable[[str, int, int], None]] = {}
 
         def show(title: str, done: int, total: int) -> None:
             if title not in advance:
                 bars.close()
-                advance[title] = bars.enter_context(progress_bar(title))
-            advance[title](done, total)
+                advance[title] = bars.enter_context(titled_bar())
+            advance[title](title, done, total)
 
         yield show
 
@@ -131,8 +125,8 @@ def shown(title: str, progress: Callable[[int, int], None] | None = None) -> Ite
     if progress is not None:
         yield progress
     elif watched():
-        with progress_bar(title) as advance:
-            yield advance
+        with titled_bar() as advance:
+            yield partial(advance, title)
     else:
         yield lambda done, total: None
 

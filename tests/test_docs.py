@@ -3,7 +3,6 @@
 Every link has a target, and the command accepts the arguments of every `hulldown` line. `make thorough` runs them.
 """
 
-import os
 import re
 import shlex
 import subprocess
@@ -47,10 +46,7 @@ def python_code():
 
 def python(words, folder):
     """Run Python in a folder."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.run(
-        [sys.executable, "-P", *words], cwd=folder, env=environment, capture_output=True, text=True, timeout=900
-    )
+    return subprocess.run([sys.executable, "-P", *words], cwd=folder, capture_output=True, text=True, timeout=900)
 
 
 def hulldown(command, folder):
