@@ -16,40 +16,25 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+# An alias such as `join as join` makes a name public for type checkers.
 if TYPE_CHECKING:
-    from hulldown.dataset.exports.export import export
-    from hulldown.dataset.join import join
-    from hulldown.dataset.table import Dataset
-    from hulldown.dataset.verification.verify import verify
-    from hulldown.geometry.errors import HulldownError
-    from hulldown.geometry.meshes import Mesh
-    from hulldown.placement.settle import settle
-    from hulldown.placement.terrain import Terrain
-    from hulldown.planning.config.schema import Config
-    from hulldown.planning.plan_file import read_plan
-    from hulldown.planning.write import plan
-    from hulldown.render.supervisor import render
-    from hulldown.training.evaluation.report import evaluate_files as evaluate
-    from hulldown.training.predict import predict
-    from hulldown.training.train import train
+    from hulldown.dataset.exports.export import export as export
+    from hulldown.dataset.join import join as join
+    from hulldown.dataset.table import Dataset as Dataset
+    from hulldown.dataset.verification.verify import verify as verify
+    from hulldown.geometry.errors import HulldownError as HulldownError
+    from hulldown.geometry.meshes import Mesh as Mesh
+    from hulldown.placement.settle import settle as settle
+    from hulldown.placement.terrain import Terrain as Terrain
+    from hulldown.planning.config.schema import Config as Config
+    from hulldown.planning.plan_file import read_plan as read_plan
+    from hulldown.planning.write import plan as plan
+    from hulldown.render.supervisor import render as render
+    from hulldown.training.evaluation.report import evaluate_files
+    from hulldown.training.predict import predict as predict
+    from hulldown.training.train import train as train
 
-__all__ = [
-    "Config",
-    "Dataset",
-    "HulldownError",
-    "Mesh",
-    "Terrain",
-    "evaluate",
-    "export",
-    "join",
-    "plan",
-    "predict",
-    "read_plan",
-    "render",
-    "settle",
-    "train",
-    "verify",
-]
+    evaluate = evaluate_files
 
 _HOMES = {
     "Config": "planning.config.schema",
@@ -67,6 +52,7 @@ _HOMES = {
     "train": "training.train",
     "verify": "dataset.verification.verify",
 }
+__all__ = sorted([*_HOMES, "render"])
 
 
 def __getattr__(name: str) -> Any:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import unicodedata
@@ -18,8 +19,7 @@ from hulldown.geometry.terminal import STDERR
 from hulldown.tests.editing import render
 from hulldown.verbs.terminal import STDOUT
 
-VERBS = ["init", "inspect", "plan", "check", "preview", "render", "join", "verify", "export", "doctor", "demo"]
-VERBS += ["cluster", "subset", "augment", "train"]
+VERBS = sorted({*re.findall(r"(?m)^    (\w+) ", cli.parser().format_help())} - {"study"})  # its steps have their own
 
 
 def run_apart(*words, cwd, stdout=subprocess.PIPE):

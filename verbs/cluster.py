@@ -24,16 +24,15 @@ def add_scheduler(sub: argparse.ArgumentParser, help_text: str) -> None:
     """Add the arguments for a cluster to a verb."""
     sub.add_argument("--scheduler", metavar="ADDRESS", help=help_text)
     sub.add_argument("--tls-ca-file", type=Path, metavar="PEM", help="for --scheduler tls://HOST:8786")
-    sub.add_argument("--tls-cert", type=Path, metavar="PEM", help="the same")
-    sub.add_argument("--tls-key", type=Path, metavar="PEM", help="the same")
+    sub.add_argument("--tls-cert", dest="tls_client_cert", type=Path, metavar="PEM", help="the same")
+    sub.add_argument("--tls-key", dest="tls_client_key", type=Path, metavar="PEM", help="the same")
 
 
 def scheduler_of(arguments: argparse.Namespace) -> Scheduler | None:
     """The scheduler in the arguments; None without one."""
     if arguments.scheduler is None:
         return None
-    names = {"tls_ca_file": "tls_ca_file", "tls_client_cert": "tls_cert", "tls_client_key": "tls_key"}
-    given = {name: getattr(arguments, option) for name, option in names.items()}
+    given = {name: getattr(arguments, name) for name in ("tls_ca_file", "tls_client_cert", "tls_client_key")}
     return Scheduler(arguments.scheduler, {name: str(path) for name, path in given.items() if path is not None})
 
 
