@@ -45,8 +45,8 @@ def _render(arguments: argparse.Namespace) -> int:
         limits=Limits(job_s=arguments.image_timeout),
     )
     library, part = planned_library(arguments.plan, arguments), Part(limit=arguments.limit, share=arguments.share)
-    with render_bar() as show:
-        report = render_plan(arguments.plan, arguments.output, library, engine=engine, part=part, progress=show)
+    with render_bar() as advance:
+        report = render_plan(arguments.plan, arguments.output, library, engine=engine, part=part, progress=advance)
     show_result(arguments, report)
     say(
         f"{report.rendered} images rendered, {report.already} were there, {len(report.failed)} failed "
