@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any
 
 # An alias such as `join as join` makes a name public for type checkers.
 if TYPE_CHECKING:
+    from hulldown.base.errors import HulldownError as HulldownError
     from hulldown.dataset.exports.export import export as export
     from hulldown.dataset.join import join as join
     from hulldown.dataset.table import Dataset as Dataset
     from hulldown.dataset.verification.verify import verify as verify
-    from hulldown.geometry.errors import HulldownError as HulldownError
     from hulldown.geometry.meshes import Mesh as Mesh
     from hulldown.placement.settle import settle as settle
     from hulldown.placement.terrain import Terrain as Terrain
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "Config": "planning.config.schema",
     "Dataset": "dataset.table",
-    "HulldownError": "geometry.errors",
+    "HulldownError": "base.errors",
     "Mesh": "geometry.meshes",
     "Terrain": "placement.terrain",
     "evaluate": "training.evaluation.report:evaluate_files",

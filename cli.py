@@ -18,8 +18,8 @@ from pathlib import Path
 
 from rich.markup import escape
 
-from hulldown.geometry.errors import HulldownError, shortened
-from hulldown.geometry.terminal import STDERR, say
+from hulldown.base.errors import HulldownError, shortened
+from hulldown.base.terminal import STDERR, say
 from hulldown.verbs import cluster, planning, rendering, study, training
 from hulldown.verbs.arguments import add_verb
 from hulldown.verbs.terminal import DONE, FOUND, MISTAKE, STOPPED, show_result, silence_stdout, warnings_in_one_line

@@ -10,7 +10,7 @@ from html import escape
 from io import BytesIO
 from typing import TYPE_CHECKING
 
-from hulldown.geometry.errors import HulldownError
+from hulldown.base.errors import HulldownError
 
 if TYPE_CHECKING:
     from PIL import Image

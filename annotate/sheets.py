@@ -7,8 +7,8 @@ from pathlib import Path
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from hulldown.geometry.errors import HulldownError
-from hulldown.geometry.files import make_room, open_regular, replacing
+from hulldown.base.errors import HulldownError
+from hulldown.base.files import make_room, open_regular, replacing
 
 SOFTWARE = {"Software": "hulldown"}  # the text by which a PNG file is known as ours
 _MARK = b"tEXtSoftware\0hulldown"

@@ -18,8 +18,8 @@ import numpy as np
 
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
-from hulldown.geometry.errors import AssetError
-from hulldown.geometry.files import open_regular, replacing
+from hulldown.base.errors import AssetError
+from hulldown.base.files import open_regular, replacing
 
 FORMAT = 10  # also raised when undersides or extreme vertices are computed in another way
 KINDS = {VehicleShape: "vehicle", Scenery: "scenery"}

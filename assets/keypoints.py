@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hulldown.assets.vehicle import VehicleShape
-from hulldown.geometry.errors import ConfigError
+from hulldown.base.errors import ConfigError
 
 MUZZLE, TURRET = "muzzle", "turret"
 WHEELS = ("wheel_front_left", "wheel_front_right", "wheel_rear_right", "wheel_rear_left")

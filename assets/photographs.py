@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from msgspec import Struct
 
-from hulldown.geometry.errors import DatasetError
-from hulldown.geometry.files import open_regular
+from hulldown.base.errors import DatasetError
+from hulldown.base.files import open_regular
 
 NAMES = ("annotations.json", "_annotations.coco.json")
 EDGE = 0.003  # share of the picture's width or height: a box this near to a side is cut off by it

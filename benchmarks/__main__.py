@@ -22,7 +22,7 @@ from typing import Any
 import psutil
 from rich.console import Console
 
-from hulldown.geometry.code import version_of
+from hulldown.base.code import version_of
 
 ROOT = Path(__file__).parents[1]
 SUITES = (

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from hulldown.base.errors import AssetError
 from hulldown.benchmarks.reading_cases import GROUPS, LOST, Case, Truth, lost
 from hulldown.benchmarks.reading_things import LITTER, PARTS
 from hulldown.benchmarks.tables import table
-from hulldown.geometry.errors import AssetError
 from hulldown.geometry.transforms import apply
 from hulldown.reading.build import build_vehicle
 from hulldown.reading.doubts import vehicle_doubts

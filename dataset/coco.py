@@ -16,6 +16,7 @@ from typing import Any
 import msgspec
 from filelock import FileLock, Timeout
 
+from hulldown.base.errors import DatasetError
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document
 from hulldown.dataset.store.entries import (
     Record,
@@ -29,7 +30,6 @@ from hulldown.dataset.store.entries import (
 from hulldown.dataset.store.journal import MERGED, Journal
 from hulldown.dataset.store.runs import Run
 from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, sealed
-from hulldown.geometry.errors import DatasetError
 
 LOCK_NAME = ".hulldown.lock"
 MERGE_EVERY_S = 30.0

@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
+from hulldown.base.errors import DatasetError
+from hulldown.base.terminal import shown
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.provenance import add_provenance, read_failures, read_provenance, write_failures
 from hulldown.dataset.records import check_usable
@@ -20,8 +22,6 @@ from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.pictures import confined, own_picture, place
 from hulldown.dataset.store.runs import Run
 from hulldown.dataset.store.seals import broken
-from hulldown.geometry.errors import DatasetError
-from hulldown.geometry.terminal import shown
 
 
 @dataclass(frozen=True, slots=True)

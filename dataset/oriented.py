@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.annotate.oriented import mask_rectangle, rectangle_corners
+from hulldown.base.errors import DatasetError
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, project_camera
 from hulldown.dataset.space import check_space
 from hulldown.dataset.store.entries import Record, is_list_of_numbers
-from hulldown.geometry.errors import DatasetError
 
 # Of the lower side of bbox_3d, in halves of its size: front left, front right, rear right, rear left.
 _GROUND = np.array([[0.5, 0.5, -0.5], [0.5, -0.5, -0.5], [-0.5, -0.5, -0.5], [-0.5, 0.5, -0.5]])

@@ -11,8 +11,8 @@ from jaxtyping import UInt8
 from PIL import Image, ImageFile, ImageOps, JpegImagePlugin, PngImagePlugin, UnidentifiedImageError
 from PIL.ExifTags import Base
 
-from hulldown.geometry.errors import DatasetError
-from hulldown.geometry.files import open_regular
+from hulldown.base.errors import DatasetError
+from hulldown.base.files import open_regular
 
 DECODERS = 4  # threads that decode pictures
 UPRIGHT = 1  # EXIF's orientation for a picture stored as displayed

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import orjson
 
+from hulldown.base.errors import DatasetError
+from hulldown.base.files import open_regular
 from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.journal import read_journal, replaced
-from hulldown.geometry.errors import DatasetError
-from hulldown.geometry.files import open_regular
 
 FAILURES_NAME = "failures.jsonl"
 PROVENANCE_NAME = "provenance.json"

@@ -8,8 +8,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from hulldown.base.errors import AssetError
 from hulldown.demo.catalog import DISTRACTOR_FILES, HDRI_FILES, SCENERY_FILES, VEHICLE_FILES
-from hulldown.geometry.errors import AssetError
 from hulldown.reading.libraries import remedy_for
 
 FILES = (*VEHICLE_FILES, *DISTRACTOR_FILES, *SCENERY_FILES, *HDRI_FILES)

@@ -14,9 +14,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from hulldown.base.files import replace_file
 from hulldown.demo.build import FILES, build_demo_assets
 from hulldown.demo.study import SHARED, STAND_INS, SYNTHETIC, Side, make_side, write_stand_ins
-from hulldown.geometry.files import replace_file
 from hulldown.planning.config.schema import CameraSection
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.evaluation.report import evaluate_files

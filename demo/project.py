@@ -7,11 +7,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from hulldown.base.errors import ConfigError
+from hulldown.base.files import replacing
+from hulldown.base.terminal import shown
 from hulldown.demo.build import build_demo_assets
 from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, DISTRACTORS, LAUNCHER, PAINT, SCENERY_FILES, TANK, TRUCK
-from hulldown.geometry.errors import ConfigError
-from hulldown.geometry.files import replacing
-from hulldown.geometry.terminal import shown
 from hulldown.planning.config.template import config_text
 
 CONFIG = "hulldown.toml"

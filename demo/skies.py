@@ -10,8 +10,8 @@ from typing import Any
 import bpy
 import numpy as np
 
+from hulldown.base.files import replacing
 from hulldown.geometry.color import LUMINANCE
-from hulldown.geometry.files import replacing
 
 WIDTH = 2048  # pixels around the horizon
 SUN_SIZE = np.radians(1.1)  # twice the real sun: six pixels, and half floats can hold its brightness

@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
+from hulldown.base.errors import AssetError
+from hulldown.base.files import replacing
 from hulldown.geometry.alpha import Cutouts, merged_cutouts
 from hulldown.geometry.arrays import checked
-from hulldown.geometry.errors import AssetError
-from hulldown.geometry.files import replacing
 from hulldown.geometry.hulls import extreme_points
 
 FORMATS = (".ply", ".stl", ".obj", ".gltf", ".glb")

@@ -14,10 +14,10 @@ import orjson
 from msgspec.structs import replace
 
 from hulldown.assets.library import Assets
+from hulldown.base.errors import ConfigError
+from hulldown.base.terminal import shown
 from hulldown.camera.lenses import lenses
 from hulldown.geometry.columns import records
-from hulldown.geometry.errors import ConfigError
-from hulldown.geometry.terminal import shown
 from hulldown.placement.contact import gap_and_penetration
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.planner import BLOCK, Planner

@@ -22,9 +22,9 @@ import orjson
 from jaxtyping import Int
 
 from hulldown.annotate.notebooks import ShownInNotebooks
+from hulldown.base.errors import ConfigError, HulldownError
+from hulldown.base.files import open_in_place, picture_name
 from hulldown.geometry.arrays import spread
-from hulldown.geometry.errors import ConfigError, HulldownError
-from hulldown.geometry.files import open_in_place, picture_name
 from hulldown.placement.rejection import BY_KEY
 from hulldown.planning.misfit import misfit
 from hulldown.planning.row import FORMAT, Header, Row, decode_header, decode_row, encode
@@ -154,7 +154,7 @@ class Plan(ShownInNotebooks):
 
     @cached_property
     def _artist(self) -> Artist:
-        from hulldown.geometry.terminal import reading_status
+        from hulldown.base.terminal import reading_status
         from hulldown.planning.inputs.loading import load_planned_library
         from hulldown.planning.pictures.preview import Artist
 

@@ -17,8 +17,8 @@ from jaxtyping import Bool
 
 from hulldown.assets.library import Assets
 from hulldown.assets.photographs import read_photographs
+from hulldown.base.errors import ConfigError
 from hulldown.geometry.columns import take
-from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.light import hdri_weights
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.more_of import MoreOf

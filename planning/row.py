@@ -18,11 +18,11 @@ from msgspec import Meta, Struct
 from msgspec.structs import asdict
 
 from hulldown.assets.library import HdriSource, Source
+from hulldown.base.files import PICTURE_NAME
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.camera.sensor import Sensor
 from hulldown.camera.weather.kinds import Weather
-from hulldown.geometry.files import PICTURE_NAME
 from hulldown.planning.appearance.paint import Coat
 from hulldown.planning.inputs.more_of import MoreOf
 from hulldown.planning.inputs.poses import FARTHEST, GivenPoses

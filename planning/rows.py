@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hulldown.assets.library import Assets
+from hulldown.base.files import picture_name
 from hulldown.geometry.columns import records
-from hulldown.geometry.files import picture_name
 from hulldown.placement.rejection import Rejection
 from hulldown.planning.appearance.light import draw_lights, draw_sensors
 from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, Coat, draw_coats

@@ -17,8 +17,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from hulldown.annotate.sheets import SOFTWARE, refuse_foreign
+from hulldown.base.files import replacing
 from hulldown.camera.weather.kinds import KINDS
-from hulldown.geometry.files import replacing
 from hulldown.placement.rejection import AIMING, BY_KEY, PLACING
 from hulldown.planning.appearance.paint import OWN
 from hulldown.planning.row import LeftOut, Row

@@ -22,9 +22,9 @@ from msgspec import structs
 
 from hulldown.assets.library import Assets, HdriSource, Source
 from hulldown.assets.photographs import read_photographs
-from hulldown.geometry.code import version_of
-from hulldown.geometry.errors import ConfigError
-from hulldown.geometry.files import make_room
+from hulldown.base.code import version_of
+from hulldown.base.errors import ConfigError
+from hulldown.base.files import make_room
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.more_of import MoreOf, read_more_of
 from hulldown.planning.inputs.poses import GivenPoses, read_poses
@@ -88,7 +88,7 @@ def plan(
     """
     # Local imports, since the worker processes import this module.
     from hulldown.annotate.sheets import make_room_for_picture
-    from hulldown.geometry.terminal import reading_status, shown
+    from hulldown.base.terminal import reading_status, shown
     from hulldown.planning.appearance.land import land_above_horizon
     from hulldown.planning.inputs.loading import load_library
     from hulldown.reading.wording import warnings_of

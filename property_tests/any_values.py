@@ -6,7 +6,7 @@ from typing import Any
 from hypothesis import settings
 from hypothesis import strategies as st
 
-from hulldown.geometry.errors import HulldownError
+from hulldown.base.errors import HulldownError
 
 # 20,000 inputs in the thorough profile.
 MANY = settings(max_examples=settings.default.max_examples * (10 if settings.default.max_examples >= 2000 else 1))

@@ -15,8 +15,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hulldown.base.errors import ConfigError
 from hulldown.dataset.store.runs import plan_key
-from hulldown.geometry.errors import ConfigError
 from hulldown.planning.check import check_rows
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_planned_library, refuse_changed

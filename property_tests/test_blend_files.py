@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, event, given, settings
 from hypothesis import strategies as st
 
 from hulldown.assets.bundle import load_scenery, load_vehicle
-from hulldown.geometry.child import Child
+from hulldown.base.child import Child
 from hulldown.reading.export import Job, exported_by
 from hulldown.reading.inspect import draw
 from hulldown.reading.options import Options

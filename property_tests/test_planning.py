@@ -9,12 +9,12 @@ from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 
 from hulldown.annotate.boxes import surface_box
+from hulldown.base.errors import ConfigError
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.camera.sensor import LIMITS
 from hulldown.camera.weather.kinds import KINDS
 from hulldown.dataset.verification.planned import label_records
-from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply
 from hulldown.placement.terrain import Terrain

@@ -8,8 +8,8 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hulldown.base.errors import DatasetError
 from hulldown.dataset.store.pictures import confined, place, publish
-from hulldown.geometry.errors import DatasetError
 
 PARTS = st.sampled_from(["..", ".", "", "a", "link", "deep", "a b", "~", "C:", "\\", "..\\", "x.png", " ", "ü"])
 NAMES = st.one_of(

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.geometry.transforms import apply
 from hulldown.placement.footprint import contact_footprint, underside

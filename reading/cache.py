@@ -24,8 +24,8 @@ import msgspec
 from filelock import FileLock
 
 from hulldown.assets.bundle import FORMAT
-from hulldown.geometry.errors import AssetError
-from hulldown.geometry.files import open_regular, replacing
+from hulldown.base.errors import AssetError
+from hulldown.base.files import open_regular, replacing
 from hulldown.reading.confinement.landlock import asset_folders, is_inside, unconfined
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.export import Exported, export

@@ -13,7 +13,7 @@ from typing import NoReturn, TypeVar
 
 import msgspec
 
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.reading.confinement.landlock import asset_folders, confined
 from hulldown.reading.confinement.references import refuse_odd_references
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits, watched

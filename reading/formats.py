@@ -5,7 +5,7 @@ from __future__ import annotations
 import stat
 from pathlib import Path
 
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 
 MAGIC = {
     b"BLENDER": "blend",

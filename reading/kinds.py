@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hulldown.assets.naming import VEHICLE, first_match
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.reading.options import Options
 from hulldown.reading.roles import FLAT, Piece, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import scenery_roles

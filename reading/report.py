@@ -12,7 +12,7 @@ from jaxtyping import Float
 from rich.markup import escape
 from rich.table import Table
 
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.reading.vehicle.paintable import MaterialRow
 
 FAMILY = 6  # numbered copies from so many on share a row

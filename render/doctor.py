@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from rich.markup import escape
 from rich.table import Table
 
-from hulldown.geometry.code import version_of
+from hulldown.base.code import version_of
 from hulldown.reading.confinement.landlock import NETWORK_ABI, abi, confinement, unconfined
 from hulldown.reading.libraries import INSTALL, SYSTEM_LIBRARIES, missing_libraries
 

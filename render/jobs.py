@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Float
 from msgspec import structs
 
+from hulldown.base.errors import ConfigError
 from hulldown.camera.projection import NEAR
 from hulldown.geometry.color import LUMINANCE, linear_color
-from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.paint import Coat
 from hulldown.planning.inputs.loading import Library
 from hulldown.planning.row import PlannedVehicle, Row

@@ -16,6 +16,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from hulldown.annotate.masks import decode, iou, mask_box
+from hulldown.base.errors import DatasetError, HulldownError
+from hulldown.base.terminal import tracked
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.records import Finding
 from hulldown.dataset.store.document import read_coco
@@ -24,8 +26,6 @@ from hulldown.dataset.store.runs import find_run
 from hulldown.dataset.verification.look import appearance
 from hulldown.dataset.verification.planned import not_annotated
 from hulldown.geometry.arrays import spread
-from hulldown.geometry.errors import DatasetError, HulldownError
-from hulldown.geometry.terminal import tracked
 from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan_file import Plan, read_plan
 from hulldown.planning.row import Row

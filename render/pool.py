@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from threading import Event
 
-from hulldown.geometry.errors import HulldownError
+from hulldown.base.errors import HulldownError
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.messages import MaskJob, RenderJob
 from hulldown.render.process import POLL_S, Allowance, Blender, Confinement, Limits, Outcome, Stopped

@@ -18,8 +18,8 @@ from typing import Any
 
 import psutil
 
-from hulldown.geometry.child import Child, memory_limit
-from hulldown.geometry.errors import HulldownError
+from hulldown.base.child import Child, memory_limit
+from hulldown.base.errors import HulldownError
 from hulldown.reading.confinement import landlock
 from hulldown.render.blender.worker import ANSWER
 from hulldown.render.messages import Job, MaskJob, RenderJob, StartJob

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from hulldown.base.errors import ConfigError, HulldownError
+from hulldown.base.files import UNFINISHED_NAME
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.provenance import add_provenance, read_failures, read_provenance, write_failures
 from hulldown.dataset.store.pictures import confined, publish, writing
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.dataset.verification.planned import image_record
-from hulldown.geometry.errors import ConfigError, HulldownError
-from hulldown.geometry.files import UNFINISHED_NAME
 from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hulldown.base.errors import HulldownError
+from hulldown.base.terminal import reading_status, say, titled_bar, watched
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.provenance import FAILURES_NAME
 from hulldown.dataset.store.pictures import confined
 from hulldown.dataset.table import Dataset
-from hulldown.geometry.errors import HulldownError
-from hulldown.geometry.terminal import reading_status, say, titled_bar, watched
 from hulldown.planning.inputs.loading import Library, load_planned_library
 from hulldown.planning.plan_file import read_plan
 from hulldown.render.cluster.scheduler import Scheduler, needing_dask

@@ -13,7 +13,7 @@ from PIL import Image
 from hulldown.assets.bundle import load_scenery, load_vehicle
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.reading.cache import sha256
 from hulldown.render.cluster.asset_files import AssetCache, ClientFiles, FileNote, references
 from hulldown.tests.render_plans import cube_library

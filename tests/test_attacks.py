@@ -13,7 +13,7 @@ from pathlib import Path
 import orjson
 import pytest
 
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.plan_file import read_plan

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hulldown.geometry.errors import ConfigError
+from hulldown.base.errors import ConfigError
 from hulldown.tests.training_pictures import make_dataset
 from hulldown.training import data
 from hulldown.training.augment import TABLE, Augmenter, Change, Sample, changed_table

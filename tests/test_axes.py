@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.geometry.transforms import apply, rigid, rotation_about, rotation_z
 from hulldown.reading.build import BuiltVehicle, build_vehicle

@@ -2,8 +2,8 @@
 
 import io
 
-from hulldown.geometry import terminal
-from hulldown.geometry.terminal import Terminal, titled_bar, tracked
+from hulldown.base import terminal
+from hulldown.base.terminal import Terminal, titled_bar, tracked
 
 
 def test_a_bar_of_images_shows_workers_speed_and_remaining_time(monkeypatch):

@@ -10,8 +10,8 @@ import pytest
 from hulldown.assets.bundle import FORMAT, load_scenery, load_vehicle, save
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
+from hulldown.base.errors import AssetError
 from hulldown.geometry.alpha import GRADES, AlphaMap, Cutouts, Extension
-from hulldown.geometry.errors import AssetError
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.tests.shapes import scenery_of, vehicle_of
 

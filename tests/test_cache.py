@@ -14,7 +14,7 @@ import hulldown.reading.cache
 import hulldown.reading.skies.hdri
 from hulldown.assets.bundle import save
 from hulldown.assets.skylight import SkyLight
-from hulldown.geometry.errors import AssetError, ConfigError
+from hulldown.base.errors import AssetError, ConfigError
 from hulldown.geometry.meshes import Mesh
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_library, load_planned_library

@@ -6,7 +6,7 @@ import tomllib
 import pytest
 
 from hulldown import cli
-from hulldown.geometry.errors import ConfigError
+from hulldown.base.errors import ConfigError
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.camera_file import read_camera
 

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from hulldown.geometry.errors import ConfigError
+from hulldown.base.errors import ConfigError
 from hulldown.planning.check import check_plan, check_rows
 from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan_file import read_plan

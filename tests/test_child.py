@@ -10,10 +10,10 @@ import time
 import psutil
 import pytest
 
-from hulldown.geometry.child import Child
+from hulldown.base.child import Child
 
 ECHO = "import sys\nfor line in sys.stdin: print(line.strip()[::-1], flush=True)"
-WATCH = "import time; from hulldown.geometry.child import end_with_parent; end_with_parent(9); time.sleep(600)"
+WATCH = "import time; from hulldown.base.child import end_with_parent; end_with_parent(9); time.sleep(600)"
 SLEEP = "import time; print('here', flush=True); time.sleep(600)"
 
 
@@ -65,7 +65,7 @@ def test_a_surviving_grandchild_does_not_block(heard):
 @pytest.mark.parametrize("child", [ECHO, WATCH])
 def test_it_notices_the_end_of_its_parent(child):
     code = (
-        "import os, sys; from hulldown.geometry.child import Child;"
+        "import os, sys; from hulldown.base.child import Child;"
         f"child = Child([sys.executable, '-P', '-c', {child!r}], env=os.environ, hear=print);"
         "print(child.pid, flush=True); os.kill(os.getpid(), 9)"
     )

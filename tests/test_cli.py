@@ -13,9 +13,9 @@ from rich.table import Table
 
 import hulldown.verbs.rendering
 from hulldown import cli
+from hulldown.base.errors import HulldownError
+from hulldown.base.terminal import STDERR
 from hulldown.dataset.coco import CocoDataset
-from hulldown.geometry.errors import HulldownError
-from hulldown.geometry.terminal import STDERR
 from hulldown.tests.editing import render
 from hulldown.verbs.terminal import STDOUT
 

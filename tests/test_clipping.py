@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
+from hulldown.base.errors import DatasetError
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.verification.verify import verify
-from hulldown.geometry.errors import DatasetError
 from hulldown.tests.editing import write_dataset
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.sources import read_sources

@@ -16,8 +16,8 @@ from pathlib import Path
 import psutil
 import pytest
 
+from hulldown.base.errors import HulldownError
 from hulldown.dataset.provenance import read_failures
-from hulldown.geometry.errors import HulldownError
 from hulldown.reading.cache import sha256
 from hulldown.reading.confinement.landlock import abi
 from hulldown.render.cluster.scheduler import Scheduler

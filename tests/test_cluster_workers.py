@@ -5,7 +5,7 @@ from functools import partial
 
 import pytest
 
-from hulldown.geometry.errors import AssetError, HulldownError
+from hulldown.base.errors import AssetError, HulldownError
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.cluster.workers import LOSSES, Cluster
 from hulldown.render.process import Stopped

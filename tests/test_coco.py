@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import hulldown.dataset.store.document as documents
+from hulldown.base.errors import DatasetError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.provenance import GROWING, add_provenance, write_failures
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.seals import broken
-from hulldown.geometry.errors import DatasetError
 from hulldown.tests.editing import edit
 
 FOREIGN = {

@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from hulldown.geometry import code
+from hulldown.base import code
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ import tomllib
 
 import pytest
 
+from hulldown.base.errors import ConfigError
 from hulldown.camera.weather.kinds import KINDS
-from hulldown.geometry.errors import ConfigError
 from hulldown.placement.rejection import Rejection
 from hulldown.planning.config.config_keys import ENTRIES, PAGE, keys_of, page, sections
 from hulldown.planning.config.schema import Config

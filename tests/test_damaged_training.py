@@ -7,8 +7,8 @@ import signal
 import pytest
 import torch
 
+from hulldown.base.errors import ConfigError, HulldownError
 from hulldown.cli import main
-from hulldown.geometry.errors import ConfigError, HulldownError
 from hulldown.tests.networks import small_weights
 from hulldown.tests.test_train import in_child, nano, small, train_and_die
 from hulldown.tests.training_pictures import make_dataset

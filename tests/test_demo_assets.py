@@ -11,6 +11,7 @@ import pytest
 
 from hulldown.assets.bundle import load_vehicle
 from hulldown.assets.vehicle import VehicleShape
+from hulldown.base.errors import AssetError, ConfigError
 from hulldown.demo import build, project
 from hulldown.demo.catalog import (
     CATEGORY,
@@ -23,7 +24,6 @@ from hulldown.demo.catalog import (
     TRUCK,
     VEHICLE_FILES,
 )
-from hulldown.geometry.errors import AssetError, ConfigError
 from hulldown.planning.config.schema import Config
 from hulldown.planning.search.budget import make_budget
 from hulldown.reading.export import export

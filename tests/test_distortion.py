@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from hulldown.annotate.boxes import VehicleBoxes, surface_box
+from hulldown.base.errors import ConfigError
 from hulldown.camera.distortion import distorted, seen_radius, undistorted
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.lenses import lenses
 from hulldown.camera.projection import Camera
 from hulldown.camera.shell import camera_pose
-from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.transforms import rigid, rotation_about
 from hulldown.tests.oracles.curves import LENSES
 from hulldown.tests.planning_assets import filled_share, plan, small_assets, small_config, vehicle

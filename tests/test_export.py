@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hulldown.assets.bundle import load_vehicle
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.geometry.transforms import apply
 from hulldown.placement.footprint import underside
 from hulldown.reading.export import export

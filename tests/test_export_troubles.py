@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.reading.export import export
 from hulldown.tests.messy_export import Messy
 

@@ -16,11 +16,11 @@ from pycocotools.coco import COCO
 
 from hulldown.annotate.masks import decode, encode, mask_box
 from hulldown.annotate.outlines import polygons
+from hulldown.base.errors import DatasetError
 from hulldown.cli import parser
 from hulldown.dataset.exports.export import LAYOUTS, WITH_POLYGONS, export
 from hulldown.dataset.exports.layouts import webdataset as shards
 from hulldown.dataset.exports.layouts.kitti import label_line
-from hulldown.geometry.errors import DatasetError
 from hulldown.tests.editing import edit, write_dataset
 
 WIDTH, HEIGHT = 64, 40

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from hulldown.geometry.files import replacing, stays_inside
+from hulldown.base.files import replacing, stays_inside
 from hulldown.tests.oracles.synced import synced_bytes
 
 FILL = """
 import resource, sys
 from pathlib import Path
-from hulldown.geometry.files import replacing
+from hulldown.base.files import replacing
 resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
 try:
     with replacing(Path(sys.argv[1])) as file:

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from hulldown.base.errors import DatasetError
 from hulldown.cli import main
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.store.document import read_coco
-from hulldown.geometry.errors import DatasetError
 from hulldown.tests.training_pictures import make_dataset
 
 

@@ -5,10 +5,10 @@ import os
 import pytest
 from PIL import Image
 
+from hulldown.base.errors import DatasetError
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.join import join
 from hulldown.dataset.verification.verify import verify
-from hulldown.geometry.errors import DatasetError
 from hulldown.tests.editing import write_dataset
 
 

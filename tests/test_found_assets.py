@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hulldown import cli
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.found_assets import FoundFile, asset_files, found_config, missing_kinds, read_found
 from hulldown.planning.inputs.loading import hdri_paths

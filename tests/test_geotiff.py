@@ -11,7 +11,7 @@ from rasterio.transform import Affine, from_origin
 from rasterio.vrt import WarpedVRT
 
 from hulldown.assets.bundle import load_scenery
-from hulldown.geometry.errors import AssetError, ConfigError
+from hulldown.base.errors import AssetError, ConfigError
 from hulldown.geometry.transforms import apply
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.config.schema import Config

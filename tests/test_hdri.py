@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.reading.skies.backdrop import backdrop, small_map
 from hulldown.reading.skies.hdri import BRIGHTEST, mean_luminance, mend, read_hdris, sky_map
 

@@ -9,10 +9,10 @@ import sys
 import pytest
 from PIL import Image
 
+from hulldown.base.errors import DatasetError
 from hulldown.dataset.exports.export import LAYOUTS, export
 from hulldown.dataset.records import listed
 from hulldown.dataset.verification.verify import verify
-from hulldown.geometry.errors import DatasetError
 from hulldown.tests.editing import edit, write_dataset
 
 

@@ -12,8 +12,8 @@ from PIL import Image
 from rich.table import Table
 
 from hulldown import cli
-from hulldown.geometry.errors import AssetError, HulldownError
-from hulldown.geometry.terminal import Terminal
+from hulldown.base.errors import AssetError, HulldownError
+from hulldown.base.terminal import Terminal
 from hulldown.planning.inputs.inspection import inspect_file
 from hulldown.reading.inspect import COLORS, PAGE, Inspected, draw, write_pictures
 from hulldown.reading.report import FileReport, ObjectRow

@@ -3,8 +3,8 @@ from contextlib import closing
 
 import pytest
 
+from hulldown.base.errors import DatasetError
 from hulldown.dataset.store.journal import Journal, read_journal
-from hulldown.geometry.errors import DatasetError
 from hulldown.tests.oracles.synced import synced_bytes
 
 

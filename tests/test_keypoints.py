@@ -10,12 +10,12 @@ from pycocotools.cocoeval import COCOeval
 from hulldown.annotate.keypoints import keypoints_in_image
 from hulldown.assets.bundle import load_vehicle, save
 from hulldown.assets.keypoints import category_fields
+from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import World
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.verification.verify import verify
-from hulldown.geometry.errors import ConfigError, DatasetError
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.reading.vehicle.keypoints import marked_points

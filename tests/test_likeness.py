@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import ks_2samp
 
 from hulldown.assets.photographs import read_photographs
-from hulldown.geometry.errors import ConfigError
+from hulldown.base.errors import ConfigError
 from hulldown.planning.check import check_plan
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.search.likeness import Likeness

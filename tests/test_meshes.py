@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.geometry.meshes import FORMATS, Mesh, first_alike, merge
 from hulldown.geometry.transforms import rigid, rotation_z
 from hulldown.tests.shapes import surface

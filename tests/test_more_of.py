@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from hulldown.annotate.known import SIDES, sides_of
+from hulldown.base.errors import ConfigError
 from hulldown.dataset.table import Dataset
-from hulldown.geometry.errors import ConfigError
 from hulldown.planning.check import check_plan
 from hulldown.planning.inputs.more_of import MOST, MoreOf, read_more_of
 from hulldown.planning.plan_file import read_plan

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.reading.confinement.references import refuse_odd_references
 from hulldown.reading.confinement.watch import ReadLimits
 from hulldown.reading.export import export

@@ -8,8 +8,8 @@ import onnxruntime
 import pytest
 import torch
 
+from hulldown.base.errors import HulldownError
 from hulldown.cli import main
-from hulldown.geometry.errors import HulldownError
 from hulldown.tests.networks import CLASSES, SIZE, nano_weights, small_weights
 from hulldown.training.data import network_pictures
 from hulldown.training.detectors import detr

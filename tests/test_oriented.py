@@ -10,12 +10,12 @@ from PIL import Image, ImageDraw
 
 from hulldown.annotate.masks import encode
 from hulldown.annotate.oriented import mask_rectangle, rectangle_corners
+from hulldown.base.errors import DatasetError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.oriented import ground_corners
 from hulldown.dataset.verification.planned import image_record
 from hulldown.dataset.verification.verify import verify
-from hulldown.geometry.errors import DatasetError
 from hulldown.geometry.transforms import apply
 from hulldown.render.annotations import Segmenter
 from hulldown.tests.detections import dataset as dataset_of

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hulldown.geometry.errors import ConfigError
+from hulldown.base.errors import ConfigError
 from hulldown.planning.check import check_plan
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.planner import Planner

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hulldown.assets.photographs import read_photographs
-from hulldown.geometry.errors import DatasetError
+from hulldown.base.errors import DatasetError
 from hulldown.tests.detections import dataset
 
 IMAGES = [

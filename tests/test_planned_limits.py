@@ -8,8 +8,8 @@ import pytest
 
 from hulldown.annotate.boxes import surface_box
 from hulldown.annotate.masks import vehicle_mask
+from hulldown.base.errors import ConfigError
 from hulldown.camera.target import PosedVehicle, VehicleTarget
-from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.transforms import apply
 from hulldown.planning.planner import Planner
 from hulldown.planning.row import encode_rows

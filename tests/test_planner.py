@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hulldown.assets.library import HdriSource, Source
-from hulldown.geometry.errors import ConfigError
+from hulldown.base.errors import ConfigError
 from hulldown.planning.plan_file import PlanWriter
 from hulldown.planning.planner import Planner
 from hulldown.planning.row import ModelSource, encode, encode_rows

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from hulldown.base.errors import ConfigError
 from hulldown.camera.projection import project
-from hulldown.geometry.errors import ConfigError
 from hulldown.planning.check import check_plan
 from hulldown.planning.inputs.poses import read_poses
 from hulldown.planning.write import write_plan

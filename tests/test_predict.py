@@ -9,8 +9,8 @@ import pytest
 import torch
 from PIL import Image
 
+from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.cli import main
-from hulldown.geometry.errors import DatasetError, HulldownError
 from hulldown.tests.editing import edit, write_dataset
 from hulldown.tests.networks import small_weights
 from hulldown.training.evaluation.labels import read_labels

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from hulldown.geometry.errors import DatasetError
+from hulldown.base.errors import DatasetError
 from hulldown.tests.detections import dataset, loaded, results
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.evaluation.predictions import read_predictions

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import hulldown.reading.export
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.reading.export import export
 
 

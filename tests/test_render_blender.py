@@ -18,11 +18,11 @@ import pytest
 from msgspec.structs import replace as altered
 
 from hulldown.annotate.masks import iou, mask_box, vehicle_mask
+from hulldown.base.child import Child
+from hulldown.base.errors import HulldownError
 from hulldown.camera.shell import shell_axes
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import World
-from hulldown.geometry.child import Child
-from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.transforms import rigid
 from hulldown.planning.inputs.loading import load_planned_library
 from hulldown.planning.plan_file import Plan

@@ -4,8 +4,8 @@ import os
 
 import pytest
 
+from hulldown.base.errors import HulldownError
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.geometry.errors import HulldownError
 from hulldown.render import process
 from hulldown.render.messages import CameraInput, CyclesSettings, LightInput, RenderJob, SceneryInput
 from hulldown.render.pool import Engine, Pool

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from hulldown.base.errors import ConfigError, DatasetError, HulldownError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.store.document import read_coco
-from hulldown.geometry.errors import ConfigError, DatasetError, HulldownError
 from hulldown.render.pool import Engine
 from hulldown.render.session import GIVE_UP_AFTER
 from hulldown.render.supervisor import Part

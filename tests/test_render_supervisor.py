@@ -11,11 +11,11 @@ import pytest
 from PIL import Image
 from pycocotools.coco import COCO
 
+from hulldown.base.errors import DatasetError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.join import join
 from hulldown.dataset.provenance import read_failures
 from hulldown.dataset.store.document import read_coco
-from hulldown.geometry.errors import DatasetError
 from hulldown.reading.confinement.landlock import confinement
 from hulldown.render.pool import Engine
 from hulldown.render.supervisor import Part

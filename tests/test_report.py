@@ -11,10 +11,10 @@ from selenium.webdriver.support.ui import Select
 from selenium.webdriver.support.wait import WebDriverWait
 
 from hulldown.annotate.masks import encode
+from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.dataset.reports.page import Tile, choices
 from hulldown.dataset.reports.report import report
 from hulldown.dataset.table import Dataset
-from hulldown.geometry.errors import DatasetError, HulldownError
 from hulldown.tests.editing import write_dataset
 
 WIDTH, HEIGHT = 96, 54

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hulldown.assets.naming import GROUND, GUN, GUN_HINTS, HELPERS, TURRET_HINTS, first_match, hints
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.reading.doubts import vehicle_doubts
 from hulldown.reading.kinds import refuse_wrong_kind
 from hulldown.reading.options import Options

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.reading.build import build_scenery
 from hulldown.reading.doubts import scenery_doubts
 from hulldown.reading.kinds import likely_kind, refuse_wrong_kind

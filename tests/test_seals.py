@@ -6,13 +6,13 @@ import os
 import orjson
 import pytest
 
+from hulldown.base.errors import DatasetError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.join import join
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, digest, seal_of
 from hulldown.dataset.verification.verify import verify
-from hulldown.geometry.errors import DatasetError
 from hulldown.tests.editing import edit, render
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hulldown.geometry.errors import ConfigError, DatasetError, HulldownError
+from hulldown.base.errors import ConfigError, DatasetError, HulldownError
 from hulldown.tests.editing import edit
 from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.augment import TABLE

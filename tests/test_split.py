@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from hulldown.base.errors import DatasetError
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.exports.split import SPLITS, group_of, share_out
 from hulldown.dataset.records import by_image
-from hulldown.geometry.errors import DatasetError
 from hulldown.tests.editing import write_dataset
 
 

@@ -9,9 +9,9 @@ from PIL import Image
 
 from hulldown.assets.bundle import load_scenery
 from hulldown.assets.skylight import SkyLight
+from hulldown.base.errors import HulldownError
 from hulldown.camera.weather.kinds import airlight
 from hulldown.geometry.color import LUMINANCE, linear_color
-from hulldown.geometry.errors import HulldownError
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.planning.appearance.land import land_above_horizon
 from hulldown.planning.appearance.paint import PaintEntry, paint_doubts

@@ -13,8 +13,8 @@ import tomlkit
 import torch
 from PIL import Image
 
+from hulldown.base.errors import HulldownError
 from hulldown.cli import main
-from hulldown.geometry.errors import HulldownError
 from hulldown.tests.editing import edit
 from hulldown.tests.test_train import in_child
 from hulldown.tests.training_pictures import make_dataset, make_datasets

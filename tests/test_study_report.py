@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from selenium.webdriver.common.by import By
 
+from hulldown.base.errors import HulldownError
 from hulldown.cli import main
 from hulldown.dataset.reports.charts import svg
-from hulldown.geometry.errors import HulldownError
 from hulldown.tests.test_study import pretend, settled
 from hulldown.tests.training_pictures import make_dataset, make_datasets
 from hulldown.training.evaluation.labels import read_labels

@@ -1,7 +1,7 @@
 import pytest
 
+from hulldown.base.errors import DatasetError
 from hulldown.dataset.records import read_usable
-from hulldown.geometry.errors import DatasetError
 from hulldown.tests.editing import write_dataset
 from hulldown.training.subset import nested_subsets, write_subsets
 

@@ -10,7 +10,7 @@ import pytest
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from hulldown.geometry.errors import HulldownError
+from hulldown.base.errors import HulldownError
 from hulldown.tests.networks import CLASSES, nano_module, small_weights
 from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.data import Example

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hulldown.geometry.errors import ConfigError, DatasetError
+from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.training.draws import draws_text, make_draws, read_draws, source_shares
 
 

@@ -7,13 +7,13 @@ import pytest
 from PIL import Image
 
 from hulldown.annotate.masks import encode
+from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.cli import main
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.join import join
 from hulldown.dataset.verification import check_pictures
 from hulldown.dataset.verification.verify import Finding, verify
-from hulldown.geometry.errors import ConfigError, DatasetError
 from hulldown.reading.confinement.watch import GIB
 from hulldown.render.masks import MaskReport
 from hulldown.tests.editing import append, edit

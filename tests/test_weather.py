@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hulldown.base.errors import ConfigError
 from hulldown.camera.weather.extinction import rain_visibility_m, wetness
 from hulldown.camera.weather.kinds import Weather
-from hulldown.geometry.errors import ConfigError
 from hulldown.planning.appearance.air import NAMES, draw_weathers
 from hulldown.planning.appearance.light import draw_lights, hdri_weights
 from hulldown.planning.config.weather_section import WeatherSection

@@ -26,8 +26,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from hulldown.annotate.masks import mask_box
+from hulldown.base.errors import ConfigError
 from hulldown.geometry.arrays import are_numbers
-from hulldown.geometry.errors import ConfigError
 
 Number: TypeAlias = int | float
 Option: TypeAlias = Number | tuple[Number, Number]

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Int
 
-from hulldown.geometry.errors import ConfigError, DatasetError
+from hulldown.base.errors import ConfigError, DatasetError
 
 HEADER = ("draw", "source", "image", "augmentation_seed")
 

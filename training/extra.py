@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from hulldown.geometry.errors import HulldownError
+from hulldown.base.errors import HulldownError
 
 PACKAGES = ("torch", "torchvision", "pytorch_lightning", "rfdetr", "albumentations", "cv2", "onnx")
 

@@ -18,9 +18,9 @@ import torch
 from pytorch_lightning import loggers as pl_loggers
 from torch.utils.data import DataLoader
 
-from hulldown.geometry.errors import HulldownError
-from hulldown.geometry.files import replace_file, replacing
-from hulldown.geometry.terminal import duration
+from hulldown.base.errors import HulldownError
+from hulldown.base.files import replace_file, replacing
+from hulldown.base.terminal import duration
 from hulldown.training.data import Batches, DrawnExamples, Example
 from hulldown.training.detectors.detector import DAMAGED, Detector, first_line
 from hulldown.training.evaluation.average_precision import AVERAGES

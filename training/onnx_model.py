@@ -9,8 +9,8 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hulldown.geometry.errors import HulldownError
-from hulldown.geometry.files import make_room, replace_file
+from hulldown.base.errors import HulldownError
+from hulldown.base.files import make_room, replace_file
 from hulldown.training.extra import quiet, require_extra
 from hulldown.training.predict import load_detector, weights_of
 

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt8
 
+from hulldown.base.errors import DatasetError
 from hulldown.dataset.picture_files import read_picture, read_pixels
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, JOURNAL_NAME
 from hulldown.dataset.store.foreign import PICTURES, foreign_reader
-from hulldown.geometry.errors import DatasetError
 from hulldown.training.evaluation.labels import Labels, read_labels
 
 VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".webm")

@@ -17,9 +17,9 @@ import orjson
 from PIL import Image
 
 from hulldown.annotate.drawing import draw
-from hulldown.geometry.errors import HulldownError
-from hulldown.geometry.files import make_room, open_in_place, replace_file, replacing
-from hulldown.geometry.terminal import shown
+from hulldown.base.errors import HulldownError
+from hulldown.base.files import make_room, open_in_place, replace_file, replacing
+from hulldown.base.terminal import shown
 from hulldown.training.detectors.detector import (
     WEIGHTS_NAME,
     Detector,

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from filelock import FileLock, Timeout
 
-from hulldown.geometry.errors import ConfigError, HulldownError
-from hulldown.geometry.files import replace_file, replacing
+from hulldown.base.errors import ConfigError, HulldownError
+from hulldown.base.files import replace_file, replacing
 from hulldown.training.detectors.detector import RUN_NAME, WEIGHTS_NAME, read_run
 
 CONFIG_NAME, DRAWS_NAME, METRICS_NAME, CURVE_NAME = "config.json", "draws.csv", "metrics.csv", "loss.png"

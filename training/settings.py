@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from hulldown.geometry.toml_files import read_toml, validated
+from hulldown.base.toml_files import read_toml, validated
 
 Model = Literal["small", "nano", "rf-small", "medium", "large"]
 # keys with a flag on the command line

@@ -10,13 +10,13 @@ from typing import Any
 
 import orjson
 
+from hulldown.base.errors import DatasetError
+from hulldown.base.files import all_or_nothing
+from hulldown.base.terminal import shown
 from hulldown.dataset.exports.split import positions, shuffled
 from hulldown.dataset.records import by_image, read_usable
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, write_coco
 from hulldown.dataset.store.pictures import link_or_copy
-from hulldown.geometry.errors import DatasetError
-from hulldown.geometry.files import all_or_nothing
-from hulldown.geometry.terminal import shown
 
 FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.05)
 

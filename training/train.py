@@ -13,10 +13,10 @@ from typing import Any
 
 import torch
 
-from hulldown.geometry.errors import ConfigError
-from hulldown.geometry.files import replace_file
-from hulldown.geometry.terminal import progress_bars, watched
-from hulldown.geometry.terminal import say as show_line
+from hulldown.base.errors import ConfigError
+from hulldown.base.files import replace_file
+from hulldown.base.terminal import progress_bars, watched
+from hulldown.base.terminal import say as show_line
 from hulldown.training.augment import changed_table
 from hulldown.training.data import Batches, DrawnExamples
 from hulldown.training.detectors.detector import RUN_NAME, chosen_device

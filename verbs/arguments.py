@@ -9,8 +9,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
-from hulldown.geometry.errors import HulldownError
-from hulldown.geometry.terminal import reading_status, warn
+from hulldown.base.errors import HulldownError
+from hulldown.base.terminal import reading_status, warn
 
 if TYPE_CHECKING:
     from hulldown.planning.inputs.loading import Library

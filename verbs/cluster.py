@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hulldown.geometry.terminal import say
+from hulldown.base.terminal import say
 from hulldown.render.cluster.scheduler import Scheduler, local_cluster, needing_dask
 from hulldown.verbs.arguments import Subparsers, add_verb, at_least_one, port
 from hulldown.verbs.terminal import show_result
@@ -39,7 +39,7 @@ def scheduler_of(arguments: argparse.Namespace) -> Scheduler | None:
 @contextmanager
 def training_workers(scheduler: Scheduler, *, say: Callable[[str], None] = say) -> Iterator[Launch]:
     """A function that runs runs of a study on the training workers of a cluster."""
-    from hulldown.geometry.code import difference, versions
+    from hulldown.base.code import difference, versions
 
     with needing_dask():
         from hulldown.render.cluster.workers import Cluster

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hulldown.geometry.errors import HulldownError
-from hulldown.geometry.files import make_room
-from hulldown.geometry.terminal import reading_status, say, warn
+from hulldown.base.errors import HulldownError
+from hulldown.base.files import make_room
+from hulldown.base.terminal import reading_status, say, warn
 from hulldown.verbs.arguments import (
     Subparsers,
     add_cache,

@@ -6,8 +6,8 @@ import argparse
 from functools import cache, partial
 from pathlib import Path
 
-from hulldown.geometry.errors import HulldownError
-from hulldown.geometry.terminal import say, warn
+from hulldown.base.errors import HulldownError
+from hulldown.base.terminal import say, warn
 from hulldown.verbs.arguments import (
     Subparsers,
     add_allow_links,

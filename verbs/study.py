@@ -7,7 +7,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hulldown.geometry.terminal import duration, progress_bars, say, warn
+from hulldown.base.terminal import duration, progress_bars, say, warn
 from hulldown.verbs.arguments import Subparsers, add_verb
 from hulldown.verbs.cluster import add_scheduler, scheduler_of, training_workers
 from hulldown.verbs.terminal import DONE, FOUND, show_result

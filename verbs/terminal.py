@@ -15,7 +15,7 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from hulldown.geometry.terminal import Terminal, warn
+from hulldown.base.terminal import Terminal, warn
 
 STDOUT = Terminal(highlight=False)
 WIDEST = 10_000  # characters of a table in a file or a pipe

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from hulldown.geometry.files import make_room
-from hulldown.geometry.terminal import say, warn
+from hulldown.base.files import make_room
+from hulldown.base.terminal import say, warn
 from hulldown.verbs.arguments import (
     Subparsers,
     add_verb,

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Literal
 
 from hulldown.annotate.known import number
+from hulldown.base.errors import DatasetError
 from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.seals import changed
-from hulldown.geometry.errors import DatasetError
 
 ROUNDED = 1e-6  # pixels: rounding error of decimal text
 SLIGHT = 1.0  # pixels that a box may leave its image by without being refused

@@ -9,6 +9,9 @@ from pathlib import Path
 
 from hulldown.annotate.masks import extent
 from hulldown.annotate.outlines import polygons
+from hulldown.base.errors import DatasetError
+from hulldown.base.files import all_or_nothing
+from hulldown.base.terminal import shown
 from hulldown.dataset.exports.clipping import ALL_LABELS, LabelFloors, clipped_boxes, refuse_all
 from hulldown.dataset.exports.layouts import coco, dota, huggingface, kitti, voc, webdataset, yolo
 from hulldown.dataset.exports.shares import Item, Shares, flat_names, sound_pictures
@@ -17,9 +20,6 @@ from hulldown.dataset.oriented import ground_corners, visible_corners
 from hulldown.dataset.records import by_image, read_usable
 from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.seals import changed
-from hulldown.geometry.errors import DatasetError
-from hulldown.geometry.files import all_or_nothing
-from hulldown.geometry.terminal import shown
 
 # The function that writes each layout into an existing folder; docs/exports.md lists their readers.
 LAYOUTS: Mapping[str, Callable[[Shares, Path], None]] = {

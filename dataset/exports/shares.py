@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from itertools import count
 from pathlib import Path, PurePosixPath
 
+from hulldown.base.errors import DatasetError
 from hulldown.dataset.exports.clipping import refuse_all
 from hulldown.dataset.picture_files import DECODERS, read_picture
 from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.pictures import LinkError, link_or_copy, own_picture
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
-from hulldown.geometry.errors import DatasetError
 
 VAL_NAMES = {"train": "train", "valid": "val", "test": "test"}  # what most layouts call the splits
 

@@ -20,15 +20,15 @@ from hulldown.annotate.oriented import rectangle_corners
 from hulldown.annotate.outlines import polygons
 from hulldown.annotate.sheets import refuse_foreign
 from hulldown.assets.photographs import read_photographs
+from hulldown.base.errors import DatasetError
+from hulldown.base.files import make_room, replace_file
+from hulldown.base.terminal import shown
 from hulldown.dataset.oriented import ground_corners, is_rectangle
 from hulldown.dataset.reports.charts import azimuths, histogram, place_map, places_in_pictures, shares
 from hulldown.dataset.reports.comparison import Comparison, Encoder, compare
 from hulldown.dataset.reports.page import Facet, Shape, Tile, render
 from hulldown.dataset.table import CONDITIONS, Dataset, Image
 from hulldown.geometry.arrays import spread
-from hulldown.geometry.errors import DatasetError
-from hulldown.geometry.files import make_room, replace_file
-from hulldown.geometry.terminal import shown
 from hulldown.planning.inputs.loading import Library, load_planned_library
 from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan_file import read_plan

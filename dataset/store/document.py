@@ -17,13 +17,13 @@ from typing import Any, BinaryIO, cast
 import msgspec
 import orjson
 
+from hulldown.base.code import version_of
+from hulldown.base.errors import DatasetError
+from hulldown.base.files import open_regular
 from hulldown.dataset.store.entries import Coco, Record, place_of
 from hulldown.dataset.store.foreign import foreign_reader
 from hulldown.dataset.store.journal import last_merged, read_journal, replaced
 from hulldown.dataset.store.runs import Run, runs_of
-from hulldown.geometry.code import version_of
-from hulldown.geometry.errors import DatasetError
-from hulldown.geometry.files import open_regular
 
 ANNOTATIONS_NAME = "annotations.json"
 JOURNAL_NAME = "journal.jsonl"

@@ -9,8 +9,8 @@ from typing import Any, NotRequired, TypeAlias, TypedDict, TypeGuard
 
 import numpy as np
 
+from hulldown.base.files import UNFINISHED_NAME, stays_inside
 from hulldown.geometry.arrays import are_numbers
-from hulldown.geometry.files import UNFINISHED_NAME, stays_inside
 
 Record: TypeAlias = Mapping[str, Any]  # of COCO: JSON that may have any further fields
 

@@ -18,9 +18,9 @@ from xml.etree import ElementTree
 
 import yaml
 
+from hulldown.base.errors import DatasetError
 from hulldown.dataset.picture_files import read_picture
 from hulldown.dataset.store.entries import Coco, Record
-from hulldown.geometry.errors import DatasetError
 
 PICTURES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 YAML_NAMES = ("data.yaml", "dataset.yaml", "data.yml")

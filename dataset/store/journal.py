@@ -12,10 +12,10 @@ from typing import BinaryIO
 
 import orjson
 
+from hulldown.base.errors import DatasetError
+from hulldown.base.files import open_in_place, open_regular, replacing, sync_folder
 from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.seals import LINE_KEY, line_is_broken, seal_line
-from hulldown.geometry.errors import DatasetError
-from hulldown.geometry.files import open_in_place, open_regular, replacing, sync_folder
 
 MERGED = b'{"merged":true}\n'  # everything above this line is in annotations.json
 JOURNAL_OPTIONS = orjson.OPT_APPEND_NEWLINE | orjson.OPT_SERIALIZE_NUMPY

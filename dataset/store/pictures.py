@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 
-from hulldown.geometry.errors import DatasetError
-from hulldown.geometry.files import stays_inside, sync_folder
+from hulldown.base.errors import DatasetError
+from hulldown.base.files import stays_inside, sync_folder
 
 
 class LinkError(DatasetError):

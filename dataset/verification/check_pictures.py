@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, UInt8
 
+from hulldown.base.errors import DatasetError
+from hulldown.base.files import stays_inside
 from hulldown.dataset.picture_files import DECODERS, UPRIGHT, read_picture, size_problem
 from hulldown.dataset.records import Finding, by_image
 from hulldown.dataset.store.entries import Coco, Record, place_of
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.dataset.verification.look import check_looks, is_rendered
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
-from hulldown.geometry.errors import DatasetError
-from hulldown.geometry.files import stays_inside
 
 LARGEST = 1 << 27  # pixels: four pictures are decoded at a time, 0.4 GB each
 Look = Callable[[Record, Sequence[Record], UInt8[np.ndarray, "h w 3"]], Iterable[Finding]]

@@ -14,14 +14,14 @@ from typing import Any
 
 from pycocotools.coco import COCO
 
+from hulldown.base.errors import HulldownError
+from hulldown.base.terminal import reading_status, shown
 from hulldown.dataset.records import Finding, check_annotations, check_categories, check_images, check_runs, check_seals
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, read_coco
 from hulldown.dataset.store.journal import is_cut_off
 from hulldown.dataset.verification.check_pictures import check_pictures
 from hulldown.dataset.verification.check_skies import sky_check
 from hulldown.dataset.verification.planned import check_planned
-from hulldown.geometry.errors import HulldownError
-from hulldown.geometry.terminal import reading_status, shown
 from hulldown.planning.inputs.loading import Library, load_planned_library
 from hulldown.planning.plan_file import Plan, read_plan
 

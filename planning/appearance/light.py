@@ -11,11 +11,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hulldown.assets.library import Assets
+from hulldown.base.errors import ConfigError
 from hulldown.camera.response import ALBEDO, FARTHEST_EV, metered
 from hulldown.camera.sensor import LIMITS, Sensor
 from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.geometry.columns import records
-from hulldown.geometry.errors import ConfigError
 from hulldown.planning.config.schema import LightSection
 from hulldown.planning.config.sensor_section import SensorSection
 from hulldown.planning.row import rounded

@@ -14,10 +14,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
+from hulldown.base.toml_files import read_toml, validated
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.response import COOLEST, FARTHEST_EV, WARMEST
 from hulldown.geometry.arrays import are_numbers
-from hulldown.geometry.toml_files import read_toml, validated
 from hulldown.planning.appearance.paint import PaintEntry
 from hulldown.planning.config.asset_sections import AssetsSection
 from hulldown.planning.config.section import AtLeastZero, Pair, Patterns, Section, Share, is_absent, ranged, with_preset

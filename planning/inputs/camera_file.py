@@ -11,8 +11,8 @@ import numpy as np
 import yaml
 from jaxtyping import Float
 
+from hulldown.base.errors import ConfigError
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.geometry.errors import ConfigError
 from hulldown.planning.config.schema import CameraMatrix, Distortion
 
 # Names in files of OpenCV's samples and of ROS, in lower case without underscores.

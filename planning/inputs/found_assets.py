@@ -13,8 +13,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from hulldown.geometry.errors import AssetError
-from hulldown.geometry.terminal import tracked
+from hulldown.base.errors import AssetError
+from hulldown.base.terminal import tracked
 from hulldown.planning.config.template import config_text
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.export import export

@@ -15,7 +15,7 @@ from hulldown.assets.keypoints import category_fields
 from hulldown.assets.library import Assets, HdriSource, Source
 from hulldown.assets.naming import first_match
 from hulldown.assets.vehicle import VehicleShape
-from hulldown.geometry.errors import AssetError, ConfigError
+from hulldown.base.errors import AssetError, ConfigError
 from hulldown.geometry.transforms import apply
 from hulldown.planning.appearance.paint import paint_doubts, paint_notes
 from hulldown.planning.config.asset_sections import CACHE_NAME, DistractorEntry, ModelEntry, SceneryEntry, VehicleEntry

@@ -13,8 +13,8 @@ import msgspec
 from msgspec import Struct
 
 from hulldown.annotate.known import SCALES, SIZE
-from hulldown.geometry.errors import ConfigError
-from hulldown.geometry.files import open_regular
+from hulldown.base.errors import ConfigError
+from hulldown.base.files import open_regular
 
 MOST = 4.0  # largest weight of a bin; the smallest is its inverse
 NORMAL = 1.96  # half the width of a normal distribution's 95 % interval, in standard deviations

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from msgspec import Struct
 
-from hulldown.geometry.errors import ConfigError
-from hulldown.geometry.files import open_regular
+from hulldown.base.errors import ConfigError
+from hulldown.base.files import open_regular
 
 FARTHEST = 1e9  # meters: beyond, float64 is coarser than a tenth of a micrometer
 NAMES = ("scenery", "vehicle", "sequence")

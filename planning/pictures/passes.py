@@ -18,12 +18,12 @@ from PIL import Image
 
 from hulldown.assets.library import Assets
 from hulldown.assets.scenery import Scenery
+from hulldown.base.errors import ConfigError
+from hulldown.base.files import make_room, replace_file
+from hulldown.base.terminal import tracked
 from hulldown.camera.projection import directions
 from hulldown.camera.world import Kind, WorldHits
 from hulldown.geometry.arrays import spread
-from hulldown.geometry.errors import ConfigError
-from hulldown.geometry.files import make_room, replace_file
-from hulldown.geometry.terminal import tracked
 from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.row import Row, encode

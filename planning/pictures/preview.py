@@ -12,6 +12,8 @@ from PIL import Image
 from hulldown.annotate.drawing import contact_sheet, draw
 from hulldown.annotate.sheets import save_sheet
 from hulldown.assets.library import Assets
+from hulldown.base.errors import ConfigError
+from hulldown.base.terminal import tracked
 from hulldown.camera.projection import Camera
 from hulldown.camera.response import ALBEDO
 from hulldown.camera.target import PosedVehicle
@@ -19,8 +21,6 @@ from hulldown.camera.weather.kinds import Weather
 from hulldown.camera.world import World
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.color import LUMINANCE
-from hulldown.geometry.errors import ConfigError
-from hulldown.geometry.terminal import tracked
 from hulldown.planning.appearance.light import card
 from hulldown.planning.appearance.paint import previewed
 from hulldown.planning.pictures.shading import look, paint_of, sun_of

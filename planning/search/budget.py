@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Int
 
+from hulldown.base.errors import ConfigError
 from hulldown.geometry.arrays import numbered
-from hulldown.geometry.errors import ConfigError
 from hulldown.planning.config.schema import BudgetSection
 
 

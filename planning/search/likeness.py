@@ -16,10 +16,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.assets.photographs import Photographs
+from hulldown.base.errors import ConfigError
 from hulldown.camera.framing import place_boxes
 from hulldown.camera.lenses import Lenses
 from hulldown.camera.shell import draw_azimuth, draw_elevation, shell_axes
-from hulldown.geometry.errors import ConfigError
 from hulldown.geometry.portable import exp, hypot, log, sin_cos
 from hulldown.planning.config.schema import Config
 from hulldown.planning.search.draws import Purpose, RandomStreams, RowStreams, choose

@@ -14,7 +14,7 @@ from fnmatch import fnmatchcase
 import numpy as np
 from jaxtyping import Float, Int
 
-from hulldown.geometry.errors import ConfigError
+from hulldown.base.errors import ConfigError
 from hulldown.planning.config.schema import Config
 from hulldown.planning.row import LeftOut
 from hulldown.planning.search.block import Block

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+from hulldown.base.errors import ConfigError
 from hulldown.geometry.arrays import batches, joined, numbered
 from hulldown.geometry.columns import join, put, take
-from hulldown.geometry.errors import ConfigError
 from hulldown.placement.candidates import candidates
 from hulldown.placement.rejection import AIMING, KINDS, PLACING, Rejection, sentence, tally
 from hulldown.placement.settle import Settled, unsettled

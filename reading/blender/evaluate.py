@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply
 from hulldown.reading.blender.arrays import read

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import bpy
 
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.reading.blender.duplicates import Duplicate, take_duplicates
 from hulldown.reading.blender.opening import open_blend
 from hulldown.reading.blender.surfaces.shaders import surface_shaders

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.assets.skylight import SkyLight, level_irradiance
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.reading.blender.arrays import pixels
 from hulldown.reading.export import Job
 from hulldown.reading.skies.backdrop import backdrop, shows_land, small_map

@@ -18,8 +18,8 @@ import msgspec
 import numpy as np
 
 from hulldown.assets.bundle import save
-from hulldown.geometry.errors import AssetError, HulldownError
-from hulldown.geometry.files import replacing
+from hulldown.base.errors import AssetError, HulldownError
+from hulldown.base.files import replacing
 from hulldown.reading.blender.evaluate import HIDDEN, evaluate
 from hulldown.reading.blender.importers import open_file
 from hulldown.reading.blender.pictures import read_picture

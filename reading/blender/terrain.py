@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from PIL import Image
 
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.placement.terrain import Terrain
 from hulldown.reading.blender.add_nodes import add_node, maths
 from hulldown.reading.confinement.landlock import asset_folders, is_inside

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, cast
 
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.reading.formats import kind_of_file
 
 OPENED = (b"LI\0\0", b"VF\0\0", b"IM\0\0", b"MC\0\0", b"SO\0\0", b"CF\0\0", b"VO\0\0")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.reading.confinement.landlock import asset_folders, is_inside
 from hulldown.reading.formats import kind_of_file
 

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from hulldown.geometry.child import Child, memory_limit
+from hulldown.base.child import Child, memory_limit
 
 POLL_S = 0.05  # a bomb fills a gigabyte in a third of a second
 GIB = 2**30

@@ -11,8 +11,8 @@ import msgspec
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.geometry.errors import AssetError
-from hulldown.geometry.files import open_regular
+from hulldown.base.errors import AssetError
+from hulldown.base.files import open_regular
 from hulldown.reading.scenery.geotiff import on_map
 
 # Keys of OpenStreetMap, Overture, and OpenMapTiles, with meters to one unit.

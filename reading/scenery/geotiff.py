@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from hulldown.geometry.errors import AssetError, HulldownError
+from hulldown.base.errors import AssetError, HulldownError
 from hulldown.geometry.meshes import Mesh
 
 MOST_CELLS = 9_000_000  # reading takes about 0.7 KB of memory for each; docs/terrain.md

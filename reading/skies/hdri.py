@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.assets.skylight import SkyLight
+from hulldown.base.errors import AssetError
 from hulldown.camera.response import off_daylight
 from hulldown.geometry.color import LUMINANCE
-from hulldown.geometry.errors import AssetError
 from hulldown.reading.cache import entry_name, make_cache, new_folder, seal, sha256, unseal
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.export import Job, ask_reader, found_by

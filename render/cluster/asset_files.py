@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from hulldown.geometry.errors import AssetError
+from hulldown.base.errors import AssetError
 from hulldown.planning.inputs.loading import Library
 from hulldown.reading.cache import sha256
 from hulldown.reading.confinement.blocks import PATH, blocks, named_files, unpacked

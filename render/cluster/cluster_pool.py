@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
-from hulldown.geometry.code import versions
+from hulldown.base.code import versions
 from hulldown.planning.inputs.loading import Library
 from hulldown.render.cluster.asset_files import ClientFiles
 from hulldown.render.cluster.node import Setting, refusal, render_row

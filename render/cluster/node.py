@@ -16,8 +16,8 @@ from pathlib import Path
 
 from distributed import get_worker
 
-from hulldown.geometry.code import MISSING, difference, versions
-from hulldown.geometry.errors import HulldownError
+from hulldown.base.code import MISSING, difference, versions
+from hulldown.base.errors import HulldownError
 from hulldown.reading.confinement import landlock
 from hulldown.render.cluster.asset_files import AssetCache, AssetNote, cache_folder
 from hulldown.render.cluster.workers import Answer, wanted

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from hulldown.geometry.errors import HulldownError
+from hulldown.base.errors import HulldownError
 
 HOST = "127.0.0.1"  # anyone who reaches a scheduler's port can run programs here
 LOST_S = 60  # a worker silent for this long is lost

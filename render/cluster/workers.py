@@ -21,7 +21,7 @@ from weakref import WeakValueDictionary
 from distributed import Client, Future, KilledWorker, Security, as_completed, get_worker
 from distributed.worker import thread_state
 
-from hulldown.geometry.errors import HulldownError
+from hulldown.base.errors import HulldownError
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.process import Stopped
 

@@ -16,7 +16,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from hulldown.geometry.errors import HulldownError
+from hulldown.base.errors import HulldownError
 
 RUN_NAME, WEIGHTS_NAME = "run.json", "weights.pt"
 # Exceptions of unpickling damaged bytes, or of loading them into a network.

@@ -24,8 +24,8 @@ from torch.optim.lr_scheduler import LambdaLR
 from torchvision.ops import box_convert
 from torchvision.transforms.functional import normalize
 
+from hulldown.base.errors import HulldownError
 from hulldown.dataset.reports.comparison import Encoder
-from hulldown.geometry.errors import HulldownError
 from hulldown.training.data import Example, network_pictures
 from hulldown.training.detectors.center_points import DEVIATION, MEAN
 from hulldown.training.detectors.detector import (

@@ -19,7 +19,7 @@ from torch import Tensor
 from torch.optim.lr_scheduler import LambdaLR
 from torchvision.ops import box_convert
 
-from hulldown.geometry.errors import HulldownError
+from hulldown.base.errors import HulldownError
 from hulldown.training.data import Example, network_pictures
 from hulldown.training.detectors.center_points import CenterNetwork, center_loss, peaks
 from hulldown.training.detectors.detector import DAMAGED, Detections, first_line, read_weights

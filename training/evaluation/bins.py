@@ -14,9 +14,9 @@ from jaxtyping import Float, Int, Shaped
 
 from hulldown.annotate.known import SCALES, SIDES, SIZE, bins_of, name_of, numbers_of, sides_of, weather_of
 from hulldown.annotate.masks import decode
+from hulldown.base.errors import DatasetError
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.verification.look import appearance
-from hulldown.geometry.errors import DatasetError
 from hulldown.training.evaluation.bootstrap import ratio_error, share_interval
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.matching import Matching

@@ -15,6 +15,8 @@ from PIL import Image, ImageDraw
 
 from hulldown.annotate.drawing import BACKGROUND, contact_sheet
 from hulldown.annotate.known import number
+from hulldown.base.errors import DatasetError
+from hulldown.base.files import replacing
 from hulldown.dataset.oriented import visible_corners
 from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.reports.charts import (
@@ -30,8 +32,6 @@ from hulldown.dataset.reports.charts import (
     short,
 )
 from hulldown.dataset.reports.page import Facet, Tile, render
-from hulldown.geometry.errors import DatasetError
-from hulldown.geometry.files import replacing
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.bins import BinFigures
 from hulldown.training.evaluation.evaluate import DetectorComparison, Evaluation

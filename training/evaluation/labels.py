@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from hulldown.base.errors import DatasetError
 from hulldown.dataset.exports.split import group_of
 from hulldown.dataset.records import by_image, read_usable
-from hulldown.geometry.errors import DatasetError
 
 
 @dataclass(frozen=True, eq=False)

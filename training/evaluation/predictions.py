@@ -13,7 +13,7 @@ import orjson
 from jaxtyping import Float, Int
 
 from hulldown.annotate.oriented import rectangle_corners
-from hulldown.geometry.errors import DatasetError
+from hulldown.base.errors import DatasetError
 from hulldown.training.evaluation.labels import Labels
 
 INFO_SUFFIX = ".info.json"  # of a file next to the results: the processed images, and the detector

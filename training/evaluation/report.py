@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 import orjson
 
+from hulldown.base.errors import DatasetError, HulldownError
+from hulldown.base.files import make_room, replace_file
+from hulldown.base.terminal import shown
 from hulldown.geometry.arrays import spread
-from hulldown.geometry.errors import DatasetError, HulldownError
-from hulldown.geometry.files import make_room, replace_file
-from hulldown.geometry.terminal import shown
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.bins import BinFigures, worst
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare

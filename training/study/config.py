@@ -9,9 +9,9 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from hulldown.geometry.errors import ConfigError, HulldownError
-from hulldown.geometry.files import make_room, replacing
-from hulldown.geometry.toml_files import read_toml, validated
+from hulldown.base.errors import ConfigError, HulldownError
+from hulldown.base.files import make_room, replacing
+from hulldown.base.toml_files import read_toml, validated
 from hulldown.training.settings import Settings
 from hulldown.training.subset import FRACTIONS
 

@@ -12,11 +12,11 @@ import orjson
 from jaxtyping import Int
 from pydantic import BaseModel, ConfigDict, Field
 
+from hulldown.base.errors import ConfigError, DatasetError
+from hulldown.base.files import replace_file
+from hulldown.base.terminal import shown
 from hulldown.dataset.records import by_image
 from hulldown.dataset.store.document import read_coco
-from hulldown.geometry.errors import ConfigError, DatasetError
-from hulldown.geometry.files import replace_file
-from hulldown.geometry.terminal import shown
 from hulldown.training.draws import draws_text
 from hulldown.training.settings import Settings
 from hulldown.training.sources import (

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from hulldown.base.errors import HulldownError
+from hulldown.base.files import replace_file
+from hulldown.base.terminal import tracked
 from hulldown.dataset.reports.charts import svg
-from hulldown.geometry.errors import HulldownError
-from hulldown.geometry.files import replace_file
-from hulldown.geometry.terminal import tracked
 from hulldown.training.detectors.detector import read_run
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.evaluation.report import plain

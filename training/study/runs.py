@@ -21,8 +21,8 @@ from pathlib import Path
 import orjson
 from filelock import FileLock, Timeout
 
-from hulldown.geometry.child import Child
-from hulldown.geometry.files import replace_file
+from hulldown.base.child import Child
+from hulldown.base.files import replace_file
 from hulldown.training.run_folder import LOCK_NAME, RunFolder, alone_in
 from hulldown.training.study.manifest import (
     LOGS_NAME,

@@ -15,8 +15,8 @@ import sys
 from functools import partial
 from pathlib import Path
 
-from hulldown.geometry.child import Child, end_with_parent
-from hulldown.geometry.errors import HulldownError
+from hulldown.base.child import Child, end_with_parent
+from hulldown.base.errors import HulldownError
 from hulldown.training.extra import require_extra
 from hulldown.training.study.manifest import (
     RUNS_NAME,

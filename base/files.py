@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import BinaryIO, TypeGuard, cast
 
-from hulldown.geometry.errors import DatasetError, HulldownError
+from hulldown.base.errors import DatasetError, HulldownError
 
 UNFINISHED_NAME = ".unfinished"  # of a folder in a dataset or an export, so that renaming its content never copies
 

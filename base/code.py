@@ -10,7 +10,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = (
-    *("geometry", "assets", "placement", "camera", "annotate", "reading", "planning", "dataset"),
+    *("base", "geometry", "assets", "placement", "camera", "annotate", "reading", "planning", "dataset"),
     *("render", "training", "demo", "verbs"),
 )
 MISSING = "not installed"

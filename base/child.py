@@ -11,7 +11,7 @@ from pathlib import Path
 
 import psutil
 
-from hulldown.geometry.files import open_in_place
+from hulldown.base.files import open_in_place
 
 LISTENER_S = 2.0  # time for its listener to end: the child's own processes may still hold the pipe
 LONGEST = 1 << 20  # bytes of a line

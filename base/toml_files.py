@@ -10,7 +10,7 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from hulldown.geometry.errors import ConfigError, shown
+from hulldown.base.errors import ConfigError, shown
 
 Model = TypeVar("Model", bound=BaseModel)
 
