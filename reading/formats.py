@@ -28,6 +28,7 @@ SUFFIXES = {
     ".tiff": "geotiff",
 }
 HDRI_SUFFIXES = (".exr", ".hdr")
+LFS_POINTER = b"version https://git-lfs"  # Git LFS leaves such a text in place of a file that isn't fetched
 
 
 def first_bytes(path: Path) -> bytes:
@@ -36,19 +37,22 @@ def first_bytes(path: Path) -> bytes:
     Raises
     ------
     AssetError
-        If it isn't a regular file, or can't be read.
+        If it isn't a regular file, can't be read, or is only a pointer of Git LFS.
     """
     try:
         if (kind := _kind(path.stat().st_mode)) != "a file":
             raise AssetError(f"is {kind}, not a file", path=path)
         with open(path, "rb") as file:
-            return file.read(64)
+            start = file.read(64)
     except FileNotFoundError:
         raise AssetError("does not exist", path=path) from None
     except OSError as error:  # links that lead to each other among them
         raise AssetError(f"cannot be read ({error.strerror})", path=path) from None
     except ValueError:
         raise AssetError("isn't a valid file name", path=path.name[:80]) from None
+    if start.startswith(LFS_POINTER):
+        raise AssetError("is only a pointer to a file in Git LFS", path=path, remedy="fetch it with `git lfs pull`")
+    return start
 
 
 def kind_of_file(path: Path) -> str:
@@ -91,9 +95,7 @@ def format_of(path: Path) -> str:
     if suffix == ".gltf" and b"{" in start:
         return "gltf"
     if suffix == ".fbx" and start.lstrip().startswith(b";"):
-        raise AssetError("is an ASCII FBX file, which Blender does not read", path=path, remedy="save it as binary FBX")
-    if start.startswith(b"version https://git-lfs"):
-        raise AssetError("is only a pointer to a file in Git LFS", path=path, remedy="fetch it with `git lfs pull`")
+        return "fbx"  # the text form
     raise AssetError(
         f"isn't a {suffix} file: it doesn't begin like one (damaged, encrypted, or another format)",
         path=path,

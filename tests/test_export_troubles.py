@@ -69,7 +69,7 @@ def test_differences_from_the_render_are_reported(messy: Messy) -> None:
         ("cipher.blend", bytes(range(7, 256)), "isn't a .blend file: it doesn't begin like one"),
         ("model.max", b"anything", "is of a format that is not read; expected one of .blend, .glb"),
         ("lfs.blend", b"version https://git-lfs.github.com/spec/v1\n", "is only a pointer to a file in Git LFS"),
-        ("old.fbx", b"; FBX 6.1.0 project file\n", "is an ASCII FBX file"),
+        ("lfs.obj", b"version https://git-lfs.github.com/spec/v1\n", "is only a pointer to a file in Git LFS"),
         ("scene.gltf", b"{]", "isn't readable glTF ("),
         ("model.glb", b"BLENDER17-01v0500", "isn't a .glb file"),
     ],

@@ -156,8 +156,10 @@ def test_the_files_of_a_config_are_read_with_its_options(
     project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(project)
-    assert cli.main(["inspect", "hulldown.toml", "tank.blend", "--json", "-o", "all.png"]) == 0
-    tank, park, alone = json.loads(capsys.readouterr().out)
+    assert cli.main(["inspect", "hulldown.toml", "gone.blend", "tank.blend", "--json", "-o", "all.png"]) == 2
+    printed = capsys.readouterr()
+    assert "gone.blend: does not exist" in printed.err
+    tank, park, alone = json.loads(printed.out)
     assert [(found["kind"], found["path"]) for found in (tank, park, alone)] == [
         ("vehicle", "tank.blend"),
         ("scenery", "park.blend"),

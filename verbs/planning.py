@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hulldown.base.errors import HulldownError
+from hulldown.base.errors import AssetError, HulldownError
 from hulldown.base.files import make_room
 from hulldown.base.terminal import reading_status, say, warn
 from hulldown.verbs.arguments import (
@@ -22,7 +22,7 @@ from hulldown.verbs.arguments import (
     planned_library,
     read_limits,
 )
-from hulldown.verbs.terminal import DONE, FOUND, show, show_result
+from hulldown.verbs.terminal import DONE, FOUND, MISTAKE, show, show_result
 
 
 def _init(arguments: argparse.Namespace) -> None:
@@ -59,7 +59,7 @@ def _init_from(arguments: argparse.Namespace, values: Mapping[str, Any]) -> None
     say(f"wrote {config} with {used} of {len(found)} files; next: look at its comments, and hulldown inspect {config}")
 
 
-def _inspect(arguments: argparse.Namespace) -> None:
+def _inspect(arguments: argparse.Namespace) -> int:
     from hulldown.annotate.sheets import make_room_for_picture
     from hulldown.planning.inputs.inspection import drawn_assets, inspect_file
     from hulldown.reading.inspect import Inspected, pages, write_pictures
@@ -69,18 +69,27 @@ def _inspect(arguments: argparse.Namespace) -> None:
         make_room_for_picture(page)
     limits = read_limits(arguments)
     inspected: list[Inspected] = []
+    refused = 0
     for path in arguments.files:
-        with reading_status() as progress:
-            new = inspect_file(
-                path, kind=arguments.kind, strict=arguments.strict, pictures=bool(output), progress=progress,
-                limits=limits,
-            )  # fmt: skip
+        try:
+            with reading_status() as progress:
+                new = inspect_file(
+                    path, kind=arguments.kind, strict=arguments.strict, pictures=bool(output), progress=progress,
+                    limits=limits,
+                )  # fmt: skip
+        except AssetError as error:
+            if len(arguments.files) == 1:
+                raise
+            warn(str(error))
+            refused += 1
+            continue
         inspected += new
         for report in (one.report for one in new if not arguments.json):
             show(report.table(), *report.lines())
-    if output and drawn:
+    if output and any(one.picture for one in inspected):
         say(f"wrote {', '.join(map(str, write_pictures(inspected, output)))}")
     show_result(arguments, [one.report for one in inspected])
+    return MISTAKE if refused else DONE
 
 
 def _plan(arguments: argparse.Namespace) -> int:

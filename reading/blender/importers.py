@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import bpy
 
@@ -83,13 +85,15 @@ def open_file(path: Path, kind: str, options: Options) -> Opened:
     # Blender starts with a scale of 1 m; glTF and FBX bring their own units and up axis, and the importers heed them.
     try:
         if kind == "gltf":
+            sys.modules["io_scene_gltf2"].glTF2ImportUserExtension = RestPose
             bpy.ops.import_scene.gltf(filepath=str(path))
         elif kind == "fbx":
             bpy.ops.wm.fbx_import(filepath=str(path), use_anim=False)
             _sort_objects()
         else:
             # As it is in the file: then `up` in the config means the file's axis, and y is what OBJ files have.
-            bpy.ops.wm.obj_import(filepath=str(path), forward_axis="Y", up_axis="Z")
+            grouped = not any(key == "o" for key, _ in directives(path, b"o"))
+            bpy.ops.wm.obj_import(filepath=str(path), forward_axis="Y", up_axis="Z", use_split_groups=grouped)
             _clear_false_glass(path)
     except RuntimeError as error:
         raise AssetError(f"Blender cannot import it ({_one_line(error)})", remedy="export it again") from None
@@ -97,6 +101,19 @@ def open_file(path: Path, kind: str, options: Options) -> Opened:
         raise AssetError("Blender finds nothing in it to import", remedy="export it again")
     doubts = tuple(find_moved(path))
     return Opened(1.0, "y" if kind == "obj" else "z", kind.upper().replace("GLTF", "glTF"), doubts)
+
+
+class RestPose:
+    """Extension of Blender's glTF importer: nodes keep the pose in the file, not that of an animation's first frame.
+
+    References
+    ----------
+    Khronos Group, glTF-Blender-IO: hooks of import user extensions.
+    """
+
+    def gather_import_animations(self, animations: list[Any], options: Any, gltf: Any) -> None:
+        """Leave out the file's animations."""
+        animations.clear()
 
 
 def _sort_objects() -> None:
