@@ -143,7 +143,6 @@ def _paint(coats: Sequence[Coat], materials: Sequence[MaterialRow]) -> list[Pain
             hue=coats[k].hue_deg / 360.0,
             saturation=coats[k].saturation,
             value=coats[k].value,
-            keeps_dark=rows[name].keeps_dark,
             everywhere=bool(rows[name].left_alone),
         )
         for name, k in painted(materials, [coat.materials for coat in coats]).items()

@@ -53,8 +53,6 @@ class PaintInput:
         Change of its hue, in turns.
     saturation, value
         Factors.
-    keeps_dark
-        Whether texels as dark as rubber and glass keep their color.
     everywhere
         Whether wheels, windows, and the like are painted too.
     """
@@ -65,7 +63,6 @@ class PaintInput:
     hue: float
     saturation: float
     value: float
-    keeps_dark: bool
     everywhere: bool
 
 

@@ -40,9 +40,7 @@ def fbx_text() -> str:
 
 def gltf_text() -> str:
     """A tank in glTF, y up, whose animation begins with the turret turned and the hull shrunk to nothing."""
-    corners = [
-        struct.pack("<24f", *(value for x, y, z in solid for value in (x, z, -y))) for solid in (HULL, TURRET)
-    ]
+    corners = [struct.pack("<24f", *(value for x, y, z in solid for value in (x, z, -y))) for solid in (HULL, TURRET)]
     triangles = [corner for a, b, c, d in SIDES for corner in (a, b, c, a, c, d)]
     keys = struct.pack("<2f", 0.0, 1.0) + struct.pack("<6f", 0.01, 0.01, 0.01, 1, 1, 1)
     keys += struct.pack("<8f", 0, 0.5**0.5, 0, 0.5**0.5, 0, 0, 0, 1)

@@ -1,4 +1,4 @@
-"""The paintable materials, parts, and texels of a vehicle: not tires, tracks, glass, lamps, or bare metal."""
+"""The paintable materials and parts of a vehicle: not tires, tracks, glass, lamps, or bare metal."""
 
 from __future__ import annotations
 
@@ -6,13 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from hulldown.assets.naming import NOT_PAINT, PAINT, first_match
+from hulldown.geometry.color import srgb_from_linear
 
 CLEAR = "it is transparent"  # reason why glass is left unpainted
+SEVERAL = "its texture has other colors than one paint"
 DARK = 0.045  # linear light, 60 of 255 in sRGB: rubber, and glass that is painted on
 NEUTRAL = 0.35  # saturation below which dark colors are rubber's
-DARK_SHARES = (0.01, 0.6)  # of a material's surface that rubber and glass may have; above it, its paint is dark
+MOST_DARK = 0.6  # of a vehicle's surface; a dark material that covers more is its paint
+ONE_COLOR = 0.12  # distance of sRGB colors, each from 0 to 1: dirt and shading of one paint
+MOST_OTHERS = 0.03  # of a texture's texels on a vehicle that may have other colors than its paint
 MOST_PARTS = 0.6  # of a vehicle's surface; names that more of it has don't name parts
 ONE_FOR_ALL = 0.9  # of a vehicle's surface that one material has, if it's also on tires and windows
 
@@ -28,30 +33,31 @@ class MaterialRow:
     share
         Of the vehicle's surface.
     color
-        Mean of its base color, linear light: of an image's texels on the vehicle without those that keep
-        their color, estimated for other nodes.
+        Mean of its base color, linear light: of an image's texels on the vehicle, estimated for other nodes.
     left_alone
         Reason why it isn't painted; empty if it can be.
-    dark
-        Share of its surface as dark as rubber and glass; `keeps_dark` tells whether those texels keep their color.
     """
 
     name: str
     share: float
     color: tuple[float, float, float]
     left_alone: str = ""
-    dark: float = 0.0
-
-    @property
-    def keeps_dark(self) -> bool:
-        """Whether its dark texels are tires and windows, not paint."""
-        return DARK_SHARES[0] <= self.dark <= DARK_SHARES[1]
 
 
-def is_dark(color: np.ndarray) -> np.ndarray:
-    """Whether linear colors are like rubber or glass: dark, and neutral or bluish."""
-    low, high = color.min(axis=-1), color.max(axis=-1)
-    return (high < DARK) & ((high - low < NEUTRAL * high) | (color[..., 2] >= color[..., 0]))
+def is_one_color(texels: Float[np.ndarray, "k 3"], weight: Float[np.ndarray, " k"]) -> bool:
+    """Whether nearly all texels have one color, in linear light: paint, not an atlas with windows and tires."""
+    srgb = srgb_from_linear(texels)
+    order = np.argsort(srgb, axis=0)
+    middle = np.argmax(np.cumsum(weight[order], axis=0) >= weight.sum() / 2, axis=0)
+    median = np.take_along_axis(srgb, np.take_along_axis(order, middle[None], axis=0), axis=0)
+    others = np.linalg.norm(srgb - median, axis=1) > ONE_COLOR
+    return bool(weight[others].sum() <= MOST_OTHERS * weight.sum())
+
+
+def _is_dark(color: Sequence[float]) -> bool:
+    """Whether a linear color is like rubber's: dark, and neutral or bluish."""
+    low, high = min(color), max(color)
+    return high < DARK and (high - low < NEUTRAL * high or color[2] >= color[0])
 
 
 def parts_left_alone(names: Sequence[str], areas: np.ndarray, materials: Sequence[int]) -> np.ndarray:
@@ -82,9 +88,9 @@ def told_apart(rows: Sequence[MaterialRow], *, parts: bool) -> list[MaterialRow]
     for row in rows:
         why = row.left_alone
         if not why and not first_match(row.name, PAINT):
-            if row.dark > 0.95 and row.share < DARK_SHARES[1]:
+            if _is_dark(row.color) and row.share < MOST_DARK:
                 why = "it is as dark as rubber"
-            elif row.share > ONE_FOR_ALL and not parts and not row.keeps_dark:
+            elif row.share > ONE_FOR_ALL and not parts:
                 why = "nothing tells its paint from its tires and windows"
         made.append(replace(row, left_alone=why))
     return made

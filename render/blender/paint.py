@@ -15,7 +15,6 @@ from hulldown.reading.blender.add_nodes import add_node, maths
 from hulldown.reading.blender.surfaces.nodes import trees
 from hulldown.reading.blender.surfaces.shaders import BASE_COLORS
 from hulldown.reading.blender.tidy_properties import UNPAINTED
-from hulldown.reading.vehicle.paintable import DARK, NEUTRAL
 from hulldown.render.messages import PaintInput
 
 BRIGHTEST = 4.0  # largest brightness of painted texture, in multiples of the mean
@@ -135,23 +134,7 @@ def _painted(tree: Any, socket: Any, number: int, paint: PaintInput) -> Any:
     colored = _mix(tree, color.outputs["Alpha"], base, fresh)
     hue, saturation, value = add_node(tree, "SeparateXYZ", {0: shift.outputs["Vector"]}).outputs
     turned = add_node(tree, "HueSaturation", {"Hue": hue, "Saturation": saturation, "Value": value, "Color": colored})
-    whole = _mix(tree, shift.outputs["Alpha"], colored, turned.outputs[0])
-    return _mix(tree, _is_paint(tree, base), base, whole) if paint.keeps_dark and socket.is_linked else whole
-
-
-def _is_paint(tree: Any, base: Any) -> Any:
-    """0 where a color is that of rubber or glass, as `reading.vehicle.paintable.is_dark` has it, to 1, smoothly."""
-    red, green, blue = add_node(tree, "SeparateColor", {0: base}).outputs
-    high = maths(tree, "MAXIMUM", red, maths(tree, "MAXIMUM", green, blue))
-    low = maths(tree, "MINIMUM", red, maths(tree, "MINIMUM", green, blue))
-    saturation = maths(tree, "DIVIDE", maths(tree, "SUBTRACT", high, low), maths(tree, "MAXIMUM", high, 1e-6))
-    colored = maths(tree, "MULTIPLY", _ramp(tree, saturation, NEUTRAL), maths(tree, "GREATER_THAN", red, blue))
-    return maths(tree, "MAXIMUM", _ramp(tree, high, DARK), colored)
-
-
-def _ramp(tree: Any, value: Any, at: float) -> Any:
-    limits = {0: value, 1: 0.85 * at, 2: 1.15 * at}
-    return add_node(tree, "MapRange", limits, interpolation_type="SMOOTHSTEP").outputs[0]
+    return _mix(tree, shift.outputs["Alpha"], colored, turned.outputs[0])
 
 
 def _mix(tree: Any, share: Any, before: Any, after: Any) -> Any:

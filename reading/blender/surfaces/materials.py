@@ -17,9 +17,9 @@ from hulldown.reading.blender.surfaces.shaders import BASE_COLORS, is_clear, sur
 from hulldown.reading.roles import Piece
 from hulldown.reading.vehicle.paintable import (
     CLEAR,
-    DARK_SHARES,
+    SEVERAL,
     MaterialRow,
-    is_dark,
+    is_one_color,
     left_alone_by_name,
     parts_left_alone,
     told_apart,
@@ -28,7 +28,6 @@ from hulldown.reading.vehicle.paintable import (
 METAL = 0.5  # least metalness of unpainted materials
 SIDE = 512  # pixels that images are shrunk to
 SAMPLES = 4096  # of an image, on each mesh
-DARK_EDGE, MOST_BETWEEN = 1.5, 0.2  # factor about the darkness of rubber, and share of texels there: dark paint
 DEEPEST = 48  # nodes between a shader and the images and colors that are looked at
 GRAY = 0.5  # assumed mean of unknown nodes
 # Nodes that change a color little on the whole.
@@ -72,8 +71,9 @@ def material_rows(
     colors = _MeanColors([(meshes[i], weight) for i, weight in weights.items() if weight > 0.0])
     rows = []
     for material, one in areas.items():
-        color, dark = colors.of_material(material)
-        rows.append(MaterialRow(material.name, one / total, color, why_left_alone(material), dark))
+        color, several = colors.of_material(material)
+        why = why_left_alone(material) or (SEVERAL if several else "")
+        rows.append(MaterialRow(material.name, one / total, color, why))
     rows = told_apart(rows, parts=bool(kept))
     return tuple(sorted(rows, key=lambda row: (-row.share, row.name))), [i in kept for i in range(len(pieces))]
 
@@ -134,9 +134,9 @@ class _MeanColors:
         self._images: dict[Any, Float[np.ndarray, "h w 3"]] = {}
         self._seen: dict[tuple[int, ...], Float[np.ndarray, "3"]] = {}
 
-    def of_material(self, material: Any) -> tuple[tuple[float, float, float], float]:
-        """Mean color, and the share that is as dark as rubber."""
-        found, dark = [], []
+    def of_material(self, material: Any) -> tuple[tuple[float, float, float], bool]:
+        """Mean color, and whether its texture has several colors where the meshes wear it."""
+        found, several = [], False
         for shader, around in surface_shaders(material):
             if shader.type not in BASE_COLORS:
                 continue
@@ -144,18 +144,11 @@ class _MeanColors:
             worn = self._worn(material, source(socket, around))
             if worn is None:
                 found.append(self._of(socket, around, 0))
-                dark.append(float(not socket.is_linked and is_dark(found[-1])))
                 continue
-            texels, weight = worn
-            black = is_dark(texels)
-            between = is_dark(texels / DARK_EDGE) & ~is_dark(texels * DARK_EDGE)
-            unclear = weight[between].sum() > MOST_BETWEEN * weight.sum()
-            dark.append(1.0 if unclear else float(weight[black].sum() / weight.sum()))
-            if DARK_SHARES[0] <= dark[-1] <= DARK_SHARES[1]:
-                texels, weight = texels[~black], weight[~black]
-            found.append(np.average(texels, axis=0, weights=weight))
+            several = several or not is_one_color(*worn)
+            found.append(np.average(worn[0], axis=0, weights=worn[1]))
         red, green, blue = np.mean(found or [np.full(3, GRAY)], axis=0).tolist()
-        return (red, green, blue), float(np.mean(dark or [0.0]))
+        return (red, green, blue), several
 
     def _worn(self, material: Any, found: Any) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]] | None:
         """Texels that a material uses, and their weights; None if its color isn't an image on a UV map."""
