@@ -3,7 +3,6 @@
 import base64
 import json
 import struct
-from pathlib import Path
 
 import pytest
 
