@@ -71,6 +71,11 @@ def test_differences_from_the_render_are_reported(messy: Messy) -> None:
         ("lfs.blend", b"version https://git-lfs.github.com/spec/v1\n", "is only a pointer to a file in Git LFS"),
         ("lfs.obj", b"version https://git-lfs.github.com/spec/v1\n", "is only a pointer to a file in Git LFS"),
         ("scene.gltf", b"{]", "isn't readable glTF ("),
+        (
+            "ktx.gltf",
+            b'{"textures": [{"extensions": {"KHR_texture_basisu": {"source": 0}}}]}',
+            "textures[0] has a picture",
+        ),
         ("model.glb", b"BLENDER17-01v0500", "isn't a .glb file"),
     ],
 )

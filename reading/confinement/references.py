@@ -15,6 +15,7 @@ from hulldown.reading.formats import kind_of_file
 
 AGAIN = "export it again"
 GLB_JSON = b"JSON"
+READ_PICTURES = "EXT_texture_webp"  # the one extension that names a texture's picture and that Blender knows
 LARGEST_JSON = 2**28  # bytes of a glTF's JSON, which takes some twenty times as many once it is read
 
 
@@ -84,6 +85,12 @@ def _check_gltf(path: Path) -> None:
                 _refuse(path, unquote(uri))
                 if owner == "buffers":
                     _check_size(path, unquote(uri), entry.get("byteLength"), i)
+    for i, texture in _entries(data, "textures"):
+        extensions = texture.get("extensions")
+        kinds = list(extensions) if isinstance(extensions, dict) else []
+        if "source" not in texture and kinds and READ_PICTURES not in kinds:
+            problem = f"textures[{i}] has a picture in {kinds[0]!r:.60} alone, which Blender doesn't read"
+            raise AssetError(problem, path=path, remedy="convert its pictures to PNG, with gltf-transform for example")
     # Blender's importer leaves out a mesh that isn't there, and reports all other wrong numbers itself.
     meshes = sum(1 for _ in _entries(data, "meshes"))
     for i, node in _entries(data, "nodes"):
