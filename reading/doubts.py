@@ -174,7 +174,7 @@ def _level_area(pieces: Sequence[Piece]) -> float:
 
 
 def _missing(missing: Sequence[Missing]) -> list[str]:
-    return [f"missing: {m.path}, used by {quoted(m.wanted_by) if m.wanted_by else 'the file'}" for m in missing]
+    return [f"{m.problem}: {m.path}, used by {quoted(m.wanted_by) if m.wanted_by else 'the file'}" for m in missing]
 
 
 def likely_scale(longest: float, unit: float) -> str:

@@ -113,10 +113,11 @@ class PartRow:
 
 @dataclass(frozen=True, slots=True)
 class Missing:
-    """A missing file."""
+    """A file, or a material's picture, that is "missing" or "unreadable"."""
 
     path: str
     wanted_by: tuple[str, ...]
+    problem: str = "missing"
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,7 +268,7 @@ def refuse_missing(reports: Sequence[FileReport], *, strict: bool) -> None:
         if report.missing:
             first, more = report.missing[0], len(report.missing) - 1
             raise AssetError(
-                f"{first.path} is missing, used by {', '.join(first.wanted_by) or 'the file'}"
+                f"{first.path} is {first.problem}, used by {', '.join(first.wanted_by) or 'the file'}"
                 + (f" (and {more} more)" if more else ""),
                 path=report.path,
                 remedy="put the file there, or pack it into the .blend"

@@ -59,7 +59,9 @@ def textured():
         obj.data.materials.append(material)
     group = bpy.data.node_groups.new("inner", "ShaderNodeTree")
     group.nodes.new("ShaderNodeTexImage").image = image("//nested_gone.exr")
-    bpy.data.materials["Turret"].node_tree.nodes.new("ShaderNodeGroup").node_tree = group
+    tree = bpy.data.materials["Turret"].node_tree
+    tree.nodes.new("ShaderNodeGroup").node_tree = group
+    tree.links.new(tree.nodes.new("ShaderNodeTexImage").outputs[0], tree.nodes["Principled BSDF"].inputs[0])  # no image
     return {"hide": ["Floor"]}
 
 

@@ -19,7 +19,8 @@ DAMAGED = {
 
 def test_missing_files_are_listed_with_their_users(messy: Messy) -> None:
     missing = {Path(m.path).name: m.wanted_by for m in messy.exported["textured"].report.missing}
-    assert missing == {"gone.png": ("Turret",), "nested_gone.exr": ("Turret",)}
+    pictureless = "the picture of the material 'Turret'"
+    assert missing == {"gone.png": ("Turret",), "nested_gone.exr": ("Turret",), pictureless: ("Turret",)}
     assert [Path(m.path).name for m in messy.exported["lost_library"].report.missing] == ["soon_gone.blend"]
     assert any("gone.png, used by 'Turret'" in doubt for doubt in messy.exported["textured"].report.doubts)
     files = {Path(f).name for f in messy.exported["textured"].files}

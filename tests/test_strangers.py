@@ -1,6 +1,7 @@
 """Files from other programs, read in one process: their interpretation, and messages to the user."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from hulldown.planning.write import write_plan
 from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
 from hulldown.reading.export import ask_reader, exported_by, job_for
 from hulldown.reading.options import Options
-from hulldown.reading.report import FileReport, ObjectRow
+from hulldown.reading.report import FileReport, ObjectRow, refuse_missing
 from hulldown.reading.roles import PieceRole
 from hulldown.reading.skies.backdrop import shows_land
 from hulldown.reading.skies.hdri import read_hdris
@@ -93,6 +94,7 @@ def read(tmp_path_factory):
         "max": (CAR, {"*": "body", "cabin": "window"}, MAX_MATERIAL + GLASS),
         "clear": (CAR, {"*": "window"}, GLASS),
         "atlas": (NAMELESS, {"*": "m"}, ATLAS, ON_ATLAS),
+        "pointer": (NAMELESS, {"*": "m"}, ATLAS, ON_ATLAS),
         "glass": (NAMELESS, {"*": "m"}, ATLAS, ON_ATLAS),
         "plain": (NAMELESS, {"*": "m"}, "newmtl m\nKd 0.5 0.5 0.5\nillum 2\n"),
         "white": (NAMELESS, {"*": "m"}, "newmtl m\nKd 0.8 0.8 0.8\nillum 2\n"),
@@ -115,6 +117,7 @@ def read(tmp_path_factory):
     atlas.save(folder / "atlas/atlas.png")
     atlas.paste((95, 100, 110), (5, 1, 7, 7))
     atlas.save(folder / "glass/atlas.png")
+    (folder / "pointer/atlas.png").write_text("version https://git-lfs.github.com/spec/v1\nsize 12345\n")
     jobs = []
     for name, path in files.items():
         out = folder / "out" / name
@@ -143,6 +146,13 @@ def test_a_file_that_looks_wrong_has_a_doubt_about_it(read, name, doubt, sound, 
     (found,) = (one for one in read[name].report.doubts if topic in one)
     assert doubt in found
     assert not any(topic in one for other in sound for one in read[other].report.doubts)
+
+
+def test_a_picture_that_cannot_be_read_is_named(read):
+    (lost,) = read["pointer"].report.missing
+    assert (Path(lost.path).name, lost.problem) == ("atlas.png", "unreadable")
+    with pytest.raises(HulldownError, match=r"atlas.png is unreadable, used by"):
+        refuse_missing([read["pointer"].report], strict=False)
 
 
 def test_a_white_vehicle_is_a_doubt_about_lost_textures(read):

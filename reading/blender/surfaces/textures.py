@@ -11,6 +11,8 @@ from typing import Any
 
 import bpy
 
+from hulldown.reading.blender.surfaces.nodes import source
+from hulldown.reading.blender.surfaces.shaders import BASE_COLORS, surface_shaders
 from hulldown.reading.confinement.landlock import asset_folders, is_inside
 from hulldown.reading.report import Missing
 
@@ -87,7 +89,7 @@ def _files_near(path: Path) -> Iterator[Path]:
 
 
 def missing_files(drawn: Collection[str]) -> tuple[Missing, ...]:
-    """Missing files that drawn objects refer to.
+    """Files and pictures that drawn objects refer to and that are missing, or that Blender can't read.
 
     Parameters
     ----------
@@ -95,10 +97,14 @@ def missing_files(drawn: Collection[str]) -> tuple[Missing, ...]:
         Names of the drawn objects.
     """
     users = bpy.data.user_map()
-    found: dict[str, set[str]] = {}
+    found: dict[tuple[str, str], set[str]] = {}
     for block in _referring():
         path = _path(block)
-        if not path or _is_there(path):
+        if path and not _is_there(path):
+            problem = "missing"
+        elif path and _is_unreadable(block):
+            problem = "unreadable"
+        else:
             continue
         if isinstance(block, bpy.types.Library):
             wanted = {b.name for b in block.users_id if isinstance(b, (bpy.types.Object, bpy.types.Collection))}
@@ -106,8 +112,26 @@ def missing_files(drawn: Collection[str]) -> tuple[Missing, ...]:
             wanted = _objects_using(block, users) & set(drawn)
             if not wanted:
                 continue
-        found.setdefault(path, set()).update(wanted)
-    return tuple(Missing(path, tuple(sorted(names))) for path, names in sorted(found.items()))
+        found.setdefault((path, problem), set()).update(wanted)
+    for material in bpy.data.materials:
+        if _lacks_picture(material) and (wanted := _objects_using(material, users) & set(drawn)):
+            found[f"the picture of the material {material.name!r}", "missing"] = wanted
+    return tuple(Missing(path, tuple(sorted(names)), problem) for (path, problem), names in sorted(found.items()))
+
+
+def _is_unreadable(block: Any) -> bool:
+    """Whether a block is a picture without pixels although its file is there."""
+    return isinstance(block, bpy.types.Image) and block.source == "FILE" and not all(block.size)
+
+
+def _lacks_picture(material: Any) -> bool:
+    """Whether a base color comes from an image node without an image."""
+    for shader, around in surface_shaders(material):
+        socket = shader.inputs.get(BASE_COLORS.get(shader.type, ""))
+        found = source(socket, around) if socket is not None else None
+        if found and found[0].is_output and found[0].node.type == "TEX_IMAGE" and found[0].node.image is None:
+            return True
+    return False
 
 
 def _referring() -> Iterator[Any]:
