@@ -85,7 +85,7 @@ def open_file(path: Path, kind: str, options: Options) -> Opened:
     # Blender starts with a scale of 1 m; glTF and FBX bring their own units and up axis, and the importers heed them.
     try:
         if kind == "gltf":
-            sys.modules["io_scene_gltf2"].glTF2ImportUserExtension = RestPose
+            vars(sys.modules["io_scene_gltf2"])["glTF2ImportUserExtension"] = RestPose
             bpy.ops.import_scene.gltf(filepath=str(path))
         elif kind == "fbx":
             bpy.ops.wm.fbx_import(filepath=str(path), use_anim=False)
