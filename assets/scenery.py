@@ -37,8 +37,6 @@ class Scenery:
         (k,) whether it only hides, like grass: vehicles drive over it, and cameras look out of it.
     instance_is_water
         (k,) whether it's water: a surface that hides, with nothing placed below.
-    removed_names
-        Objects of the file that the config drops; they are not rendered.
     scenery_from_file
         (4, 4) affine: from the file's world coordinates to meters, z up, relative to `origin`.
     crs
@@ -55,7 +53,6 @@ class Scenery:
     instance_names: tuple[str, ...]
     instance_gives_way: Bool[np.ndarray, " k"]
     instance_is_water: Bool[np.ndarray, " k"]
-    removed_names: tuple[str, ...]
     scenery_from_file: Float[np.ndarray, "4 4"]
     crs: str = ""
 
@@ -63,11 +60,6 @@ class Scenery:
     def solid(self) -> Bool[np.ndarray, " k"]:
         """(k,) instances that nothing may touch: all but grass and water."""
         return ~(self.instance_gives_way | self.instance_is_water)
-
-    @property
-    def standing_names(self) -> list[str]:
-        """Objects planned as ground or obstacles, which are rendered whatever they or their meshes are called."""
-        return sorted({*self.ground_names, *self.instance_names})
 
     def water(self) -> Mesh | None:
         """All water surfaces merged, or None if there is none."""

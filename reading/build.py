@@ -18,7 +18,7 @@ from hulldown.placement.footprint import contact_footprint, underside
 from hulldown.reading.options import Options
 from hulldown.reading.report import PartRow, xyz
 from hulldown.reading.roles import Evaluated, Piece, PieceRole, is_wanted, vehicle_roles
-from hulldown.reading.scenery.scenery_roles import NARROWEST, removed_names, unmatched
+from hulldown.reading.scenery.scenery_roles import NARROWEST, unmatched
 from hulldown.reading.scenery.shape import is_wide_and_level, level_share
 from hulldown.reading.vehicle.keypoints import known_points, marked_points
 from hulldown.reading.vehicle.nose import forward_said
@@ -187,7 +187,6 @@ def build_scenery(
         instance_names=tuple(pieces[i].name for i in instances),
         instance_gives_way=np.array([pieces[i].hair for i in instances], bool),
         instance_is_water=np.array([i in wet or roles[i].use == "water" for i in instances], bool),
-        removed_names=removed_names(pieces, roles, options),
         scenery_from_file=scenery_from_file,
     )
     return scenery, tuple(pieces[i].name for i in wet)

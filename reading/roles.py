@@ -17,6 +17,7 @@ from hulldown.assets.naming import FIGURES, HELPERS, PRIMITIVES, STAGES, first_m
 from hulldown.geometry.meshes import Mesh
 from hulldown.reading.report import ObjectRow
 
+SHADOW_CATCHER, HOLDOUT = "a shadow catcher", "a holdout"  # reasons why pieces are cut out of pictures
 FLAT = 0.02  # a sheet is thinner than this share of its longer side
 THIN = 0.1  # and so is what may be a stage although it is called "Plane" and nothing else
 REACH = 0.1  # a stage reaches out of the rest by more than this share of the rest's longer side
@@ -122,6 +123,24 @@ class Piece:
         return float(self.size[0] * self.size[1])
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Volume:
+    """A drawn volume from a file, such as smoke, which hides nothing as a surface.
+
+    Parameters
+    ----------
+    name, look, pose
+        As of a piece.
+    block
+        Its data in Blender.
+    """
+
+    name: str
+    block: Any
+    pose: Float[np.ndarray, "4 4"]
+    look: tuple[Any, ...]
+
+
 @dataclass(eq=False, slots=True)
 class Evaluated:
     """The evaluated contents of a scene.
@@ -131,13 +150,15 @@ class Evaluated:
     meshes
         Unique evaluated meshes, each in its own frame and the file's units.
     blocks
-        The mesh or hair curves of each in Blender, for the renderer.
+        The mesh, hair curves, or point cloud of each in Blender, for the renderer.
     wet
         By mesh index, the faces whose material is named like water, if only some are.
     pieces
         Every drawn mesh, where it is drawn; `bounds` after `meters_from_file`.
     markers
         Chains of all empties.
+    volumes
+        Every drawn volume, which the renderer needs.
     left
         Rows of objects without a piece, and how often they're drawn.
     doubts
@@ -149,6 +170,7 @@ class Evaluated:
     wet: dict[int, Bool[np.ndarray, " f"]] = field(default_factory=dict)
     pieces: list[Piece] = field(default_factory=list)
     markers: list[tuple[Link, ...]] = field(default_factory=list)
+    volumes: list[Volume] = field(default_factory=list)
     left: Counter[ObjectRow] = field(default_factory=Counter)
     doubts: list[str] = field(default_factory=list)
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from jaxtyping import Float
 from msgspec import structs
 
 from hulldown.base.errors import ConfigError
@@ -27,24 +26,8 @@ from hulldown.render.messages import (
     MaskJob,
     PaintInput,
     RenderJob,
-    SceneryInput,
     VehicleInput,
 )
-
-# Meters from the file's origin beyond which Blender's float32 is too coarse for pictures.
-FAR = 5000.0
-
-
-def scenery_file(library: Library, name: str) -> tuple[Path, Float[np.ndarray, "4 4"]]:
-    """The rendered .blend of a scenery, and the transform of its coordinates.
-
-    It is the config's file, or its tidy twin without hair and volumes if that is no .blend or float32 isn't enough.
-    """
-    scenery, exported = library.assets.sceneries[name], library.sceneries[name]
-    path = Path(exported.report.path)
-    if path.suffix.lower() != ".blend" or np.linalg.norm(scenery.origin) > FAR:
-        return exported.tidy, np.eye(4)
-    return path, scenery.scenery_from_file
 
 
 def readable(library: Library) -> tuple[Path, ...]:
@@ -52,9 +35,8 @@ def readable(library: Library) -> tuple[Path, ...]:
 
     Neither a plan's header nor an asset adds to it.
     """
-    files = [file for exported in library.models.values() for file in (exported.tidy, exported.report.path)]
-    for name, exported in library.sceneries.items():
-        files += [scenery_file(library, name)[0], exported.report.path]
+    read = (*library.models.values(), *library.sceneries.values())
+    files = [file for exported in read for file in (exported.tidy, exported.report.path)]
     folders = [folder for file in files for folder in asset_folders(Path(os.path.normpath(file)))]
     return tuple(dict.fromkeys([*folders, *(hdri.path for hdri in library.hdris.values())]))
 
@@ -104,15 +86,8 @@ def mask_job(row: Row, library: Library, output: Path) -> MaskJob:
     return MaskJob(scenery=_scenery(row, library), vehicles=vehicles, camera=_camera(row), output=str(output))
 
 
-def _scenery(row: Row, library: Library) -> SceneryInput:
-    scenery = _named(library.assets.sceneries, row.scenery, "scenery", row)
-    path, scenery_from_file = scenery_file(library, row.scenery)
-    return SceneryInput(
-        path=str(path.resolve()),
-        scenery_from_file=scenery_from_file.tolist(),
-        standing=scenery.standing_names,
-        removed=list(scenery.removed_names),
-    )
+def _scenery(row: Row, library: Library) -> str:
+    return str(_named(library.sceneries, row.scenery, "scenery", row).tidy.resolve())
 
 
 def _camera(row: Row) -> CameraInput:

@@ -16,28 +16,6 @@ Matrix = list[list[float]]  # (4, 4)
 
 
 @dataclass(frozen=True, slots=True)
-class SceneryInput:
-    """A scenery to load.
-
-    Parameters
-    ----------
-    path
-        Its .blend.
-    scenery_from_file
-        (4, 4) transform of its coordinates to meters.
-    standing
-        Objects planned as ground or obstacles, which are rendered whatever they or their meshes are called.
-    removed
-        Objects that the config drops, which are not rendered.
-    """
-
-    path: str
-    scenery_from_file: Matrix
-    standing: list[str]
-    removed: list[str]
-
-
-@dataclass(frozen=True, slots=True)
 class PaintInput:
     """The paint of a vehicle's material.
 
@@ -146,7 +124,7 @@ class CyclesSettings:
 class MaskJob:
     """Render the vehicle at each pixel to `output`, a .npy file; see `render.blender.object_index`."""
 
-    scenery: SceneryInput
+    scenery: str
     vehicles: list[VehicleInput]
     camera: CameraInput
     output: str
@@ -159,7 +137,7 @@ class RenderJob:
     Without a sensor, Blender's view transform makes the picture, a .png file.
     """
 
-    scenery: SceneryInput
+    scenery: str
     vehicles: list[VehicleInput]
     camera: CameraInput
     light: LightInput

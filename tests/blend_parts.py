@@ -17,6 +17,13 @@ def save(path, **options):
     bpy.ops.wm.save_as_mainfile(filepath=str(path), **options)
 
 
+def gather():
+    """Link all objects of the scene into one collection, as they are in tidy twins."""
+    everything = collection("everything")
+    for obj in list(bpy.context.scene.collection.objects):
+        everything.objects.link(obj)
+
+
 def link(obj, collection=None):
     (collection or bpy.context.scene.collection).objects.link(obj)
     return obj

@@ -57,7 +57,7 @@ class Renderer:
         if type(job).__name__ == "StartJob":
             return {"device": "CPU", "devices": 1}
         # "crash:2" crashes in the first two attempts, which are counted by files beside the output.
-        how, _, times = Path(job.scenery.path).name.partition(":")
+        how, _, times = Path(job.scenery).name.partition(":")
         output = Path(job.output)
         attempts = list(output.parent.glob(f"{output.stem}-*"))
         if not times or len(attempts) < int(times):

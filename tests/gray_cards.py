@@ -7,12 +7,13 @@ import numpy as np
 
 from hulldown.camera.response import ALBEDO
 from hulldown.reading.blender.pictures import _write
-from hulldown.tests.blend_parts import cuboid, fresh, save
+from hulldown.tests.blend_parts import cuboid, fresh, gather, save
 from hulldown.tests.render_worlds import diffuse
 
 FOLDER = Path(sys.argv[1])
 fresh()
 cuboid("card", (2.0, 2.0, 1.0), (0.0, 0.0, -0.5), diffuse("card", (ALBEDO,) * 3))
+gather()
 save(FOLDER / "card.blend")
 for sky in FOLDER.glob("*.npy"):
     _write(np.load(sky), str(sky.with_suffix(".exr")))

@@ -9,7 +9,7 @@ import numpy as np
 
 from hulldown.reading.blender.add_nodes import add_node
 from hulldown.reading.blender.pictures import _write
-from hulldown.tests.blend_parts import cuboid, empty, fresh, mesh, place, save
+from hulldown.tests.blend_parts import cuboid, empty, fresh, gather, mesh, place, save
 from hulldown.tests.node_trees import material_of, principled, shader_of, write_picture
 
 EVIL = """
@@ -60,6 +60,7 @@ def field(path, *, unit=1.0, center=(0.0, 0.0, 0.0), drape=None):
     for obj in list(bpy.context.scene.objects):
         if obj is not root and obj.parent is None:
             obj.parent = root
+    gather()
     bpy.ops.object.camera_add(location=(0.0, 0.0, 5.0))
     bpy.ops.object.light_add(type="SUN")
     if drape:
@@ -162,6 +163,7 @@ def targets(path):
     black = glowing("black", (0.0, 0.0, 0.0))
     for x, y in ((20.0, -8.0), (60.0, 0.0), (150.0, 70.0)):
         cuboid("wall", (0.5, 12.0 * x / 60.0, 12.0 * x / 60.0), (x, y, 0.0), black)
+    gather()
     save(path)
 
 
@@ -176,9 +178,11 @@ def main(folder):
     targets(folder / "walls.blend")
     fresh()
     cuboid("wall", (0.5, 80.0, 80.0), (20.0, 0.0, 0.0), glowing("dark", (0.05, 0.05, 0.05)))
+    gather()
     save(folder / "wall.blend")
     fresh()
     cuboid("ground", (900.0, 900.0, 1.0), (0.0, 0.0, -0.5), diffuse("ground", (0.5, 0.5, 0.5)))
+    gather()
     save(folder / "ground.blend")
     sunny = np.full((128, 256), 0.1)
     sunny[38:44, 100:106] = 120.0  # 30 degrees high; it gives the ground three times as much light as the rest

@@ -82,6 +82,5 @@ def scenery_of(
         instance_names=tuple(f"tree {k}" for k in range(count)),
         instance_gives_way=np.zeros(count, dtype=bool),
         instance_is_water=np.zeros(count, dtype=bool),
-        removed_names=(),
         scenery_from_file=np.eye(4),
     )

@@ -17,8 +17,8 @@ from hulldown.reading.blender.light_pictures import rendered, store_light
 from hulldown.reading.blender.tidy_properties import PART, REST
 from hulldown.render.blender import cycles
 from hulldown.render.blender.scene import Stage
-from hulldown.render.messages import CameraInput, CyclesSettings, LightInput, SceneryInput, VehicleInput
-from hulldown.tests.blend_parts import cuboid, fresh, save
+from hulldown.render.messages import CameraInput, CyclesSettings, LightInput, VehicleInput
+from hulldown.tests.blend_parts import cuboid, fresh, gather, save
 from hulldown.tests.node_trees import grouped, material_of, principled, shader_group, write_picture
 
 TILES = ("asphalt", "soil", "paint", "metal", "glass", "grouped", "mixed", "matt")
@@ -72,6 +72,7 @@ def tiles(path):
     ]
     for n, material in enumerate(made):
         plane(1.0, (n, 0.0, 0.0), material)
+    gather()
     save(path)
 
 
@@ -81,10 +82,11 @@ def dome(path):
     bpy.ops.mesh.primitive_uv_sphere_add(segments=128, ring_count=64, radius=80.0)
     bpy.ops.object.shade_smooth()
     bpy.context.object.data.materials.append(black("rock"))
+    gather()
     save(path)
 
 
-def yard(path, scenery_from_file=None):
+def yard(path):
     """Black ground, an empty roof of 12 m, a wall at x = 12, water, and a leaf card beyond the ground."""
     fresh()
     soil = black("black")
@@ -93,11 +95,7 @@ def yard(path, scenery_from_file=None):
     plane(8.0, (12.0, 0.0, 4.0), soil, (0.0, math.pi / 2, 0.0))
     plane(6.0, (0.0, 20.0, 0.1), black("lake"))
     plane(4.0, (-80.0, 0.0, 5.0), material_of("leaf", holes))
-    if scenery_from_file is not None:
-        file_from_scenery = np.linalg.inv(scenery_from_file)
-        for obj in bpy.data.objects:
-            bpy.context.view_layer.update()
-            obj.matrix_world = (file_from_scenery @ np.array(obj.matrix_world)).T.tolist()
+    gather()
     save(path)
 
 
@@ -143,10 +141,9 @@ def looking_along_x(x, y, z, width, distance):
 class Studio:
     """A scenery, and linear pictures of it."""
 
-    def __init__(self, folder, name, scenery_from_file=None):
+    def __init__(self, folder, name):
         self.folder = folder
-        file = np.eye(4) if scenery_from_file is None else np.asarray(scenery_from_file)
-        self.stage = Stage(SceneryInput(str(folder / f"{name}.blend"), file.tolist(), [], []))
+        self.stage = Stage(str(folder / f"{name}.blend"))
         cycles.configure(self.stage.scene, SETTINGS, device="CPU")
         store_light(self.stage.scene)
 
@@ -155,7 +152,7 @@ class Studio:
         cars = [VehicleInput(str(self.folder / "vehicle.blend"), [pose.tolist()]) for pose in vehicles]
         stage.place_vehicles(cars)
         stage.set_camera(camera)
-        stage.world.set(LightInput(str(self.folder / "white.exr"), 0.0, 1.0, None), stage.file_from_scenery)
+        stage.world.set(LightInput(str(self.folder / "white.exr"), 0.0, 1.0, None))
         stage.set_weather(covered, seed=1)
         np.save(self.folder / f"{name}.npy", rendered(stage.scene)[::-1, :, :3])
 
@@ -177,24 +174,22 @@ def slopes(folder):
 
 
 def yards(folder):
-    for name, turned in (("yard", None), ("turned", np.asarray(Z_FROM_Y_UP) @ np.diag([0.01, 0.01, 0.01, 1.0]))):
-        yard(folder / f"{name}.blend", turned)
-        studio, snow = Studio(folder, name, turned), weather("snow", 1.0, 0.0)
-        car = [at(-30.0, -20.0, 0.0)]
-        above = looking_down(-30.0, -20.0, 100.0, 12.0)
-        level = looking_along_x(-50.0, -20.0, 1.5, 6.0, 18.0)
-        studio.picture(f"{name} open", looking_down(-15.0, 0.0, 20.0, 4.0), snow)
-        studio.picture(f"{name} roofed", looking_down(0.0, 0.0, 1.9, 2.0), snow)
-        studio.picture(f"{name} wall", looking_along_x(6.5, 0.0, 4.0, 3.0, 5.5), snow)
-        studio.picture(f"{name} lake", looking_down(0.0, 20.0, 50.0, 4.0), snow)
-        studio.picture(f"{name} driven", above, snow, car)
-        studio.picture(f"{name} parked", above, weather("snow", 0.0, 1.0), car)
-        studio.picture(f"{name} dusty", level, weather("dust", 0.0, 1.0), car)
-        studio.picture(f"{name} leaf", looking_down(-80.0, 0.0, 50.0, 2.0), snow)
+    studio, snow = Studio(folder, "yard"), weather("snow", 1.0, 0.0)
+    car = [at(-30.0, -20.0, 0.0)]
+    above = looking_down(-30.0, -20.0, 100.0, 12.0)
+    level = looking_along_x(-50.0, -20.0, 1.5, 6.0, 18.0)
+    studio.picture("open", looking_down(-15.0, 0.0, 20.0, 4.0), snow)
+    studio.picture("roofed", looking_down(0.0, 0.0, 1.9, 2.0), snow)
+    studio.picture("wall", looking_along_x(6.5, 0.0, 4.0, 3.0, 5.5), snow)
+    studio.picture("lake", looking_down(0.0, 20.0, 50.0, 4.0), snow)
+    studio.picture("driven", above, snow, car)
+    studio.picture("parked", above, weather("snow", 0.0, 1.0), car)
+    studio.picture("dusty", level, weather("dust", 0.0, 1.0), car)
+    studio.picture("leaf", looking_down(-80.0, 0.0, 50.0, 2.0), snow)
 
 
 def main(folder):
-    for make in (tiles, dome, vehicle, white):
+    for make in (tiles, dome, yard, vehicle, white):
         make(folder / f"{make.__name__}{'.exr' if make is white else '.blend'}")
     albedos(folder)
     slopes(folder)

@@ -9,13 +9,12 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.response import displayed
 from hulldown.camera.weather.kinds import DUST_ALBEDO, KINDS, Weather, air_layers, airlight, even_sky, extinction
 from hulldown.camera.weather.precipitation import drops_in_view, rain_sizes, view_of
-from hulldown.render.messages import CameraInput, CyclesSettings, LightInput, RenderJob, SceneryInput
+from hulldown.render.messages import CameraInput, CyclesSettings, LightInput, RenderJob
 from hulldown.render.process import Blender
 from hulldown.tests.blender_plans import drawn
 
 pytestmark = pytest.mark.blender
 AHEAD = [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
-IDENTITY = np.eye(4).tolist()
 SKY = 0.5  # radiance of gray.exr
 WALL = 0.05  # of the wall in wall.blend
 NO_VEIL = 1e9
@@ -33,7 +32,7 @@ class Studio:
         output = self.folder / f"{self._count}.png"
         self._count += 1
         job = RenderJob(
-            scenery=SceneryInput(str(self.worlds / f"{world}.blend"), IDENTITY, [], []),
+            scenery=str(self.worlds / f"{world}.blend"),
             vehicles=[],
             camera=CameraInput(pose, Intrinsics(width, width * 9 // 16, math.radians(fov_x_deg)), 0.1, 0.0, 0.0),
             light=LightInput(str(self.worlds / f"{sky}.exr"), 0.0, 1.0, None),

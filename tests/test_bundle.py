@@ -44,7 +44,6 @@ def scenery(*, ground: bool = True, obstacles: bool = True) -> Scenery:
         made,
         instance_gives_way=np.array(which, bool),
         instance_is_water=~np.array(which, bool),
-        removed_names=("Shed", "Wäsche") if obstacles else (),
     )
 
 

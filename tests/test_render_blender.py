@@ -122,31 +122,22 @@ def looking(azimuth_deg, elevation_deg, *, fov_x_deg=60.0, at=(0.0, 0.0, 40.0)):
     return {"world_from_camera": rigid(axes, np.array(at)), "width": 128, "height": 72, "fov_x_deg": fov_x_deg}
 
 
-Z_FROM_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
-TURNED = np.array([[0, 0.01, 0, 3.0], [-0.01, 0, 0, 4.0], [0, 0, 0.01, -5.0], [0, 0, 0, 1.0]])
-
-
 def test_the_sky_turns_counter_clockwise_with_yaw(plan, library, own_worlds, tmp_path):
-    """A bright patch at azimuth 0 appears at azimuth yaw, for any up axis and unit of the scenery's file."""
-    cases = [(0.0, np.eye(4)), (75.0, np.eye(4)), (-120.0, np.eye(4)), (75.0, Z_FROM_Y_UP), (75.0, TURNED)]
+    """A bright patch at azimuth 0 appears at azimuth yaw."""
+    walls = replace(library, sceneries={"field": moved(library.sceneries["field"], own_worlds / "walls.blend")})
     turns = []
-    for yaw_deg, scenery_from_file in cases:
-        walls = replace(library.assets.sceneries["field"], scenery_from_file=scenery_from_file)
-        turned = replace(
-            library,
-            assets=replace(library.assets, sceneries={"walls": walls}),
-            sceneries={"walls": moved(library.sceneries["field"], own_worlds / "walls.blend")},
-        )
+    for yaw_deg in (0.0, 75.0, -120.0):
         camera = looking(yaw_deg, 20.0, at=(0.0, 0.0, 4000.0))
-        row = altered(plan[0], **camera, scenery="walls", hdri="sky", hdri_yaw_deg=yaw_deg, companions=[])
-        turns.append((row, turned))
+        turns.append(
+            (altered(plan[0], **camera, scenery="field", hdri="sky", hdri_yaw_deg=yaw_deg, companions=[]), walls)
+        )
     for picture in draw(tmp_path, turns):
         bright = np.argwhere(picture.min(axis=2) > 230)
         assert len(bright) > 4
         assert np.abs(bright.mean(axis=0) + 0.5 - [36.0, 64.0]).max() < 1.5
 
 
-def test_render_settings_of_a_file_do_not_leak(plan, library, own_worlds, tmp_path):
+def test_render_settings_of_a_twin_do_not_leak(plan, library, own_worlds, tmp_path):
     """The file sets half size, a crop, a raw view, overexposure, a material override, and a black compositor."""
     field = library.sceneries["field"]
     leaking = moved(field, own_worlds / "leaking.blend")

@@ -8,7 +8,7 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.response import ALBEDO, CARD, displayed, metered, white_balance
 from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.color import LUMINANCE
-from hulldown.render.messages import CameraInput, CyclesSettings, LightInput, RenderJob, SceneryInput
+from hulldown.render.messages import CameraInput, CyclesSettings, LightInput, RenderJob
 from hulldown.render.process import Blender
 from hulldown.tests.blender_plans import drawn, run_script
 
@@ -48,7 +48,7 @@ def rendered(folder, jobs):
     with Blender(folder / "log", device="cpu") as blender:
         for number, (sky, strength, horizon, exposure, white_balance, weather) in enumerate(jobs):
             job = RenderJob(
-                scenery=SceneryInput(str(folder / "card.blend"), np.eye(4).tolist(), [], []),
+                scenery=str(folder / "card.blend"),
                 vehicles=[],
                 camera=CameraInput(ABOVE, Intrinsics(4, 4, 0.2), 0.01, exposure, white_balance),
                 light=LightInput(str(folder / f"{sky}.exr"), 0.7, strength, horizon),

@@ -7,7 +7,7 @@ import pytest
 from hulldown.base.errors import HulldownError
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.render import process
-from hulldown.render.messages import CameraInput, CyclesSettings, LightInput, RenderJob, SceneryInput
+from hulldown.render.messages import CameraInput, CyclesSettings, LightInput, RenderJob
 from hulldown.render.pool import Engine, Pool
 from hulldown.render.process import FIRST_JOBS, Limits, Stopped
 
@@ -32,7 +32,7 @@ class Work:
 
     def job(self, number):
         camera = CameraInput([], Intrinsics(1, 1, 1.0), 0.1, 0.0, 0.0)
-        scenery, light = SceneryInput(self.how[number], [], [], []), LightInput("", 0.0, 1.0, None)
+        scenery, light = self.how[number], LightInput("", 0.0, 1.0, None)
         settings, output = CyclesSettings(1, False, 0.0, 1), str(self.folder / f"{number}.png")
         return RenderJob(scenery, [], camera, light, None, 0, settings, output)
 

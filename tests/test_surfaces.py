@@ -5,7 +5,6 @@ import pytest
 
 pytestmark = pytest.mark.blender
 SCRIPT = "surface_pictures.py"
-YARDS = ["yard", "turned"]  # in meters with z up, and in centimeters with y up
 SNOW_ALBEDO, DUST_ALBEDO = (0.80, 0.83, 0.86), (0.36, 0.28, 0.19)
 NOISE = 0.01  # noise of a mean, from 16 samples a pixel and the snow's patches
 
@@ -65,7 +64,6 @@ def test_snow_has_soft_edges(written):
     assert ((white > 0.15) & (white < 0.85)).mean() > 0.33
 
 
-@pytest.mark.parametrize("yard", YARDS)
 @pytest.mark.parametrize(
     ("place", "share"),
     [
@@ -75,30 +73,27 @@ def test_snow_has_soft_edges(written):
         pytest.param("lake", 0.0, id="water"),
     ],
 )
-def test_snow_covers_open_level_ground_only(written, yard, place, share):
-    assert middle(written, f"{yard} {place}") == pytest.approx(share * np.array(SNOW_ALBEDO), abs=2 * NOISE)
+def test_snow_covers_open_level_ground_only(written, place, share):
+    assert middle(written, place) == pytest.approx(share * np.array(SNOW_ALBEDO), abs=2 * NOISE)
 
 
-@pytest.mark.parametrize("yard", YARDS)
-def test_holes_in_leaves_stay_open_under_snow(written, yard):
+def test_holes_in_leaves_stay_open_under_snow(written):
     """Half of the card is holes that show the sky."""
-    assert middle(written, f"{yard} leaf") == pytest.approx(0.5 + 0.5 * np.array(SNOW_ALBEDO), abs=2 * NOISE)
+    assert middle(written, "leaf") == pytest.approx(0.5 + 0.5 * np.array(SNOW_ALBEDO), abs=2 * NOISE)
 
 
-@pytest.mark.parametrize("yard", YARDS)
 @pytest.mark.parametrize(("car", "vehicle", "ground"), [("driven", 0.0, 1.0), ("parked", 1.0, 0.0)])
-def test_vehicles_and_ground_have_separate_snow_cover(written, yard, car, vehicle, ground):
+def test_vehicles_and_ground_have_separate_snow_cover(written, car, vehicle, ground):
     """Seen from above; both have a material of the same name."""
-    picture = light(written, f"{yard} {car}")
+    picture = light(written, car)
     assert picture[28:36, 28:36].mean(axis=(0, 1)) == pytest.approx(vehicle * np.array(SNOW_ALBEDO), abs=NOISE)
     beside = picture[:4].mean(axis=(0, 1))  # 4 m from the box, which hides some sky
     assert beside == pytest.approx(ground * np.array(SNOW_ALBEDO), abs=0.06)
 
 
-@pytest.mark.parametrize("yard", YARDS)
-def test_dust_reaches_a_little_way_up_a_vehicle(written, yard):
+def test_dust_reaches_a_little_way_up_a_vehicle(written):
     """The black side of a box, 3 m high, seen level: 64 rows are 6 m, with the ground at row 48."""
-    side = light(written, f"{yard} dusty")[16:48, 24:40].mean(axis=1)[::-1]  # from the bottom up
+    side = light(written, "dusty")[16:48, 24:40].mean(axis=1)[::-1]  # from the bottom up
     height = (np.arange(32) + 0.5) * 3 / 32
     assert side[(height > 1.5) & (height < 2.8)].max() < 1e-6
     low = side[height < 0.4].mean(axis=0)

@@ -15,6 +15,7 @@ import bpy
 from hulldown.reading.blender import duplicates, reader
 from hulldown.reading.blender.opening import open_blend
 from hulldown.reading.export import job_for
+from hulldown.render.blender.scene import appended
 from hulldown.tests.blend_parts import collection, fresh, instance, mesh, place, save
 from hulldown.tests.shapes import CORNERS, QUADS
 
@@ -149,7 +150,8 @@ def make():
 
 def drawn(path):
     """What a tidy twin renders: pose, mesh, materials, and visibility of each object."""
-    open_blend(str(path))
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    bpy.context.scene.collection.children.link(appended(str(path))[0])
     found = []
     for each in bpy.context.evaluated_depsgraph_get().object_instances:
         thing = each.object

@@ -34,7 +34,7 @@ class _Capture(bpy.types.RenderEngine):
 
 
 def visit_render(scene: Any, visit: Callable[[Any], None]) -> None:
-    """Call `visit` with the depsgraph of `scene` as it would be rendered at its current frame.
+    """Call `visit` with the depsgraph of `scene` as it would be rendered at its current frame, by a camera of our own.
 
     The first enabled view layer is read. Objects and meshes of the depsgraph live as long as the call.
     """
@@ -48,9 +48,9 @@ def visit_render(scene: Any, visit: Callable[[Any], None]) -> None:
     chosen = next((layer for layer in layers if layer.use), layers[0])
     for layer in layers:
         layer.use = layer == chosen
-    if scene.camera is None:
-        scene.camera = bpy.data.objects.new(OUR_CAMERA, bpy.data.cameras.new(OUR_CAMERA))
-        scene.collection.objects.link(scene.camera)
+    # Not the file's: a picture is taken by another, and what depends on it would be drawn differently.
+    scene.camera = bpy.data.objects.new(OUR_CAMERA, bpy.data.cameras.new(OUR_CAMERA))
+    scene.collection.objects.link(scene.camera)
     _Capture.visit, _Capture.error = visit, None
     try:
         bpy.ops.render.render(scene=scene.name)

@@ -20,27 +20,25 @@ from hulldown.reading.blender.arrays import read
 from hulldown.reading.blender.capture import OUR_CAMERA, visit_render
 from hulldown.reading.blender.duplicates import Duplicate
 from hulldown.reading.blender.poses import Poses
-from hulldown.reading.blender.strands import curves_mesh, strand_curves, strand_systems
+from hulldown.reading.blender.strands import curves_mesh, points_mesh, strand_curves, strand_systems
 from hulldown.reading.blender.surfaces.cutouts import CutoutReader
 from hulldown.reading.blender.surfaces.shaders import is_clear, is_displaced, is_volume
 from hulldown.reading.blender.tidy import lasting, look_of
 from hulldown.reading.report import ObjectRow
-from hulldown.reading.roles import Evaluated, Link, Piece
+from hulldown.reading.roles import HOLDOUT, SHADOW_CATCHER, Evaluated, Link, Piece, Volume
 from hulldown.reading.scenery.scenery_roles import VOLUME, is_water_name
 from hulldown.reading.scenery.shape import level_share
 
 SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 HIDDEN = "hidden from render"
-UNREAD = {
-    "POINTCLOUD": "a point cloud has no faces",
-    "VOLUME": "a volume has no faces",
-    "GREASEPENCIL": "grease pencil is not rendered by Cycles",
-}
-DRAWN = (*SURFACES, *UNREAD, "CURVES")
+SOLID = ("MESH", "CURVES", "POINTCLOUD")
+UNDRAWN = {"GREASEPENCIL": "grease pencil is not rendered by Cycles"}
+DRAWN = (*SURFACES, *SOLID, *UNDRAWN, "VOLUME")
 FARTHEST = 1e8  # meters, in any direction; the Earth is 4e7 m around
 REPAIR = "repair or delete it in Blender"
 SIGN_OF_LIFE_S = 5.0
 NARROWEST = 1.0  # meters; narrower pieces aren't ground or water by their shape
+NOTHING = {"MESH": "has no faces", "CURVES": "has no hair", "POINTCLOUD": "has no points"}
 STRANDS = "strands of "  # in the place of a material: the key of a particle system's strands
 
 
@@ -110,10 +108,12 @@ class _Reader:
                 self.result.markers.append(self._chain(instance, pose, scattered=_is_scattered(instance)))
             elif not instance.show_self:
                 self._leave(instance, "its instances are drawn, but not it itself")
-            elif kind in ("MESH", "CURVES"):
+            elif kind in SOLID:
                 self._read_mesh(instance)
-            elif kind in UNREAD:
-                self._leave(instance, UNREAD[kind])
+            elif kind == "VOLUME":
+                self._read_volume(instance)
+            elif kind in UNDRAWN:
+                self._leave(instance, UNDRAWN[kind])
             elif kind not in SURFACES:
                 self._leave(instance, "type " + kind.lower().replace("_", " "))
             # Surfaces of curves, texts and the like come once more as the meshes they make; CURVES are hair.
@@ -133,10 +133,9 @@ class _Reader:
         key = (drawn.data.as_pointer(), materials)
         if key not in self.index:
             with _named(drawn):
-                hair = drawn.type == "CURVES"
-                mesh = curves_mesh(drawn.data, drawn.name) if hair else _faces(drawn, self.cutouts)
+                mesh = self._hiding(drawn)
             if mesh is None:
-                self._leave(instance, "has no faces" if drawn.type == "MESH" else "has no hair")
+                self._leave(instance, NOTHING[drawn.type])
                 return
             self._doubt(drawn)
             self.clear[len(self.result.meshes)] = _is_clear(drawn)
@@ -147,6 +146,22 @@ class _Reader:
                     self.result.wet[len(self.result.meshes)] = wet
             self._add_mesh(key, mesh, drawn, drawn.data, [slot.material for slot in drawn.material_slots])
         self._add_piece(instance, key, drawn.data.name, hair=drawn.type == "CURVES")
+
+    def _hiding(self, drawn: Any) -> Mesh | None:
+        """A mesh that hides what an object's data hides; None if that's nothing."""
+        if drawn.type == "CURVES":
+            return curves_mesh(drawn.data, drawn.name)
+        return points_mesh(drawn.data, drawn.name) if drawn.type == "POINTCLOUD" else _faces(drawn, self.cutouts)
+
+    def _read_volume(self, instance: Any) -> None:
+        drawn, pose = instance.object, self.poses.instance_pose(instance)
+        _refuse_endless(drawn.name, pose)
+        if drawn.data.filepath:
+            block = lasting(drawn, drawn.data, [slot.material for slot in drawn.material_slots])
+            self.result.volumes.append(Volume(drawn.name, block, pose, look_of(drawn)))
+        else:
+            self.result.doubts.append(f"the volume {drawn.name!r} isn't rendered, since nodes make it; use a VDB file")
+        self._leave(instance, "a volume hides nothing as a surface")
 
     def _read_strands(self, instance: Any) -> None:
         drawn = instance.object
@@ -175,7 +190,8 @@ class _Reader:
         drawn, number = instance.object, self.index[key]
         mesh = self.result.meshes[number]
         pose = self.poses.instance_pose(instance)
-        look = look_of(drawn)
+        unseen = self._why_unseen(drawn)
+        look = (unseen in (None, VOLUME), *look_of(drawn)[1:])  # a collection may hide it from the camera, too
         scattered = _is_scattered(instance)
         bounds = self._bounds(drawn.name, pose, self.box[number] if scattered or hair else self.used[number])
         level, filled = (0.0, 0.0) if hair else self._level(number, pose, bounds)
@@ -190,7 +206,7 @@ class _Reader:
                 scattered=scattered,
                 anonymous=scattered and _carries_itself(instance),
                 hair=hair,
-                unseen=self._why_unseen(drawn),
+                unseen=unseen,
                 hidden=not instance.is_instance and _is_hidden(drawn.original),
                 carrier=instance.parent.name if instance.is_instance else "",
                 materials=key[1] if not hair else (),
@@ -340,9 +356,9 @@ def why_unseen(drawn: Any, depsgraph: Any) -> str | None:
     if not drawn.visible_camera:
         return "invisible to the camera (ray visibility)"
     if drawn.is_shadow_catcher:
-        return "a shadow catcher"
+        return SHADOW_CATCHER
     if drawn.is_holdout or original.holdout_get(view_layer=depsgraph.view_layer):
-        return "a holdout"
+        return HOLDOUT
     if original.indirect_only_get(view_layer=depsgraph.view_layer):
         return "invisible to the camera (its collection is indirect only)"
     materials = [s.material for s in drawn.material_slots]

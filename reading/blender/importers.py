@@ -111,9 +111,10 @@ class RestPose:
     Khronos Group, glTF-Blender-IO: hooks of import user extensions.
     """
 
-    def gather_import_animations(self, animations: list[Any], options: Any, gltf: Any) -> None:
+    def gather_import_animations(self, animations: list[Any] | None, options: Any, gltf: Any) -> None:
         """Leave out the file's animations."""
-        animations.clear()
+        if animations:
+            animations.clear()
 
 
 def _sort_objects() -> None:

@@ -1,4 +1,4 @@
-"""Hair in Blender: hair curves, and particle strands, which become hair curves."""
+"""Hair in Blender: hair curves, and particle strands, which become hair curves; and point clouds."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.reading.blender.arrays import read
 from hulldown.reading.scenery.hair import hair_mesh
 
+OCTANTS = [(x, y, z) for x in (0, 3) for y in (1, 4) for z in (2, 5)]  # corners of an octahedron's faces
 # Blender's numbers of curve types. Cycles draws Bezier curves and NURBS as splines through their points too.
 CATMULL_ROM, POLY = 0, 1
 BARE_RADIUS = 0.005  # of curves that have none of their own, as Cycles draws them in Blender 5.0
@@ -33,6 +34,27 @@ def curves_mesh(curves: Any, name: str) -> Mesh | None:
     if "curve_type" in curves.attributes:
         kind = read(curves.attributes["curve_type"].data, "value", np.int32)
     return hair_mesh(points.astype(float), radii.astype(float), first, kind == POLY, name)
+
+
+def points_mesh(cloud: Any, name: str) -> Mesh | None:
+    """Return octahedra that hide as much as a point cloud's spheres, in its frame; None if there are none.
+
+    The mean outline of a convex body has a quarter of its surface (Cauchy): an octahedron as wide as a sphere of radius
+    ``r`` in that sense has corners at ``r * sqrt(pi / sqrt(3))``.
+
+    Raises
+    ------
+    ValueError
+        If a coordinate is no number.
+    """
+    points = read(cloud.points, "co", np.float32, 3).reshape(-1, 1, 3).astype(float)
+    radii = read(cloud.points, "radius", np.float32).astype(float)
+    if not len(points):
+        return None
+    corners = np.concatenate([np.eye(3), -np.eye(3)]) * np.sqrt(np.pi / np.sqrt(3.0))
+    vertices = (points + radii[:, None, None] * corners).reshape(-1, 3)
+    faces = np.array([(a, b, c) if a // 3 + b // 3 + c // 3 in (0, 2) else (a, c, b) for a, b, c in OCTANTS])
+    return Mesh(vertices, (faces + 6 * np.arange(len(points))[:, None, None]).reshape(-1, 3), name)
 
 
 def strand_systems(drawn: Any) -> list[Any]:

@@ -1,10 +1,10 @@
-"""The tidy twin of a file for the renderer: plain posed meshes with their materials.
+"""The tidy twin of a file for the renderer: everything drawn, as plain posed data with its materials.
 
 Files have parents, modifiers, constraints, key frames, particles, and drivers, all of which can undo a planned
 pose. Here they're applied once, in the evaluation that the exported geometry comes from, so the
 planned geometry is rendered. Vehicles: one collection; every object has the index of its part and its pose in the
-vehicle frame as custom properties, see `reading.blender.tidy_properties`. Sceneries: a scene in meters, z up, relative
-to the scenery's origin.
+vehicle frame as custom properties, see `reading.blender.tidy_properties`. Sceneries: one collection, in meters, z up,
+relative to the scenery's origin. Neither has a scene: Blender 5.2 crashes when one is written.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.reading.blender.frames import pose as set_pose
-from hulldown.reading.blender.tidy_properties import PART, REST, TIDY, UNPAINTED
-from hulldown.reading.roles import Evaluated, Piece, PieceRole
+from hulldown.reading.blender.tidy_properties import PART, REST, UNPAINTED
+from hulldown.reading.roles import HOLDOUT, SHADOW_CATCHER, Evaluated, Piece, PieceRole, Volume
 
+CUT = (SHADOW_CATCHER, HOLDOUT)
 MANY = 8  # from so many on, copies are drawn by one object
 POSE = "pose"
 VISIBILITY = tuple(
@@ -31,7 +32,7 @@ LOOK = (*VISIBILITY, "pass_index", "color")
 
 
 def lasting(drawn: Any, data: Any, materials: Sequence[Any]) -> Any:
-    """A mesh or hair curves, drawn by the object `drawn` in evaluated materials, as it outlives the depsgraph."""
+    """Drawn data, such as a mesh, in evaluated materials, as it outlives the depsgraph; `drawn` is the object."""
     wanted = [material.original if material else None for material in materials]
     if _is_as_in_the_file(drawn, data, wanted):
         return drawn.original.data
@@ -75,7 +76,7 @@ def write_vehicle(
         if part < 0:
             continue
         rest = vehicle_from_file @ piece.pose
-        obj = _object(drawn, piece)
+        obj = _object(piece, drawn.blocks[piece.mesh])
         obj[PART] = int(part)
         obj[REST] = rest.ravel().tolist()
         obj[UNPAINTED] = unpainted[i]
@@ -83,9 +84,10 @@ def write_vehicle(
     bpy.data.libraries.write(str(path), {collection}, path_remap="ABSOLUTE", compress=True)
 
 
-def _object(drawn: Evaluated, piece: Piece) -> Any:
-    obj = bpy.data.objects.new(piece.name, drawn.blocks[piece.mesh])
-    for name, value in zip(LOOK, piece.look, strict=True):
+def _object(thing: Piece | Volume, block: Any) -> Any:
+    """Make an object with the name and the look of a piece or a volume."""
+    obj = bpy.data.objects.new(thing.name, block)
+    for name, value in zip(LOOK, thing.look, strict=True):
         setattr(obj, name, value)
     return obj
 
@@ -93,27 +95,31 @@ def _object(drawn: Evaluated, piece: Piece) -> Any:
 def write_scenery(
     path: Path, drawn: Evaluated, roles: Sequence[PieceRole], scenery_from_file: Float[np.ndarray, "4 4"]
 ) -> None:
-    """Write everything drawn, except backdrops and dropped objects, as a file with one scene."""
-    scene = bpy.data.scenes.new("hulldown scenery")
-    scene[TIDY] = True
+    """Write everything drawn, except backdrops and removed objects, as one collection."""
+    collection = bpy.data.collections.new("hulldown scenery")
     root = bpy.data.objects.new("hulldown scenery", None)
-    scene.collection.objects.link(root)
+    collection.objects.link(root)
     alike: dict[tuple[int, str, tuple[Any, ...]], list[Piece]] = defaultdict(list)
     for piece, role in zip(drawn.pieces, roles, strict=True):
-        if role.use not in ("backdrop", "removed"):
+        if role.use not in ("backdrop", "removed") and piece.unseen not in CUT:
             alike[piece.mesh, piece.name, piece.look].append(piece)
     # Blender keeps objects sorted by name and looks for the place of a new one from the end.
     for same in sorted(alike.values(), key=lambda same: same[0].name.lower()):
         poses = scenery_from_file @ np.array([piece.pose for piece in same])
         if len(same) >= MANY:
-            scene.collection.objects.link(_carrier(_object(drawn, same[0]), poses))
+            collection.objects.link(_carrier(_object(same[0], drawn.blocks[same[0].mesh]), poses))
             continue
         for piece, world_from_mesh in zip(same, poses, strict=True):
-            obj = _object(drawn, piece)
+            obj = _object(piece, drawn.blocks[piece.mesh])
             obj.parent = root
             set_pose(obj, world_from_mesh)
-            scene.collection.objects.link(obj)
-    bpy.data.libraries.write(str(path), {scene}, path_remap="ABSOLUTE", compress=True)
+            collection.objects.link(obj)
+    for volume in drawn.volumes:
+        obj = _object(volume, volume.block)
+        obj.parent = root
+        set_pose(obj, scenery_from_file @ volume.pose)
+        collection.objects.link(obj)
+    bpy.data.libraries.write(str(path), {collection}, path_remap="ABSOLUTE", compress=True)
 
 
 def _carrier(thing: Any, poses: Float[np.ndarray, "k 4 4"]) -> Any:

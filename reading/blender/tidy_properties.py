@@ -1,6 +1,5 @@
-"""Custom properties of tidy twins: `reading.blender.tidy` writes them, `render.blender.scene` reads them."""
+"""Names in tidy twins: `reading.blender.tidy` writes them, `render.blender.scene` reads them."""
 
 PART = "hulldown_part"  # of a vehicle's objects: the index of their part
 REST = "hulldown_rest"  # and the 16 numbers of vehicle_from_object at rest, float64, row by row
-TIDY = "hulldown_tidy"  # of a scenery's scene: that it is one
 UNPAINTED = "hulldown_unpainted"  # of a vehicle's objects: whether they keep their colors as it is painted

@@ -82,12 +82,6 @@ def unmatched(pieces: Sequence[Piece], options: Options) -> tuple[str, str] | No
     return None
 
 
-def removed_names(pieces: Sequence[Piece], roles: Sequence[PieceRole], options: Options) -> tuple[str, ...]:
-    """Objects to hide so that removed pieces aren't rendered."""
-    gone = [piece for piece, role in zip(pieces, roles, strict=True) if role.use == "removed"]
-    return tuple(sorted({piece.name if matching(piece, options.drop) else piece.carrier for piece in gone}))
-
-
 def matching(piece: Piece, patterns: Sequence[str]) -> tuple[str, str, str] | None:
     """The first pattern that matches a piece: the kind of name, the name, and the pattern.
 

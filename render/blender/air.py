@@ -34,13 +34,10 @@ class Fog:
         An object with an empty mesh.
     world
         The light.
-    file_from_scenery, units_per_meter
-        The file's frame.
     """
 
-    def __init__(self, obj: Any, world: HdriWorld, file_from_scenery: np.ndarray, units_per_meter: float) -> None:
+    def __init__(self, obj: Any, world: HdriWorld) -> None:
         self._object, self._world = obj, world
-        self._file_from_scenery, self._units_per_meter = file_from_scenery, units_per_meter
         obj.visible_diffuse = obj.visible_glossy = obj.visible_transmission = obj.visible_shadow = False
         mesh = obj.data
         mesh.from_pydata(*_unit_box())
@@ -76,15 +73,15 @@ class Fog:
             Meters from the camera down to the lit surfaces.
         """
         air = air_layers(kind, visibility)
-        per_unit = sum(layer.extinction for layer in air) / self._units_per_meter
-        self._absorption.inputs["Density"].default_value = per_unit
+        density = sum(layer.extinction for layer in air)
+        self._absorption.inputs["Density"].default_value = density
         peak = float(glow.max())
         self._emission.inputs["Color"].default_value = (*(glow / max(peak, 1e-12)), 1.0)
-        self._emission.inputs["Strength"].default_value = per_unit * peak
+        self._emission.inputs["Strength"].default_value = density * peak
         _, above, reach = air[0]
         box = np.diag([reach, reach, (reach + above) / 2, 1.0])
         box[:3, 3] = camera + np.array([0.0, 0.0, (above - reach) / 2])
-        pose(self._object, self._file_from_scenery @ box)
+        pose(self._object, box)
         set_hidden(self._object, False)
         self._world.dim(air, below, glow)
 

@@ -19,6 +19,7 @@ import bpy
 from hulldown.reading.blender.add_nodes import add_node, feed, maths
 
 SHARE = "hulldown share"
+UP = (0.0, 0.0, 1.0)
 PLANE = "hulldown_above"  # property of a vehicle's objects: x, y, z, 1 of the world to meters above its underside
 # Lagarde: a surface soaks up water if it is rougher than 0.5 (perceptual roughness), fully from 0.9 on.
 POROUS_FROM, POROUS_AT = 0.5, 0.9
@@ -127,7 +128,7 @@ def _times(g: Group, vector: Any, factor: Any) -> Any:
     return g.add("VectorMath", {0: vector, "Scale": factor}, operation="SCALE").outputs[0]
 
 
-def snow(name: str, up: tuple[float, float, float], units_per_meter: float) -> Any:
+def snow(name: str) -> Any:
     """A group between a surface and the output: white where it's level enough, and open to the sky.
 
     Only camera rays test for open sky; bounced light sees snow under roofs too.
@@ -136,27 +137,23 @@ def snow(name: str, up: tuple[float, float, float], units_per_meter: float) -> A
     ----------
     name
         Of the group.
-    up
-        Unit vector in the file's coordinates.
-    units_per_meter
-        Of the file.
     """
     g = _cover(name)
     seen = g.add("NewGeometry").outputs
     low, high = (math.cos(math.radians(slope)) for slope in (SNOW_SLIDES_FROM, SNOW_LIES_TO))
-    lies = g.ramp(g.dot(seen["Normal"], up), low, high)
+    lies = g.ramp(g.dot(seen["Normal"], UP), low, high)
     # A distance of 0 costs no ray: for surfaces that are too steep or not seen directly.
     camera = g.add("LightPath").outputs["Is Camera Ray"]
     wanted = g.maths("MULTIPLY", camera, g.maths("GREATER_THAN", lies, 0.0))
-    reach = g.maths("MULTIPLY", wanted, SKY_REACH * units_per_meter)
+    reach = g.maths("MULTIPLY", wanted, SKY_REACH)
     # About straight up, a slope would hide half of its own sky; about its normal, it would look for it in the ground.
     between = g.add(
-        "VectorMath", {0: g.add("VectorMath", {0: seen["Normal"], 1: up}).outputs[0]}, operation="NORMALIZE"
+        "VectorMath", {0: g.add("VectorMath", {0: seen["Normal"], 1: UP}).outputs[0]}, operation="NORMALIZE"
     )
     rays = {"Distance": reach, "Normal": between.outputs[0]}
     sky = g.add("AmbientOcclusion", rays, samples=SKY_RAYS).outputs["AO"]
     share = g.maths("MULTIPLY", g.maths("MULTIPLY", lies, g.share), g.ramp(sky, SKY_HIDDEN, SKY_OPEN))
-    patches = g.even_noise(_times(g, seen["Position"], 1 / units_per_meter), PATCHES, PATCH_WEIGHTS)
+    patches = g.even_noise(seen["Position"], PATCHES, PATCH_WEIGHTS)
     # Edges are narrower for small and large shares, so that the mean cover is the share.
     bare = g.maths("SUBTRACT", 1.0, share)
     edge = g.maths("MULTIPLY_ADD", g.maths("MULTIPLY", share, bare), 4 * PATCH_EDGE, 1e-4)
@@ -166,22 +163,20 @@ def snow(name: str, up: tuple[float, float, float], units_per_meter: float) -> A
     return _covered(g, g.maths("MULTIPLY", covered, some), SNOW_ALBEDO)
 
 
-def dust(name: str, up: tuple[float, float, float], units_per_meter: float, *, climbs: bool) -> Any:
+def dust(name: str, *, climbs: bool) -> Any:
     """A group before the output: a thin brown film on level surfaces; near the ground too if it `climbs`.
 
     Parameters
     ----------
     name
         Of the group.
-    up, units_per_meter
-        As of `snow`.
     climbs
         Whether it's for vehicles, whose objects give a point's height by `PLANE`.
     """
     g = _cover(name)
     seen = g.add("NewGeometry").outputs
-    uneven = g.even_noise(_times(g, seen["Position"], 1 / units_per_meter), (DUST_PATCH,))
-    lies = g.maths("MULTIPLY", g.ramp(g.dot(seen["Normal"], up), 0.5, 1.0), DUST_ON_TOPS)
+    uneven = g.even_noise(seen["Position"], (DUST_PATCH,))
+    lies = g.maths("MULTIPLY", g.ramp(g.dot(seen["Normal"], UP), 0.5, 1.0), DUST_ON_TOPS)
     if climbs:
         plane = g.add("Attribute", attribute_type="OBJECT", attribute_name=PLANE).outputs
         height = g.maths("ADD", g.dot(seen["Position"], plane["Vector"]), plane["Alpha"])

@@ -1,4 +1,4 @@
-"""Settings of Cycles: device, samples, denoising, film. A scenery file's own settings are reset.
+"""Settings of Cycles: device, samples, denoising, film, on a scene with Blender's own settings.
 
 Runs inside Blender; imports numpy-free standard library and bpy only.
 
@@ -9,7 +9,6 @@ Paper, section 2.1.4: Cycles, 128 samples, OpenImageDenoise.
 
 from __future__ import annotations
 
-import contextlib
 import math
 import platform
 from typing import Any
@@ -20,8 +19,6 @@ from hulldown.render.messages import CyclesSettings
 
 GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")  # the faster of two for one card first
 OIDN = "OPENIMAGEDENOISE"
-# Members of a view layer that aren't settings, and references back to the owner.
-NOT_SETTINGS = ("rna_type", "layer_collection", "active_aov", "active_lightgroup", "depsgraph", "freestyle_settings")
 NEUTRAL_K, NEUTRAL_TINT = 6500.0, 10.0  # the white balance that changes nothing, but for rounding
 CLAMP_INDIRECT, LIGHT_THRESHOLD = 10.0, 0.01  # Blender's defaults, at an exposure of 0
 FEWEST_THREADS = 2  # with one, a thread of its scheduler (TBB) busy-waits on another core
@@ -86,32 +83,13 @@ def _cards(preferences: Any, kind: str) -> list[Any]:
     return [device for device in preferences.devices if device.type == kind]
 
 
-def _reset(struct: Any, fresh: Any) -> None:
-    """Copy all settings of a new RNA struct, nested ones included, to another."""
-    for prop in struct.bl_rna.properties:
-        name = prop.identifier
-        if prop.type == "POINTER" and prop.is_readonly and name not in NOT_SETTINGS:
-            inner, fresh_inner = getattr(struct, name), getattr(fresh, name)
-            if inner is not None and fresh_inner is not None and not isinstance(inner, bpy.types.ID):
-                _reset(inner, fresh_inner)
-        elif not (
-            prop.is_readonly
-            or prop.type == "COLLECTION"
-            or name == "preview_pause"
-            or (name == "name" and prop.type == "STRING")
-        ):
-            # Some settings are only legal with others; those are set explicitly below.
-            with contextlib.suppress(TypeError, AttributeError, ValueError):
-                setattr(struct, name, getattr(fresh, name))
-
-
 def configure(scene: Any, settings: CyclesSettings, *, device: str, threads: int = 0) -> None:
-    """Configure `scene` as planned, whatever its file's settings.
+    """Configure `scene` as planned.
 
     Parameters
     ----------
     scene
-        The scene of the scenery file.
+        A new scene, or one that this function has configured.
     settings
         The config's settings.
     device
@@ -125,19 +103,9 @@ def configure(scene: Any, settings: CyclesSettings, *, device: str, threads: int
         If Blender was built without the denoiser.
     """
     render, cycles = scene.render, scene.cycles
-    scene.animation_data_clear()  # key frames would override these settings
-    # A property's default may differ from a new scene's value, so a new scene is used.
-    fresh = bpy.data.scenes.new("hulldown defaults")
-    for of in ("render", "cycles", "view_settings", "display_settings", "cycles_curves"):
-        _reset(getattr(scene, of), getattr(fresh, of))
-    # The rendered view layer, from which the geometry was read.
-    layer = next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
-    for view_layer in [view_layer for view_layer in scene.view_layers if view_layer != layer]:
-        scene.view_layers.remove(view_layer)
-    _reset(layer, fresh.view_layers[0])
-    bpy.data.scenes.remove(fresh)
     render.engine = "CYCLES"
-    _plain_output(scene)
+    store_picture(scene)
+    scene.view_settings.view_transform = VIEW_TRANSFORM
     render.threads_mode = "FIXED" if threads else "AUTO"
     if threads:
         render.threads = max(threads, FEWEST_THREADS)
@@ -194,15 +162,3 @@ def _denoise(cycles: Any, *, gpu: bool) -> None:
         ) from None
     cycles.denoising_input_passes = "RGB_ALBEDO_NORMAL"
     cycles.denoising_use_gpu = gpu
-
-
-def _plain_output(scene: Any) -> None:
-    """Disable everything between Cycles and the picture but Blender's view transform."""
-    scene.compositing_node_group = None
-    scene.render.use_compositing = False
-    scene.render.use_sequencer = False
-    scene.timeline_markers.clear()  # a marker may carry a camera
-    scene.display_settings.display_device = "sRGB"
-    store_picture(scene)
-    scene.view_settings.view_transform = VIEW_TRANSFORM
-    scene.view_settings.look = "None"

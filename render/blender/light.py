@@ -51,7 +51,7 @@ class HdriWorld:
         self._colors: dict[str, str] = {}  # color space of each file
         self._path = ""
 
-    def set(self, light: LightInput, file_from_scenery: np.ndarray) -> None:
+    def set(self, light: LightInput) -> None:
         """Light with an HDRI. With a high horizon, the camera sees one color below it (`camera.backdrop`)."""
         path, horizon = light.hdri, light.horizon
         if path != self._path:
@@ -73,10 +73,7 @@ class HdriWorld:
             self._search_by(sky_map(self._texture.image.size[0]))
             self._path = path
         # The node turns the direction that is looked up, so the sky turns the other way.
-        cos, sin = math.cos(-light.yaw), math.sin(-light.yaw)
-        turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        axes = file_from_scenery[:3, :3] / np.linalg.norm(file_from_scenery[:3, :3], axis=0)
-        self._mapping.inputs["Rotation"].default_value = euler_xyz(turn @ axes.T)
+        self._mapping.inputs["Rotation"].default_value = (0.0, 0.0, -light.yaw)
         self._background.inputs["Strength"].default_value = light.strength
         seen = self._mapping.outputs["Vector"] if horizon is None else self._lifted.at(horizon)
         self._link(seen, self._texture.inputs["Vector"])
@@ -210,11 +207,3 @@ class _Dimmed:
             steepness.default_value = layer.above / layer.reach
         self._glow.inputs["Color"].default_value = (*glow, 1.0)
         return self._mix.outputs[0]
-
-
-def euler_xyz(rotation: np.ndarray) -> tuple[float, float, float]:
-    """Blender's XYZ Euler angles of a rotation matrix: first about x, then y, then z."""
-    y = math.asin(max(-1.0, min(1.0, -rotation[2, 0])))
-    if abs(rotation[2, 0]) < 1 - 1e-9:
-        return math.atan2(rotation[2, 1], rotation[2, 2]), y, math.atan2(rotation[1, 0], rotation[0, 0])
-    return 0.0, y, math.atan2(-rotation[0, 1], rotation[1, 1])

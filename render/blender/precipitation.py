@@ -54,7 +54,7 @@ class Precipitation:
         """Remove all streaks."""
         set_hidden(self._object, True)
 
-    def fill(self, streaks: Streaks, radiance: np.ndarray, eye: np.ndarray, file_from_scenery: np.ndarray) -> None:
+    def fill(self, streaks: Streaks, radiance: np.ndarray, eye: np.ndarray) -> None:
         """Draw streaks.
 
         Parameters
@@ -65,8 +65,6 @@ class Precipitation:
             (3,) of drops or flakes.
         eye
             (3,) the camera's position in the scenery, in meters.
-        file_from_scenery
-            The file's frame.
         """
         mesh, count = self._object.data, len(streaks.gain)
         mesh.clear_geometry()
@@ -84,7 +82,7 @@ class Precipitation:
         self._emission.inputs["Color"].default_value = (*radiance, 1.0)
         around = np.eye(4)
         around[:3, 3] = eye
-        pose(self._object, file_from_scenery @ around)
+        pose(self._object, around)
         set_hidden(self._object, False)
 
 

@@ -69,7 +69,7 @@ class Renderer:
             self._settings = job.settings
         stage.place_vehicles(job.vehicles)
         stage.set_camera(job.camera)
-        stage.world.set(job.light, stage.file_from_scenery)
+        stage.world.set(job.light)
         cycles.expose(stage.scene, job.settings, job.camera.exposure, job.camera.white_balance)
         stage.set_weather(job.weather, job.seed)
         stage.scene.cycles.seed = job.seed

@@ -1,7 +1,7 @@
 """A loaded scenery, and a row's vehicles, camera, HDRI, and weather in it.
 
-Everything is posed in the coordinates of the scenery's file, so that its parents, instances and scattered plants stay
-as they are. Runs inside Blender; needs numpy and bpy only.
+The scenery is the tidy twin of its file (`reading.blender.tidy`): in meters, z up, relative to its origin, without
+lamps, cameras, or anything that Blender evaluates. Runs inside Blender; needs numpy and bpy only.
 
 References
 ----------
@@ -11,17 +11,16 @@ Paper, sections 2.1.3 and 2.1.4.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import bpy
 import numpy as np
 
-from hulldown.assets.naming import BACKDROPS, first_match
 from hulldown.camera.weather.kinds import KINDS, Weather, airlight
 from hulldown.reading.blender.frames import pose, world_from_blender_camera
-from hulldown.reading.blender.opening import disarm, open_blend
-from hulldown.reading.blender.tidy_properties import PART, REST, TIDY
+from hulldown.reading.blender.opening import disarm
+from hulldown.reading.blender.tidy_properties import PART, REST
 from hulldown.render.blender.air import Fog
 from hulldown.render.blender.covers import PLANE
 from hulldown.render.blender.lens import set_lens
@@ -29,36 +28,30 @@ from hulldown.render.blender.light import HdriWorld
 from hulldown.render.blender.paint import Paintable
 from hulldown.render.blender.precipitation import Precipitation, falling
 from hulldown.render.blender.surfaces import Surfaces
-from hulldown.render.messages import CameraInput, SceneryInput, VehicleInput
+from hulldown.render.messages import CameraInput, VehicleInput
 
 MAX_VEHICLES = 4  # vehicle files kept in memory if rows have companions, which recur
-BACKDROP_TYPES = ("MESH", "CURVE", "SURFACE", "FONT", "META", "VOLUME")  # an empty called "sky" may carry anything
 SENSOR_WIDTH = 36.0
 SHORTEST_LENS = 1.0  # Blender clamps focal lengths below
 FAR = 1e7  # meters; Cycles traces rays, so a far clip plane costs no depth resolution
 
 
 class Stage:
-    """A loaded scenery with our own camera and light, to be set up for one row after the other."""
+    """The tidy twin of a scenery with our own camera and light, to be set up for one row after the other."""
 
-    def __init__(self, scenery: SceneryInput) -> None:
-        # Never run what a file brings along: see docs/safety.md.
-        open_blend(scenery.path)
-        self.scene = bpy.context.scene
-        self.file_from_scenery = np.linalg.inv(np.array(scenery.scenery_from_file))
-        self.units_per_meter = float(np.cbrt(abs(np.linalg.det(self.file_from_scenery[:3, :3]))))
-        _delete_delivered()
-        _hide_backdrops(self.scene, frozenset(scenery.standing))
-        _remove(frozenset(scenery.removed))
+    def __init__(self, tidy: str) -> None:
+        bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+        self.scene = bpy.data.scenes.new("hulldown")  # that of the startup file has settings of earlier Blenders
+        self.scene.collection.children.link(appended(tidy)[0])
         self.root = bpy.data.objects.new("hulldown", None)
         self.scene.collection.objects.link(self.root)
         self.camera = self._add("hulldown camera", bpy.data.cameras.new("hulldown camera"))
         self.scene.camera = self.camera
         self.world = HdriWorld(self.scene)
         fog = self._add("hulldown fog", bpy.data.meshes.new("hulldown fog"))
-        self.fog = Fog(fog, self.world, self.file_from_scenery, self.units_per_meter)
+        self.fog = Fog(fog, self.world)
         self.precipitation = Precipitation(self._add("hulldown precipitation", bpy.data.meshes.new("hulldown drops")))
-        self.surfaces = Surfaces(self.file_from_scenery, self.units_per_meter)
+        self.surfaces = Surfaces()
         self._vehicles: dict[str, list[Any]] = {}  # by prepared file, a collection for each copy; last used last
         self._paintable: dict[str, Paintable] = {}  # of each of them
         self._companions = False  # whether any row has had more than one vehicle file
@@ -86,7 +79,7 @@ class Stage:
             copy = used.get(path, 0)
             used[path] = copy + 1
             collection = self._vehicle(path, copy)
-            parts = self.file_from_scenery @ np.asarray(vehicle.world_from_parts, dtype=np.float64)
+            parts = np.asarray(vehicle.world_from_parts, dtype=np.float64)
             above = np.linalg.inv(parts[0])[2].tolist()
             for obj in collection.objects:
                 obj[PLANE] = above
@@ -107,14 +100,9 @@ class Stage:
         copies = self._vehicles.pop(path, [])
         self._vehicles[path] = copies
         if not copies:
-            with bpy.data.libraries.load(path, link=False) as (source, target):
-                target.collections = source.collections[:1]
-                names = list(source.materials)
-                target.materials = list(names)
-            disarm()  # prepared vehicles don't need it, but the cache may have come with the plan
-            by_name = dict(zip(names, target.materials, strict=True))
-            self._paintable[path] = Paintable(target.collections[0].objects, by_name)
-            copies.append(target.collections[0])
+            collection, materials = appended(path)
+            self._paintable[path] = Paintable(collection.objects, materials)
+            copies.append(collection)
             copies[0].use_fake_user = True  # keeps it from being purged while it's in no scene
             for obj in copies[0].objects:
                 obj.parent = self.root
@@ -139,9 +127,7 @@ class Stage:
     def set_camera(self, camera: CameraInput) -> None:
         """Set the row's camera."""
         self._view = camera
-        matrix = self.file_from_scenery @ world_from_blender_camera(camera.world_from_camera)
-        matrix[:3, :3] /= np.linalg.norm(matrix[:3, :3], axis=0)  # a camera has no scale
-        pose(self.camera, matrix)
+        pose(self.camera, world_from_blender_camera(camera.world_from_camera))
         data = self.camera.data
         data.sensor_fit = "HORIZONTAL"
         data.lens_unit = "MILLIMETERS"
@@ -159,11 +145,10 @@ class Stage:
         render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, 1.0 / stretch), max(1.0, stretch)
         data.shift_x, data.shift_y = (width / 2 - cx) / width, (cy - height / 2) / width * stretch
         if distorting:
-            set_lens(data, intrinsics, camera.near * self.units_per_meter)
+            set_lens(data, intrinsics, camera.near)
         elif data.type != "PERSP":
             data.type = "PERSP"
-        data.clip_start = camera.near * self.units_per_meter
-        data.clip_end = FAR * self.units_per_meter
+        data.clip_start, data.clip_end = camera.near, FAR
 
     def set_weather(self, weather: Weather | None, seed: int) -> None:
         """Fill the air and cover surfaces, after everything else is set, since fog is lit by the sky.
@@ -191,40 +176,14 @@ class Stage:
             self.precipitation.clear()
         else:
             radiance = glow * KINDS[weather.kind].share_of_sky
-            self.precipitation.fill(streaks, radiance, pose[:3, 3], self.file_from_scenery)
+            self.precipitation.fill(streaks, radiance, pose[:3, 3])
 
 
-def _delete_delivered() -> None:
-    """Remove the file's own cameras (paper, 2.1.3) and its lamps: the HDRI is the light, and one sun is enough."""
-    unwanted = [obj for obj in bpy.data.objects if obj.type in ("CAMERA", "LIGHT", "LIGHT_PROBE", "SPEAKER")]
-    bpy.data.batch_remove(unwanted)
-
-
-def _hide_backdrops(scene: Any, standing: Set[str]) -> None:
-    """Hide the file's own sky, which the HDRI replaces, holdouts, and shadow catchers.
-
-    Objects planned as ground or obstacles are `standing` and stay; a tidy twin has no sky.
-    """
-    layer = next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
-    for obj in bpy.data.objects:  # those of collections that are only instanced, and in no scene, too
-        cut = obj.is_holdout or obj.is_shadow_catcher or obj.holdout_get(view_layer=layer)
-        if cut or (_is_backdrop(obj) and obj.name not in standing and TIDY not in scene):
-            obj.hide_render = True
-
-
-def _remove(names: Set[str]) -> None:
-    """Hide these objects, the instances that they draw, and instances of them.
-
-    A prototype hidden from render is still drawn where it's scattered, so it gets an empty mesh.
-    """
-    for obj in [obj for obj in bpy.data.objects if obj.name in names]:
-        obj.hide_render = True
-        if obj.library is None:
-            obj.instance_type = "NONE"
-            obj.modifiers.clear()
-            if obj.type == "MESH":
-                obj.data = bpy.data.meshes.new(obj.name)
-
-
-def _is_backdrop(obj: Any) -> bool:
-    return obj.type in BACKDROP_TYPES and any(first_match(name, BACKDROPS) for name in (obj.name, obj.data.name))
+def appended(tidy: str) -> tuple[Any, dict[str, Any]]:
+    """Append the collection of a tidy twin, and its materials, by their names in it."""
+    with bpy.data.libraries.load(tidy, link=False) as (source, target):
+        target.collections = source.collections[:1]
+        names = list(source.materials)
+        target.materials = list(names)
+    disarm()  # twins don't need it, but the cache may have come with the plan: see docs/safety.md
+    return target.collections[0], dict(zip(names, target.materials, strict=True))

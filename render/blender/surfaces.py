@@ -28,20 +28,9 @@ Shape = tuple[tuple[str, int], ...]  # names of a material's node tree and the g
 
 
 class Surfaces:
-    """Water, snow, or dust on the surfaces of a stage.
+    """Water, snow, or dust on the surfaces of a stage."""
 
-    Parameters
-    ----------
-    file_from_scenery
-        (4, 4) from meters with z up to the file's coordinates.
-    units_per_meter
-        Of the file.
-    """
-
-    def __init__(self, file_from_scenery: np.ndarray, units_per_meter: float) -> None:
-        axis = file_from_scenery[:3, 2] / units_per_meter
-        self._up = (float(axis[0]), float(axis[1]), float(axis[2]))
-        self._units_per_meter = units_per_meter
+    def __init__(self) -> None:
         self._kind = ""
         self._groups: dict[tuple[str, str], list[Any]] = {}  # by kind and wearer, made when first needed
         self._dressed: dict[int, Shape] = {}  # by session id of a material
@@ -100,9 +89,9 @@ class Surfaces:
             if self._kind == "rain":
                 groups = [covers.wetting(name, film=vehicles), covers.soaking(f"{name}, matt")]
             elif self._kind == "snow":
-                groups = [covers.snow(name, self._up, self._units_per_meter)]
+                groups = [covers.snow(name)]
             else:
-                groups = [covers.dust(name, self._up, self._units_per_meter, climbs=vehicles)]
+                groups = [covers.dust(name, climbs=vehicles)]
             self._groups[key] = groups
         return self._groups[key]
 

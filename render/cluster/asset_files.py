@@ -23,7 +23,7 @@ from hulldown.planning.inputs.loading import Library
 from hulldown.reading.cache import sha256
 from hulldown.reading.confinement.blocks import PATH, blocks, named_files, unpacked
 from hulldown.reading.confinement.landlock import is_inside
-from hulldown.render.jobs import readable, scenery_file
+from hulldown.render.jobs import readable
 
 CACHE_VARIABLE = "HULLDOWN_CACHE"  # names the folder of a worker's copies
 TILES = ("<UDIM>", "<UVTILE>")  # placeholders for a number in names of textures
@@ -66,7 +66,7 @@ class ClientFiles:
         self.assets: dict[str, AssetNote] = {}
         named: list[tuple[Path, Sequence[str]]] = []
         named += [(exported.tidy, exported.files) for exported in library.models.values()]
-        named += [(scenery_file(library, name)[0], exported.files) for name, exported in library.sceneries.items()]
+        named += [(exported.tidy, exported.files) for exported in library.sceneries.values()]
         named += [(hdri.path, ()) for hdri in library.hdris.values()]
         allowed = readable(library)
         for path, files in named:

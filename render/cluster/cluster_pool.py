@@ -60,7 +60,7 @@ class ClusterPool(Cluster):
 
         def call(job: int) -> Callable[..., Answer]:
             own = job_of(job)
-            named = {own.scenery.path, own.light.hdri, *(vehicle.tidy for vehicle in own.vehicles)}
+            named = {own.scenery, own.light.hdri, *(vehicle.tidy for vehicle in own.vehicles)}
             assets = tuple(self._files.assets[path] for path in sorted(named))
             return partial(render_row, self._setting, own, assets)
 

@@ -102,7 +102,7 @@ def render_row(setting: Setting, job: RenderJob, assets: tuple[AssetNote, ...], 
         output = (opened.pictures / "picture").with_suffix(Path(job.output).suffix)
         job_here = replace(
             job,
-            scenery=replace(job.scenery, path=here[job.scenery.path]),
+            scenery=here[job.scenery],
             vehicles=[replace(vehicle, tidy=here[vehicle.tidy]) for vehicle in job.vehicles],
             light=replace(job.light, hdri=here[job.light.hdri]),
             output=str(output),
