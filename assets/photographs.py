@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-import msgspec
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from msgspec import Struct
+from msgspec import Meta, Struct
 
 from hulldown.base.errors import DatasetError
-from hulldown.base.files import open_regular
+from hulldown.base.outside import DATA, json_of, read_file, typed
 
 NAMES = ("annotations.json", "_annotations.coco.json")
 EDGE = 0.003  # share of the picture's width or height: a box this near to a side is cut off by it
@@ -74,17 +75,21 @@ class Photographs:
         return np.bincount(self.image, minlength=len(self.file_names))
 
 
+_Side = Annotated[float, Meta(gt=0, le=1e6)]
+_Pixels = Annotated[float, Meta(ge=-1e9, le=1e9)]
+
+
 class _Record(Struct):
     id: int | str
-    width: float
-    height: float
+    width: _Side
+    height: _Side
     file_name: str = ""
 
 
 class _Box(Struct):
     image_id: int | str
     category_id: int | str
-    bbox: tuple[float, float, float, float]
+    bbox: tuple[_Pixels, _Pixels, _Pixels, _Pixels]
     truncated_fraction: float | None = None
 
 
@@ -115,25 +120,21 @@ def read_photographs(path: Path) -> Photographs:
         if coco_path is None:
             raise DatasetError(f"no {' and no '.join(NAMES)} here", path=path, remedy="name the COCO file itself")
         path = coco_path
+    refuse = partial(DatasetError, path=path, remedy="name a COCO file, or a folder with annotations.json")
+    content = read_file(path, refuse, most=DATA)
     try:
-        with open_regular(path) as file:
-            content = file.read()
-        coco = msgspec.json.decode(content, type=_Coco)
-        boxes = msgspec.convert([record for record in coco.annotations if _is_box(record)], list[_Box])
-    except OSError as error:
-        remedy = "name a COCO file, or a folder with annotations.json"
-        raise DatasetError(f"cannot be read ({error.strerror})", path=path, remedy=remedy) from None
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        coco = json_of(content, _Coco)
+        boxes = typed([record for record in coco.annotations if _is_box(record)], list[_Box])
+    except ValueError as error:
         raise DatasetError(f"isn't a COCO file ({error})", path=path, remedy="export your labels as COCO") from None
+    if twice := [i for i, times in Counter(image.id for image in coco.images).items() if times > 1]:
+        raise DatasetError(f"two images have the id {twice[0]!r}", path=path, remedy="give each its own id")
     index = {image.id: i for i, image in enumerate(coco.images)}
     names = {category.id: category.name for category in coco.categories}
     if lost := next((b for b in boxes if b.image_id not in index or b.category_id not in names), None):
         problem = f"a box has image {lost.image_id!r} and category {lost.category_id!r}, and one of them isn't listed"
         raise DatasetError(problem, path=path, remedy="list all images and categories")
     size = np.array([(image.width, image.height) for image in coco.images], dtype=np.float64).reshape(-1, 2)
-    if (size <= 0.0).any():
-        name = coco.images[int((size <= 0.0).any(axis=1).argmax())].file_name
-        raise DatasetError(f"{name!r} has no width or height", path=path, remedy="add them to its record")
     image = np.array([index[box.image_id] for box in boxes], dtype=np.int64)
     xywh = np.array([box.bbox for box in boxes], dtype=np.float64).reshape(-1, 4) / np.tile(size[image], 2)
     low, high = np.clip(xywh[:, :2], 0.0, 1.0), np.clip(xywh[:, :2] + xywh[:, 2:], 0.0, 1.0)

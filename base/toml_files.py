@@ -3,33 +3,31 @@
 from __future__ import annotations
 
 import difflib
-import tomllib
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
 from hulldown.base.errors import ConfigError, shown
+from hulldown.base.outside import read_text, toml_of
 
 Model = TypeVar("Model", bound=BaseModel)
 
 
 def read_toml(path: Path, *, remedy: str | None = None) -> dict[str, Any]:
-    """Read a TOML file; `remedy` is what to do where there is no such file.
+    """Read a TOML file; `remedy` is what to do if it can't be read.
 
     Raises
     ------
     ConfigError
         If it cannot be read, or isn't TOML.
     """
+    text = read_text(path, partial(ConfigError, path=path, remedy=remedy))
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ConfigError("no such file", path=path, remedy=remedy) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot be read: {error}", path=path) from None
-    except (ValueError, RecursionError) as error:  # integers of 5,000 digits and lists of 1,000 lists are not its own
+        return toml_of(text)
+    except ValueError as error:
         raise ConfigError(f"isn't TOML: {error}", path=path) from None
 
 

@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import orjson
+from msgspec import Struct
 
 from hulldown.base.errors import DatasetError
-from hulldown.base.files import open_regular
+from hulldown.base.outside import read_json, typed
 from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.journal import read_journal, replaced
 
 FAILURES_NAME = "failures.jsonl"
 PROVENANCE_NAME = "provenance.json"
 GROWING = ("blender", "devices", "systems", "confinement")  # lists that several runs and machines add to
+
+
+class _Provenance(Struct):
+    plans: dict[str, dict[str, Any]]
 
 
 def read_provenance(folder: Path) -> dict[str, Record]:
@@ -26,19 +33,13 @@ def read_provenance(folder: Path) -> dict[str, Record]:
         If the file is something else.
     """
     path = folder / PROVENANCE_NAME
+    refuse = partial(DatasetError, path=path, remedy="move it away")
+    plans = read_json(path, _Provenance, refuse, what="a hulldown provenance file").plans if path.exists() else {}
     try:
-        with open_regular(path) as file:
-            plans = orjson.loads(file.read())["plans"]
-        grown = [entry[key] for entry in plans.values() for key in GROWING]
-        if all(isinstance(names, list) and all(isinstance(name, str) for name in names) for names in grown):
-            return dict(plans)
-    except FileNotFoundError:
-        return {}
-    except (orjson.JSONDecodeError, KeyError, TypeError, AttributeError):
-        pass
-    except OSError as error:
-        raise DatasetError(f"cannot be read ({error.strerror})", path=path, remedy="move it away") from error
-    raise DatasetError("isn't a hulldown provenance file", path=path, remedy="move it away")
+        typed([[entry.get(key) for key in GROWING] for entry in plans.values()], list[list[list[str]]])
+    except ValueError as error:
+        raise refuse(f"isn't a hulldown provenance file ({error})") from None
+    return dict(plans)
 
 
 def add_provenance(folder: Path, entries: Mapping[str, Record]) -> None:

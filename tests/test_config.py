@@ -220,7 +220,7 @@ def test_the_error_of_a_wrong_section_names_it(read, old, new, message):
     [
         (None, "no such file; `hulldown init`"),
         (b"seed = 0\nx = = 2\n", "isn't TOML: .*line 2"),
-        (b"\xff\xfe\x00", "cannot be read"),
+        (b"\xff\xfe\x00", "isn't UTF-8 text"),
     ],
 )
 def test_a_file_that_is_not_a_config_is_refused(tmp_path, content, message):

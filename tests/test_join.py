@@ -154,7 +154,7 @@ def edited(key, **fields):
         (edited("annotations", id=2), "annotation ids aren't unique"),
         (edited("annotations", image_id=77), "image 77 does not exist"),
         (lambda folder: (folder / "provenance.json").write_text("{}"), "isn't a hulldown provenance file"),
-        (lambda folder: (folder / "annotations.json").write_text("{"), "is not valid JSON"),
+        (lambda folder: (folder / "annotations.json").write_text("{"), "isn't a COCO object"),
         (edited("annotations", bbox=[5, 5, -1, 3]), r"00000001\.png: annotations\[0\]: bbox: expected"),
         (edited("categories", name=""), r"category: expected a name, got ''"),
         (edited("annotations", id=11), r"00000001\.png: annotation 11 is on another image too"),

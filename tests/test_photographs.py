@@ -54,7 +54,7 @@ def test_a_box_with_a_truncated_fraction_of_0_is_not_cut(tmp_path):
         ({"images": []}, "annotations"),
         (coco((7, [1, 2, 3])), "a COCO file"),
         (coco((8, [1, 2, 3, 4])), "image 8"),
-        (coco(images=[{**IMAGES[0], "width": 0}]), "'b.jpg' has no width"),
+        (coco(images=[{**IMAGES[0], "width": 0}]), "a COCO file .*width"),
     ],
 )
 def test_the_error_of_an_invalid_coco_file_names_it(tmp_path, content, problem):
@@ -67,5 +67,5 @@ def test_the_error_of_an_invalid_coco_file_names_it(tmp_path, content, problem):
 def test_folders_without_labels_are_refused(tmp_path):
     with pytest.raises(DatasetError, match="no annotations"):
         read_photographs(tmp_path)
-    with pytest.raises(DatasetError, match="cannot be read"):
+    with pytest.raises(DatasetError, match="no such file"):
         read_photographs(tmp_path / "missing.json")

@@ -10,7 +10,7 @@ import math
 import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
@@ -19,7 +19,7 @@ import orjson
 
 from hulldown.base.code import version_of
 from hulldown.base.errors import DatasetError
-from hulldown.base.files import open_regular
+from hulldown.base.outside import DATA, json_of, json_parts, json_records, read_file
 from hulldown.dataset.store.entries import Coco, Record, place_of
 from hulldown.dataset.store.foreign import foreign_reader
 from hulldown.dataset.store.journal import last_merged, read_journal, replaced
@@ -294,28 +294,23 @@ def read_coco(folder: Path | str) -> Coco:
 def _read_annotations(path: Path) -> Document:
     """Read a COCO file, record by record, which takes less than half the memory of a parser of the whole."""
     document = Document()
+    content = read_file(path, partial(_unusable, path), most=DATA)
     try:
-        with open_regular(path) as file:
-            content = file.read()
-        parts = msgspec.json.decode(content, type=dict[str, msgspec.Raw])
+        parts = json_parts(content)
         categories, images, annotations = (
             _records(parts.pop(key, NO_RECORDS), key, kind, path) for key, kind in KINDS.items()
         )
-        document.head = {key: orjson.loads(memoryview(part)) for key, part in parts.items()}
+        document.head = {key: json_of(memoryview(part), object) for key, part in parts.items()}
         document.categories += categories
         for image in images:
             document.add(image, ())
         for annotation in annotations:
             document.annotations.add(annotation)
         orjson.dumps([document.head, document.categories])
-    except OSError as error:
-        raise _unusable(path, f"cannot be read ({error.strerror})") from error
-    except msgspec.ValidationError as error:
-        raise _unusable(path, f"isn't a COCO object ({error})") from error
     except TypeError as error:
         raise _unusable(path, f"a record cannot be written again ({error})") from None
-    except (ValueError, RecursionError) as error:
-        raise _unusable(path, f"is not valid JSON ({error})") from error
+    except ValueError as error:
+        raise _unusable(path, f"isn't a COCO object ({error})") from error
     try:
         for run in runs_of(document.head):
             document.add_run(run)
@@ -326,14 +321,7 @@ def _read_annotations(path: Path) -> Document:
 
 def _records(content: msgspec.Raw, key: str, kind: str, path: Path) -> Iterator[Record]:
     """Parse a list of records, one at a time."""
-    try:
-        records = msgspec.json.decode(content, type=list[msgspec.Raw])
-    except msgspec.ValidationError:
-        raise _unusable(path, f"{key!r} is not a list of objects") from None
-    for part in records:
-        record = orjson.loads(memoryview(part))
-        if not isinstance(record, dict):
-            raise _unusable(path, f"{key!r} is not a list of objects")
+    for record in json_records(content, key):
         if type(number := record.get("id")) is not int:
             raise _unusable(path, f"{kind} id {number!r} is not a whole number")
         yield record

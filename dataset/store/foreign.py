@@ -13,17 +13,25 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
-from typing import Any
-from xml.etree import ElementTree
+from typing import Annotated, Any
 
-import yaml
+from msgspec import Meta, Struct
 
 from hulldown.base.errors import DatasetError
+from hulldown.base.outside import TEXT, read_file, read_text, typed, xml_of, yaml_of
 from hulldown.dataset.picture_files import read_picture
 from hulldown.dataset.store.entries import Coco, Record
 
 PICTURES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 YAML_NAMES = ("data.yaml", "dataset.yaml", "data.yml")
+
+_Name = Annotated[str, Meta(min_length=1)] | int | float  # YAML takes a class called 2 for a number
+_Share = Annotated[float, Meta(ge=-1e3, le=1e3)]
+_Pixel = Annotated[float, Meta(ge=-1e9, le=1e9)]
+
+
+class _Described(Struct):
+    names: list[_Name] | dict[int | str, _Name]
 
 
 def foreign_reader(folder: Path) -> Callable[[], Coco] | None:
@@ -64,27 +72,26 @@ def _pictures(folder: Path) -> list[Path]:
 
 
 def _yolo(folder: Path, pictures: Path, labels: Path, described: Path) -> Coco:
+    refuse = partial(DatasetError, path=described, remedy="add a line such as names: [tank, truck]")
     try:
-        names = yaml.safe_load(described.read_text(encoding="utf-8"))["names"]
-        names = dict(enumerate(names)) if isinstance(names, list) else {int(key): name for key, name in names.items()}
-    except (OSError, ValueError, TypeError, LookupError, AttributeError, yaml.YAMLError) as error:
-        problem = f"names no classes ({str(error).splitlines()[0]:.80})"
-        raise DatasetError(problem, path=described, remedy="add a line such as names: [tank, truck]") from None
+        found = typed(yaml_of(read_text(described, refuse)), _Described).names
+        names = {int(key): name for key, name in (enumerate(found) if isinstance(found, list) else found.items())}
+    except ValueError as error:
+        raise refuse(f"names no classes ({error})") from None
     coco = _empty(str(name) for _, name in sorted(names.items()))
     ids = {key: i for i, key in enumerate(sorted(names), 1)}
     for picture in _pictures(pictures):
         image = _image(coco, folder, picture)
         text = labels / f"{picture.stem}.txt"
-        for number, line in enumerate(text.read_text().splitlines() if text.exists() else (), 1):
+        refuse = partial(DatasetError, path=text, remedy=f"correct it; {described.name} has the classes")
+        for number, line in enumerate(read_text(text, refuse).splitlines() if text.exists() else (), 1):
             if line.strip():
                 try:
                     key, *values = line.split()
-                    _yolo_label(coco, image, ids[int(key)], [float(value) for value in values])
+                    _yolo_label(coco, image, ids[int(key)], typed(values, list[_Share], strict=False))
                 except (ValueError, KeyError):
                     problem = f"line {number}: {line[:60]!r} is no class and box, or class and polygon"
-                    raise DatasetError(
-                        problem, path=text, remedy=f"correct it; {described.name} has the classes"
-                    ) from None
+                    raise refuse(problem) from None
     return coco
 
 
@@ -105,10 +112,13 @@ def _yolo_label(coco: Coco, image: Record, category: int, values: list[float]) -
 def _voc(folder: Path, texts: Path, pictures: Path) -> Coco:
     trees = {}
     for path in sorted(texts.glob("*.xml")):
+        refuse = partial(DatasetError, path=path, remedy="correct it or take it out")
         try:
-            trees[path] = ElementTree.parse(path).getroot()
-        except (ElementTree.ParseError, OSError) as error:
-            raise DatasetError(f"cannot be read ({error})", path=path, remedy="correct it or take it out") from None
+            trees[path] = xml_of(read_file(path, refuse, most=TEXT))
+        except ValueError as error:
+            raise refuse(f"cannot be read ({error})") from None
+        if not all(element.findtext("name", "").strip() for element in trees[path].iter("object")):
+            raise refuse("an object has no name")
     names = sorted({element.findtext("name", "") for tree in trees.values() for element in tree.iter("object")})
     coco = _empty(names)
     for path, tree in trees.items():
@@ -119,9 +129,8 @@ def _voc(folder: Path, texts: Path, pictures: Path) -> Coco:
         image = _image(coco, folder, beside[0])
         for element in tree.iter("object"):
             try:
-                left, top, right, bottom = (
-                    float(element.findtext(f"bndbox/{side}", "")) for side in ("xmin", "ymin", "xmax", "ymax")
-                )
+                sides = [element.findtext(f"bndbox/{side}", "") for side in ("xmin", "ymin", "xmax", "ymax")]
+                left, top, right, bottom = typed([side.strip() for side in sides], list[_Pixel], strict=False)
             except ValueError:
                 name = element.findtext("name", "")
                 raise DatasetError(f"object {name!r} has no box", path=path, remedy="correct it") from None

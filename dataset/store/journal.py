@@ -8,12 +8,13 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import orjson
 
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import open_in_place, open_regular, replacing, sync_folder
+from hulldown.base.outside import json_of
 from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.seals import LINE_KEY, line_is_broken, seal_line
 
@@ -109,11 +110,9 @@ def read_journal(path: Path) -> Iterator[Record]:
             if not line.endswith(b"\n"):
                 return
             try:
-                record = orjson.loads(line)
-            except orjson.JSONDecodeError as error:
+                record = json_of(line, dict[str, Any])
+            except ValueError as error:
                 raise _damaged(path, number, str(error)) from error
-            if not isinstance(record, dict):
-                raise _damaged(path, number, f"a {type(record).__name__} where an object was expected")
             if LINE_KEY in record:  # lines of older datasets have none
                 if line_is_broken(line):
                     raise _damaged(path, number, "it is not as it was written")

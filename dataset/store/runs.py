@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path, PurePosixPath
 from typing import Annotated, TypeAlias
 
 import msgspec
 
+from hulldown.base.outside import sha256_of
 from hulldown.dataset.store.entries import Record
 
 _Count: TypeAlias = Annotated[int, msgspec.Meta(ge=0)]
@@ -60,8 +60,7 @@ class Run(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def plan_key(plan: Path) -> str:
     """A plan's key: the SHA-256 of its file."""
-    with plan.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return sha256_of(plan)
 
 
 def runs_of(coco: Record) -> list[Run]:

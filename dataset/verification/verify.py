@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import io
-import json
 import os
-from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from pycocotools.coco import COCO
 
-from hulldown.base.errors import HulldownError
+from hulldown.base.errors import DatasetError, HulldownError
+from hulldown.base.outside import DATA, json_with_repeats, read_file
 from hulldown.base.terminal import reading_status, shown
 from hulldown.dataset.records import Finding, check_annotations, check_categories, check_images, check_runs, check_seals
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, read_coco
@@ -105,16 +103,11 @@ def _check_loading(path: Path) -> Iterator[Finding]:
     if not path.exists():
         yield Finding("warning", path.name, "is not there yet: the run has not been closed; render again to finish it")
         return
-    repeated: Counter[str] = Counter()
-
-    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        record = dict(pairs)
-        if len(record) < len(pairs):
-            repeated.update({key for key, times in Counter(key for key, _ in pairs).items() if times > 1})
-        return record
-
-    with path.open(encoding="utf-8") as file:
-        dataset = json.load(file, object_pairs_hook=once)
+    refuse = partial(DatasetError, path=path)
+    try:
+        dataset, repeated = json_with_repeats(read_file(path, refuse, most=DATA))
+    except ValueError as error:  # it changed meanwhile
+        raise refuse(f"isn't valid JSON ({error})") from None
     for key, times in repeated.items():
         yield Finding("error", path.name, f"{times} objects have the key {key!r} more than once: readers take the last")
     try:

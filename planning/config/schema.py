@@ -25,6 +25,7 @@ from hulldown.planning.config.sensor_section import SensorSection
 from hulldown.planning.config.weather_section import WeatherSection
 
 MOST_IMAGES = 1_000_000_000  # of a class
+LARGEST = 65536  # pixels of a side
 LIKE_SHARE, LIKE_SPREAD = 0.7, 0.2
 
 
@@ -261,9 +262,9 @@ class RenderSection(Section):
 
     profile: Literal["paper", "fast", "train"] = "paper"
     """sets the last four keys; "fast" is for a look, "train" for many images in little time"""
-    width: int = Field(default=1920, ge=1, le=65536)
+    width: int = Field(default=1920, ge=1, le=LARGEST)
     """pixels"""
-    height: int = Field(default=1080, ge=1, le=65536)
+    height: int = Field(default=1080, ge=1, le=LARGEST)
     """pixels"""
     samples: int = Field(default=128, ge=1, le=1_000_000)
     """rays per pixel"""

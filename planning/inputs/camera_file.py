@@ -2,33 +2,33 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-import yaml
 from jaxtyping import Float
+from msgspec import Meta, Struct
 
 from hulldown.base.errors import ConfigError
+from hulldown.base.outside import read_text, typed, yaml_of
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.planning.config.schema import CameraMatrix, Distortion
+from hulldown.planning.config.schema import LARGEST, CameraMatrix, Distortion
 
 # Names in files of OpenCV's samples and of ROS, in lower case without underscores.
 _MATRIX = ("cameramatrix", "k", "intrinsicmatrix", "mtx")
 _DISTORTION = ("distortioncoefficients", "distcoeffs", "d", "dist")
 _SIZE = (("imagewidth", "width"), ("imageheight", "height"))
 _MODELS = ("", "plumb_bob", "rational_polynomial")
-_LARGEST = 1 << 20  # bytes
 _REMEDY = "give a calibration of OpenCV or ROS in YAML or JSON"
 
 
-class _Loader(yaml.SafeLoader):
-    """A loader that reads unknown tags, such as OpenCV's for a matrix, as tables."""
+_Number = Annotated[float, Meta(ge=-1e9, le=1e9)]  # as in a config
 
 
-_Loader.add_multi_constructor("", lambda loader, _, node: loader.construct_mapping(node, deep=True))
+class _Numbers(Struct):
+    data: _Number | list[_Number | list[_Number]]
 
 
 def read_camera(path: Path) -> dict[str, Any]:
@@ -53,12 +53,11 @@ def read_camera(path: Path) -> dict[str, Any]:
         if value is None:
             raise ConfigError(f"has no {what}", path=path, remedy=f"add it as {names[0]!r}")
         try:
-            flat = np.ravel(np.array(value["data"] if isinstance(value, Mapping) else value, dtype=np.float64))
-        except (KeyError, TypeError, ValueError):
-            flat = np.array([np.nan])
-        if not np.isfinite(flat).all():
-            raise ConfigError(f"its {what} isn't made of numbers", path=path, remedy=_REMEDY)
-        return flat
+            given = value if isinstance(value, Mapping) else {"data": value}
+            found = typed(given, _Numbers, strict=False)  # "1e-5" is a text in YAML
+            return np.ravel(np.array(found.data, dtype=np.float64))
+        except ValueError:
+            raise ConfigError(f"its {what} isn't made of numbers within 1e9", path=path, remedy=_REMEDY) from None
 
     matrix = numbers(_MATRIX, "camera matrix")
     size = [numbers((f"image_{names[1]}", *names), f"image {names[1]}") for names in _SIZE]
@@ -70,6 +69,8 @@ def read_camera(path: Path) -> dict[str, Any]:
     if len(matrix) != 9 or matrix[[1, 3, 6, 7]].any() or any(len(side) != 1 or side % 1 for side in size):
         raise ConfigError("its camera matrix isn't [fx, 0, cx, 0, fy, cy, 0, 0, 1]", path=path, remedy=_REMEDY)
     width, height = (int(side[0]) for side in size)
+    if not (1 <= width <= LARGEST and 1 <= height <= LARGEST):
+        raise ConfigError(f"isn't a camera: {width} x {height} pixels", path=path, remedy="calibrate it again")
     fx, fy, cx, cy = (float(value) for value in matrix[[0, 4, 2, 5]] + np.array([0.0, 0.0, 0.5, 0.5]))
     coefficients = np.pad(lens[:5], (0, max(0, 5 - len(lens)))).tolist()
     try:
@@ -87,16 +88,12 @@ def read_camera(path: Path) -> dict[str, Any]:
 
 
 def _table(path: Path) -> Mapping[str, Any]:
+    text = read_text(path, partial(ConfigError, path=path, remedy=_REMEDY))
     try:
-        if os.path.getsize(path) > _LARGEST:
-            raise ConfigError(f"is larger than {_LARGEST >> 20} MiB", path=path, remedy=_REMEDY)
-        text = path.read_text(encoding="utf-8")
         # OpenCV's first line isn't valid YAML.
-        table = yaml.load(text.partition("\n")[2] if text.startswith("%YAML:") else text, Loader=_Loader)
-    except OSError as error:
-        raise ConfigError(f"cannot be read: {error.strerror}", path=path) from None
-    except (yaml.YAMLError, ValueError, RecursionError):
-        raise ConfigError("is neither YAML nor JSON", path=path, remedy=_REMEDY) from None
+        table = yaml_of(text.partition("\n")[2] if text.startswith("%YAML:") else text)
+    except ValueError as error:
+        raise ConfigError(f"is neither YAML nor JSON ({error})", path=path, remedy=_REMEDY) from None
     if not isinstance(table, Mapping):
         raise ConfigError("isn't a calibration", path=path, remedy=_REMEDY)
     return table

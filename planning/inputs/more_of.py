@@ -7,14 +7,15 @@ proportion to the weights of its labels.
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
+from typing import Annotated
 
-import msgspec
-from msgspec import Struct
+from msgspec import Meta, Struct
 
 from hulldown.annotate.known import SCALES, SIZE
 from hulldown.base.errors import ConfigError
-from hulldown.base.files import open_regular
+from hulldown.base.outside import read_json
 
 MOST = 4.0  # largest weight of a bin; the smallest is its inverse
 NORMAL = 1.96  # half the width of a normal distribution's 95 % interval, in standard deviations
@@ -38,19 +39,23 @@ class MoreOf(Struct, frozen=True, kw_only=True):
     picture_px: float
 
 
+_Share = Annotated[float, Meta(ge=0, le=1)]
+_Bound = Annotated[float, Meta(ge=-1, le=2)]  # of a normal approximation
+
+
 class _Bin(Struct):
     bin: str
-    recall: float | None
-    recall_interval: tuple[float | None, float | None]
+    recall: _Share | None
+    recall_interval: tuple[_Bound | None, _Bound | None]
 
 
 class _Overall(Struct):
-    recall: float | None
+    recall: _Share | None
 
 
 class _Report(Struct):
     overall: _Overall
-    picture_px: float
+    picture_px: Annotated[float, Meta(ge=1, le=1e6)]
     bins: dict[str, list[_Bin]]
 
 
@@ -66,14 +71,9 @@ def read_more_of(path: Path) -> MoreOf:
     ConfigError
         If it isn't the report of one detector, or no bin that a plan can change differs significantly.
     """
-    try:
-        with open_regular(path) as file:
-            report = msgspec.json.decode(file.read(), type=_Report)
-    except OSError as error:
-        raise ConfigError(f"cannot be read ({error.strerror})", path=path, remedy="name a report.json") from None
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
-        remedy = "name the report.json that `hulldown evaluate` writes for one detector"
-        raise ConfigError(f"isn't a report of an evaluation ({error})", path=path, remedy=remedy) from None
+    remedy = "name the report.json that `hulldown evaluate` writes for one detector"
+    refuse = partial(ConfigError, path=path, remedy=remedy)
+    report = read_json(path, _Report, refuse, what="a report of an evaluation")
     missed = 1.0 - (report.overall.recall if report.overall.recall is not None else math.nan)
     if not missed > 0.0:
         raise ConfigError("no label was missed", path=path, remedy="evaluate on harder photographs")

@@ -6,13 +6,14 @@ import csv
 import io
 import math
 from collections.abc import Iterator, Mapping
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
 from msgspec import Struct
 
 from hulldown.base.errors import ConfigError
-from hulldown.base.files import open_regular
+from hulldown.base.outside import DOCUMENT, read_text
 
 FARTHEST = 1e9  # meters: beyond, float64 is coarser than a tenth of a micrometer
 NAMES = ("scenery", "vehicle", "sequence")
@@ -71,13 +72,7 @@ def read_poses(path: Path) -> GivenPoses:
     ConfigError
         If it can't be read, or for its first invalid line, with the line's number and its column.
     """
-    try:
-        with open_regular(path) as file:
-            text = file.read().decode("utf-8-sig")
-    except OSError as error:
-        raise ConfigError(f"cannot be read ({error.strerror})", path=path, remedy="name a CSV file") from None
-    except UnicodeDecodeError:
-        raise ConfigError("isn't UTF-8 text", path=path, remedy="name a CSV file") from None
+    text = read_text(path, partial(ConfigError, path=path, remedy="name a CSV file"), most=DOCUMENT)
     header = text.partition("\n")[0]
     table = csv.reader(io.StringIO(text, newline=""), delimiter=";" if ";" in header else ",", strict=True)
     try:

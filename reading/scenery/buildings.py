@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-import msgspec
 import numpy as np
 from jaxtyping import Float
+from msgspec import Meta, Struct
 
 from hulldown.base.errors import AssetError
-from hulldown.base.files import open_regular
+from hulldown.base.outside import read_json, typed
 from hulldown.reading.scenery.geotiff import on_map
 
 # Keys of OpenStreetMap, Overture, and OpenMapTiles, with meters to one unit.
@@ -23,6 +24,30 @@ MOST = 20_000  # each is an object in Blender
 
 # An outline and those of its courtyards, (n, 2) meters each, and a height in meters.
 Building = tuple[list[Float[np.ndarray, "_ 2"]], float]
+
+_Coordinate = Annotated[float, Meta(ge=-1e9, le=1e9)]
+_Point = Annotated[list[_Coordinate], Meta(min_length=2)]
+_Rings = list[list[_Point]]
+
+
+class _MapName(Struct):
+    name: str
+
+
+class _Crs(Struct):
+    properties: _MapName
+
+
+class _GeoJson(Struct):
+    """A feature, a geometry, or a collection of them."""
+
+    type: str
+    features: list[_GeoJson] = []
+    geometries: list[_GeoJson] = []
+    geometry: _GeoJson | None = None
+    properties: dict[str, Any] | None = None
+    coordinates: list[Any] = []
+    crs: _Crs | None = None
 
 
 def read_buildings(path: Path, crs: str) -> list[Building]:
@@ -44,34 +69,35 @@ def read_buildings(path: Path, crs: str) -> list[Building]:
     ----------
     RFC 7946. `crs` is of the GeoJSON of 2008, which GIS programs still write.
     """
+    refuse = partial(AssetError, path=path, remedy="export polygons as GeoJSON in WGS 84")
+    data = read_json(path, _GeoJson, refuse, what="GeoJSON")
+    there = data.crs.properties.name if data.crs else "OGC:CRS84"
     try:
-        with open_regular(path) as file:
-            data = msgspec.json.decode(file.read(), type=dict[str, Any])
-        there = ((data.get("crs") or {}).get("properties") or {}).get("name", "OGC:CRS84")
-        found = _buildings(data, USUAL)
-        buildings = [([on_map(ring, there, crs or there) for ring in rings], height) for rings, height in found]
-    except OSError as error:
-        raise AssetError(f"cannot be read ({error.strerror})", path=path, remedy="check its name") from None
-    except (msgspec.MsgspecError, AttributeError, LookupError, TypeError, ValueError) as error:
-        raise AssetError(f"isn't GeoJSON ({error})", path=path, remedy="export polygons as GeoJSON in WGS 84") from None
+        found = [
+            ([on_map(ring, there, crs or there) for ring in rings], height) for rings, height in _buildings(data, USUAL)
+        ]
+    except ValueError as error:
+        raise refuse(f"isn't GeoJSON ({error})") from None
+    buildings = [(rings, height) for rings, height in found if np.isfinite(np.concatenate(rings)).all()]
+    if lost := len(found) - len(buildings):
+        raise refuse(f"has {lost:,} polygons outside of its map {there!r:.60}")
     if not 0 < len(buildings) <= MOST:
         problem = f"has {len(buildings):,} polygons, expected 1 to {MOST:,}"
         raise AssetError(problem, path=path, remedy="export the outlines of buildings in the terrain's area")
     return buildings
 
 
-def _buildings(record: Mapping[str, Any], height: float) -> Iterator[Building]:
-    match record.get("type"):
-        case "FeatureCollection" | "GeometryCollection" as kind:
-            for each in record["features" if kind == "FeatureCollection" else "geometries"]:
-                yield from _buildings(each, height)
-        case "Feature":
-            yield from _buildings(record.get("geometry") or {}, _height(record.get("properties") or {}))
-        case "Polygon" | "MultiPolygon" as kind:
-            for rings in record["coordinates"] if kind == "MultiPolygon" else [record["coordinates"]]:
-                closed = [np.array([point[:2] for point in ring[:-1]], dtype=np.float64) for ring in rings]
-                if outlines := [outline for outline in closed if len(outline) >= 3]:
-                    yield outlines, height
+def _buildings(record: _GeoJson, height: float) -> Iterator[Building]:
+    for each in (*record.features, *record.geometries):
+        yield from _buildings(each, height)
+    if record.geometry is not None:
+        yield from _buildings(record.geometry, _height(record.properties or {}))
+    if record.type in ("Polygon", "MultiPolygon"):
+        polygons = record.coordinates if record.type == "MultiPolygon" else [record.coordinates]
+        for rings in typed(polygons, list[_Rings]):
+            closed = [np.array([point[:2] for point in ring[:-1]], dtype=np.float64) for ring in rings]
+            if outlines := [outline for outline in closed if len(outline) >= 3]:
+                yield outlines, height
 
 
 def _height(properties: Mapping[str, Any]) -> float:

@@ -4,32 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-import msgspec
 import numpy as np
-import orjson
 from jaxtyping import Float, Int
+from msgspec import Meta, Struct
 
 from hulldown.annotate.oriented import rectangle_corners
 from hulldown.base.errors import DatasetError
+from hulldown.base.outside import DATA, read_json, typed
 from hulldown.training.evaluation.labels import Labels
 
 INFO_SUFFIX = ".info.json"  # of a file next to the results: the processed images, and the detector
 
 
-_Side = Annotated[float, msgspec.Meta(ge=0)]
+_Place = Annotated[float, Meta(ge=-1e9, le=1e9)]
+_Side = Annotated[float, Meta(ge=0, le=1e9)]
 
 
-class _Detection(msgspec.Struct, kw_only=True):
+class _Detection(Struct, kw_only=True):
     """A COCO result; `obb` is center x, center y, width, height, and angle."""
 
     image_id: int
     category_id: int
-    bbox: tuple[float, float, _Side, _Side] | None = None
-    obb: tuple[float, float, _Side, _Side, float] | None = None
-    score: Annotated[float, msgspec.Meta(ge=0, le=1)]
+    bbox: tuple[_Place, _Place, _Side, _Side] | None = None
+    obb: tuple[_Place, _Place, _Side, _Side, _Place] | None = None
+    score: Annotated[float, Meta(ge=0, le=1)]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -118,8 +120,8 @@ def predictions_of(
         Naming the first detection that cannot be used.
     """
     try:
-        rows = msgspec.convert(found, list[_Detection])
-    except msgspec.ValidationError as error:
+        rows = typed(found, list[_Detection])
+    except ValueError as error:
         problem, _, place = str(error).rpartition(" - at `$[")
         number, _, key = place.rstrip("`").partition("]")
         raise _unusable(f"{number}: {key.lstrip('.') or 'it'} is wrong: {problem}", path, labels) from None
@@ -185,11 +187,5 @@ def _check_images(path: Path, listed: Any, labels: Labels) -> None:
 
 
 def _read(path: Path) -> Any:
-    try:
-        return orjson.loads(path.read_bytes())
-    except OSError as error:
-        raise DatasetError(
-            f"cannot be read ({error.strerror})", path=path, remedy="name a file of COCO results"
-        ) from None
-    except orjson.JSONDecodeError as error:
-        raise DatasetError(f"is not valid JSON ({error})", path=path, remedy="predict again") from None
+    refuse = partial(DatasetError, path=path, remedy="name a file of COCO results")
+    return read_json(path, object, refuse, what="valid JSON", most=DATA)

@@ -1,0 +1,254 @@
+"""Read files from outside: opened once, regular, of limited size, and parsed into values of declared types.
+
+Nothing else opens or parses them; `tests/test_outside.py` lists the exceptions with their reasons.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tomllib
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, TypeAlias, TypeVar
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
+
+import msgspec
+import orjson
+import yaml
+
+from hulldown.base.errors import HulldownError
+from hulldown.base.files import open_regular
+
+# Largest files by kind, in bytes: texts that people write, documents, and labels or pictures.
+TEXT, DOCUMENT, DATA = 1 << 20, 1 << 28, 1 << 32
+NESTED = 64  # lists and objects in each other
+LONGEST_NUMBER = 300  # characters: float64 ends at 308
+LONGEST_YAML = 1 << 18  # characters: its parser reads some 50,000 a second
+DOTS = 500  # of a line of TOML: its parser takes quadratic time for keys of many parts
+T = TypeVar("T")
+Refuse: TypeAlias = Callable[
+    [str], HulldownError
+]  # makes an error of a problem, such as partial(ConfigError, path=...)
+
+
+def read_file(path: Path, refuse: Refuse, *, most: int = DOCUMENT) -> bytes:
+    """Return a file's content.
+
+    Parameters
+    ----------
+    path
+        The file.
+    refuse
+        Makes the error that is raised if it isn't a regular file, is larger than `most` bytes, or can't be read.
+    most
+        Largest size in bytes.
+
+    Examples
+    --------
+    >>> from functools import partial
+    >>> read_file(Path("nothing.toml"), partial(HulldownError, path="nothing.toml"))
+    Traceback (most recent call last):
+    hulldown.base.errors.HulldownError: nothing.toml: no such file
+    """
+    try:
+        with open_regular(path) as file:
+            # One more byte than it has, since it may grow.
+            content = file.read(min(os.fstat(file.fileno()).st_size, most) + 1)
+    except FileNotFoundError:
+        raise refuse("no such file") from None
+    except OSError as error:
+        raise refuse(f"cannot be read ({error.strerror})") from None
+    except ValueError:  # a zero byte in its name
+        raise refuse("isn't a valid file name") from None
+    if len(content) > most:
+        raise refuse(f"is larger than {most >> 20:,} MiB")
+    return content
+
+
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 of a regular file's content, in hexadecimal digits.
+
+    Raises
+    ------
+    OSError
+        If it can't be read.
+    """
+    digest = hashlib.sha256()
+    with open_regular(path) as file:
+        while part := file.read(1 << 20):
+            digest.update(part)
+    return digest.hexdigest()
+
+
+def read_text(path: Path, refuse: Refuse, *, most: int = TEXT) -> str:
+    """Return a file's text, which is UTF-8 with or without a mark; see `read_file`."""
+    try:
+        return read_file(path, refuse, most=most).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise refuse("isn't UTF-8 text") from None
+
+
+def read_json(path: Path, kind: type[T], refuse: Refuse, *, what: str, most: int = DOCUMENT) -> T:
+    """Return the value of a JSON file as a `kind`; `what` names it in errors, see `read_file`."""
+    content = read_file(path, refuse, most=most)
+    try:
+        return json_of(content, kind)
+    except ValueError as error:
+        raise refuse(f"isn't {what} ({error})") from None
+
+
+def json_of(content: bytes | memoryview, kind: type[T]) -> T:
+    """Return a JSON value as a `kind`.
+
+    Raises
+    ------
+    ValueError
+        If it isn't JSON, has numbers beyond float64 or values nested more than `NESTED` deep, or isn't a `kind`.
+
+    Examples
+    --------
+    >>> json_of(b'{"size": [640, 480]}', dict[str, tuple[int, int]])
+    {'size': (640, 480)}
+    """
+    return typed(orjson.loads(content), kind)
+
+
+def typed(value: object, kind: type[T], *, strict: bool = True) -> T:
+    """Return parsed JSON, YAML, or TOML as a `kind`; if not `strict`, also from texts. ValueError as of `json_of`."""
+    try:
+        found = msgspec.convert(value, kind, strict=strict)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+    except msgspec.ValidationError as error:
+        raise ValueError(str(error)) from None
+    level: list[Any] = [found]
+    for _ in range(NESTED):
+        inner = (each.values() if isinstance(each, dict) else each for each in level if isinstance(each, dict | list))
+        level = [value for values in inner for value in values if isinstance(value, dict | list)]
+        if not level:
+            return found
+    raise ValueError("it is nested too deeply")
+
+
+def toml_of(text: str) -> dict[str, Any]:
+    """Return a TOML document; ValueError as of `json_of`."""
+    if any(line.count(".") > DOTS for line in text.splitlines()):
+        raise ValueError("a line has hundreds of points")
+    try:
+        return typed(tomllib.loads(text), dict[str, Any])
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+
+
+class _Loader(yaml.SafeLoader):
+    """A loader without aliases, which reads unknown tags, such as OpenCV's for a matrix, as tables."""
+
+    depth = 0
+
+    def compose_node(self, parent: object, index: object) -> object:
+        if self.check_event(yaml.AliasEvent):  # some hundred bytes of aliases fill any memory
+            raise ValueError("it has an alias; write the value out")
+        self.depth += 1
+        if self.depth > NESTED:
+            raise ValueError("it is nested too deeply")
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        if isinstance(node, yaml.ScalarNode) and len(node.value) > LONGEST_NUMBER and not node.tag.endswith(":str"):
+            raise ValueError(f"it has a number of {len(node.value):,} characters")
+        return node
+
+
+_Loader.add_multi_constructor("", lambda loader, _, node: loader.construct_mapping(node, deep=True))
+
+
+def yaml_of(text: str) -> object:
+    """Return a YAML document, of plain values; ValueError as of `json_of`."""
+    if len(text) > LONGEST_YAML:
+        raise ValueError(f"it has more than {LONGEST_YAML >> 10} KiB")
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except yaml.YAMLError as error:
+        raise ValueError(" ".join(str(error).split())) from None
+    except (ArithmeticError, AttributeError, LookupError, TypeError) as error:  # of a tag whose value doesn't fit it
+        raise ValueError(f"a tag doesn't fit its value: {error}") from None
+
+
+def xml_of(content: bytes) -> Element:
+    """Return the root of an XML document without a document type, where entities would be declared.
+
+    Raises
+    ------
+    ValueError
+        If it isn't XML, declares a document type, or its elements are nested more than `NESTED` deep.
+    """
+    tree, depth, parser = TreeBuilder(), 0, expat.ParserCreate()
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > NESTED:
+            raise ValueError("it is nested too deeply")
+        tree.start(name, attributes)
+
+    def end(name: str) -> None:
+        nonlocal depth
+        depth -= 1
+        tree.end(name)
+
+    def declared(*_: object) -> None:
+        raise ValueError("it declares a document type")
+
+    parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, tree.data
+    parser.StartDoctypeDeclHandler = declared
+    try:
+        parser.Parse(content, True)
+        return tree.close()
+    except (expat.ExpatError, LookupError) as error:  # an unknown encoding
+        raise ValueError(str(error)) from None
+
+
+def json_with_repeats(content: bytes) -> tuple[Any, Counter[str]]:
+    """Return a JSON value, and how many objects have a key more than once; ValueError as of `json_of`."""
+    repeated: Counter[str] = Counter()
+
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        record = dict(pairs)
+        if len(record) < len(pairs):
+            repeated.update({key for key, times in Counter(key for key, _ in pairs).items() if times > 1})
+        return record
+
+    try:
+        return json.loads(content, object_pairs_hook=once), repeated
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+
+
+def json_parts(content: bytes) -> dict[str, msgspec.Raw]:
+    """Return the values of a JSON object, not parsed, which takes little memory; ValueError as of `json_of`."""
+    return _raw(content, dict[str, msgspec.Raw])
+
+
+def json_records(content: bytes | msgspec.Raw, key: str) -> Iterator[dict[str, Any]]:
+    """Yield the objects of a JSON list one at a time; ValueError, which names its `key`, if it's something else."""
+    try:
+        parts = _raw(content, list[msgspec.Raw])
+    except ValueError as error:
+        raise ValueError(f"{key!r} is not a list of objects: {error}") from None
+    for part in parts:
+        record = orjson.loads(memoryview(part))
+        if not isinstance(record, dict):
+            raise ValueError(f"{key!r} is not a list of objects")
+        yield record
+
+
+def _raw(content: bytes | msgspec.Raw, kind: type[T]) -> T:
+    try:
+        return msgspec.json.decode(content, type=kind)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+    except msgspec.MsgspecError as error:
+        raise ValueError(str(error)) from None
