@@ -56,11 +56,12 @@ test: setup-training browser ## all tests but the thorough ones: 8 minutes on tw
 kernels: setup ## the tests of geometry, placement and cameras once more, with OpenBLAS's other kernels
 	for core in Haswell SkylakeX; do OPENBLAS_CORETYPE=$$core $(BIN)/python -P -m pytest -q $(KERNEL_TESTS) || exit 1; done
 
-check: setup ## linters: ruff, mypy, import rules, spelling
+check: setup ## linters: ruff, mypy, import rules, who opens files, spelling
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python -P -m pytest -q tests/test_outside.py
 	git ls-files -z ':!.dev' | xargs -0 $(BIN)/codespell
 
 bench: setup ## speed against error: rewrites docs/benchmarks.md and its plots (BENCH='boxes --quick': one suite, small)

@@ -20,7 +20,6 @@ import msgspec
 import orjson
 import yaml
 
-from hulldown.base.errors import HulldownError
 from hulldown.base.files import open_regular
 
 # Largest files by kind, in bytes: texts that people write, documents, and labels or pictures.
@@ -30,9 +29,7 @@ LONGEST_NUMBER = 300  # characters: float64 ends at 308
 LONGEST_YAML = 1 << 18  # characters: its parser reads some 50,000 a second
 DOTS = 500  # of a line of TOML: its parser takes quadratic time for keys of many parts
 T = TypeVar("T")
-Refuse: TypeAlias = Callable[
-    [str], HulldownError
-]  # makes an error of a problem, such as partial(ConfigError, path=...)
+Refuse: TypeAlias = Callable[[str], Exception]  # makes an error of a problem, such as partial(ConfigError, path=path)
 
 
 def read_file(path: Path, refuse: Refuse, *, most: int = DOCUMENT) -> bytes:
@@ -50,6 +47,7 @@ def read_file(path: Path, refuse: Refuse, *, most: int = DOCUMENT) -> bytes:
     Examples
     --------
     >>> from functools import partial
+    >>> from hulldown.base.errors import HulldownError
     >>> read_file(Path("nothing.toml"), partial(HulldownError, path="nothing.toml"))
     Traceback (most recent call last):
     hulldown.base.errors.HulldownError: nothing.toml: no such file

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, BinaryIO, overload
+from typing import TYPE_CHECKING, Any, BinaryIO, overload
 
 import filelock
 import msgspec
@@ -23,7 +23,8 @@ from jaxtyping import Int
 
 from hulldown.annotate.notebooks import ShownInNotebooks
 from hulldown.base.errors import ConfigError, HulldownError
-from hulldown.base.files import open_in_place, picture_name
+from hulldown.base.files import open_in_place, open_regular, picture_name
+from hulldown.base.outside import json_of
 from hulldown.geometry.arrays import spread
 from hulldown.placement.rejection import BY_KEY
 from hulldown.planning.misfit import misfit
@@ -68,7 +69,7 @@ class Plan(ShownInNotebooks):
             With the line's number, at the first line that isn't a row of this plan, or if lines are missing.
         """
         i, names = -1, _Names()
-        with self.path.open("rb") as file:
+        with open_regular(self.path) as file:
             file.readline()
             for i, line in enumerate(file):
                 row = self._row(line, i)
@@ -92,7 +93,7 @@ class Plan(ShownInNotebooks):
         if not -len(self) <= index < len(self):
             raise IndexError(f"index: expected {-len(self)} to {len(self) - 1}, got {index}")
         index %= len(self)
-        with self.path.open("rb") as file:
+        with open_regular(self.path) as file:
             if self._starts is None:
                 self._starts = line_starts(file)
             if index + 2 >= len(self._starts):
@@ -257,15 +258,15 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
     """
     path = Path(path)
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             line, size = file.readline(), os.fstat(file.fileno()).st_size
     except FileNotFoundError:
         raise ConfigError("no such plan", path=path, remedy="make one with `hulldown plan`") from None
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", path=path) from None
     try:
-        version = msgspec.json.decode(line)["hulldown_plan"]
-    except (msgspec.DecodeError, ValueError, KeyError, TypeError, RecursionError):
+        version = json_of(line, dict[str, Any])["hulldown_plan"]
+    except (ValueError, KeyError):
         raise _damaged(path, 1, "isn't the header of a plan") from None
     if version != FORMAT:
         raise _damaged(path, 1, f"has plan format {version!r:.60}, this is format {FORMAT}")
@@ -382,7 +383,7 @@ def _refuse_other_file(path: Path) -> None:
     if path.is_dir():
         raise ConfigError("is a folder", path=path, remedy="name a file for the plan, such as plan.jsonl")
     if path.is_file():
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             start = file.read(len(_BEGINNING))
         if start not in (b"", _BEGINNING):
             raise ConfigError("exists and isn't a plan", path=path, remedy="name another file, or delete it first")

@@ -6,7 +6,6 @@ someone else's plan, or was changed, isn't used.
 
 from __future__ import annotations
 
-import hashlib
 import hmac
 import json
 import os
@@ -16,9 +15,9 @@ import tempfile
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
-from io import BufferedReader
+from functools import partial
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import Any, TypeVar
 
 import msgspec
 from filelock import FileLock
@@ -26,6 +25,7 @@ from filelock import FileLock
 from hulldown.assets.bundle import FORMAT
 from hulldown.base.errors import AssetError
 from hulldown.base.files import open_regular, replacing
+from hulldown.base.outside import json_of, read_file, sha256_of
 from hulldown.reading.confinement.landlock import asset_folders, is_inside, unconfined
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.export import Exported, export
@@ -86,7 +86,7 @@ def cached(
     """
     path, cache = Path(path), Path(cache)
     format_of(path)  # before it is hashed: a folder or nothing at all has no content
-    digest = sha256(path)
+    digest = sha256_of(path)
     entry = cache / entry_name(EXPORTER, FORMAT, kind, asdict(options), digest)
     make_cache(cache)
     # Two plans must not export the same file at once.
@@ -156,7 +156,7 @@ def entry_name(*parts: object) -> str:
 
 def seal(made: Path, entry: Path, note: object) -> None:
     """Turn the folder `made` into the entry `entry`, with a sealed note, a dataclass, and hashes of its files."""
-    content = {file.name: sha256(file) for file in sorted(made.iterdir()) if file.is_file()}
+    content = {file.name: sha256_of(file) for file in sorted(made.iterdir()) if file.is_file()}
     sealed = {"name": entry.name, "content": content, "note": msgspec.to_builtins(note)}
     body = json.dumps(sealed, indent=1).encode()
     with replacing(made / NOTE_NAME) as file:
@@ -177,8 +177,8 @@ def unseal(entry: Path, kind: type[Note]) -> Note | None:
             line, body = file.readline(1 << 10), file.read(LARGEST_NOTE)
         if not hmac.compare_digest(line.strip(), _seal_of(body)):
             return None
-        sealed = json.loads(body)
-        same = all(sha256(entry / name) == digest for name, digest in sealed["content"].items())
+        sealed = json_of(body, dict[str, Any])
+        same = all(sha256_of(entry / name) == digest for name, digest in sealed["content"].items())
     except OSError:
         return None
     return msgspec.convert(sealed["note"], kind) if same and sealed["name"] == entry.name else None
@@ -200,10 +200,10 @@ def _key() -> bytes:
                     with replacing(path) as file:
                         os.chmod(file.name, 0o600)
                         file.write(secrets.token_bytes(KEY_BYTES))
-        key = path.read_bytes()
     except OSError as error:
         problem = f"cannot be read or made ({error.strerror}), and the cache is sealed with it"
         raise AssetError(problem, path=path, remedy="set XDG_STATE_HOME to a folder that you can write to") from None
+    key = read_file(path, partial(AssetError, path=path, remedy="delete it"), most=1 << 10)
     if len(key) != KEY_BYTES:
         raise AssetError(f"has {len(key)} bytes, expected {KEY_BYTES}", path=path, remedy="delete it")
     return key
@@ -220,7 +220,7 @@ def _print_of(file: Path, asset: Path, *, known: Print | None = None) -> Print |
         stat = file.stat()
         if known and known[:2] == (stat.st_size, stat.st_mtime_ns):
             return known
-        return stat.st_size, stat.st_mtime_ns, sha256(file)
+        return stat.st_size, stat.st_mtime_ns, sha256_of(file)
     except OSError:
         return None
 
@@ -228,15 +228,3 @@ def _print_of(file: Path, asset: Path, *, known: Print | None = None) -> Print |
 def _unchanged(file: Path, was: Print | None, asset: Path) -> bool:
     now = _print_of(file, asset, known=was)
     return now is was if now is None or was is None else now[2] == was[2]
-
-
-def sha256(path: Path) -> str:
-    """Hexadecimal digest of a file's bytes.
-
-    Raises
-    ------
-    OSError
-        If it cannot be read, or is no regular file.
-    """
-    with open_regular(path) as file:
-        return hashlib.file_digest(cast(BufferedReader, file), "sha256").hexdigest()

@@ -8,12 +8,12 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import NoReturn, TypeVar
-
-import msgspec
+from typing import Any, NoReturn, TypedDict, TypeVar
 
 from hulldown.base.errors import AssetError
+from hulldown.base.outside import read_json, typed
 from hulldown.reading.confinement.landlock import asset_folders, confined
 from hulldown.reading.confinement.references import refuse_odd_references
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits, watched
@@ -171,6 +171,12 @@ def ask_reader(jobs: Sequence[Job], *, limits: ReadLimits = DEFAULT_LIMITS) -> N
             _explain(job.path, *ended)
 
 
+class _Refused(TypedDict):
+    problem: str
+    path: str
+    remedy: str | None
+
+
 def found_by(job: Job, kind: type[Found]) -> Found:
     """What the reading process found in a file, as the type that it tells.
 
@@ -179,10 +185,15 @@ def found_by(job: Job, kind: type[Found]) -> Found:
     AssetError
         If it refused the file.
     """
-    answer = json.loads(job.file(ANSWER).read_text(encoding="utf-8"))
-    if "error" in answer:
-        raise AssetError(**answer["error"])
-    return msgspec.convert(answer, kind)
+    # Its process had opened a file from outside.
+    refuse = partial(AssetError, path=job.path, remedy="open it in Blender, save it again, or leave it out")
+    answer = read_json(job.file(ANSWER), dict[str, Any], refuse, what="readable: its process gave no answer")
+    try:
+        if "error" in answer:
+            raise AssetError(**typed(answer["error"], _Refused))
+        return typed(answer, kind)
+    except ValueError as error:
+        raise refuse(f"isn't readable: its process gave another answer ({error})") from None
 
 
 def _explain(path: str, code: int, last_words: str, exceeded: str) -> NoReturn:

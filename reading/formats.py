@@ -6,6 +6,7 @@ import stat
 from pathlib import Path
 
 from hulldown.base.errors import AssetError
+from hulldown.base.files import open_regular
 
 MAGIC = {
     b"BLENDER": "blend",
@@ -42,7 +43,7 @@ def first_bytes(path: Path) -> bytes:
     try:
         if (kind := _kind(path.stat().st_mode)) != "a file":
             raise AssetError(f"is {kind}, not a file", path=path)
-        with open(path, "rb") as file:
+        with open_regular(path) as file:
             start = file.read(64)
     except FileNotFoundError:
         raise AssetError("does not exist", path=path) from None

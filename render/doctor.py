@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import json
 import platform
 import subprocess
 import sys
@@ -13,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from hulldown.base.code import version_of
+from hulldown.base.outside import json_of
 from hulldown.reading.confinement.landlock import NETWORK_ABI, abi, confinement, unconfined
 from hulldown.reading.libraries import INSTALL, SYSTEM_LIBRARIES, missing_libraries
 
@@ -93,6 +93,6 @@ def _probe_blender() -> dict | str:
         return "no answer within 300 s"
     for line in child.stdout.splitlines():
         if line.startswith("@@"):
-            return json.loads(line[2:])
+            return json_of(line[2:].encode(), dict)
     last = (child.stderr.strip().splitlines() or [f"exit code {child.returncode}"])[-1]
     return last

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import pickle
 import platform
@@ -20,6 +19,7 @@ import psutil
 
 from hulldown.base.child import Child, memory_limit
 from hulldown.base.errors import HulldownError
+from hulldown.base.outside import DATA, json_of, read_file
 from hulldown.reading.confinement import landlock
 from hulldown.render.blender.worker import ANSWER
 from hulldown.render.messages import Job, MaskJob, RenderJob, StartJob
@@ -300,8 +300,8 @@ class Blender:
             if not line:
                 answers.put(None)
             elif text.startswith(ANSWER):
-                with contextlib.suppress(json.JSONDecodeError):  # a killed worker's partial line
-                    answers.put(json.loads(text[len(ANSWER) :]))
+                with contextlib.suppress(ValueError):  # a killed worker's partial line
+                    answers.put(json_of(line[len(ANSWER) :], dict[str, Any]))
 
         command = worker_command(self._program)
         more = {"TMPDIR": str(self._confinement.write)} if self._confinement else {}
@@ -376,7 +376,4 @@ def _written(job: RenderJob | MaskJob) -> bytes:
         size = job.camera.intrinsics
         if wrong := damage(output, size.width, size.height):
             raise AttemptFailed(wrong)
-    try:
-        return output.read_bytes()
-    except OSError as error:
-        raise AttemptFailed(f"what Blender wrote cannot be read ({error})") from None
+    return read_file(output, lambda problem: AttemptFailed(f"what Blender wrote {problem}"), most=DATA)

@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 
 from hulldown.base.errors import AssetError
-from hulldown.reading.cache import sha256
+from hulldown.base.outside import sha256_of
 from hulldown.render.cluster.asset_files import AssetCache, ClientFiles, FileNote, references
 from hulldown.tests.render_plans import cube_library
 
 
 def note(path):
-    return FileNote(str(path), sha256(path), path.stat().st_size)
+    return FileNote(str(path), sha256_of(path), path.stat().st_size)
 
 
 @pytest.fixture
@@ -116,7 +116,7 @@ def test_a_blend_cannot_choose_what_is_sent_and_read_unless_the_user_adds_its_fo
 def test_a_file_changed_or_deleted_before_it_is_sent_is_named(curious, change):
     library, folder, _ = curious
     files, sky = ClientFiles(library), folder / "sky.exr"
-    digest = sha256(sky)
+    digest = sha256_of(sky)
     assert files.content(digest) == b"sky.exr"
     change(sky)
     with pytest.raises(AssetError, match=r"sky\.exr.*restore it"):

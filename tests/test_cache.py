@@ -15,6 +15,7 @@ import hulldown.reading.skies.hdri
 from hulldown.assets.bundle import save
 from hulldown.assets.skylight import SkyLight
 from hulldown.base.errors import AssetError, ConfigError
+from hulldown.base.outside import sha256_of
 from hulldown.geometry.meshes import Mesh
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_library, load_planned_library
@@ -22,7 +23,7 @@ from hulldown.planning.plan_file import Plan
 from hulldown.planning.planner import Planner
 from hulldown.planning.search.pairs import Pairs
 from hulldown.planning.write import make_header
-from hulldown.reading.cache import cached, sha256
+from hulldown.reading.cache import cached
 from hulldown.reading.confinement.landlock import abi
 from hulldown.reading.export import Exported
 from hulldown.reading.options import Options
@@ -157,7 +158,7 @@ def forged(entry: Path, **note: object) -> None:
     seal, body = (entry / "entry.json").read_bytes().split(b"\n", 1)
     sealed = json.loads(body)
     sealed["note"].update(note)
-    sealed["content"] = {name: sha256(entry / name) for name in sealed["content"]}
+    sealed["content"] = {name: sha256_of(entry / name) for name in sealed["content"]}
     (entry / "entry.json").write_bytes(seal + b"\n" + json.dumps(sealed, indent=1).encode())
 
 

@@ -17,8 +17,8 @@ import psutil
 import pytest
 
 from hulldown.base.errors import HulldownError
+from hulldown.base.outside import sha256_of
 from hulldown.dataset.provenance import read_failures
-from hulldown.reading.cache import sha256
 from hulldown.reading.confinement.landlock import abi
 from hulldown.render.cluster.scheduler import Scheduler
 from hulldown.render.pool import Engine
@@ -207,7 +207,7 @@ def test_a_worker_without_the_assets_gets_them_once(tmp_path):
     assert sent[0] == sent[1]
     files = [made / "sceneries/field.blend", made / "elsewhere/far.blend", made / "gray.exr"]
     files += (made / "shared").rglob("*.*")
-    assert {sha256(path) for path in files} < set(sent[0])
+    assert {sha256_of(path) for path in files} < set(sent[0])
     assert len(sent[0]) == len(files) + 1  # and the tidy twin of the tank
 
 
@@ -275,4 +275,4 @@ def test_a_texture_outside_the_asset_folders_is_missing_as_on_one_machine(folder
         Course(tmp_path / "d", plan, nodes.address)
         kept = contents_of(nodes) if (nodes.folder / "sent").is_dir() else {}
     assert_same(tmp_path / "whole", tmp_path / "d", images=2)
-    assert sha256(secret) not in kept
+    assert sha256_of(secret) not in kept

@@ -113,7 +113,7 @@ GLTF = {
         ({"images": [{"uri": "fifo.bin"}]}, "refers to fifo.bin, which is a FIFO"),
         ({"buffers": [{"uri": "mesh .bin", "byteLength": 99}]}, "buffers[0] has 99 bytes, but mesh .bin has 36"),
         ({"nodes": [{"mesh": 7}]}, "nodes[0].mesh = 7, but it has 1 meshes; export it again"),
-        ("[" * 100_000, "isn't readable glTF (it is nested too deeply)"),
+        ("[" * 100_000, "isn't readable glTF (depth limit exceeded"),
         ('{"asset": {"version": "2.0"}, "nodes": [1, 2', "gltf|isn't readable glTF"),
         ("[]", "isn't glTF: it isn't a JSON object"),
         ({"asset": {"version": "1.0"}}, "is glTF 1.0, which Blender does not read; convert it to glTF 2.0"),

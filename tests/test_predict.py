@@ -93,7 +93,7 @@ def test_a_dataset_with_other_classes_is_refused_with_both_lists(run, data, tmp_
     [
         ("train --data real=none -o run --model small", "none"),
         ("train --data real=none -o run --model huge", "model = 'huge'"),
-        ("predict . data -o found.json", "no run.json here"),
+        ("predict . data -o found.json", "run.json: no such file"),
     ],
 )
 def test_a_mistake_is_a_one_line_error(data, tmp_path, monkeypatch, capsys, command, named):
@@ -142,6 +142,21 @@ def test_a_video_is_read_by_frame_and_drawn_as_a_video(run, video, tmp_path):
     drawn = list(find_pictures([tmp_path / "drawn" / "clip.mp4"]).read(range(5)))
     assert len(drawn) == 5
     assert all(picture.std() > 5 for picture in drawn)  # boxes on frames of one gray
+
+
+def test_a_damaged_video_names_its_lost_frames_and_a_playlist_is_refused(video, tmp_path, capfd):
+    content = bytearray(video.read_bytes())
+    frames = [at for at in range(len(content)) if content.startswith(b"\0\0\1\xb6", at)]
+    content[frames[2] : frames[3]] = bytes(frames[3] - frames[2])
+    video.write_bytes(content)
+    with pytest.warns(UserWarning, match=r"is damaged: \d frames were read, \d of 5 are lost"):
+        assert len(find_pictures([video]).records) < 5
+    assert capfd.readouterr() == ("", "")  # FFmpeg's messages
+    (tmp_path / "list.mp4").write_text(
+        f"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nfile://{video}\n#EXT-X-ENDLIST\n"
+    )
+    with pytest.raises(DatasetError, match="isn't a video"):
+        find_pictures([tmp_path / "list.mp4"])
 
 
 @pytest.mark.parametrize(

@@ -139,7 +139,7 @@ def test_training_starts_from_given_weights(pictures, tmp_path):
 
 def test_a_finished_run_is_extended(pictures, tmp_path):
     data, run = {"demo": pictures}, tmp_path / "run"
-    with pytest.raises(HulldownError, match="no run to extend"):
+    with pytest.raises(HulldownError, match=r"config\.json: no such file"):
         train(data, run, settings=small(), more_budget=16, workers=0)
     whole = train(data, tmp_path / "whole", settings=small(budget=47 + 16 + 8), workers=0, device="cpu")
     train(data, run, settings=small(), workers=0, device="cpu")

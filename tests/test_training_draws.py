@@ -66,5 +66,5 @@ def test_a_file_of_draws_round_trips(tmp_path):
 def test_an_invalid_row_is_named(tmp_path, line):
     path = tmp_path / "draws.csv"
     path.write_text(f"draw,source,image,augmentation_seed\n0,real,a.png,1\n{line}\n")
-    with pytest.raises(DatasetError, match=r"draws\.csv: line 3: no draw"):
+    with pytest.raises(DatasetError, match=r"draws\.csv: line 3: isn't a draw"):
         read_draws(path, ["real"], [["a.png"]])

@@ -10,12 +10,14 @@ import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Int
 
 from hulldown.base.errors import ConfigError, DatasetError
+from hulldown.base.outside import DATA, read_text
 
 HEADER = ("draw", "source", "image", "augmentation_seed")
 
@@ -123,19 +125,19 @@ def read_draws(path: Path, names: Sequence[str], file_names: Sequence[Sequence[s
     """
     index = [{name: i for i, name in enumerate(listed)} for listed in file_names]
     source, image, seeds = [], [], []
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = csv.reader(file)
+    refuse = partial(DatasetError, path=path, remedy="restore the file")
+    rows = csv.reader(io.StringIO(read_text(path, refuse, most=DATA), newline=""))
+    try:
         if tuple(next(rows, ())) != HEADER:
-            raise DatasetError(f"line 1: expected {','.join(HEADER)}", path=path, remedy="restore the file")
+            raise refuse(f"line 1: expected {','.join(HEADER)}")
         for k, row in enumerate(rows):
-            try:
-                number, name, picture, seed = row
-                found = names.index(name)
-                source.append(found)
-                image.append(index[found][picture])
-                seeds.append(int(seed))
-                if int(number) != k or not 0 <= seeds[-1] < 1 << 32:
-                    raise ValueError
-            except (ValueError, KeyError):
-                raise DatasetError(f"line {k + 2}: no draw: {row}", path=path, remedy="restore the file") from None
+            number, name, picture, seed = row
+            found = names.index(name)
+            source.append(found)
+            image.append(index[found][picture])
+            seeds.append(int(seed))
+            if int(number) != k or not 0 <= seeds[-1] < 1 << 32:
+                raise ValueError
+    except (ValueError, KeyError, csv.Error):
+        raise refuse(f"line {rows.line_num}: isn't a draw") from None
     return Draws(*(np.array(column, dtype=np.int64) for column in (source, image, seeds)))

@@ -19,10 +19,11 @@ from pytorch_lightning import loggers as pl_loggers
 from torch.utils.data import DataLoader
 
 from hulldown.base.errors import HulldownError
-from hulldown.base.files import replace_file, replacing
+from hulldown.base.files import open_regular, replace_file, replacing
+from hulldown.base.outside import DATA, read_file
 from hulldown.base.terminal import duration
 from hulldown.training.data import Batches, DrawnExamples, Example
-from hulldown.training.detectors.detector import DAMAGED, Detector, first_line
+from hulldown.training.detectors.detector import DAMAGED, Detector, first_line, load_tensors
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.predict import validation_figures
@@ -158,7 +159,7 @@ class Training:
             best = max(validated, key=lambda row: row[2], default=None)
             validated = [*validated, [step, *(found[key] for key in AVERAGES)]]
             if keep_best and best is not None and best[2] > found["ap50"]:
-                content = self.folder.best.read_bytes()
+                content = read_file(self.folder.best, partial(HulldownError, path=self.folder.best), most=DATA)
                 figures["valid"] = dict(zip(("step", *AVERAGES), best, strict=True))
             log([logger] if logger else [], {f"valid/{key}": found[key] for key in AVERAGES}, int(step))
         replace_file(self.folder.weights, content)
@@ -192,7 +193,8 @@ class Training:
             If it's damaged, or another training's.
         """
         try:
-            found = torch.load(self.folder.checkpoint, map_location="cpu", weights_only=True, mmap=True)
+            with open_regular(self.folder.checkpoint) as file:
+                found = load_tensors(file)
         except DAMAGED as error:
             raise self._foreign(f"is damaged ({first_line(error)})") from None
         parts = ("global_step", "state_dict", "callbacks", "loops", "optimizer_states", "lr_schedulers")

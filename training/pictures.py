@@ -19,8 +19,8 @@ from hulldown.dataset.picture_files import read_picture, read_pixels
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, JOURNAL_NAME
 from hulldown.dataset.store.foreign import PICTURES, foreign_reader
 from hulldown.training.evaluation.labels import Labels, read_labels
+from hulldown.training.videos import VIDEOS, Video, frames_of, read_video
 
-VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".webm")
 READERS = 2  # threads
 AHEAD = 16  # pictures that are read in advance
 Picture = UInt8[np.ndarray, "h w 3"]
@@ -41,14 +41,14 @@ class Pictures:
     categories
         Name -> id, of a dataset; empty otherwise.
     video
-        Whether all are frames of the file at `path`.
+        The video at `path` whose frames they are, if there is one.
     """
 
     path: Path
     folder: Path
     records: Sequence[Mapping[str, Any]]
     categories: Mapping[str, int]
-    video: bool = False
+    video: Video | None = None
 
     @classmethod
     def of(cls, labels: Labels) -> Pictures:
@@ -64,7 +64,7 @@ class Pictures:
         DatasetError
             If a picture is missing, damaged, or has another size than its record.
         """
-        yield from _frames(self.path, indices) if self.video else self._files(indices)
+        yield from frames_of(self.path, indices) if self.video else self._files(indices)
 
     def _files(self, indices: Sequence[int]) -> Iterator[Picture]:
         def read(k: int) -> Picture:
@@ -104,9 +104,10 @@ def find_pictures(paths: Sequence[str | os.PathLike[str]]) -> Pictures:
     if len(paths) == 1 and _has_records(first):
         return Pictures.of(read_labels(first))
     if len(paths) == 1 and first.suffix.lower() in VIDEOS:
-        width, height, frames = _video_size(first)
-        record = {"file_name": first.name, "width": width, "height": height}
-        return Pictures(first, first.parent, [{"id": k + 1, "frame": k} | record for k in range(frames)], {}, True)
+        video = read_video(first)
+        record = {"file_name": first.name, "width": video.width, "height": video.height}
+        records = [{"id": k + 1, "frame": k} | record for k in range(video.frames)]
+        return Pictures(first, first.parent, records, {}, video)
     files = sorted({file.absolute() for path in paths for file in _files_of(str(path))})
     folder = Path(os.path.commonpath([file.parent for file in files]))
     records = []
@@ -135,28 +136,3 @@ def _files_of(path: str) -> list[Path]:
         remedy = "name one video by itself" if strange[0].suffix.lower() in VIDEOS else "name a picture or a folder"
         raise DatasetError(f"is no picture ({', '.join(PICTURES)})", path=strange[0], remedy=remedy)
     return found
-
-
-def _video_size(path: Path) -> tuple[int, int, int]:
-    """Return width, height, and number of frames."""
-    import cv2
-
-    video = cv2.VideoCapture(str(path))
-    width, height = (int(video.get(key)) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
-    frames = sum(1 for _ in iter(video.grab, False))  # a file's own count is often an estimate
-    if not frames:
-        problem = "cannot be read as a video" if path.exists() else "no such file"
-        raise DatasetError(problem, path=path, remedy="convert it to MP4 (H.264)")
-    return width, height, frames
-
-
-def _frames(path: Path, indices: Sequence[int]) -> Iterator[Picture]:
-    import cv2
-
-    wanted = set(indices)
-    video = cv2.VideoCapture(str(path))
-    for k in range(max(wanted, default=-1) + 1):
-        if not video.grab():
-            raise DatasetError(f"frame {k} cannot be decoded", path=path, remedy="convert it to MP4 (H.264)")
-        if k in wanted:
-            yield cv2.cvtColor(video.retrieve()[1], cv2.COLOR_BGR2RGB)

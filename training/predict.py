@@ -18,7 +18,8 @@ from PIL import Image
 
 from hulldown.annotate.drawing import draw
 from hulldown.base.errors import HulldownError
-from hulldown.base.files import make_room, open_in_place, replace_file, replacing
+from hulldown.base.files import make_room, open_in_place, open_regular, replace_file, replacing
+from hulldown.base.outside import json_of, sha256_of
 from hulldown.base.terminal import shown
 from hulldown.training.detectors.detector import (
     WEIGHTS_NAME,
@@ -251,11 +252,11 @@ def _draw(
             shown = [one for one in found[record["id"]] if one["score"] >= threshold]
             yield record, draw(Image.fromarray(pixels), shown, names)
 
-    if pictures.video:
+    if (video := pictures.video) is not None:
         from supervision import VideoInfo, VideoSink
 
         make_room(target := folder / pictures.path.with_suffix(".mp4").name)
-        with VideoSink(str(target), VideoInfo.from_video_path(str(pictures.path))) as sink:
+        with VideoSink(str(target), VideoInfo(video.width, video.height, video.fps, video.frames)) as sink:
             for _, picture in labeled():
                 sink.write_frame(np.asarray(picture)[..., ::-1])
         return
@@ -268,8 +269,7 @@ def _draw(
 
 def _key(run: Path, pictures: Pictures, classes: Sequence[str]) -> str:
     """A key of the results: weights, classes, and images."""
-    with weights_of(run).open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256")
+    digest = hashlib.sha256(sha256_of(weights_of(run)).encode())
     images = [[record["id"], record["file_name"], record["width"], record["height"]] for record in pictures.records]
     digest.update(orjson.dumps([list(classes), images, sorted(pictures.categories.items())]))
     return digest.hexdigest()
@@ -281,9 +281,9 @@ def _resumed(path: Path, key: str) -> dict[int, Found]:
     A file with another key is ignored, and so is a truncated last line.
     """
     done: dict[int, Found] = {}
-    with suppress(FileNotFoundError, orjson.JSONDecodeError), path.open("rb") as before:
-        for line in before if orjson.loads(before.readline()) == key else ():
-            image, found = orjson.loads(line)
+    with suppress(FileNotFoundError, ValueError), open_regular(path) as before:
+        for line in before if json_of(before.readline(), object) == key else ():
+            image, found = json_of(line, tuple[int, Found])
             done[image] = found
     replace_file(path, orjson.dumps(key) + b"\n" + _lines(done))
     return done

@@ -7,14 +7,17 @@ import json
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import msgspec
 import numpy as np
 from filelock import FileLock, Timeout
 
 from hulldown.base.errors import ConfigError, HulldownError
 from hulldown.base.files import replace_file, replacing
+from hulldown.base.outside import read_json, typed
 from hulldown.training.detectors.detector import RUN_NAME, WEIGHTS_NAME, read_run
 
 CONFIG_NAME, DRAWS_NAME, METRICS_NAME, CURVE_NAME = "config.json", "draws.csv", "metrics.csv", "loss.png"
@@ -68,6 +71,20 @@ def content_of(weights: Mapping[str, Any]) -> memoryview:
     return content.getbuffer()
 
 
+_Draws = Annotated[int, msgspec.Meta(ge=0, le=1_000_000_000)]
+
+
+class _Budget(msgspec.Struct):
+    budget: _Draws
+
+
+class _Begun(msgspec.Struct):
+    """What an extension needs of a run's config."""
+
+    settings: _Budget
+    after: _Draws = 0
+
+
 def extension(path: Path, draws: int) -> int:
     """Prepare a finished run for more draws, and return its number of draws; its files move to `RunFolder.before`.
 
@@ -79,11 +96,13 @@ def extension(path: Path, draws: int) -> int:
         If there is no finished run.
     """
     folder = RunFolder(path)
+    refuse = partial(ConfigError, path=folder.config, remedy="name the folder of a finished run")
+    config = read_json(folder.config, dict[str, Any], refuse, what="the config of a run")
     try:
-        config = json.loads(folder.config.read_text(encoding="utf-8"))
-        after, budget = int(config.get("after", 0)), int(config["settings"]["budget"])
-    except (OSError, ValueError, LookupError, TypeError):
-        raise ConfigError("has no run to extend", path=path, remedy="name the folder of a finished run") from None
+        begun = typed(config, _Begun)
+    except ValueError as error:
+        raise refuse(f"isn't the config of a run ({error})") from None
+    after, budget = begun.after, begun.settings.budget
     with alone_in(path, marker=CONFIG_NAME, what="run"):
         if not folder.finished() and not folder.before(after + budget).exists():
             if after and budget == draws:
@@ -157,13 +176,11 @@ def opened(path: Path, config: Mapping[str, Any]) -> Iterator[RunFolder]:
 
 
 def _check_same(path: Path, config: Mapping[str, Any]) -> None:
-    try:
-        before = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"cannot be read ({error})", path=path, remedy="name a new folder") from None
+    refuse = partial(ConfigError, path=path, remedy="name a new folder")
+    before = read_json(path, dict[str, Any], refuse, what="the config of a run")
     if before.get("prepared") is True:
         return  # by `extension`
-    was, now = (dict(_flat(value)) for value in (before, json.loads(json.dumps(config))))
+    was, now = (dict(_flat(value)) for value in (before, msgspec.to_builtins(config)))
     for key in sorted({*was, *now}):
         if was.get(key) != now.get(key):
             raise ConfigError(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib.metadata
 import os
 import platform
@@ -13,8 +12,9 @@ from typing import Any
 
 import torch
 
-from hulldown.base.errors import ConfigError
+from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.base.files import replace_file
+from hulldown.base.outside import DATA, read_file, sha256_of
 from hulldown.base.terminal import progress_bars, watched
 from hulldown.base.terminal import say as show_line
 from hulldown.training.augment import changed_table
@@ -129,9 +129,9 @@ def train(
         "classes": list(classes),
         "data": {source.name: {"images": len(source), "sha256": checked[source.name].sha256} for source in sources},
         "valid": {"images": len(held_back[0]), "sha256": checked["valid"].sha256} if held_back else None,
-        "weights_sha256": None if weights is None else hashlib.sha256(weights.read_bytes()).hexdigest(),
+        "weights_sha256": None if weights is None else sha256_of(weights),
         **({"after": after} if after else {}),
-        **({"draws_sha256": hashlib.sha256(draws_file.read_bytes()).hexdigest()} if draws_file is not None else {}),
+        **({"draws_sha256": sha256_of(draws_file)} if draws_file is not None else {}),
     }
     with opened(out, config) as folder:
         if (run := folder.finished()) is not None:
@@ -165,7 +165,7 @@ def _draws(
     """The draws of a run: those in its folder, those of a file, or new ones that follow the first `after`."""
     names, files = [source.name for source in sources], [source.file_names for source in sources]
     if draws_file is not None and not folder.draws.exists():
-        replace_file(folder.draws, draws_file.read_bytes())
+        replace_file(folder.draws, read_file(draws_file, partial(DatasetError, path=draws_file), most=DATA))
     if not folder.draws.exists():
         draws = make_draws(list(map(len, sources)), after + settings.budget, seed=settings.seed, shares=shares)
         replace_file(folder.draws, draws_text(draws.take(slice(after, None)), names, files))

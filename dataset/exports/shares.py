@@ -9,11 +9,12 @@ from itertools import count
 from pathlib import Path, PurePosixPath
 
 from hulldown.base.errors import DatasetError
+from hulldown.base.outside import sha256_of
 from hulldown.dataset.exports.clipping import refuse_all
 from hulldown.dataset.picture_files import DECODERS, read_picture
 from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.pictures import LinkError, link_or_copy, own_picture
-from hulldown.dataset.store.seals import PICTURE_KEY, digest
+from hulldown.dataset.store.seals import PICTURE_KEY
 
 VAL_NAMES = {"train": "train", "valid": "val", "test": "test"}  # what most layouts call the splits
 
@@ -109,7 +110,7 @@ def sound_pictures(folder: Path, images: Sequence[Record], allowed: Sequence[Pat
         name = image["file_name"]
         try:
             path, recorded = own_picture(folder, name, allowed), image.get(PICTURE_KEY)
-            known = recorded is not None and digest(path.read_bytes()) == recorded
+            known = recorded is not None and sha256_of(path) == recorded
             read_picture(path, (image["width"], image["height"]), largest=0 if known else None)
         except LinkError:
             raise

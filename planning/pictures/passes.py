@@ -6,7 +6,9 @@ import hashlib
 import io
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +20,9 @@ from PIL import Image
 
 from hulldown.assets.library import Assets
 from hulldown.assets.scenery import Scenery
-from hulldown.base.errors import ConfigError
+from hulldown.base.errors import ConfigError, HulldownError
 from hulldown.base.files import make_room, replace_file
+from hulldown.base.outside import read_json
 from hulldown.base.terminal import tracked
 from hulldown.camera.projection import directions
 from hulldown.camera.world import Kind, WorldHits
@@ -213,11 +216,9 @@ def _written(row: Row, artist: Artist, assets: Assets, output: Path, passes: Seq
     """Write an image's passes, then their table, which lists the complete ones, and return its segments."""
     stem, digest = _stem(row), hashlib.sha256(encode(row)).hexdigest()
     path, complete = output / "tables" / f"{stem}.json", set[str]()
-    try:
-        table = msgspec.json.decode(path.read_bytes(), type=Written)
+    with suppress(HulldownError):  # written anew
+        table = read_json(path, Written, partial(HulldownError, path=path), what="a table of ours")
         complete = set(table.passes) if table.row_sha256 == digest else complete
-    except (OSError, msgspec.DecodeError, UnicodeDecodeError):
-        pass  # written anew
     if complete >= set(passes):
         return table.segments_info
     pixels = pixels_of(row, artist, assets.sceneries[row.scenery])

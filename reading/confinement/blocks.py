@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import BinaryIO, cast
 
 from hulldown.base.errors import AssetError
+from hulldown.base.files import open_regular
 from hulldown.reading.formats import kind_of_file
 
 OPENED = (b"LI\0\0", b"VF\0\0", b"IM\0\0", b"MC\0\0", b"SO\0\0", b"CF\0\0", b"VO\0\0")
@@ -48,7 +49,7 @@ def refuse_special_files(path: Path) -> None:
 def named_files(path: Path) -> Iterator[tuple[bytes, str]]:
     """Block code and path, as written, of every file that a .blend refers to; unreadable blocks are skipped."""
     try:
-        with open(path, "rb") as raw, unpacked(raw) as file:
+        with open_regular(path) as raw, unpacked(raw) as file:
             for code, _, data in blocks(file):
                 for found in PATH.finditer(data):
                     yield code, found[1].decode("utf-8", "surrogateescape")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import struct
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -10,6 +9,8 @@ from typing import Any
 from urllib.parse import unquote
 
 from hulldown.base.errors import AssetError
+from hulldown.base.files import open_regular
+from hulldown.base.outside import json_of
 from hulldown.reading.confinement.landlock import asset_folders, is_inside
 from hulldown.reading.formats import kind_of_file
 
@@ -58,7 +59,7 @@ def material_libraries(path: Path) -> Iterator[Path]:
 
 def directives(path: Path, *starts: bytes) -> Iterator[tuple[str, str]]:
     """First word in lower case, and the rest, of the lines of an OBJ or .mtl file that begin like this."""
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         while line := file.readline(1 << 16):
             words = line.strip().split(maxsplit=1)
             if len(words) == 2 and words[0].lower().startswith(starts):
@@ -68,9 +69,7 @@ def directives(path: Path, *starts: bytes) -> Iterator[tuple[str, str]]:
 
 def _check_gltf(path: Path) -> None:
     try:
-        data = json.loads(_gltf_json(path))
-    except RecursionError:
-        raise AssetError("isn't readable glTF (it is nested too deeply)", path=path, remedy=AGAIN) from None
+        data = json_of(_gltf_json(path), object)
     except (ValueError, struct.error) as error:
         raise AssetError(f"isn't readable glTF ({str(error)[:200]})", path=path, remedy=AGAIN) from None
     if not isinstance(data, dict):
@@ -99,7 +98,7 @@ def _check_gltf(path: Path) -> None:
 
 
 def _gltf_json(path: Path) -> bytes:
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         size, start = path.stat().st_size, 0
         if file.read(4) == b"glTF":
             file.seek(12)

@@ -11,9 +11,10 @@ from jaxtyping import Float
 
 from hulldown.assets.skylight import SkyLight
 from hulldown.base.errors import AssetError
+from hulldown.base.outside import sha256_of
 from hulldown.camera.response import off_daylight
 from hulldown.geometry.color import LUMINANCE
-from hulldown.reading.cache import entry_name, make_cache, new_folder, seal, sha256, unseal
+from hulldown.reading.cache import entry_name, make_cache, new_folder, seal, unseal
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.export import Job, ask_reader, found_by
 from hulldown.reading.formats import first_bytes
@@ -163,7 +164,7 @@ def read_hdris(
     for path in paths:
         refuse_no_hdri(path)
     make_cache(cache)
-    digests = [sha256(path) for path in paths]
+    digests = [sha256_of(path) for path in paths]
     named = dict(zip(digests, paths, strict=True))
     todo = [(digest, path) for digest, path in named.items() if _entry(path, digest, cache) is None]
     for start in range(0, len(todo), BATCH):
@@ -178,7 +179,7 @@ def read_hdris(
             for (digest, _), job in zip(batch, jobs, strict=True):
                 found = found_by(job, FoundSky)
                 if found.notes:
-                    found = replace(found, mended_sha256=sha256(job.file(MENDED_NAME)))
+                    found = replace(found, mended_sha256=sha256_of(job.file(MENDED_NAME)))
                 seal(Path(job.folder), cache / entry_name("hdri", CHECKED, digest), found)
     read = []
     for path, digest in zip(paths, digests, strict=True):

@@ -16,11 +16,13 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from hulldown.base.errors import AssetError
+from hulldown.base.files import open_regular
+from hulldown.base.outside import DATA, read_file, sha256_of
 from hulldown.planning.inputs.loading import Library
-from hulldown.reading.cache import sha256
 from hulldown.reading.confinement.blocks import PATH, blocks, named_files, unpacked
 from hulldown.reading.confinement.landlock import is_inside
 from hulldown.render.jobs import readable
@@ -86,17 +88,14 @@ class ClientFiles:
             If it was changed since, or can't be read.
         """
         path = next(note.path for note in self._notes.values() if note.sha256 == digest)
-        try:
-            content = Path(path).read_bytes()
-        except OSError as error:
-            raise AssetError(f"can't be read any more ({error.strerror})", path=path, remedy=CONTINUE) from None
+        content = read_file(Path(path), partial(AssetError, path=path, remedy=CONTINUE), most=DATA)
         if hashlib.sha256(content).hexdigest() != digest:
             raise AssetError("was changed during the render", path=path, remedy=CONTINUE)
         return content
 
     def _note(self, path: Path) -> FileNote:
         if path not in self._notes:
-            self._notes[path] = FileNote(str(path), sha256(path), path.stat().st_size)
+            self._notes[path] = FileNote(str(path), sha256_of(path), path.stat().st_size)
         return self._notes[path]
 
 
@@ -204,7 +203,7 @@ class AssetCache:
                 return False
             key = (str(path), stat.st_size, stat.st_mtime_ns)
             if key not in self._hashes:
-                self._hashes[key] = sha256(path)
+                self._hashes[key] = sha256_of(path)
         except OSError:
             return False
         return self._hashes[key] == file.sha256
@@ -232,7 +231,7 @@ def _is_absolute(name: str) -> bool:
 
 def _make_relative(source: Path, made: Path, path: str) -> None:
     """Copy the .blend that the client has at `path`, with relative paths instead of absolute ones."""
-    with source.open("rb") as raw, unpacked(raw) as packed, made.open("wb") as out:
+    with open_regular(source) as raw, unpacked(raw) as packed, made.open("wb") as out:
         shutil.copyfileobj(packed, out)
     with made.open("r+b") as file, mmap.mmap(file.fileno(), 0) as content:
         for _, start, data in blocks(file):

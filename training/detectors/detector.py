@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 import argparse
-import json
 import pickle
 import struct
 import types
 import warnings
+import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from hulldown.base.errors import HulldownError
+from hulldown.base.files import open_regular
+from hulldown.base.outside import read_json
+
+if TYPE_CHECKING:
+    import torch
 
 RUN_NAME, WEIGHTS_NAME = "run.json", "weights.pt"
 # Exceptions of unpickling damaged bytes, or of loading them into a network.
 DAMAGED = (
     *(RuntimeError, ValueError, LookupError, TypeError, AttributeError, EOFError, OSError),
-    *(pickle.UnpicklingError, struct.error),
+    *(pickle.UnpicklingError, struct.error, zipfile.BadZipFile, MemoryError, NotImplementedError, RecursionError),
 )
 _REMEDY = "name a folder of `hulldown train`, its weights.pt, or a checkpoint of RF-DETR"
 _KINDS = {
@@ -72,15 +78,10 @@ def read_run(folder: Path) -> dict[str, Any]:
     HulldownError
         If there is none, or it is damaged.
     """
-    path = folder / RUN_NAME
-    try:
-        run = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise HulldownError(f"no {RUN_NAME} here", path=folder, remedy="name a folder of `hulldown train`") from None
-    except (OSError, ValueError) as error:
-        raise HulldownError(f"cannot be read ({error})", path=path, remedy="train again in another folder") from None
-    if not isinstance(run, dict) or not isinstance(run.get("model"), str):
-        raise HulldownError("isn't a hulldown run", path=path, remedy="name a folder of `hulldown train`")
+    refuse = partial(HulldownError, path=folder / RUN_NAME, remedy="name a folder of `hulldown train`")
+    run = read_json(folder / RUN_NAME, dict[str, Any], refuse, what="a hulldown run")
+    if not isinstance(run.get("model"), str):
+        raise refuse("isn't a hulldown run")
     return run
 
 
@@ -92,28 +93,57 @@ def read_weights(path: Path) -> dict[str, Any]:
     HulldownError
         If there is no such file, or it isn't a weights file.
     """
-    import torch
-
+    refuse = partial(HulldownError, path=path, remedy=_REMEDY)
     try:
-        with warnings.catch_warnings(), torch.serialization.safe_globals([argparse.Namespace, types.SimpleNamespace]):
-            warnings.filterwarnings("ignore", "Detected pickle protocol")  # of a file that happens to begin like one
-            found = torch.load(path, map_location="cpu", weights_only=True)
+        with open_regular(path) as file:
+            head = file.read(16)
+            found = load_tensors(file)
     except FileNotFoundError:
-        raise HulldownError("no such run folder or checkpoint", path=path, remedy=_REMEDY) from None
-    except DAMAGED:  # its text advises loading code
-        raise HulldownError(f"is {_kind(path)}, not the weights of a detector", path=path, remedy=_REMEDY) from None
+        raise refuse("no such run folder or checkpoint") from None
+    except DAMAGED as error:  # its text advises loading code
+        kind = f"unreadable ({error.strerror})" if isinstance(error, OSError) else _kind(path, head)
+        raise refuse(f"is {kind}, not the weights of a detector") from None
     if not isinstance(found, dict):
-        raise HulldownError("is a PyTorch file, but not the weights of a detector", path=path, remedy=_REMEDY)
+        raise refuse("is a PyTorch file, but not the weights of a detector")
     return found
 
 
-def _kind(path: Path) -> str:
+def load_tensors(file: BinaryIO) -> object:
+    """Load a PyTorch file that was opened as a regular one; code in it is refused.
+
+    Raises
+    ------
+    Exception
+        One of `DAMAGED`, also for a compressed file, whose tensors could fill any memory.
+    """
+    import torch
+
+    file.seek(0)
+    if zipfile.is_zipfile(file):
+        with zipfile.ZipFile(file) as parts:
+            if any(part.compress_type != zipfile.ZIP_STORED for part in parts.infolist()):
+                raise ValueError("its parts are compressed")
+    file.seek(0)
+    with warnings.catch_warnings(), torch.serialization.safe_globals([argparse.Namespace, types.SimpleNamespace]):
+        warnings.filterwarnings("ignore", "Detected pickle protocol")  # of a file that happens to begin like one
+        return torch.load(file, map_location="cpu", weights_only=True)
+
+
+def refuse_odd_numbers(network: torch.nn.Module, path: Path) -> None:
+    """Refuse weights that aren't finite.
+
+    Raises
+    ------
+    HulldownError
+        Naming the first such tensor.
+    """
+    for name, tensor in network.state_dict().items():
+        if tensor.is_floating_point() and not bool(tensor.isfinite().all()):
+            raise HulldownError(f"{name} has values that aren't finite", path=path, remedy="name other weights")
+
+
+def _kind(path: Path, head: bytes) -> str:
     """Guess the kind of a file that can't be loaded from its first bytes."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(16)
-    except OSError as error:
-        return f"unreadable ({error.strerror})"
     for start, kind in _KINDS.items():
         if head.startswith(start):
             return kind

@@ -34,6 +34,7 @@ from hulldown.training.detectors.detector import (
     chosen_device,
     first_line,
     read_weights,
+    refuse_odd_numbers,
 )
 from hulldown.training.extra import quiet
 from hulldown.training.fitting import Training, seed_weights
@@ -127,6 +128,7 @@ def check_weights(path: Path, settings: Settings, classes: Sequence[str]) -> Non
             raise HulldownError(
                 f"does not fit {settings.model} ({first_line(error)})", path=path, remedy="name weights of that model"
             ) from None
+        refuse_odd_numbers(network, path)
 
 
 def _check_kind(path: Path, found: Mapping[str, object]) -> None:
@@ -295,11 +297,12 @@ def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:
     try:
         with quiet():
             model = RFDETR.from_checkpoint(str(path), device=device.type)
-    except (RuntimeError, ValueError, KeyError) as error:  # a shape or an entry of the file
+    except DAMAGED as error:  # a shape or an entry of the file
         raise HulldownError(
             f"isn't a checkpoint of RF-DETR ({first_line(error)})", path=path, remedy="name another"
         ) from None
     context = model.model
+    refuse_odd_numbers(context.model, path)
     logits = int(context.model.class_embed.weight.shape[0])
     names = context.class_names
     if not names and logits == COCO_LOGITS:

@@ -8,21 +8,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import cast
+from typing import Annotated, cast
 
 import numpy as np
 import pytorch_lightning as pl
 import torch
 from jaxtyping import UInt8
+from msgspec import Meta
 from pytorch_lightning.callbacks import WeightAveraging
 from torch import Tensor
 from torch.optim.lr_scheduler import LambdaLR
 from torchvision.ops import box_convert
 
 from hulldown.base.errors import HulldownError
+from hulldown.base.outside import typed
 from hulldown.training.data import Example, network_pictures
 from hulldown.training.detectors.center_points import CenterNetwork, center_loss, peaks
-from hulldown.training.detectors.detector import DAMAGED, Detections, first_line, read_weights
+from hulldown.training.detectors.detector import DAMAGED, Detections, first_line, read_weights, refuse_odd_numbers
 from hulldown.training.fitting import Training, seed_weights
 from hulldown.training.settings import Settings, rate_factor
 
@@ -31,6 +33,8 @@ STEP = 16  # pixels: sides are multiples of it
 MOST = 100  # objects found in a picture
 MIN_SCORE = 0.01
 AVERAGE_DECAY = 0.998
+_Side = Annotated[int, Meta(ge=STEP, le=8192)]
+_Names = Annotated[list[str], Meta(min_length=1, max_length=10_000)]
 WEIGHTS_KIND = "center points"  # kind of weights in a file
 
 
@@ -114,13 +118,14 @@ def load_small(path: Path, *, device: torch.device) -> SmallDetector:
             "has no small model of this version of hulldown", path=path, remedy="train again in another folder"
         )
     try:
-        (width, height), classes = found["size"], tuple(found["classes"])
+        (width, height), classes = typed(found.get("size"), tuple[_Side, _Side]), tuple(typed(found["classes"], _Names))
         network = CenterNetwork(len(classes))
         network.load_state_dict(found["model"])
     except DAMAGED as error:
         raise HulldownError(
             f"does not fit the small model ({first_line(error)})", path=path, remedy="train again in another folder"
         ) from None
+    refuse_odd_numbers(network, path)
     return SmallDetector(network, classes, (width, height), device)
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from functools import partial
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import orjson
@@ -14,7 +16,9 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.base.files import replace_file
+from hulldown.base.outside import read_json, sha256_of
 from hulldown.base.terminal import shown
+from hulldown.base.toml_files import validated
 from hulldown.dataset.records import by_image
 from hulldown.dataset.store.document import read_coco
 from hulldown.training.draws import draws_text
@@ -124,7 +128,7 @@ def settle(config: StudyConfig) -> Manifest:
         settings = Settings.model_validate({**config.train.model_dump(), **arm.train, **ruled})
         data = {name: datasets[name].sha256 for name in used}
         if arm.base == "loop" and config.plan is not None:
-            data |= {"valid": datasets["valid"].sha256, "plan": hashlib.sha256(config.plan.read_bytes()).hexdigest()}
+            data |= {"valid": datasets["valid"].sha256, "plan": sha256_of(config.plan)}
         share = "" if fraction is None else f"-{subset_name(fraction)}"
         name = f"{arm.name}{share}-seed{seed}"
         counts = np.bincount(own_draws.source, minlength=len(used)).tolist()
@@ -162,15 +166,8 @@ def read_manifest(folder: Path) -> Manifest:
         If there is none, or it is damaged.
     """
     path = folder / MANIFEST_NAME
-    try:
-        return Manifest.model_validate_json(path.read_bytes())
-    except FileNotFoundError:
-        raise ConfigError(
-            f"no {MANIFEST_NAME} here", path=folder, remedy="name a folder of `hulldown study run`"
-        ) from None
-    except (OSError, ValueError) as error:
-        line = str(error).split("\n")[0]
-        raise ConfigError(f"cannot be read ({line})", path=path, remedy="run `hulldown study run` again") from None
+    refuse = partial(ConfigError, path=path, remedy="name a folder of `hulldown study run`")
+    return validated(Manifest, read_json(path, dict[str, Any], refuse, what="the manifest of a study"), path)
 
 
 def draws_path(study: Path, run: PlannedRun) -> Path:
@@ -194,7 +191,7 @@ def _key(settings: Settings, digests: Mapping[str, str], draws: bytes) -> str:
     """A hash of everything that determines a run."""
     weights = None
     if settings.weights not in (None, "none"):
-        weights = hashlib.sha256(Path(str(settings.weights)).read_bytes()).hexdigest()
+        weights = sha256_of(Path(str(settings.weights)))
     made_of = {
         "settings": settings.model_dump(mode="json", exclude={"weights", "logger"}),
         "weights": weights or settings.weights,

@@ -6,8 +6,6 @@ lost worker, another one continues from the last checkpoint.
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import queue
 import sys
@@ -16,13 +14,17 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import orjson
 from filelock import FileLock, Timeout
 
 from hulldown.base.child import Child
+from hulldown.base.errors import ConfigError
 from hulldown.base.files import replace_file
+from hulldown.base.outside import json_of, read_json, sha256_of
 from hulldown.training.run_folder import LOCK_NAME, RunFolder, alone_in
 from hulldown.training.study.manifest import (
     LOGS_NAME,
@@ -207,7 +209,7 @@ def in_a_process(
 
     def hear(line: bytes) -> None:
         try:
-            told = json.loads(line)
+            told = json_of(line, dict[str, Any])
         except ValueError:
             return  # output of a library
         if "failed" in told:
@@ -256,7 +258,7 @@ def unseen(study: Path, manifest: str) -> str:
 
 def manifest_digest(study: Path) -> str:
     """The SHA-256 of a study's manifest."""
-    return hashlib.sha256((study / MANIFEST_NAME).read_bytes()).hexdigest()
+    return sha256_of(study / MANIFEST_NAME)
 
 
 def _write_failures(out: Path, failed: Mapping[str, str]) -> None:
@@ -265,7 +267,6 @@ def _write_failures(out: Path, failed: Mapping[str, str]) -> None:
 
 def read_failures(out: Path) -> dict[str, str]:
     """Name -> reason of the runs that failed before."""
-    try:
-        return {str(name): str(reason) for name, reason in orjson.loads((out / FAILURES_NAME).read_bytes()).items()}
-    except (FileNotFoundError, ValueError):
-        return {}
+    path = out / FAILURES_NAME
+    refuse = partial(ConfigError, path=path, remedy="delete it")
+    return read_json(path, dict[str, str], refuse, what="a table of failures") if path.exists() else {}

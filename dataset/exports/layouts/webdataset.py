@@ -10,10 +10,13 @@ from __future__ import annotations
 import io
 import tarfile
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path, PurePosixPath
 
 import orjson
 
+from hulldown.base.errors import DatasetError
+from hulldown.base.outside import DATA, read_file
 from hulldown.dataset.exports.shares import Shares
 
 SHARD_BYTES = 512 * 2**20  # bytes; suits object storage and readers
@@ -40,7 +43,8 @@ def write(shares: Shares, out: Path) -> None:
                 images, room = images + 1, room - size
                 labels = [{**label, "category": names[label["category_id"]]} for label in item.labels]
                 suffix = PurePosixPath(item.name).suffix.lower()
-                _add(shard, f"{item.stem}{suffix}", item.picture.read_bytes())
+                content = read_file(item.picture, partial(DatasetError, path=item.picture), most=DATA)
+                _add(shard, f"{item.stem}{suffix}", content)
                 _add(shard, f"{item.stem}.json", orjson.dumps({"image": item.image, "annotations": labels}))
     (out / "categories.json").write_bytes(orjson.dumps(shares.categories))
 
