@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from hulldown.planning.config.schema import Config as Config
     from hulldown.planning.plan_file import read_plan as read_plan
     from hulldown.planning.write import plan as plan
-    from hulldown.render.supervisor import render as render
+    from hulldown.rendering.supervisor import render as render
     from hulldown.training.evaluation.report import evaluate_files
     from hulldown.training.predict import predict as predict
     from hulldown.training.train import train as train
@@ -48,16 +48,15 @@ _HOMES = {
     "plan": "planning.write",
     "predict": "training.predict",
     "read_plan": "planning.plan_file",
+    "render": "rendering.supervisor",
     "settle": "placement.settle",
     "train": "training.train",
     "verify": "dataset.verification.verify",
 }
-__all__ = sorted([*_HOMES, "render"])
+__all__ = sorted(_HOMES)
 
 
 def __getattr__(name: str) -> Any:
-    if name == "render":  # a package that can be called
-        return import_module("hulldown.render")
     if name not in _HOMES:
         raise AttributeError(f"module 'hulldown' has no attribute {name!r}")
     if name == "train":

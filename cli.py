@@ -62,7 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _doctor(arguments: argparse.Namespace) -> int:
-    from hulldown.render.doctor import diagnose
+    from hulldown.rendering.doctor import diagnose
 
     with STDERR.status("asking Blender"):
         diagnosis = diagnose()
@@ -88,8 +88,8 @@ def _demo(arguments: argparse.Namespace) -> int:
         STDERR.rule(escape(f"hulldown {' '.join(words)}"), align="left")
         if code := main(words):
             return code
-    from hulldown.annotate.sheets import save_sheet
     from hulldown.dataset.table import Dataset
+    from hulldown.pictures.sheets import save_sheet
 
     save_sheet(Dataset.read(dataset).sheet(count=12, columns=3, masks=False), folder / "contact_sheet.png")
     say(f"look at {folder / 'contact_sheet.png'}; the dataset is {dataset / 'annotations.json'}")

@@ -18,6 +18,10 @@ LONGEST = 1 << 20  # bytes of a line
 LOG_TAIL = 2000  # bytes at the log's end that are searched for its last line
 
 
+class Stopped(Exception):
+    """The caller doesn't need a job's result any more."""
+
+
 class Child:
     """A running child process. Leaving it as a context kills it.
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = (
-    *("base", "geometry", "assets", "placement", "camera", "annotate", "reading", "planning", "dataset"),
-    *("render", "training", "demo", "verbs"),
+    *("base", "geometry", "assets", "placement", "camera", "annotate", "pictures", "reading", "planning", "dataset"),
+    *("cluster", "rendering", "training", "demo", "verbs"),
 )
 MISSING = "not installed"
 

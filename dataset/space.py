@@ -11,7 +11,7 @@ import numpy as np
 from hulldown.dataset.store.entries import Record
 from hulldown.geometry.portable import arctan2
 from hulldown.geometry.transforms import product
-from hulldown.planning.row import PlannedVehicle, Row
+from hulldown.planning.plan.row import PlannedVehicle, Row
 
 DIGITS = 9  # to a nanometer, so that every processor gives the same
 TOLERANCE = 1e-6

@@ -33,7 +33,7 @@ from hulldown.planning.config.template import config_text
 from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.inputs.more_of import read_more_of
 from hulldown.planning.write import write_plan
-from hulldown.render.supervisor import Progress, render_plan
+from hulldown.rendering.supervisor import Progress, render_plan
 
 SAMPLES = 6  # rays a pixel, denoised
 SHARES = (0.5, 0.15, 0.35)  # of the stand-ins: to train on, to choose a threshold on, to test on

@@ -19,10 +19,10 @@ from hulldown.base.terminal import shown
 from hulldown.camera.lenses import lenses
 from hulldown.geometry.columns import records
 from hulldown.placement.contact import gap_and_penetration
+from hulldown.planning.block_rows import bounds_in_rows, geo_in_rows, labels_of, seen_in_rows
+from hulldown.planning.plan.row import Label, PlannedVehicle, Row, encode, fields, rounded
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.planner import BLOCK, Planner
-from hulldown.planning.row import Label, PlannedVehicle, Row, encode, fields, rounded
-from hulldown.planning.rows import bounds_in_rows, geo_in_rows, labels_of, seen_in_rows
 from hulldown.planning.search.instances import Instances
 from hulldown.planning.search.stage import PlanStage, Site
 from hulldown.planning.search.views import no_views, views_of_others

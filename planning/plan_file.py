@@ -21,14 +21,14 @@ import numpy as np
 import orjson
 from jaxtyping import Int
 
-from hulldown.annotate.notebooks import ShownInNotebooks
 from hulldown.base.errors import ConfigError, HulldownError
 from hulldown.base.files import open_in_place, open_regular, picture_name
 from hulldown.base.outside import json_of
 from hulldown.geometry.arrays import spread
+from hulldown.pictures.notebooks import ShownInNotebooks
 from hulldown.placement.rejection import BY_KEY
-from hulldown.planning.misfit import misfit
-from hulldown.planning.row import FORMAT, Header, Row, decode_header, decode_row, encode
+from hulldown.planning.plan.misfit import misfit
+from hulldown.planning.plan.row import FORMAT, Header, Row, decode_header, decode_row, encode
 
 if TYPE_CHECKING:
     import pandas

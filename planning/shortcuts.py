@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import chi2_contingency
 
 from hulldown.planning.appearance.paint import OWN
-from hulldown.planning.row import Row
+from hulldown.planning.plan.row import Row
 
 RARE = 5.0  # expected images of a class below which values are merged
 CHANCE = 1e-4  # false positive rate for one variable

@@ -16,12 +16,12 @@ from jaxtyping import Float, Int
 from rich.markup import escape
 from rich.table import Table
 
-from hulldown.annotate.sheets import SOFTWARE, refuse_foreign
 from hulldown.base.files import replacing
 from hulldown.camera.weather.kinds import KINDS
+from hulldown.pictures.sheets import SOFTWARE, refuse_foreign
 from hulldown.placement.rejection import AIMING, BY_KEY, PLACING
 from hulldown.planning.appearance.paint import OWN
-from hulldown.planning.row import LeftOut, Row
+from hulldown.planning.plan.row import LeftOut, Row
 from hulldown.planning.shortcuts import nuisances, shortcuts
 
 # COCO's classes of size, by area in square pixels.

@@ -28,9 +28,9 @@ from hulldown.base.files import make_room
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.more_of import MoreOf, read_more_of
 from hulldown.planning.inputs.poses import GivenPoses, read_poses
+from hulldown.planning.plan.row import FORMAT, Header, ModelSource, ScenerySource
 from hulldown.planning.plan_file import Plan, PlanWriter, picture_of, read_plan
 from hulldown.planning.planner import BLOCK, Planner
-from hulldown.planning.row import FORMAT, Header, ModelSource, ScenerySource
 from hulldown.planning.search.likeness import Likeness
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
@@ -87,8 +87,8 @@ def plan(
     >>> made = plan("project/hulldown.toml", "project/plan.jsonl")  # doctest: +SKIP
     """
     # Local imports, since the worker processes import this module.
-    from hulldown.annotate.sheets import make_room_for_picture
     from hulldown.base.terminal import reading_status, shown
+    from hulldown.pictures.sheets import make_room_for_picture
     from hulldown.planning.appearance.land import land_above_horizon
     from hulldown.planning.inputs.loading import load_library
     from hulldown.reading.wording import warnings_of

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from hulldown.assets.naming import GROUND, GUN, HELPERS, TURRET, first_match, words
 from hulldown.geometry.transforms import rigid, rotation_z
+from hulldown.reading.naming import GROUND, GUN, HELPERS, TURRET, first_match, words
 from hulldown.reading.roles import Link, Piece, vehicle_roles
 from hulldown.reading.vehicle.parts import find_parts
 from hulldown.reading.vehicle.solids import PlacedPieces, find_solids

@@ -14,14 +14,14 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.camera.sensor import LIMITS
 from hulldown.camera.weather.kinds import KINDS
-from hulldown.dataset.verification.planned import label_records
+from hulldown.dataset.rows import label_records
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.appearance.paint import OWN
 from hulldown.planning.check import relabeled
 from hulldown.planning.planner import Planner
-from hulldown.render.annotations import Segmenter
+from hulldown.rendering.annotations import Segmenter
 from hulldown.tests.planning_assets import (
     DISTRACTOR_ENTRIES,
     VEHICLE_ENTRIES,
@@ -31,7 +31,7 @@ from hulldown.tests.planning_assets import (
     to_camera,
 )
 
-# Rounding of rows: see planning/row.py.
+# Rounding of rows: see planning/plan/row.py.
 ROUNDED, ROTATION, PIXELS = 1e-9, 1e-12, 1e-6
 
 ASSETS = small_assets(distractors=True)

@@ -10,14 +10,14 @@ import numpy as np
 from jaxtyping import Float, Int
 from PIL import Image, ImageDraw
 
-from hulldown.annotate.drawing import contact_sheet, lettering
-from hulldown.annotate.sheets import save_sheet
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError
 from hulldown.camera.response import ALBEDO, metered
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import Kind, World, WorldHits
+from hulldown.pictures.drawing import contact_sheet, lettering
+from hulldown.pictures.sheets import save_sheet
 from hulldown.reading.report import FileReport, SkyReport
 from hulldown.reading.skies.hdri import Hdri
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hulldown.assets.naming import VEHICLE, first_match
 from hulldown.base.errors import AssetError
+from hulldown.reading.naming import VEHICLE, first_match
 from hulldown.reading.options import Options
 from hulldown.reading.roles import FLAT, Piece, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import scenery_roles

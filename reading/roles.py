@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hulldown.assets.naming import FIGURES, HELPERS, PRIMITIVES, STAGES, first_match, words
 from hulldown.geometry.meshes import Mesh
+from hulldown.reading.naming import FIGURES, HELPERS, PRIMITIVES, STAGES, first_match, words
 from hulldown.reading.report import ObjectRow
 
 SHADOW_CATCHER, HOLDOUT = "a shadow catcher", "a holdout"  # reasons why pieces are cut out of pictures

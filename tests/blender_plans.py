@@ -10,9 +10,9 @@ from PIL import Image
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.write import write_plan
-from hulldown.render.jobs import render_job
-from hulldown.render.messages import CyclesSettings
-from hulldown.render.process import Blender
+from hulldown.rendering.jobs import render_job
+from hulldown.rendering.messages import CyclesSettings
+from hulldown.rendering.process import Blender
 
 IMAGES = 12
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from distributed import get_worker
 
-from hulldown.render.cluster.workers import Answer, wanted
+from hulldown.cluster.workers import Answer, wanted
 
 
 def address_unless(refused):

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from hulldown.planning.inputs.loading import Library
     from hulldown.planning.plan_file import Plan
-    from hulldown.render.supervisor import RenderReport
+    from hulldown.rendering.supervisor import RenderReport
     from hulldown.tests.messy_export import Messy
 
 
@@ -94,8 +94,8 @@ def blender(tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.fixture
 def render(blender: str) -> Callable[..., RenderReport]:
     """`render_plan` for plans of render_plans.py, with a stand-in for Blender."""
-    from hulldown.render.pool import Engine
-    from hulldown.render.supervisor import render_plan
+    from hulldown.rendering.pool import Engine
+    from hulldown.rendering.supervisor import render_plan
     from hulldown.tests.render_plans import CUBES
 
     return partial(render_plan, library=CUBES, engine=Engine(blender=blender))

@@ -81,6 +81,6 @@ class Unusable(Exception):
 
 print("Blender 5.0.1 (a fake)")
 sys.modules["bpy"] = SimpleNamespace(app=SimpleNamespace(version=(5, 0, 1), version_string="fake"))
-sys.modules["hulldown.render.blender.cycles"] = SimpleNamespace(Unusable=Unusable)
-sys.modules["hulldown.render.blender.renderer"] = SimpleNamespace(Renderer=Renderer)
-runpy.run_path(str(Path(__file__).parents[1] / "render" / "blender" / "worker.py"), run_name="__main__")
+sys.modules["hulldown.rendering.blender.cycles"] = SimpleNamespace(Unusable=Unusable)
+sys.modules["hulldown.rendering.blender.renderer"] = SimpleNamespace(Renderer=Renderer)
+runpy.run_path(str(Path(__file__).parents[1] / "rendering" / "blender" / "worker.py"), run_name="__main__")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hulldown.planning.config.schema import PlacementSection
+from hulldown.planning.plan.row import encode_rows
 from hulldown.planning.planner import Planner
-from hulldown.planning.row import encode_rows
 from hulldown.planning.search.extras import Role, offsets
 from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, plan, small_assets, small_config
 

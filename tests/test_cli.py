@@ -118,7 +118,7 @@ def test_a_stopped_run_reports_what_is_left(words, expected, monkeypatch, capsys
 def test_the_time_limit_of_a_picture_reaches_the_pool(monkeypatch):
     given = {}
     monkeypatch.setattr(hulldown.verbs.rendering, "planned_library", lambda *_: None)
-    monkeypatch.setattr("hulldown.render.supervisor.render_plan", lambda *_, **options: given.update(options))
+    monkeypatch.setattr("hulldown.rendering.supervisor.render_plan", lambda *_, **options: given.update(options))
     with pytest.raises(AttributeError):  # there is no report
         cli.main(["render", "plan.jsonl", "-o", "dataset", "--image-timeout", "7.5"])
     assert given["engine"].limits.job_s == 7.5
@@ -144,7 +144,7 @@ def test_a_warning_is_one_line(tmp_path):
 @pytest.mark.blender
 def test_doctor_prints_json_in_any_folder(tmp_path):
     (tmp_path / "render").mkdir()
-    for shadow in ("render/__init__.py", "bpy.py"):
+    for shadow in ("rendering/__init__.py", "bpy.py"):
         (tmp_path / shadow).write_text("raise RuntimeError('not what was meant')")
     ran = run_apart("doctor", "--json", cwd=tmp_path)
     found = json.loads(ran.stdout)

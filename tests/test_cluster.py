@@ -18,12 +18,12 @@ import pytest
 
 from hulldown.base.errors import HulldownError
 from hulldown.base.outside import sha256_of
+from hulldown.cluster.scheduler import Scheduler
 from hulldown.dataset.provenance import read_failures
 from hulldown.reading.confinement.landlock import abi
-from hulldown.render.cluster.scheduler import Scheduler
-from hulldown.render.pool import Engine
-from hulldown.render.process import Limits
-from hulldown.render.supervisor import render_plan
+from hulldown.rendering.pool import Engine
+from hulldown.rendering.process import Limits
+from hulldown.rendering.supervisor import render_plan
 from hulldown.tests.blender_plans import IMAGES, plan_in, run_python, run_script
 from hulldown.tests.certificates import certificates, needs_openssl
 from hulldown.tests.clusters import HIDDEN, PYTHONPATH, ROOT, blenders, cluster, digests, rendering, wait_for

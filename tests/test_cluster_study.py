@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hulldown.render.cluster.scheduler import Scheduler
+from hulldown.cluster.scheduler import Scheduler
 from hulldown.tests.clusters import cluster
 from hulldown.tests.test_study import SMALL, settled, tree
 from hulldown.tests.training_pictures import make_datasets

@@ -5,10 +5,10 @@ from functools import partial
 
 import pytest
 
+from hulldown.base.child import Stopped
 from hulldown.base.errors import AssetError, HulldownError
-from hulldown.render.cluster.scheduler import Scheduler
-from hulldown.render.cluster.workers import LOSSES, Cluster
-from hulldown.render.process import Stopped
+from hulldown.cluster.scheduler import Scheduler
+from hulldown.cluster.workers import LOSSES, Cluster
 from hulldown.tests import cluster_tasks
 from hulldown.tests.certificates import certificates, needs_openssl
 from hulldown.tests.clusters import cluster

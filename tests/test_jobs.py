@@ -2,9 +2,9 @@
 
 import orjson
 
-from hulldown.planning.row import decode_row
-from hulldown.render.jobs import render_job
-from hulldown.render.messages import CyclesSettings
+from hulldown.planning.plan.row import decode_row
+from hulldown.rendering.jobs import render_job
+from hulldown.rendering.messages import CyclesSettings
 from hulldown.tests.render_plans import CUBES, make_row
 
 

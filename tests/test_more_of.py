@@ -6,7 +6,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from hulldown.annotate.known import SIDES, sides_of
+from hulldown.annotate.attributes import SIDES, sides_of
 from hulldown.base.errors import ConfigError
 from hulldown.dataset.table import Dataset
 from hulldown.planning.check import check_plan

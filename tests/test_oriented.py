@@ -14,10 +14,10 @@ from hulldown.base.errors import DatasetError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.oriented import ground_corners
-from hulldown.dataset.verification.planned import image_record
+from hulldown.dataset.rows import image_record
 from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.transforms import apply
-from hulldown.render.annotations import Segmenter
+from hulldown.rendering.annotations import Segmenter
 from hulldown.tests.detections import dataset as dataset_of
 from hulldown.tests.detections import loaded
 from hulldown.tests.editing import edit, write_dataset

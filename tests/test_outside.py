@@ -20,8 +20,8 @@ ALLOWED = {
     # Parse what was opened there, by a library of their own.
     "assets/bundle.py": "np.load",
     "dataset/picture_files.py": "Image.open",
-    "planning/row.py": "msgspec.json.Decoder",
-    "planning/misfit.py": "msgspec.json.decode",
+    "planning/plan/row.py": "msgspec.json.Decoder",
+    "planning/plan/misfit.py": "msgspec.json.decode",
     "reading/confinement/blocks.py": "gzip.open",
     "training/detectors/detector.py": "torch.load",
     # Give paths of regular files to a library.
@@ -30,7 +30,7 @@ ALLOWED = {
     # Read what this process or a part of hulldown wrote.
     **dict.fromkeys(("base/child.py", "base/code.py", "planning/config/config_keys.py", "training/onnx_model.py"), ""),
     **dict.fromkeys(("dataset/store/document.py", "dataset/store/pictures.py", "reading/skies/hdri.py"), ""),
-    **dict.fromkeys(("render/cluster/asset_files.py", "render/cluster/workers.py", "verbs/terminal.py"), ""),
+    **dict.fromkeys(("rendering/cluster/asset_files.py", "cluster/workers.py", "verbs/terminal.py"), ""),
     "reading/confinement/landlock.py": "the standard library alone",
 }
 OURS = {"CocoDataset", "cls"}  # whose `open` is no file's

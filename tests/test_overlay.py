@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hulldown.annotate.drawing import color_of, contact_sheet, draw
 from hulldown.annotate.masks import encode
-from hulldown.annotate.sheets import refuse_foreign, save_sheet
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.table import Dataset
+from hulldown.pictures.drawing import color_of, contact_sheet, draw
+from hulldown.pictures.sheets import refuse_foreign, save_sheet
 from hulldown.planning.summary import summarize
 from hulldown.tests.editing import append, write_dataset
 

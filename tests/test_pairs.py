@@ -8,9 +8,9 @@ import pytest
 
 from hulldown.base.errors import ConfigError
 from hulldown.planning.check import check_plan
+from hulldown.planning.plan.row import encode_rows
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.planner import Planner
-from hulldown.planning.row import encode_rows
 from hulldown.planning.search.draws import Purpose, choose
 from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hulldown.annotate.drawing import draw
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.picture_files import read_picture, read_pixels, rgb
 from hulldown.dataset.table import Dataset
 from hulldown.dataset.verification.verify import verify
+from hulldown.pictures.drawing import draw
 from hulldown.tests.editing import write_dataset
 from hulldown.training.sources import read_sources
 

@@ -26,10 +26,10 @@ from hulldown.camera.world import World
 from hulldown.geometry.transforms import rigid
 from hulldown.planning.inputs.loading import load_planned_library
 from hulldown.planning.plan_file import Plan
-from hulldown.render.jobs import mask_job, readable
-from hulldown.render.masks import cycles_masks, verify_masks
-from hulldown.render.process import WORKER, Allowance, Blender, Limits, worker_command
-from hulldown.render.supervisor import render_plan
+from hulldown.rendering.jobs import mask_job, readable
+from hulldown.rendering.masks import cycles_masks, verify_masks
+from hulldown.rendering.process import WORKER, Allowance, Blender, Limits, worker_command
+from hulldown.rendering.supervisor import render_plan
 from hulldown.tests.blender_plans import draw, drawn, job, make_plan, pixels
 from hulldown.tests.clusters import digests, wait_for
 from hulldown.tests.render_plans import moved
@@ -217,7 +217,7 @@ def test_a_worker_ends(plan, library, tmp_path, ended_by):
         worker.write(pickle.dumps(job(plan[0], library, tmp_path / "0.png", samples=1_000_000)))
         time.sleep(1.0)
         if ended_by == "a job of another version":
-            worker.write(b"chulldown.render.messages\nForgotten\n.")
+            worker.write(b"chulldown.rendering.messages\nForgotten\n.")
         else:
             worker.close_stdin()
         assert heard.get(timeout=30) == b""

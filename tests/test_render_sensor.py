@@ -9,7 +9,7 @@ from hulldown.dataset.exports.export import export
 from hulldown.dataset.verification.verify import verify
 from hulldown.planning.check import check_plan
 from hulldown.planning.inputs.loading import load_library
-from hulldown.render.supervisor import render_plan
+from hulldown.rendering.supervisor import render_plan
 from hulldown.tests.blender_plans import draw, make_plan
 
 pytestmark = pytest.mark.blender

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hulldown.render.masks import cycles_masks, verify_masks
-from hulldown.render.supervisor import render_plan
+from hulldown.rendering.masks import cycles_masks, verify_masks
+from hulldown.rendering.supervisor import render_plan
 from hulldown.tests.blender_plans import make_plan
 
 pytestmark = pytest.mark.blender

@@ -5,10 +5,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from hulldown.assets.naming import GROUND, GUN, GUN_HINTS, HELPERS, TURRET_HINTS, first_match, hints
 from hulldown.base.errors import AssetError
 from hulldown.reading.doubts import vehicle_doubts
 from hulldown.reading.kinds import refuse_wrong_kind
+from hulldown.reading.naming import GROUND, GUN, GUN_HINTS, HELPERS, TURRET_HINTS, first_match, hints
 from hulldown.reading.options import Options
 from hulldown.reading.report import FileReport
 from hulldown.reading.roles import Link, Piece, vehicle_roles

@@ -8,7 +8,7 @@ from hulldown.camera.sensor import Sensor
 from hulldown.planning.appearance.light import draw_sensors
 from hulldown.planning.config.sensor_section import PRESETS, SensorSection
 from hulldown.planning.search.draws import RandomStreams
-from hulldown.render.sensor import BAND, WHITE, Lens, develop, read_out
+from hulldown.rendering.sensor import BAND, WHITE, Lens, develop, read_out
 from hulldown.tests.planning_assets import small_config
 
 

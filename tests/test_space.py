@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from hulldown.dataset.exports.layouts.kitti import label_line
+from hulldown.dataset.rows import label_records
 from hulldown.dataset.space import check_space, space_of
-from hulldown.dataset.verification.planned import label_records
 from hulldown.geometry.transforms import apply
 from hulldown.tests.planning_assets import plan, small_assets, small_config
 

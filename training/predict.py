@@ -16,11 +16,11 @@ import numpy as np
 import orjson
 from PIL import Image
 
-from hulldown.annotate.drawing import draw
 from hulldown.base.errors import HulldownError
 from hulldown.base.files import make_room, open_in_place, open_regular, replace_file, replacing
 from hulldown.base.outside import json_of, sha256_of
 from hulldown.base.terminal import shown
+from hulldown.pictures.drawing import draw
 from hulldown.training.detectors.detector import (
     WEIGHTS_NAME,
     Detector,

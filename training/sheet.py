@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from hulldown.annotate.drawing import contact_sheet, draw
 from hulldown.base.terminal import tracked
 from hulldown.geometry.arrays import spread
+from hulldown.pictures.drawing import contact_sheet, draw
 from hulldown.training.augment import Augmenter, Sample, changed_table
 from hulldown.training.data import at_work_size
 from hulldown.training.settings import load_settings

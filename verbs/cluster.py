@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hulldown.base.terminal import say
-from hulldown.render.cluster.scheduler import Scheduler, local_cluster, needing_dask
+from hulldown.cluster.scheduler import Scheduler, local_cluster, needing_dask
 from hulldown.verbs.arguments import Subparsers, add_verb, at_least_one, port
 from hulldown.verbs.terminal import show_result
 
@@ -42,7 +42,7 @@ def training_workers(scheduler: Scheduler, *, say: Callable[[str], None] = say) 
     from hulldown.base.code import difference, versions
 
     with needing_dask():
-        from hulldown.render.cluster.workers import Cluster
+        from hulldown.cluster.workers import Cluster
     from hulldown.training.study.runs import LOST, PACKAGES, RESOURCE, manifest_digest
 
     with Cluster(scheduler, RESOURCE, partial(difference, versions(*PACKAGES)), say=say) as cluster:
@@ -60,7 +60,7 @@ def training_workers(scheduler: Scheduler, *, say: Callable[[str], None] = say) 
 
 def _train_here(study: Path, manifest: str, options: RunOptions, name: str) -> Any:
     """Do a run on a worker of the cluster."""
-    from hulldown.render.cluster.workers import Answer, wanted
+    from hulldown.cluster.workers import Answer, wanted
     from hulldown.training.study.runs import run_here, unseen
 
     return unseen(study, manifest) or Answer(run_here(study, name, options, wanted()))

@@ -60,7 +60,7 @@ def _init_from(arguments: argparse.Namespace, values: Mapping[str, Any]) -> None
 
 
 def _inspect(arguments: argparse.Namespace) -> int:
-    from hulldown.annotate.sheets import make_room_for_picture
+    from hulldown.pictures.sheets import make_room_for_picture
     from hulldown.planning.inputs.inspection import drawn_assets, inspect_file
     from hulldown.reading.inspect import Inspected, pages, write_pictures
 
@@ -124,7 +124,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _preview(arguments: argparse.Namespace) -> None:
-    from hulldown.annotate.sheets import make_room_for_picture
+    from hulldown.pictures.sheets import make_room_for_picture
     from hulldown.planning.pictures.preview import preview_sheet
     from hulldown.planning.plan_file import picture_of, read_plan
 

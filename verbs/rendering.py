@@ -27,9 +27,9 @@ from hulldown.verbs.terminal import DONE, FOUND, STOPPED, show, show_result
 
 
 def _render(arguments: argparse.Namespace) -> int:
-    from hulldown.render.pool import Engine
-    from hulldown.render.process import Limits
-    from hulldown.render.supervisor import Part, render_bar, render_plan
+    from hulldown.rendering.pool import Engine
+    from hulldown.rendering.process import Limits
+    from hulldown.rendering.supervisor import Part, render_bar, render_plan
 
     alone = next((name for name in ("workers", "blender") if getattr(arguments, name) is not None), None)
     if alone and arguments.scheduler is not None:
@@ -83,7 +83,7 @@ def _verify(arguments: argparse.Namespace) -> int:
     findings = verify(arguments.dataset, arguments.plan, fast=arguments.fast, assets=assets)
     checked = 0
     if arguments.masks:
-        from hulldown.render.masks import verify_masks
+        from hulldown.rendering.masks import verify_masks
 
         measured = verify_masks(arguments.dataset, arguments.plan, assets(), count=arguments.masks)
         checked = len(measured.rows)

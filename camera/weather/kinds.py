@@ -1,7 +1,7 @@
 """The weather of an image, and its kinds: one object each with all properties of the kind.
 
 A new kind is an entry of `KINDS`, its keys in `planning.config.weather_section`, and a section of docs/weather.md; if
-it covers surfaces in its own way, also `render.blender.surfaces`. Needs numpy only, as it runs in Blender too.
+it covers surfaces in its own way, also `rendering.blender.surfaces`. Needs numpy only, as it runs in Blender too.
 """
 
 from __future__ import annotations

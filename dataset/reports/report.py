@@ -14,11 +14,9 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 from PIL import Image as Pictures
 
-from hulldown.annotate.drawing import color_of
-from hulldown.annotate.known import SCALES, SIDES, SIZE, bins_of, poses_of
+from hulldown.annotate.attributes import SCALES, SIDES, SIZE, bins_of, poses_of
 from hulldown.annotate.oriented import rectangle_corners
 from hulldown.annotate.outlines import polygons
-from hulldown.annotate.sheets import refuse_foreign
 from hulldown.assets.photographs import read_photographs
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import make_room, replace_file
@@ -29,6 +27,8 @@ from hulldown.dataset.reports.comparison import Comparison, Encoder, compare
 from hulldown.dataset.reports.page import Facet, Shape, Tile, render
 from hulldown.dataset.table import CONDITIONS, Dataset, Image
 from hulldown.geometry.arrays import spread
+from hulldown.pictures.drawing import color_of
+from hulldown.pictures.sheets import refuse_foreign
 from hulldown.planning.inputs.loading import Library, load_planned_library
 from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan_file import read_plan

@@ -15,11 +15,11 @@ from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.base.outside import DATA, json_with_repeats, read_file
 from hulldown.base.terminal import reading_status, shown
 from hulldown.dataset.records import Finding, check_annotations, check_categories, check_images, check_runs, check_seals
+from hulldown.dataset.rows import check_planned
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, read_coco
 from hulldown.dataset.store.journal import is_cut_off
 from hulldown.dataset.verification.check_pictures import check_pictures
 from hulldown.dataset.verification.check_skies import sky_check
-from hulldown.dataset.verification.planned import check_planned
 from hulldown.planning.inputs.loading import Library, load_planned_library
 from hulldown.planning.plan_file import Plan, read_plan
 

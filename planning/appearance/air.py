@@ -9,7 +9,7 @@ from hulldown.camera.weather.extinction import rain_visibility_m, wetness
 from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.geometry.portable import sin_cos
 from hulldown.planning.config.weather_section import WeatherSection
-from hulldown.planning.row import rounded
+from hulldown.planning.plan.row import rounded
 from hulldown.planning.search.draws import Purpose, RandomStreams, between
 
 NAMES = tuple(KINDS)

@@ -11,8 +11,8 @@ from hulldown.assets.library import Assets
 from hulldown.camera.projection import Camera
 from hulldown.camera.world import World
 from hulldown.geometry.arrays import spread
+from hulldown.planning.plan.row import Row
 from hulldown.planning.plan_file import Plan
-from hulldown.planning.row import Row
 
 LOOKED_AT = 1000  # images, evenly spread over the plan
 COLUMNS, ROWS = 24, 16  # rays through an image

@@ -18,7 +18,7 @@ from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.geometry.columns import records
 from hulldown.planning.config.schema import LightSection
 from hulldown.planning.config.sensor_section import SensorSection
-from hulldown.planning.row import rounded
+from hulldown.planning.plan.row import rounded
 from hulldown.planning.search.draws import Purpose, RandomStreams, between, choose
 
 

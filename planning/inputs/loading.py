@@ -13,7 +13,6 @@ import numpy as np
 from hulldown.assets.bundle import load_scenery, load_vehicle
 from hulldown.assets.keypoints import category_fields
 from hulldown.assets.library import Assets, HdriSource, Source
-from hulldown.assets.naming import first_match
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError, ConfigError
 from hulldown.geometry.transforms import apply
@@ -26,6 +25,7 @@ from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.doubts import length_said, likely_scale
 from hulldown.reading.export import Exported
 from hulldown.reading.formats import HDRI_SUFFIXES
+from hulldown.reading.naming import first_match
 from hulldown.reading.options import Options
 from hulldown.reading.report import FileReport, refuse_missing
 from hulldown.reading.skies.hdri import Hdri, read_hdris, refuse_no_hdri

@@ -13,7 +13,7 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from hulldown.annotate.known import SCALES, SIZE
+from hulldown.annotate.attributes import SCALES, SIZE
 from hulldown.base.errors import ConfigError
 from hulldown.base.outside import read_json
 

@@ -9,8 +9,6 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image
 
-from hulldown.annotate.drawing import contact_sheet, draw
-from hulldown.annotate.sheets import save_sheet
 from hulldown.assets.library import Assets
 from hulldown.base.errors import ConfigError
 from hulldown.base.terminal import tracked
@@ -21,11 +19,13 @@ from hulldown.camera.weather.kinds import Weather
 from hulldown.camera.world import World
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.color import LUMINANCE
+from hulldown.pictures.drawing import contact_sheet, draw
+from hulldown.pictures.sheets import save_sheet
 from hulldown.planning.appearance.light import card
 from hulldown.planning.appearance.paint import previewed
 from hulldown.planning.pictures.shading import look, paint_of, sun_of
+from hulldown.planning.plan.row import PlannedVehicle, Row
 from hulldown.planning.plan_file import Plan
-from hulldown.planning.row import PlannedVehicle, Row
 from hulldown.planning.search.stage import make_stage
 
 TILE_WIDTH = 480

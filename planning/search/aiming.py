@@ -15,7 +15,7 @@ from hulldown.camera.shell import draw_azimuth, draw_elevation, shell_axes, shel
 from hulldown.geometry.columns import take
 from hulldown.geometry.transforms import rigid
 from hulldown.planning.config.schema import Config
-from hulldown.planning.row import rounded
+from hulldown.planning.plan.row import rounded
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.draws import Purpose, RowStreams, between
 from hulldown.planning.search.given import Given

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from hulldown.camera.target import PosedVehicle
 from hulldown.geometry.arrays import joined
 from hulldown.geometry.transforms import apply, compose
-from hulldown.planning.row import rounded
+from hulldown.planning.plan.row import rounded
 from hulldown.planning.search.stage import Fleet, Model
 
 

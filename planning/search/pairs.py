@@ -16,7 +16,7 @@ from jaxtyping import Float, Int
 
 from hulldown.base.errors import ConfigError
 from hulldown.planning.config.schema import Config
-from hulldown.planning.row import LeftOut
+from hulldown.planning.plan.row import LeftOut
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.budget import Budget, Positions
 from hulldown.planning.search.draws import RandomStreams

@@ -14,7 +14,7 @@ from hulldown.placement.contact import depth_below
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.settle import Settled, limit_contact, settle_each, unsettled
 from hulldown.planning.config.schema import Config
-from hulldown.planning.row import rounded
+from hulldown.planning.plan.row import rounded
 from hulldown.planning.search.instances import Instances
 from hulldown.planning.search.stage import Site, settle_rules
 

@@ -17,7 +17,7 @@ from hulldown.camera.weather.extinction import air_contrast
 from hulldown.geometry.columns import put
 from hulldown.placement.rejection import Rejection
 from hulldown.planning.config.schema import Config
-from hulldown.planning.row import rounded
+from hulldown.planning.plan.row import rounded
 from hulldown.planning.search.aiming import Aims, Tries
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.instances import Instances

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from hulldown.assets.naming import (
+from hulldown.reading.naming import (
     GUN,
     GUN_HINTS,
     LAUNCHER,

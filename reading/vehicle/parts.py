@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse.csgraph import connected_components
 
-from hulldown.assets.naming import ARMED, BODY, FRONT, NO_TURRET, REAR, TURRET, VEHICLE, first_match
+from hulldown.reading.naming import ARMED, BODY, FRONT, NO_TURRET, REAR, TURRET, VEHICLE, first_match
 from hulldown.reading.options import DEFAULTS, Options
 from hulldown.reading.report import PartRow, xyz
 from hulldown.reading.roles import Link, Piece

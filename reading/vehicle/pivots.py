@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.distance import pdist
 
-from hulldown.assets.naming import PIVOT, first_match, words
 from hulldown.geometry.transforms import apply
+from hulldown.reading.naming import PIVOT, first_match, words
 from hulldown.reading.options import Options
 from hulldown.reading.roles import Link
 from hulldown.reading.vehicle.keypoints import keypoint_of

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.assets.naming import GUN, GUN_HINTS, NOT_GUN, first_match, hints
 from hulldown.geometry.transforms import apply, rotation_z
+from hulldown.reading.naming import GUN, GUN_HINTS, NOT_GUN, first_match, hints
 from hulldown.reading.options import Options
 from hulldown.reading.roles import Evaluated, Piece
 from hulldown.reading.vehicle.nose import Direction, find_forward

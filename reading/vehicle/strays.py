@@ -7,8 +7,8 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.assets.naming import FIGURES, STAGES, first_match, words
 from hulldown.geometry.meshes import Mesh
+from hulldown.reading.naming import FIGURES, STAGES, first_match, words
 from hulldown.reading.roles import MUCH_LARGER, UNDERSIDE, Piece
 from hulldown.reading.vehicle.solids import PlacedPieces, Wheels
 from hulldown.reading.wording import as_key, quoted

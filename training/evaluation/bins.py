@@ -12,7 +12,7 @@ from itertools import chain, compress, groupby
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
-from hulldown.annotate.known import SCALES, SIDES, SIZE, bins_of, name_of, numbers_of, sides_of, weather_of
+from hulldown.annotate.attributes import SCALES, SIDES, SIZE, bins_of, name_of, numbers_of, sides_of, weather_of
 from hulldown.annotate.masks import decode
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.picture_files import read_pixels

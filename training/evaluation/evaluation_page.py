@@ -13,8 +13,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 from PIL import Image, ImageDraw
 
-from hulldown.annotate.drawing import BACKGROUND, contact_sheet
-from hulldown.annotate.known import number
+from hulldown.annotate.attributes import number
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import replacing
 from hulldown.dataset.oriented import visible_corners
@@ -32,6 +31,7 @@ from hulldown.dataset.reports.charts import (
     short,
 )
 from hulldown.dataset.reports.page import Facet, Tile, render
+from hulldown.pictures.drawing import BACKGROUND, contact_sheet
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.bins import BinFigures
 from hulldown.training.evaluation.evaluate import DetectorComparison, Evaluation

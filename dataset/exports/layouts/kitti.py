@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hulldown.annotate.known import number as number_of
+from hulldown.annotate.attributes import number as number_of
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.dataset.exports.shares import VAL_NAMES, Shares
 from hulldown.dataset.store.entries import Record

@@ -1,0 +1,1 @@
+"""A Dask cluster for tasks of any stage."""

@@ -1,0 +1,1 @@
+"""Pictures for people: labels drawn on images, sheets of images, and displays in notebooks."""

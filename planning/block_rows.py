@@ -1,0 +1,221 @@
+"""Convert the arrays of a block to rows of a plan; poses and angles are already rounded."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from hulldown.assets.library import Assets
+from hulldown.base.files import picture_name
+from hulldown.geometry.columns import records
+from hulldown.placement.rejection import Rejection
+from hulldown.planning.appearance.light import draw_lights, draw_sensors
+from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, Coat, draw_coats
+from hulldown.planning.config.schema import Config
+from hulldown.planning.plan.row import Bounds, Box, Followed, Label, OnMap, PlannedVehicle, Row, rounded
+from hulldown.planning.search.block import Block
+from hulldown.planning.search.draws import Purpose
+from hulldown.planning.search.extras import MOST, Role
+from hulldown.planning.search.instances import Instances
+from hulldown.planning.search.positions import Planned
+from hulldown.planning.search.stage import Site
+from hulldown.planning.search.views import Views
+from hulldown.reading.scenery.geotiff import on_map
+
+LONGEST_CUT = 0.8  # default share of a labeled box that the frame may cut off, unless targets may lose more
+
+
+def rows_of(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarray, "2 h"]) -> list[Row]:
+    """Return a row for each image of the block's positions that have a place, in the block's order."""
+    block, views, table = planned.block, planned.views, planned.table
+    config, draws, image, scene = block.config, block.draws, block.image, block.scene
+    vehicles = _vehicles(planned, assets)
+    target = np.flatnonzero(table.role == Role.TARGET)
+    left_out = np.bincount(table.row[~table.found], minlength=len(target)).tolist()
+    extras = _extras(planned, vehicles)
+    sensors = draw_sensors(config.sensor, draws=draws, image=scene)
+    kinds = [rejection.key for rejection in Rejection]
+    columns = {
+        "index": image.tolist(),
+        "image_id": (image + 1).tolist(),
+        "file_name": [
+            picture_name(i, sensor.suffix if sensor else ".png")
+            for i, sensor in zip(image.tolist(), sensors, strict=True)
+        ],
+        "shot": block.shot.tolist(),
+        "world_from_camera": views.world_from_camera,
+        "fov_x_deg": rounded("fov_x_deg", views.lens.fov_x_deg).tolist(),
+        **draw_lights(config.light, planned.weathers, hdri_weights, assets=assets, draws=draws, image=scene),
+        "weather": planned.weathers,
+        "like": _followed(block, views),
+        "sequence": block.given_of(image).name.tolist(),
+        "sample_seed": (draws.bits(Purpose.SAMPLE_SEED, image, 0, count=1)[:, 0] >> np.uint64(33)).tolist(),
+        "sensor": sensors,
+        "rejected": [{k: n for k, n in zip(kinds, counts, strict=True) if n} for counts in planned.rejected.tolist()],
+    }
+    given_up, held = planned.given_up.tolist(), block.positions
+    background, position = held.background.tolist(), held.number.tolist()
+    images = zip(block.owner.tolist(), seen_in_rows(views), records(columns), strict=True)
+    return [
+        Row(
+            target=PlannedVehicle(**vehicles[target[i]], **seen, label="none" if background[i] else "full"),
+            scenery=block.site.name,
+            position=position[i],
+            width=config.render.width,
+            height=config.render.height,
+            **_calibration(config),
+            background=background[i],
+            companions=extras[j, Role.COMPANION],
+            distractors=extras[j, Role.DISTRACTOR],
+            left_out=left_out[i],
+            **values,
+        )
+        for j, (i, seen, values) in enumerate(images)
+        if not given_up[i]
+    ]
+
+
+def _calibration(config: Config) -> dict[str, Any]:
+    """Return the fields of rows for a calibrated camera."""
+    camera = config.calibrated
+    if camera is None:
+        return {}
+    matrix = tuple(map(tuple, camera.matrix.tolist()))
+    return {"K": matrix} | ({"dist": camera.distortion} if config.camera.distortion else {})
+
+
+def _followed(block: Block, views: Views) -> list[Followed | None]:
+    """Return the photographs of each image."""
+    if block.likeness is None:
+        return [None] * len(views.asked)
+    photographs = block.likeness.photographs
+
+    def name(box: int) -> str:
+        return photographs.file_names[photographs.image[box]]
+
+    return [
+        Followed(name(sampled), name(box) if box >= 0 else None) if sampled >= 0 else None
+        for sampled, box in zip(views.asked.tolist(), views.followed.tolist(), strict=True)
+    ]
+
+
+def _extras(planned: Planned, vehicles: list[dict[str, Any]]) -> defaultdict[tuple[int, int], list[PlannedVehicle]]:
+    """Return the extras in each image, by the image's row in the block and the role."""
+    seen, views = planned.seen, planned.seen.views
+    labels = labels_of(views, seen.pixels, planned.block.config)
+    roles, extras = planned.table.role[seen.instance].tolist(), defaultdict(list)
+    columns = zip(seen.image.tolist(), seen.instance.tolist(), roles, labels, seen_in_rows(views), strict=True)
+    for image, instance, role, label, shown in columns:
+        extras[image, role].append(PlannedVehicle(**vehicles[instance], **shown, label=label))
+    return extras
+
+
+def labels_of(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -> list[Label]:
+    """Return the labels of n companions and distractors, by `config.annotate`, or the limits of targets by default.
+
+    `pixels` tells whether a vehicle has a class and covers the center of any pixel; without, it has no label.
+    """
+    given, camera = config.annotate, config.camera
+    least_px, least_visible = given.min_box_px, given.min_visible_fraction
+    most_cut = given.max_truncated_fraction
+    if most_cut is None:
+        most_cut = max(LONGEST_CUT, camera.truncated_fraction[1])
+    full = rounded("bbox", views.boxes.xywh)[:, 2:].min(axis=1) >= (camera.min_box_px if least_px is None else least_px)
+    full &= rounded("visible_fraction", views.visible_fraction) >= (
+        camera.visible_fraction[0] if least_visible is None else least_visible
+    )
+    full &= rounded("truncated_fraction", views.boxes.truncated_fraction) <= most_cut
+    full &= rounded("air_contrast", views.air_contrast) >= config.weather.min_contrast
+    below: Label = "ignored" if given.below == "ignored" else "none"
+    pairs = zip(pixels.tolist(), full.tolist(), strict=True)
+    return [("full" if enough else below) if shown else "none" for shown, enough in pairs]
+
+
+def _vehicles(planned: Planned, assets: Assets) -> list[dict[str, Any]]:
+    """Return the fields of each instance that don't depend on the camera."""
+    block, table, settled = planned.block, planned.table, planned.table.settled
+    turned = table.articulation() if block.config.placement.articulate else [{}] * len(table)
+    models = [table.fleet.models[model] for model in table.model.tolist()]
+    return records(
+        {
+            "vehicle": [model.shape.name for model in models],
+            "category": [model.category for model in models],
+            "world_from_vehicle": table.world_from_vehicle,
+            "articulation": turned,
+            "slope_deg": rounded("slope_deg", np.degrees(settled.tilt)).tolist(),
+            "gap": rounded("gap", settled.gap).tolist(),
+            "penetration": rounded("penetration", settled.penetration).tolist(),
+            "tries": table.tries.tolist(),
+            "bounds": bounds_in_rows(table),
+            "geo": geo_in_rows(table.world_from_vehicle, block.site),
+            "track_id": _tracks(planned),
+            "paint": _coats(planned, assets),
+        }
+    )
+
+
+def _tracks(planned: Planned) -> list[int | None]:
+    """Return a number for each instance of a sequence, and None for the others."""
+    block, table = planned.block, planned.table
+    number = 1 + (block.positions.number[table.row] * len(Role) + table.role) * MOST + table.number
+    named = (block.given_of(block.positions.first_image).sequence >= 0)[table.row]
+    return [track if inside else None for track, inside in zip(number.tolist(), named.tolist(), strict=True)]
+
+
+def _coats(planned: Planned, assets: Assets) -> list[list[Coat]]:
+    """Draw the coats of each instance, by its number among the instances of its role with a place."""
+    block, table = planned.block, planned.table
+    places = np.zeros(len(table), dtype=np.int64)
+    for role, first in ((Role.COMPANION, COMPANIONS), (Role.DISTRACTOR, DISTRACTORS)):
+        placed = np.flatnonzero(table.found & (table.role == role))
+        rank = np.arange(len(placed)) - np.searchsorted(table.row[placed], table.row[placed])
+        places[placed] = first + rank
+    coats: list[list[Coat]] = [[]] * len(table)
+    for model in np.unique(table.model).tolist():
+        of_model = np.flatnonzero(table.model == model)
+        name = table.fleet.models[model].shape.name
+        paint = () if name in assets.without_material else block.config.paint_of(name)
+        position = block.positions.number[table.row[of_model]]
+        sampled = draw_coats(paint, block.draws, position=position, place=places[of_model])
+        for i, coat in zip(of_model.tolist(), sampled, strict=True):
+            coats[i] = coat
+    return coats
+
+
+def seen_in_rows(views: Views) -> list[dict[str, Any]]:
+    """Return the fields of vehicles that follow from their views."""
+    shares = {
+        "visible_fraction": views.visible_fraction,
+        "truncated_fraction": views.boxes.truncated_fraction,
+        "air_contrast": views.air_contrast,
+    }
+    columns = {key: rounded(key, share).tolist() for key, share in shares.items()}
+    return records({"bbox": _boxes(views.boxes.xywh), "bbox_amodal": _boxes(views.boxes.amodal), **columns})
+
+
+def bounds_in_rows(instances: Instances) -> list[Bounds]:
+    """Return the bounds of each vehicle in its own frame, rounded."""
+    return [Bounds(tuple(low), tuple(high)) for low, high in rounded("bounds", instances.bounds()).tolist()]
+
+
+def geo_in_rows(world_from_vehicle: Float[np.ndarray, "n 4 4"], site: Site) -> list[OnMap | None]:
+    """Return places on the map, or None for vehicles without a pose and sceneries without a map."""
+    if not site.crs:
+        return [None] * len(world_from_vehicle)
+    meters = np.round(world_from_vehicle[:, :2, 3] + site.origin[:2], 6)
+    degrees = np.round(on_map(meters, site.crs, "EPSG:4326"), 9)
+    placed = np.isfinite(degrees).all(axis=1).tolist()
+    keys = OnMap.__struct_fields__[1:]
+    rows = np.concatenate([meters, degrees], axis=1).tolist()
+    return [
+        OnMap(crs=site.crs, **dict(zip(keys, row, strict=True))) if has_place else None
+        for row, has_place in zip(rows, placed, strict=True)
+    ]
+
+
+def _boxes(boxes: Float[np.ndarray, "n 4"]) -> list[Box | None]:
+    """Return rounded boxes, None for nan."""
+    return [None if xywh[0] != xywh[0] else Box(*xywh) for xywh in rounded("bbox", boxes).tolist()]

@@ -1,0 +1,124 @@
+"""Do a worker's jobs: load missing assets, pose, render, measure.
+
+Runs inside Blender; needs numpy and bpy only.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from hulldown.reading.blender.light_pictures import store_light
+from hulldown.rendering.blender import cycles, film
+from hulldown.rendering.blender.lens import DEVICES as LENS_DEVICES
+from hulldown.rendering.blender.object_index import IndexPictures
+from hulldown.rendering.blender.scene import Stage
+from hulldown.rendering.messages import Job, MaskJob, RenderJob, StartJob
+
+
+class Renderer:
+    """Renders jobs, keeping the scenery and the device between them."""
+
+    def __init__(self) -> None:
+        self._stage: Stage | None = None
+        self._index: IndexPictures | None = None
+        self._loaded: Any = None  # what the stage was set up from
+        self._settings: Any = None  # that its scene has
+        self._device = "CPU"
+        self._threads = 0
+
+    def reset(self) -> None:
+        """Forget everything in memory: the next job loads its assets again."""
+        self._stage = self._index = self._loaded = self._settings = None
+
+    def do(self, job: Job) -> dict[str, Any]:
+        """Do a job; return the answer."""
+        if isinstance(job, StartJob):
+            return self._start(job)
+        return self._render(job) if isinstance(job, RenderJob) else self._mask(job)
+
+    def _start(self, job: StartJob) -> dict[str, Any]:
+        self._device, count = cycles.choose_device(job.device, job.index)
+        self._threads = job.threads
+        return {"device": self._device, "devices": count}
+
+    def _ready(self, job: RenderJob | MaskJob) -> Stage:
+        """The stage for a job, loaded if it isn't the last job's."""
+        wanted = type(job), job.scenery
+        if any(job.camera.intrinsics.distortion) and self._device.split()[0] not in LENS_DEVICES:
+            problem = f"Cycles renders `camera.distortion` on {' and '.join(LENS_DEVICES)} only, not on {self._device}"
+            raise cycles.Unusable(problem, "use --device cpu or optix")
+        if self._stage is None or self._loaded != wanted:
+            self.reset()
+            self._stage = Stage(job.scenery)
+            if isinstance(job, MaskJob):
+                self._index = IndexPictures(self._stage, device=self._device, threads=self._threads)
+            self._loaded = wanted
+        return self._stage
+
+    def _render(self, job: RenderJob) -> dict[str, Any]:
+        start = time.monotonic()
+        stage = self._ready(job)
+        if self._settings != job.settings:
+            cycles.configure(stage.scene, job.settings, device=self._device, threads=self._threads)
+            self._settings = job.settings
+        stage.place_vehicles(job.vehicles)
+        stage.set_camera(job.camera)
+        stage.world.set(job.light)
+        cycles.expose(stage.scene, job.settings, job.camera.exposure, job.camera.white_balance)
+        stage.set_weather(job.weather, job.seed)
+        stage.scene.cycles.seed = job.seed
+        output = Path(job.output)
+        output.unlink(missing_ok=True)  # from a failed attempt
+        rendered = output if job.sensor is None else output.with_suffix(".exr")
+        stage.scene.render.filepath = os.fspath(rendered)
+        (cycles.store_picture if job.sensor is None else store_light)(stage.scene)
+        posed = time.monotonic()
+        with _Stopwatch() as watch:
+            bpy.ops.render.render(write_still=True, scene=stage.scene.name)
+        if not rendered.is_file():
+            raise RuntimeError("Blender has written no picture")
+        if job.sensor is not None:
+            film.develop_file(rendered, output, job.sensor, job.camera, seed=job.seed, threads=self._threads)
+            rendered.unlink()
+        end = time.monotonic()
+        parts = {
+            "load": posed - start,
+            "sync": watch.sampling - posed,
+            "sample": watch.finished - watch.sampling,
+            "save": end - watch.finished,
+        }
+        return {"seconds": parts}
+
+    def _mask(self, job: MaskJob) -> dict[str, Any]:
+        stage = self._ready(job)
+        assert self._index is not None
+        vehicles = stage.place_vehicles(job.vehicles)
+        stage.set_camera(job.camera)
+        np.save(job.output, self._index.maps(vehicles))
+        return {}
+
+
+class _Stopwatch:
+    """Times at which Cycles began and finished sampling, from its status messages."""
+
+    def __enter__(self) -> _Stopwatch:
+        self.sampling = self.finished = 0.0
+        bpy.app.handlers.render_stats.append(self._hear)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        bpy.app.handlers.render_stats.remove(self._hear)
+        self.finished = self.finished or time.monotonic()
+        self.sampling = self.sampling or self.finished
+
+    def _hear(self, stats: str, *_: object) -> None:
+        if "Sample " in stats and not self.sampling:
+            self.sampling = time.monotonic()
+        if "Finished" in stats:
+            self.finished = time.monotonic()

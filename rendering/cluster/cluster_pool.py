@@ -1,0 +1,70 @@
+"""Render rows on the workers of a Dask cluster, like `rendering.pool.Pool`; each row is a task."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+
+from hulldown.base.code import versions
+from hulldown.cluster.scheduler import RESOURCE, Scheduler
+from hulldown.cluster.workers import Answer, Cluster
+from hulldown.planning.inputs.loading import Library
+from hulldown.rendering.cluster.asset_files import ClientFiles
+from hulldown.rendering.cluster.node import Setting, refusal, render_row
+from hulldown.rendering.messages import RenderJob
+from hulldown.rendering.pool import Engine
+from hulldown.rendering.process import Outcome
+
+AT_ONCE = 2  # tasks per worker: the current and the next one
+LOST = "its workers were lost, the last ones while they had nothing else to do"
+
+
+class ClusterPool(Cluster):
+    """The workers of a Dask cluster. Leaving it as a context cancels waiting tasks.
+
+    Parameters
+    ----------
+    scheduler
+        The cluster's scheduler.
+    engine
+        The Blenders' device and limits, and whether to refuse workers that can't confine Blender.
+    library
+        The plan's assets.
+    say, stopping
+        As of `rendering.pool.Pool`.
+
+    Raises
+    ------
+    HulldownError
+        If no scheduler answers.
+    """
+
+    def __init__(
+        self,
+        scheduler: Scheduler,
+        engine: Engine,
+        library: Library,
+        *,
+        say: Callable[[str], None],
+        stopping: Callable[[], bool],
+    ) -> None:
+        self._stopping, self._files = stopping, ClientFiles(library)
+        self._setting = Setting(self._files.key, self._files.readable, engine.device, engine.limits)
+        refused = partial(refusal, versions("bpy"), engine.require_confinement)
+        super().__init__(scheduler, RESOURCE, refused, at_once=AT_ONCE, say=say)
+
+    def results(self, jobs: Sequence[int], job_of: Callable[[int], RenderJob]) -> Iterator[tuple[int, Outcome]]:
+        """Do all jobs; parameters and errors as of `rendering.pool.Pool.results`."""
+
+        def call(job: int) -> Callable[..., Answer]:
+            own = job_of(job)
+            named = {own.scenery, own.light.hdri, *(vehicle.tidy for vehicle in own.vehicles)}
+            assets = tuple(self._files.assets[path] for path in sorted(named))
+            return partial(render_row, self._setting, own, assets)
+
+        lost = Outcome(reasons=(LOST,))
+        for job, outcomes in self.run(jobs, call, lost=lost, stopping=self._stopping, content=self._files.content):
+            reasons = [reason for outcome in outcomes for reason in outcome.reasons] if outcomes[-1].reasons else []
+            restarts = sum(outcome.restarts for outcome in outcomes)
+            yield job, replace(outcomes[-1], reasons=tuple(reasons), restarts=restarts)

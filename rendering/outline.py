@@ -1,0 +1,89 @@
+"""A plan's order and names, and parts of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Int
+
+from hulldown.dataset.store.runs import Run, plan_key
+from hulldown.planning.plan.row import Row
+from hulldown.planning.plan_file import Plan
+
+OutlineRow = tuple[tuple[str, str, str, str], int, int, str]  # sort key, index, number of labels, and file name
+
+
+class Outline:
+    """A plan's names, order, and numbers of labels, read completely before anything is written.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+
+    Raises
+    ------
+    ConfigError
+        If a line is damaged.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self.stamp = stamp_of(plan.path)
+        self.rows = [(sort_key(row), row.index, len(row.labeled), row.file_name) for row in plan]
+        self.key = plan_key(plan.path)
+        self.labels = np.array([labels for _, _, labels, _ in self.rows], dtype=np.int64)
+
+    def first_annotations(self, run: Run) -> Int[np.ndarray, " images"]:
+        """The id of each image's first label, which depends on the plan alone."""
+        return np.cumsum(self.labels) - self.labels + run.annotation_offset + 1
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Images of a plan.
+
+    Parameters
+    ----------
+    limit
+        Number of images, from the first; None: all.
+    share
+        The k-th of n equal parts of these, (k, n), for machines that share a plan; see `dataset.join`.
+
+    Raises
+    ------
+    ValueError
+        If the part doesn't exist.
+    """
+
+    limit: int | None = None
+    share: tuple[int, int] = (1, 1)
+
+    def __post_init__(self) -> None:
+        if self.limit is not None and self.limit < 0:
+            raise ValueError(f"limit: expected at least 0, got {self.limit}")
+        if not 1 <= self.share[0] <= self.share[1]:
+            raise ValueError(f"share: expected (k, n) with k from 1 to n, got {self.share}")
+
+    def of(self, outline: Outline) -> list[OutlineRow]:
+        """The part's rows, ordered so that workers can keep loaded assets; shares have neighbors."""
+        rows, (k, n) = sorted(outline.rows[: self.limit]), self.share
+        return rows[(k - 1) * len(rows) // n : k * len(rows) // n]
+
+
+WHOLE = Part()
+
+
+def sort_key(row: Row) -> tuple[str, str, str, str]:
+    """Sort key of rows by loading time: scenery, vehicle, kind of weather, HDRI."""
+    return row.scenery, row.target.vehicle, row.weather.kind if row.weather else "", row.hdri
+
+
+def stamp_of(path: Path) -> tuple[int, int, int] | None:
+    """Identity, size, and modification time of a file; None if there is none."""
+    try:
+        stat = path.stat()
+    except OSError:
+        return None
+    return stat.st_ino, stat.st_size, stat.st_mtime_ns

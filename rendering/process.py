@@ -1,0 +1,375 @@
+"""A supervised Blender that does one job after the other, restarted if it crashes, hangs, or uses too much memory."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import platform
+import queue
+import shutil
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from hulldown.base.child import Child, Stopped, memory_limit
+from hulldown.base.errors import HulldownError
+from hulldown.base.outside import DATA, json_of, read_file
+from hulldown.reading.confinement import landlock
+from hulldown.rendering.blender.worker import ANSWER
+from hulldown.rendering.messages import Job, MaskJob, RenderJob, StartJob
+from hulldown.rendering.pictures import damage
+
+WORKER = Path(__file__).with_name("blender") / "worker.py"
+STOP_S = 5.0  # for a worker to end by itself
+# For glibc: from how many bytes on a block goes back to the system when it is freed. This is its own first value; left
+# alone it raises it to the largest block yet, and other HDRIs and vehicles leave holes: 100 MB more, 7 % growth.
+# For OpenBLAS, whose threads busy-wait for products that are too small for them.
+ENVIRONMENT = {"MALLOC_MMAP_THRESHOLD_": str(2**17), "OPENBLAS_NUM_THREADS": "1"}
+POLL_S = 0.2  # interval of checks of time and memory
+NEARLY = 0.8  # of the memory limit: above it, Blender is replaced between two jobs
+GIB = 2**30
+CARDS = ("nvidia*", "dri", "kfd", "shm")  # of /dev
+DRIVER_CACHES = (".nv", ".cache/cycles", ".cache/nvidia", ".cache/neo_compiler_cache", ".cache/mesa_shader_cache")
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Limits of a Blender.
+
+    Parameters
+    ----------
+    job_s
+        Seconds for a job; None: `TIMES_LONGER` times what the longest of the first ones took.
+    memory_bytes
+        Resident memory of one Blender; None for its share of nine tenths of the machine's. A Blender that ends a job
+        above four fifths of it is replaced.
+    """
+
+    job_s: float | None = None
+    memory_bytes: int | None = None
+
+
+ATTEMPTS = 3  # at a job, or at a start
+START_S = 300.0  # time limit of a start
+FIRST_JOBS = 5  # jobs that set the time limit of the others
+FIRST_JOBS_S = 3600.0  # their own time limit
+TIMES_LONGER = 20.0  # the longest of them is the others' time limit
+SHORTEST_S = 300.0  # least time limit, for loading another scenery
+
+
+class Allowance:
+    """The resources of each of several Blenders on a machine.
+
+    Parameters
+    ----------
+    limits
+        When one is given up.
+    blenders
+        Number of Blenders.
+    """
+
+    def __init__(self, limits: Limits, blenders: int = 1) -> None:
+        self.limits, self.blenders = limits, blenders
+        self.took: list[float] = []  # seconds of the jobs that are done
+
+    @property
+    def job_s(self) -> float:
+        """Seconds that the next job gets."""
+        if self.limits.job_s is not None:
+            return self.limits.job_s
+        first = self.took[:FIRST_JOBS]
+        return max(SHORTEST_S, TIMES_LONGER * max(first)) if len(first) == FIRST_JOBS else FIRST_JOBS_S
+
+    @property
+    def memory(self) -> float:
+        """Bytes."""
+        return memory_limit(self.limits.memory_bytes, self.blenders)
+
+    @property
+    def threads(self) -> int:
+        """Of the processor; 0 for all."""
+        return 0 if self.blenders == 1 else max(1, (psutil.cpu_count() or 1) // self.blenders)
+
+
+class AttemptFailed(Exception):
+    """A failed attempt at a job, with a reason for the user."""
+
+
+class Lost(AttemptFailed):
+    """Blender has failed and must be restarted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """The outcome of a job.
+
+    Parameters
+    ----------
+    answer
+        Blender's.
+    content
+        Contents of the job's output file.
+    reasons
+        Reason of each failed attempt, if all failed.
+    restarts
+        Number of Blender's restarts.
+    made_by
+        What did the job: `blender`, `devices`, `systems`, and `confinement`, as in a dataset's provenance.
+    """
+
+    answer: Mapping[str, Any] = field(default_factory=dict)
+    content: bytes = b""
+    reasons: tuple[str, ...] = ()
+    restarts: int = 0
+    made_by: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Confinement:
+    """Paths that a worker may use, if the kernel has Landlock; see `reading.confinement.landlock`.
+
+    Parameters
+    ----------
+    write
+        Folder for output, which must exist at the start.
+    read
+        Files and folders of its jobs.
+    """
+
+    write: Path
+    read: tuple[Path, ...]
+
+    def of(self, command: Sequence[str], *, gpu: bool) -> list[str]:
+        """Return a command that runs `command` confined; `gpu`: with graphics cards, and their kernel caches."""
+        program = shutil.which(command[0]) or command[0]
+        cards = [str(card) for pattern in CARDS for card in sorted(Path("/dev").glob(pattern))] if gpu else []
+        caches = [Path.home() / cache for cache in DRIVER_CACHES] if gpu else []
+        return landlock.confined([program, *command[1:]], read=self.read, write=[self.write, *caches], devices=cards)
+
+
+class Blender:
+    """A Blender that starts with its first job and stays open. Leaving it as a context ends it.
+
+    Parameters
+    ----------
+    log
+        File for its messages.
+    program
+        An installed Blender, or None for the bpy module of this Python.
+    device
+        What `rendering.blender.cycles.choose_device` takes.
+    number
+        Its index among this machine's Blenders, which selects a graphics card.
+    allowance
+        Its resources.
+    confinement
+        What it may read and write; None for everything.
+    say
+        Called with a line for the user, now and then.
+
+    Attributes
+    ----------
+    devices
+        Number of graphics cards; 1 if there are none.
+    """
+
+    def __init__(
+        self,
+        log: Path,
+        *,
+        program: str | None = None,
+        device: str = "auto",
+        number: int = 0,
+        allowance: Allowance | None = None,
+        confinement: Confinement | None = None,
+        say: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        self.devices = 1
+        self._log, self._program, self._device, self._number = log, program, device, number
+        self._allowance = allowance or Allowance(Limits())
+        self._confinement, self._say = confinement, say
+        # The doctor looks at the bpy module only.
+        self._remedy = "run `hulldown doctor`" if program is None else f"see whether `{program} --background` starts"
+        self._child: Child | None = None
+        self._stopping: Callable[[], bool] = lambda: False
+        self._restarts = 0
+        self._made_by: dict[str, str] = {}
+
+    @property
+    def pid(self) -> int | None:
+        """Its process id; None if it isn't open."""
+        return self._child.pid if self._child else None
+
+    def do(self, job: RenderJob | MaskJob, *, stopping: Callable[[], bool] = lambda: False) -> Outcome:
+        """Do a job, with several attempts; returns when it's done or has finally failed.
+
+        Parameters
+        ----------
+        job
+            The job.
+        stopping
+            Asked several times a second whether to give up now.
+
+        Raises
+        ------
+        Stopped
+            If `stopping` said so.
+        HulldownError
+            If Blender can't be used.
+        """
+        self._stopping, self._restarts = stopping, 0
+        reasons: list[str] = []
+        try:
+            while len(reasons) < ATTEMPTS:
+                self.start()
+                try:
+                    answer, content = self._attempt(job)
+                    return Outcome(answer, content, restarts=self._restarts, made_by=self._made_by)
+                except Lost as lost:
+                    self._lose(lost)
+                    reasons.append(str(lost))
+                except AttemptFailed as failure:
+                    self._say(str(failure))
+                    reasons.append(str(failure))
+        except BaseException:
+            self.close()
+            raise
+        return Outcome(reasons=tuple(reasons), restarts=self._restarts, made_by=self._made_by)
+
+    def _attempt(self, job: RenderJob | MaskJob) -> tuple[dict[str, Any], bytes]:
+        began = time.monotonic()
+        answer = self._ask(job, self._allowance.job_s)
+        self._allowance.took.append(time.monotonic() - began)
+        if "failed" in answer:
+            raise AttemptFailed(answer["failed"])
+        content = _written(job)
+        assert self._child is not None
+        if self._child.memory > NEARLY * self._allowance.memory:
+            self._say("has grown near its memory limit and is replaced")
+            self._child.close_stdin()
+            self._child.wait(STOP_S)
+            self.close()
+        return answer, content
+
+    def start(self) -> None:
+        """Start it if necessary, and choose the device."""
+        if self._child is not None:
+            return
+        for attempt in range(1, ATTEMPTS + 1):
+            try:
+                self._launch()
+                version = self._hear(START_S)["ready"]
+                answer = self._ask(StartJob(self._device, self._number, self._allowance.threads), START_S)
+            except Lost as lost:
+                self._lose(lost)
+                if attempt < ATTEMPTS:
+                    continue
+                problem = f"Blender has not started {attempt} times running: {lost}"
+                raise HulldownError(problem, path=self._log, remedy=self._remedy) from None
+            if "failed" in answer:
+                raise HulldownError(f"Blender cannot be used: {answer['failed']}", remedy=self._remedy)
+            self.devices = answer["devices"]
+            self._made_by = {
+                "blender": version,
+                "devices": answer["device"],
+                "systems": platform.platform(terse=True),
+                "confinement": landlock.confinement(),
+            }
+            self._say(f"renders on {answer['device']}")
+            return
+
+    def _launch(self) -> None:
+        self._log.parent.mkdir(parents=True, exist_ok=True)
+        if self._log.is_symlink():
+            self._log.unlink()
+        self._answers: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
+        answers = self._answers  # answers of a killed process are ignored
+
+        def hear(line: bytes) -> None:
+            text = line.decode("utf-8", "replace")
+            if not line:
+                answers.put(None)
+            elif text.startswith(ANSWER):
+                with contextlib.suppress(ValueError):  # a killed worker's partial line
+                    answers.put(json_of(line[len(ANSWER) :], dict[str, Any]))
+
+        command = worker_command(self._program)
+        more = {"TMPDIR": str(self._confinement.write)} if self._confinement else {}
+        try:
+            self._child = Child(
+                self._confinement.of(command, gpu=self._device != "cpu") if self._confinement else command,
+                env={**ENVIRONMENT, **os.environ, **more},
+                hear=hear,
+                log=self._log,
+            )
+        except OSError as error:
+            raise HulldownError(f"cannot be started: {error.strerror}", path=command[0]) from None
+
+    def _ask(self, job: Job, seconds: float) -> dict[str, Any]:
+        assert self._child is not None
+        self._child.write(pickle.dumps(job))
+        return self._hear(seconds)
+
+    def _hear(self, seconds: float) -> dict[str, Any]:
+        """The next answer, within the limits of time and memory."""
+        assert self._child is not None
+        end = time.monotonic() + seconds
+        while True:
+            if self._stopping():
+                raise Stopped
+            try:
+                answer = self._answers.get(timeout=POLL_S)
+            except queue.Empty:
+                limit = self._allowance.memory
+                if time.monotonic() > end:
+                    raise Lost(f"no answer within {seconds:g} s") from None
+                if (held := self._child.memory) > limit:
+                    over = f"held {held / GIB:.2f} GiB, more than the limit of {limit / GIB:.2f} GiB"
+                    raise Lost(over) from None
+                continue
+            if answer is None:
+                raise Lost(f"Blender {self._child.last_words()}")
+            if "unusable" in answer:
+                raise HulldownError(f"Blender cannot be used: {answer['unusable']}", remedy=answer["remedy"])
+            return answer
+
+    def _lose(self, lost: Lost) -> None:
+        self.close()
+        self._restarts += 1
+        self._say(f"{lost}; it is started again")
+
+    def close(self) -> None:
+        """End it now; the next job starts another."""
+        if self._child is not None:
+            self._child.kill()
+        self._child = None
+
+    def __enter__(self) -> Blender:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+def worker_command(program: str | None) -> list[str]:
+    """The command of a worker, in this Python with the bpy module, or in an installed Blender."""
+    if program is None:
+        return [sys.executable, "-P", str(WORKER)]
+    options = ["--background", "--factory-startup", "--disable-autoexec", "--python-exit-code", "1"]
+    return [program, *options, "--python", str(WORKER)]
+
+
+def _written(job: RenderJob | MaskJob) -> bytes:
+    """The contents of a job's output file."""
+    output = Path(job.output)
+    if isinstance(job, RenderJob):
+        size = job.camera.intrinsics
+        if wrong := damage(output, size.width, size.height):
+            raise AttemptFailed(wrong)
+    return read_file(output, lambda problem: AttemptFailed(f"what Blender wrote {problem}"), most=DATA)

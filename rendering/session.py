@@ -1,0 +1,236 @@
+"""One run of a plan into a dataset, picture by picture.
+
+A row is finished when its picture has its final name and the journal has its line. Any interruption before costs
+one picture, which the next run renders again under the same name and id.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from hulldown.base.errors import ConfigError, HulldownError
+from hulldown.base.files import UNFINISHED_NAME
+from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.provenance import add_provenance, read_failures, read_provenance, write_failures
+from hulldown.dataset.rows import image_record
+from hulldown.dataset.store.pictures import confined, publish, writing
+from hulldown.dataset.store.seals import PICTURE_KEY, digest
+from hulldown.planning.inputs.loading import Library
+from hulldown.planning.plan.row import Row
+from hulldown.planning.plan_file import Plan
+from hulldown.rendering.annotations import Segmenter, categories_of
+from hulldown.rendering.jobs import render_job
+from hulldown.rendering.messages import CyclesSettings, RenderJob
+from hulldown.rendering.outline import Outline, Part, stamp_of
+from hulldown.rendering.pictures import without_notes
+from hulldown.rendering.pool import Pool
+from hulldown.rendering.process import Outcome
+
+if TYPE_CHECKING:
+    from hulldown.rendering.cluster.cluster_pool import ClusterPool
+
+LOGS_NAME = "logs"
+GIVE_UP_AFTER = 30  # failed attempts in a row over all images, after which they aren't the cause
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Progress of a run: finished, failed, and wanted pictures; a message, possibly empty; the workers."""
+
+    finished: int
+    failed: int
+    images: int
+    line: str = ""
+    workers: int = 0
+
+
+class Session:
+    """Sends rows to a pool and stores its results.
+
+    Parameters
+    ----------
+    plan, outline, dataset, library
+        The plan, its outline, its target, and its assets.
+    part
+        The part of the plan to render.
+    progress
+        Called after each image and with each message.
+
+    Attributes
+    ----------
+    images, already
+        Number of images of the part, and of those that were in the dataset before.
+    begun
+        Whether an image was placed, or the run has ended.
+    made_by
+        Blenders, devices, and systems that rendered, and their confinements.
+    restarts
+        How often Blender had to be started again.
+    unfinished
+        Folder for unfinished pictures during `render`.
+
+    Raises
+    ------
+    DatasetError
+        If another record in the dataset has an id reserved for an image or label of the part.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        outline: Outline,
+        dataset: CocoDataset,
+        library: Library,
+        *,
+        part: Part,
+        progress: Callable[[Progress], None],
+    ) -> None:
+        self.rendered = self.restarts = self._failed_in_a_row = 0
+        self.failed: list[str] = []
+        self.begun = False
+        self.made_by: dict[str, list[str]] = {}
+        self._plan, self._stamp, self._dataset, self._library = plan, outline.stamp, dataset, library
+        categories = categories_of(plan, library.shapes)
+        self._segmenter = Segmenter(
+            library.shapes,
+            library.assets.sceneries,
+            keypoints=next((category.get("keypoints", ()) for category in categories), ()),
+        )
+        dataset.add_categories(categories, keypoints=True)
+        run = self._run = dataset.run(outline.key, images=len(outline.rows), annotations=int(outline.labels.sum()))
+        rows, firsts = part.of(outline), outline.first_annotations(run).tolist()
+        self._left: dict[int, tuple[str, int]] = {}  # index -> name in the dataset, and id of the first label
+        for _, index, labels, planned in rows:
+            if not dataset.finished(name := run.file_name(planned)):
+                self._left[index] = name, firsts[index]
+                dataset.check_free(name, run.image_offset + index + 1, range(firsts[index], firsts[index] + labels))
+        names = {name for name, _ in self._left.values()}
+        self.images, self.already = len(rows), len(rows) - len(self._left)
+        self._progress = progress
+        self._pool: Pool | ClusterPool | None = None
+        self._folder = dataset.folder
+        self.unfinished = confined(self._folder, UNFINISHED_NAME).absolute()
+        # Failures of other plans, and of images outside this run. Damage is found before Blender starts.
+        self._failures = [line for line in read_failures(self._folder) if line["file_name"] not in names]
+        read_provenance(self._folder)
+        self._recorded: dict[str, list[str]] = {}
+        settings = plan.config.render
+        self._settings = CyclesSettings(
+            settings.samples, settings.denoise, settings.adaptive_threshold, settings.bounces
+        )
+
+    def say(self, line: str) -> None:
+        """Report progress to the caller."""
+        workers = self._pool.working if self._pool else 0
+        self._progress(Progress(self.already + self.rendered, len(self.failed), self.images, line, workers))
+
+    def render(self, pool: Pool | ClusterPool) -> None:
+        """Render the remaining rows; errors as of `rendering.pool.Pool.results`."""
+        if self.unfinished.is_symlink() or self.unfinished.is_file():
+            self.unfinished.unlink()  # not a link's target
+        shutil.rmtree(self.unfinished, ignore_errors=True)
+        self.unfinished.mkdir()
+        self._pool = pool
+        self.say("")
+        try:
+            for index, outcome in pool.results(list(self._left), self._job):
+                self._take_in(index, outcome)
+            if self.failed:
+                self._begin()
+        finally:
+            shutil.rmtree(self.unfinished, ignore_errors=True)
+
+    def _take_in(self, index: int, outcome: Outcome) -> None:
+        self.restarts += outcome.restarts
+        news = {name: sorted({*self.made_by.get(name, ()), value}) for name, value in outcome.made_by.items()}
+        self.made_by = {**self.made_by, **news}
+        if not outcome.reasons:
+            self._done(index, outcome)
+            self._failed_in_a_row = 0
+            return
+        self._give_up(index, outcome.reasons)
+        self._failed_in_a_row += len(outcome.reasons)
+        if self._failed_in_a_row >= GIVE_UP_AFTER:
+            raise HulldownError(
+                f"{self._failed_in_a_row} attempts have failed one after the other, the last with: "
+                f"{outcome.reasons[-1]}",
+                path=logs if (logs := self._folder / LOGS_NAME).is_dir() else self._folder,
+                remedy="fix the cause and run again, which goes on from here",
+            )
+
+    def _begin(self) -> None:
+        """After the first image: retry the failures of earlier runs."""
+        if not self.begun:
+            self.begun = True
+            write_failures(self._folder, self._failures)
+
+    def _record(self) -> None:
+        """Update the plan's provenance whenever there is news."""
+        if self.made_by == self._recorded:
+            return
+        entry = {
+            "file": self._plan.path.name,
+            "first_image_id": self._run.image_offset + 1,
+            "images": len(self._plan),
+            **self.made_by,
+            "plan": msgspec.to_builtins(self._plan.header),
+        }
+        add_provenance(self._folder, {self._run.key: entry})
+        self._recorded = self.made_by
+
+    def _output(self, row: Row) -> Path:
+        return self.unfinished / f"{row.index}{Path(row.file_name).suffix}"
+
+    def _row(self, index: int) -> Row:
+        """A row of the plan, read when needed; refused if the plan's file was replaced meanwhile."""
+        if stamp_of(self._plan.path) != self._stamp:
+            raise ConfigError(
+                "is not what it was when this run began",
+                path=self._plan.path,
+                remedy="run again; a new plan is better planned to a new file and rendered into a new folder",
+            )
+        return self._plan[index]
+
+    def _job(self, index: int) -> RenderJob:
+        row = self._row(index)
+        try:
+            return render_job(row, self._library, self._settings, self._output(row))
+        except ValueError as error:  # errors beyond the schema, such as a vehicle's unknown part
+            raise ConfigError(
+                f"line {index + 2} cannot be rendered ({error})",
+                path=self._plan.path,
+                remedy="plan again with `hulldown plan`",
+            ) from error
+
+    def _done(self, index: int, outcome: Outcome) -> None:
+        row = self._row(index)
+        picture = self._output(row)
+        name, first = self._left[index]
+        records = self._segmenter.records(row)
+        self._begin()
+        self._record()
+        content = without_notes(outcome.content)
+        with writing(self._folder, name):
+            picture.write_bytes(content)
+        publish(picture, self._folder, name)
+        about = {"id": self._run.image_offset + index + 1, "file_name": name, "device": outcome.made_by["devices"]}
+        self._dataset.append(
+            {**about, PICTURE_KEY: digest(content), **image_record(row)},
+            [{"id": first + i, **record} for i, record in enumerate(records)],
+        )
+        self.rendered += 1
+        self.say("")
+
+    def _give_up(self, index: int, reasons: Sequence[str]) -> None:
+        name, _ = self._left[index]
+        self._failures.append({"index": index, "file_name": name, "reasons": list(reasons)})
+        if self.begun:
+            write_failures(self._folder, self._failures)
+        self.failed.append(name)
+        self.say(f"{name}: given up after {len(reasons)} attempts: {reasons[-1]}")

@@ -1,0 +1,260 @@
+"""Render a plan into a dataset, unattended: resumes, survives crashes of Blender, and stops cleanly."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import signal
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hulldown.base.child import Stopped
+from hulldown.base.errors import HulldownError
+from hulldown.base.terminal import reading_status, say, titled_bar, watched
+from hulldown.cluster.scheduler import Scheduler, needing_dask
+from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.provenance import FAILURES_NAME
+from hulldown.dataset.store.pictures import confined
+from hulldown.dataset.table import Dataset
+from hulldown.planning.inputs.loading import Library, load_planned_library
+from hulldown.planning.plan_file import read_plan
+from hulldown.rendering.jobs import readable
+from hulldown.rendering.outline import WHOLE, Outline, Part
+from hulldown.rendering.pool import DEFAULT_ENGINE, Engine, Pool
+from hulldown.rendering.process import Confinement
+from hulldown.rendering.session import LOGS_NAME, Progress, Session
+
+if TYPE_CHECKING:
+    from hulldown.rendering.cluster.cluster_pool import ClusterPool
+
+
+@dataclass(frozen=True, slots=True)
+class RenderReport:
+    """The result of a run.
+
+    Parameters
+    ----------
+    images
+        Number of wanted images of the plan.
+    already
+        Number of these that were in the dataset before.
+    rendered
+        Number of added images.
+    failed
+        File names of failed images; `failures.jsonl` has the reasons.
+    restarts
+        How often Blender had to be started again.
+    interrupted
+        Whether the run was stopped early.
+    seconds
+        Duration.
+    """
+
+    images: int
+    already: int
+    rendered: int
+    failed: tuple[str, ...]
+    restarts: int
+    interrupted: bool
+    seconds: float
+
+    @property
+    def complete(self) -> bool:
+        """Whether every wanted image is in the dataset."""
+        return self.already + self.rendered == self.images
+
+
+def render(
+    plan: str | os.PathLike[str],
+    folder: str | os.PathLike[str],
+    *,
+    workers: int | None = None,
+    scheduler: str | Scheduler | None = None,
+    device: str = "auto",
+    part: Part = WHOLE,
+    cache: str | os.PathLike[str] | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> Dataset:
+    """Render a plan's missing images into the dataset in `folder`, and return it.
+
+    After a stop, the same call continues. Failed images give warnings.
+
+    Parameters
+    ----------
+    plan
+        A plan, or its file.
+    folder
+        The dataset to add to; made if it isn't there.
+    workers
+        Processes of this machine; None for one a GPU, or one if there is none.
+    scheduler
+        Of a Dask cluster whose workers render, or its address; None for processes of this machine.
+    device
+        "auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi" or "metal".
+    part
+        The part of the plan to render.
+    cache
+        Where the plan's assets are kept; beside the plan if None.
+    progress
+        Called after each image and with each message; None for a bar on a terminal or in a notebook.
+
+    Raises
+    ------
+    HulldownError
+        If plan, assets or dataset can't be used, or Blender doesn't work at all.
+    KeyboardInterrupt
+        If it was stopped; what was rendered is kept.
+
+    Examples
+    --------
+    >>> dataset = render("project/plan.jsonl", "project/dataset")  # doctest: +SKIP
+    """
+    if scheduler is not None and workers is not None:
+        raise ValueError("workers: expected None with a scheduler, whose workers set that themselves")
+    scheduler = Scheduler(scheduler) if isinstance(scheduler, str) else scheduler
+    engine = Engine(workers=workers, device=device, scheduler=scheduler)
+    with reading_status() as reading:
+        library = load_planned_library(read_plan(plan), cache=cache, progress=reading)
+    with contextlib.ExitStack() as stack:
+        if progress is None and watched():
+            progress = stack.enter_context(render_bar())
+        report = render_plan(plan, folder, library, engine=engine, part=part, progress=progress)
+    if report.interrupted:
+        raise KeyboardInterrupt
+    if report.failed:
+        warnings.warn(
+            f"{len(report.failed)} images failed; reasons are in {Path(folder) / FAILURES_NAME}", stacklevel=2
+        )
+    return Dataset.read(folder)
+
+
+def _pool(
+    engine: Engine, logs: Path, library: Library, session: Session, stopping: Callable[[], bool]
+) -> Pool | ClusterPool:
+    """The pool for a session."""
+    if engine.scheduler is None:
+        confinement = Confinement(session.unfinished, readable(library))
+        return Pool(logs, engine, say=session.say, stopping=stopping, confinement=confinement)
+    with needing_dask():
+        from hulldown.rendering.cluster.cluster_pool import ClusterPool
+    return ClusterPool(engine.scheduler, engine, library, say=session.say, stopping=stopping)
+
+
+@contextlib.contextmanager
+def render_bar() -> Iterator[Callable[[Progress], None]]:
+    """A bar on stderr, with the messages above it; yields what `render` calls."""
+    with titled_bar(unit="images") as advance:
+
+        def show(progress: Progress) -> None:
+            if progress.line:
+                say(progress.line)
+            workers = {0: "", 1: " on 1 worker"}.get(progress.workers, f" on {progress.workers} workers")
+            advance(f"rendering{workers}", progress.finished, progress.images)
+
+        yield show
+
+
+def render_plan(
+    plan_path: str | os.PathLike[str],
+    dataset_folder: str | os.PathLike[str],
+    library: Library | None = None,
+    *,
+    engine: Engine = DEFAULT_ENGINE,
+    part: Part = WHOLE,
+    progress: Callable[[Progress], None] | None = None,
+) -> RenderReport:
+    """Render a plan's missing images into a dataset.
+
+    Parameters
+    ----------
+    plan_path
+        The plan.
+    dataset_folder
+        The dataset.
+    library
+        The plan's assets; those that its header names if not given.
+    engine
+        The renderer.
+    part
+        The part of the plan to render.
+    progress
+        Called after each image and with each message.
+
+    Raises
+    ------
+    HulldownError
+        If plan, assets or dataset cannot be used, or Blender does not work at all.
+    """
+    start = time.monotonic()
+    plan = read_plan(plan_path)
+    folder = Path(dataset_folder)
+    tell = progress or (lambda _: None)
+    library = library or load_planned_library(plan)
+    outline = Outline(plan)
+    had_logs = (folder / LOGS_NAME).exists()
+    with CocoDataset.open(folder) as dataset, _stop_on_signals() as stopping:
+        interrupted = False
+        session: Session | None = None
+        try:
+            session = Session(plan, outline, dataset, library, part=part, progress=tell)
+            with _pool(engine, confined(folder, LOGS_NAME), library, session, stopping) as pool:
+                session.render(pool)
+        except Stopped:
+            interrupted = True
+            if session is not None and not session.begun:
+                _leave_no_trace(dataset, keep_logs=had_logs)
+        except HulldownError as error:
+            if session is not None and session.begun:
+                raise
+            # A Blender that doesn't start reports the reason itself; reasons of failed attempts are in the log.
+            logged = error.path is not None and Path(error.path).is_relative_to(folder / LOGS_NAME)
+            started = session is not None and bool(session.made_by)
+            keep_logs = had_logs or (logged and started)
+            _leave_no_trace(dataset, keep_logs=keep_logs)
+            if logged and not keep_logs:
+                raise type(error)(error.problem, remedy=error.remedy) from error
+            raise
+        assert session is not None  # only a session is ever stopped
+    return RenderReport(
+        images=session.images,
+        already=session.already,
+        rendered=session.rendered,
+        failed=tuple(session.failed),
+        restarts=session.restarts,
+        interrupted=interrupted,
+        seconds=time.monotonic() - start,
+    )
+
+
+def _leave_no_trace(dataset: CocoDataset, *, keep_logs: bool) -> None:
+    """Undo the opening of a dataset, so that the next run, perhaps of a corrected plan, finds it unchanged."""
+    if not keep_logs:
+        shutil.rmtree(dataset.folder / LOGS_NAME, ignore_errors=True)
+    dataset.abandon()
+
+
+@contextlib.contextmanager
+def _stop_on_signals() -> Iterator[Callable[[], bool]]:
+    """On Ctrl-C or SIGTERM, end the run and its current pictures; a second one doesn't wait."""
+    stop = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield stop.is_set
+        return
+
+    def handle(number: int, _frame: object) -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt
+        stop.set()
+
+    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop.is_set
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
