@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from hulldown.planning.plan_file import read_plan as read_plan
     from hulldown.planning.write import plan as plan
     from hulldown.rendering.supervisor import render as render
-    from hulldown.training.evaluation.report import evaluate_files
+    from hulldown.training.evaluation.evaluation_report import evaluate_files
     from hulldown.training.predict import predict as predict
     from hulldown.training.train import train as train
 
@@ -42,7 +42,7 @@ _HOMES = {
     "HulldownError": "base.errors",
     "Mesh": "geometry.meshes",
     "Terrain": "placement.terrain",
-    "evaluate": "training.evaluation.report:evaluate_files",
+    "evaluate": "training.evaluation.evaluation_report:evaluate_files",
     "export": "dataset.exports.export",
     "join": "dataset.join",
     "plan": "planning.write",

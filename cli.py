@@ -22,7 +22,7 @@ from hulldown.base.errors import HulldownError, shortened
 from hulldown.base.terminal import STDERR, say
 from hulldown.verbs import cluster, planning, rendering, study, training
 from hulldown.verbs.arguments import add_verb
-from hulldown.verbs.terminal import DONE, FOUND, MISTAKE, STOPPED, show_result, silence_stdout, warnings_in_one_line
+from hulldown.verbs.output import DONE, FOUND, MISTAKE, STOPPED, show_result, silence_stdout, warnings_in_one_line
 
 LONGEST_LINE = 2000  # characters of a message
 # Errors of the file system that aren't bugs: a full disk, missing rights, a file instead of a folder or the reverse.

@@ -15,7 +15,7 @@ from hulldown.benchmarks.reading_cases import Case, Truth, build, cases, file_fr
 from hulldown.benchmarks.reading_things import LITTER, PARTS, Model, Thing, node
 from hulldown.demo.vehicles import LOOK, write_vehicle
 from hulldown.geometry.transforms import apply
-from hulldown.reading.blender.evaluate import evaluate
+from hulldown.reading.blender.depsgraph import evaluate
 from hulldown.reading.blender.importers import Opened, open_file
 from hulldown.reading.build import build_vehicle
 from hulldown.reading.options import TEXTURE_SIZE, Options

@@ -28,7 +28,7 @@ from hulldown.dataset.store.entries import (
     plain_json,
 )
 from hulldown.dataset.store.journal import MERGED, Journal
-from hulldown.dataset.store.runs import Run
+from hulldown.dataset.store.reservations import Run
 from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, sealed
 
 LOCK_NAME = ".hulldown.lock"

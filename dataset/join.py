@@ -19,8 +19,8 @@ from hulldown.dataset.provenance import add_provenance, read_failures, read_prov
 from hulldown.dataset.records import check_usable
 from hulldown.dataset.store.document import Document, check_is_dataset, read_document
 from hulldown.dataset.store.entries import Record
-from hulldown.dataset.store.pictures import confined, own_picture, place
-from hulldown.dataset.store.runs import Run
+from hulldown.dataset.store.placed_pictures import confined, own_picture, place
+from hulldown.dataset.store.reservations import Run
 from hulldown.dataset.store.seals import broken
 
 

@@ -8,7 +8,7 @@ from typing import Any, TypeGuard
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.annotate.oriented import mask_rectangle, rectangle_corners
+from hulldown.annotate.rectangles import mask_rectangle, rectangle_corners
 from hulldown.base.errors import DatasetError
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, project_camera

@@ -11,17 +11,17 @@ from pathlib import Path
 from typing import Any, Literal
 
 from hulldown.annotate.masks import extent
-from hulldown.annotate.oriented import fits
+from hulldown.annotate.rectangles import fits
 from hulldown.base.errors import DatasetError, shortened
 from hulldown.base.files import stays_inside
 from hulldown.camera.weather.extinction import GHOST
-from hulldown.dataset.exports.clipping import ROUNDED, SLIGHT, beyond
 from hulldown.dataset.oriented import is_rectangle
 from hulldown.dataset.space import check_space
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.entries import Coco, Record, is_box, is_list_of_numbers, place_of
-from hulldown.dataset.store.runs import runs_of
+from hulldown.dataset.store.reservations import runs_of
 from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, broken
+from hulldown.dataset.usable_labels import ROUNDED, SLIGHT, beyond
 
 LISTED = 20  # findings of a kind that are printed
 MASK_OUTSIDE = 1.0  # pixels that a mask may reach beyond its box

@@ -10,7 +10,7 @@ import orjson
 from hulldown.dataset.records import Finding
 from hulldown.dataset.space import space_of
 from hulldown.dataset.store.entries import Coco, Record
-from hulldown.dataset.store.runs import find_run, plan_key
+from hulldown.dataset.store.reservations import find_run, plan_key
 from hulldown.planning.plan.row import PlannedVehicle, Row, encode, fields
 from hulldown.planning.plan_file import Plan
 

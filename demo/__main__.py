@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from hulldown.demo import hills, skies, steppe, vehicles
-from hulldown.demo.build import BUILT
 from hulldown.demo.catalog import CATEGORY, DISTRACTORS, SCENERIES, SKIES, STUDIO_HDRIS
+from hulldown.demo.make_assets import BUILT
 
 SCENERY = {"temperate_hills": hills.temperate_hills, "dry_steppe": steppe.dry_steppe}
 

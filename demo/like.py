@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from hulldown.base.files import replace_file
-from hulldown.demo.build import FILES, build_demo_assets
+from hulldown.demo.make_assets import FILES, build_demo_assets
 from hulldown.demo.study import SHARED, STAND_INS, SYNTHETIC, Side, make_side, write_stand_ins
 from hulldown.planning.config.schema import CameraSection
+from hulldown.training.evaluation.evaluation_report import evaluate_files
 from hulldown.training.evaluation.labels import read_labels
-from hulldown.training.evaluation.report import evaluate_files
 from hulldown.training.settings import load_settings
 from hulldown.training.study.manifest import PlannedRun
 from hulldown.training.study.results import Cell, Judged, cells, estimate, judge

@@ -10,8 +10,8 @@ from typing import Any
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import replacing
 from hulldown.base.terminal import shown
-from hulldown.demo.build import build_demo_assets
 from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, DISTRACTORS, LAUNCHER, PAINT, SCENERY_FILES, TANK, TRUCK
+from hulldown.demo.make_assets import build_demo_assets
 from hulldown.planning.config.template import config_text
 
 CONFIG = "hulldown.toml"

@@ -26,8 +26,8 @@ from hulldown.dataset.exports.export import export
 from hulldown.dataset.exports.split import SPLITS
 from hulldown.dataset.store.document import COCO_NAME, read_coco
 from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY
-from hulldown.demo.build import FILES, build_demo_assets
 from hulldown.demo.catalog import CATEGORY
+from hulldown.demo.make_assets import FILES, build_demo_assets
 from hulldown.planning.config.schema import Config
 from hulldown.planning.config.template import config_text
 from hulldown.planning.inputs.loading import load_library

@@ -17,10 +17,10 @@ from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, Coat, dr
 from hulldown.planning.config.schema import Config
 from hulldown.planning.plan.row import Bounds, Box, Followed, Label, OnMap, PlannedVehicle, Row, rounded
 from hulldown.planning.search.block import Block
-from hulldown.planning.search.draws import Purpose
 from hulldown.planning.search.extras import MOST, Role
-from hulldown.planning.search.instances import Instances
+from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.positions import Planned
+from hulldown.planning.search.random_streams import Purpose
 from hulldown.planning.search.stage import Site
 from hulldown.planning.search.views import Views
 from hulldown.reading.scenery.geotiff import on_map

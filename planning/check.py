@@ -23,7 +23,7 @@ from hulldown.planning.block_rows import bounds_in_rows, geo_in_rows, labels_of,
 from hulldown.planning.plan.row import Label, PlannedVehicle, Row, encode, fields, rounded
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.planner import BLOCK, Planner
-from hulldown.planning.search.instances import Instances
+from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.stage import PlanStage, Site
 from hulldown.planning.search.views import no_views, views_of_others
 

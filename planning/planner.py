@@ -28,12 +28,12 @@ from hulldown.planning.plan.row import Row, encode_rows
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.budget import Positions, make_budget
 from hulldown.planning.search.candidates import CANDIDATES, kept, position_weights
-from hulldown.planning.search.draws import Purpose, RandomStreams, choose
 from hulldown.planning.search.extras import extras_at, framed_on
 from hulldown.planning.search.given import given_of, pose_budget
 from hulldown.planning.search.likeness import Likeness
 from hulldown.planning.search.pairs import Pairs, make_pairs
 from hulldown.planning.search.positions import HopelessPosition, Planned
+from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose
 from hulldown.planning.search.stage import make_stage
 
 BLOCK = 2048  # positions planned together: large batches for each vehicle and scenery

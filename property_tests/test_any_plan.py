@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hulldown.base.errors import ConfigError
-from hulldown.dataset.store.runs import plan_key
+from hulldown.dataset.store.reservations import plan_key
 from hulldown.planning.check import check_rows
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_planned_library, refuse_changed

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 from hulldown.assets.bundle import load_scenery, load_vehicle
 from hulldown.base.child import Child
-from hulldown.reading.export import Job, exported_by
 from hulldown.reading.inspect import draw
 from hulldown.reading.options import Options
+from hulldown.reading.reader_process import Job, exported_by
 
 MAKER = Path(__file__).with_name("blend_maker.py")
 MANY = settings.default.max_examples * (10 if settings.default.max_examples >= 2000 else 2)  # 20,000 in thorough

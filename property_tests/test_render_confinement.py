@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.store.pictures import confined, place, publish
+from hulldown.dataset.store.placed_pictures import confined, place, publish
 
 PARTS = st.sampled_from(["..", ".", "", "a", "link", "deep", "a b", "~", "C:", "\\", "..\\", "x.png", " ", "ü"])
 NAMES = st.one_of(

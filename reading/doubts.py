@@ -6,8 +6,8 @@ import math
 import re
 from collections.abc import Sequence
 
+from hulldown.reading.asset_report import FileReport, Missing, ObjectRow
 from hulldown.reading.options import Options
-from hulldown.reading.report import FileReport, Missing, ObjectRow
 from hulldown.reading.roles import Piece, PieceRole
 from hulldown.reading.scenery.scenery_roles import is_water_name
 from hulldown.reading.scenery.shape import LEVEL, PUDDLE, canopies, enclosing, sheets_between

@@ -18,7 +18,7 @@ from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import Kind, World, WorldHits
 from hulldown.pictures.drawing import contact_sheet, lettering
 from hulldown.pictures.sheets import save_sheet
-from hulldown.reading.report import FileReport, SkyReport
+from hulldown.reading.asset_report import FileReport, SkyReport
 from hulldown.reading.skies.hdri import Hdri
 
 # Colors that color-blind people tell apart: Okabe, Ito, Color universal design, 2008.

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 
-from hulldown.annotate.keypoints import keypoints_in_image
+from hulldown.annotate.keypoint_visibility import keypoints_in_image
 from hulldown.annotate.masks import encode, vehicle_mask
-from hulldown.annotate.oriented import mask_rectangle
-from hulldown.assets.keypoints import category_fields
+from hulldown.annotate.rectangles import mask_rectangle
 from hulldown.assets.scenery import Scenery
+from hulldown.assets.skeleton import category_fields
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import World

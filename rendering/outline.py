@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Int
 
-from hulldown.dataset.store.runs import Run, plan_key
+from hulldown.dataset.store.reservations import Run, plan_key
 from hulldown.planning.plan.row import Row
 from hulldown.planning.plan_file import Plan
 

@@ -23,7 +23,7 @@ from hulldown.base.outside import DATA, json_of, read_file
 from hulldown.reading.confinement import landlock
 from hulldown.rendering.blender.worker import ANSWER
 from hulldown.rendering.messages import Job, MaskJob, RenderJob, StartJob
-from hulldown.rendering.pictures import damage
+from hulldown.rendering.rendered_pictures import damage
 
 WORKER = Path(__file__).with_name("blender") / "worker.py"
 STOP_S = 5.0  # for a worker to end by itself

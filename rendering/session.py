@@ -19,7 +19,7 @@ from hulldown.base.files import UNFINISHED_NAME
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.provenance import add_provenance, read_failures, read_provenance, write_failures
 from hulldown.dataset.rows import image_record
-from hulldown.dataset.store.pictures import confined, publish, writing
+from hulldown.dataset.store.placed_pictures import confined, publish, writing
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan.row import Row
@@ -28,9 +28,9 @@ from hulldown.rendering.annotations import Segmenter, categories_of
 from hulldown.rendering.jobs import render_job
 from hulldown.rendering.messages import CyclesSettings, RenderJob
 from hulldown.rendering.outline import Outline, Part, stamp_of
-from hulldown.rendering.pictures import without_notes
 from hulldown.rendering.pool import Pool
 from hulldown.rendering.process import Outcome
+from hulldown.rendering.rendered_pictures import without_notes
 
 if TYPE_CHECKING:
     from hulldown.rendering.cluster.cluster_pool import ClusterPool

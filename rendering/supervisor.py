@@ -20,7 +20,7 @@ from hulldown.base.terminal import reading_status, say, titled_bar, watched
 from hulldown.cluster.scheduler import Scheduler, needing_dask
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.provenance import FAILURES_NAME
-from hulldown.dataset.store.pictures import confined
+from hulldown.dataset.store.placed_pictures import confined
 from hulldown.dataset.table import Dataset
 from hulldown.planning.inputs.loading import Library, load_planned_library
 from hulldown.planning.plan_file import read_plan

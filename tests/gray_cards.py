@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from hulldown.camera.response import ALBEDO
-from hulldown.reading.blender.pictures import _write
+from hulldown.reading.blender.hdri_picture import _write
 from hulldown.tests.blend_parts import cuboid, fresh, gather, save
 from hulldown.tests.render_worlds import diffuse
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from hulldown.reading.blender.pictures import _write
+from hulldown.reading.blender.hdri_picture import _write
 
 WIDTH, HEIGHT = 64, 32
 

@@ -21,7 +21,7 @@ from hulldown.planning.plan.row import decode_row
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.write import write_plan
 from hulldown.reading.confinement.landlock import abi
-from hulldown.reading.export import export
+from hulldown.reading.reader_process import export
 from hulldown.rendering.jobs import render_job
 from hulldown.rendering.messages import CyclesSettings
 from hulldown.rendering.pool import Engine

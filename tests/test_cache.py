@@ -23,11 +23,11 @@ from hulldown.planning.plan_file import Plan
 from hulldown.planning.planner import Planner
 from hulldown.planning.search.pairs import Pairs
 from hulldown.planning.write import make_header
+from hulldown.reading.asset_report import FileReport, Missing
 from hulldown.reading.cache import cached
 from hulldown.reading.confinement.landlock import abi
-from hulldown.reading.export import Exported
 from hulldown.reading.options import Options
-from hulldown.reading.report import FileReport, Missing
+from hulldown.reading.reader_process import Exported
 from hulldown.reading.skies.hdri import FoundSky
 from hulldown.tests.shapes import scenery_of, vehicle_of
 

@@ -17,7 +17,7 @@ from hulldown.base.errors import HulldownError
 from hulldown.base.terminal import STDERR
 from hulldown.dataset.coco import CocoDataset
 from hulldown.tests.editing import render
-from hulldown.verbs.terminal import STDOUT
+from hulldown.verbs.output import STDOUT
 
 VERBS = sorted({*re.findall(r"(?m)^    (\w+) ", cli.parser().format_help())} - {"study"})  # its steps have their own
 

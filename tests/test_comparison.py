@@ -13,7 +13,7 @@ from hulldown.base.errors import DatasetError
 from hulldown.cli import main
 from hulldown.dataset.reports.comparison import compare, looks, spectral_slope
 from hulldown.dataset.reports.coverage import coverage_of
-from hulldown.dataset.reports.report import report
+from hulldown.dataset.reports.dataset_report import report
 from hulldown.dataset.table import Dataset
 from hulldown.tests.editing import write_dataset
 from hulldown.tests.networks import nano_weights, small_weights

@@ -10,8 +10,8 @@ import pytest
 
 from hulldown.assets.bundle import load_scenery
 from hulldown.geometry.instances import InstancedScene
-from hulldown.reading.export import export
-from hulldown.reading.report import FileReport
+from hulldown.reading.asset_report import FileReport
+from hulldown.reading.reader_process import export
 
 SCRIPT = "cutout_blends.py"
 STEP, PIXELS = 1.2, 50  # as in cutout_blends.py

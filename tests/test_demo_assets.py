@@ -12,7 +12,7 @@ import pytest
 from hulldown.assets.bundle import load_vehicle
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError, ConfigError
-from hulldown.demo import build, project
+from hulldown.demo import make_assets, project
 from hulldown.demo.catalog import (
     CATEGORY,
     DISTRACTOR_FILES,
@@ -26,9 +26,9 @@ from hulldown.demo.catalog import (
 )
 from hulldown.planning.config.schema import Config
 from hulldown.planning.search.budget import make_budget
-from hulldown.reading.export import export
+from hulldown.reading.asset_report import FileReport
 from hulldown.reading.options import Options
-from hulldown.reading.report import FileReport
+from hulldown.reading.reader_process import export
 from hulldown.tests.blender_plans import run_python
 from hulldown.tests.parameters import few
 
@@ -89,19 +89,19 @@ def test_building_continues_after_a_crash(tmp_path, monkeypatch):
     (fake / "__main__.py").write_text(
         "import os, pathlib, signal, sys\n"
         "folder, only = pathlib.Path(sys.argv[1]), sys.argv[5:]\n"
-        f"files = { {Path(file).stem: file for file in build.FILES} }\n"
+        f"files = { {Path(file).stem: file for file in make_assets.FILES} }\n"
         "for name in only[:9]:\n"
-        f"    print('{build.BUILT}' + str(folder / files[name]), flush=True)\n"
+        f"    print('{make_assets.BUILT}' + str(folder / files[name]), flush=True)\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     steps: list[tuple[int, int]] = []
-    files = build.build_demo_assets(tmp_path / "out", progress=lambda done, total: steps.append((done, total)))
-    assert files == tuple(tmp_path / "out" / file for file in build.FILES)
+    files = make_assets.build_demo_assets(tmp_path / "out", progress=lambda done, total: steps.append((done, total)))
+    assert files == tuple(tmp_path / "out" / file for file in make_assets.FILES)
     assert steps == [(k + 1, 26) for k in range(26)]
-    monkeypatch.setattr(build, "ATTEMPTS", 2)
+    monkeypatch.setattr(make_assets, "ATTEMPTS", 2)
     with pytest.raises(AssetError, match="could not build"):
-        build.build_demo_assets(tmp_path / "out")
+        make_assets.build_demo_assets(tmp_path / "out")
 
 
 def test_the_config_of_a_project_names_every_asset(tmp_path, monkeypatch):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from hulldown.planning.search.draws import Purpose, RandomStreams, RowStreams, between, choose
+from hulldown.planning.search.random_streams import Purpose, RandomStreams, RowStreams, between, choose
 
 
 def test_a_row_does_not_depend_on_other_rows():

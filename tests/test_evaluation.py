@@ -13,7 +13,7 @@ from selenium.webdriver.support.ui import Select
 from hulldown.cli import main
 from hulldown.tests.detections import dataset, random_case, results
 from hulldown.tests.editing import write_dataset
-from hulldown.training.evaluation.report import evaluate_files
+from hulldown.training.evaluation.evaluation_report import evaluate_files
 
 METRICS = {"tp", "fp", "fn", "precision", "recall", "f1", "mean_iou", "mean_confidence", "ap", "ap50", "ap75"}
 

@@ -10,8 +10,8 @@ from hulldown.assets.bundle import load_vehicle
 from hulldown.base.errors import AssetError
 from hulldown.geometry.transforms import apply
 from hulldown.placement.footprint import underside
-from hulldown.reading.export import export
 from hulldown.reading.options import Options
+from hulldown.reading.reader_process import export
 from hulldown.tests.messy_export import SCENERIES, VEHICLES, Messy, iou
 
 pytestmark = pytest.mark.blender

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hulldown.base.errors import AssetError
-from hulldown.reading.export import export
+from hulldown.reading.reader_process import export
 from hulldown.tests.messy_export import Messy
 
 pytestmark = pytest.mark.blender

@@ -2,9 +2,9 @@
 
 import pytest
 
-from hulldown.dataset.exports.clipping import LabelFloors
 from hulldown.dataset.records import check_annotations
 from hulldown.dataset.store.seals import broken, sealed
+from hulldown.dataset.usable_labels import LabelFloors
 
 LABELS = [
     sealed({"id": 1, "bbox": [0, 0, 40, 20], "visible_fraction": 0.9, "truncated_fraction": 0.0, "iscrowd": 0}),

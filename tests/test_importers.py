@@ -6,8 +6,8 @@ import struct
 
 import pytest
 
-from hulldown.reading.export import ask_reader, exported_by, job_for
-from hulldown.reading.report import FileReport
+from hulldown.reading.asset_report import FileReport
+from hulldown.reading.reader_process import ask_reader, exported_by, job_for
 
 # A box of 6 x 3 x 1, and a smaller one on it: corners and faces of four.
 HULL = [(x, y, z) for x in (-3, 3) for y in (-1.5, 1.5) for z in (0, 1)]

@@ -15,14 +15,14 @@ from hulldown import cli
 from hulldown.base.errors import AssetError, HulldownError
 from hulldown.base.terminal import Terminal
 from hulldown.planning.inputs.inspection import inspect_file
+from hulldown.reading.asset_report import FileReport, ObjectRow
 from hulldown.reading.inspect import COLORS, PAGE, Inspected, draw, write_pictures
-from hulldown.reading.report import FileReport, ObjectRow
 from hulldown.reading.vehicle.paintable import MaterialRow
 from hulldown.tests.blender_plans import run_python
 from hulldown.tests.shapes import box, scenery_of, vehicle_of
 from hulldown.tests.test_found_assets import SKY
-from hulldown.verbs import terminal
-from hulldown.verbs.terminal import show
+from hulldown.verbs import output
+from hulldown.verbs.output import show
 
 FILES = """
 import bpy
@@ -226,7 +226,7 @@ def report(*rows: ObjectRow) -> FileReport:
 
 def shown(monkeypatch: pytest.MonkeyPatch, table: Table, **console: object) -> str:
     file = io.StringIO()
-    monkeypatch.setattr(terminal, "STDOUT", Terminal(file=file, highlight=False, **console))
+    monkeypatch.setattr(output, "STDOUT", Terminal(file=file, highlight=False, **console))
     show(table)
     return file.getvalue()
 

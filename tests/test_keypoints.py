@@ -7,9 +7,9 @@ from PIL import Image
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
-from hulldown.annotate.keypoints import keypoints_in_image
+from hulldown.annotate.keypoint_visibility import keypoints_in_image
 from hulldown.assets.bundle import load_vehicle, save
-from hulldown.assets.keypoints import category_fields
+from hulldown.assets.skeleton import category_fields
 from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import World
@@ -18,7 +18,7 @@ from hulldown.dataset.exports.export import export
 from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
-from hulldown.reading.vehicle.keypoints import marked_points
+from hulldown.reading.vehicle.found_keypoints import marked_points
 from hulldown.tests.editing import append, edit
 from hulldown.tests.planning_assets import small_assets
 from hulldown.tests.shapes import FACES

@@ -16,7 +16,7 @@ from hulldown.planning.search.candidates import kept
 from hulldown.planning.write import write_plan
 from hulldown.tests.editing import write_dataset
 from hulldown.tests.planning_assets import small_assets, small_config
-from hulldown.training.evaluation.report import evaluate_files
+from hulldown.training.evaluation.evaluation_report import evaluate_files
 
 ASSETS = small_assets()
 CONFIG = small_config(seed=5, budget={"images_per_class": 60, "images_per_position": 1, "background_share": 0.1})

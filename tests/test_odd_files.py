@@ -10,8 +10,8 @@ import pytest
 from hulldown.base.errors import AssetError
 from hulldown.reading.confinement.references import refuse_odd_references
 from hulldown.reading.confinement.watch import ReadLimits
-from hulldown.reading.export import export
 from hulldown.reading.formats import format_of
+from hulldown.reading.reader_process import export
 from hulldown.tests.messy_export import Messy
 
 LIMITS = ReadLimits(silence_s=120.0, memory_bytes=2 * 2**30)

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image, ImageDraw
 
 from hulldown.annotate.masks import encode
-from hulldown.annotate.oriented import mask_rectangle, rectangle_corners
+from hulldown.annotate.rectangles import mask_rectangle, rectangle_corners
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export

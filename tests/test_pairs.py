@@ -11,7 +11,7 @@ from hulldown.planning.check import check_plan
 from hulldown.planning.plan.row import encode_rows
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.planner import Planner
-from hulldown.planning.search.draws import Purpose, choose
+from hulldown.planning.search.random_streams import Purpose, choose
 from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
 from hulldown.tests.planning_assets import hills, plan, small_assets, small_config, vehicle

@@ -15,7 +15,7 @@ from hulldown.tests.editing import edit, write_dataset
 from hulldown.tests.networks import small_weights
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.evaluation.predictions import read_predictions
-from hulldown.training.pictures import find_pictures
+from hulldown.training.input_pictures import find_pictures
 from hulldown.training.predict import UNFINISHED_SUFFIX, predict
 
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-import hulldown.reading.export
+import hulldown.reading.reader_process
 from hulldown.base.errors import AssetError
-from hulldown.reading.export import export
+from hulldown.reading.reader_process import export
 
 
 @pytest.mark.parametrize(
@@ -31,6 +31,6 @@ def test_a_process_without_an_answer_is_an_error(
     (tmp_path / "answer.json").write_text('{"error": {"problem": "old", "remedy": null}}')
     program.write_text(f"#!/bin/sh\n{script}\n")
     program.chmod(0o755)
-    monkeypatch.setattr(hulldown.reading.export.sys, "executable", os.fspath(program))
+    monkeypatch.setattr(hulldown.reading.reader_process.sys, "executable", os.fspath(program))
     with pytest.raises(error, match=message):
         export(blend, tmp_path)

@@ -26,8 +26,8 @@ from hulldown.camera.world import World
 from hulldown.geometry.transforms import rigid
 from hulldown.planning.inputs.loading import load_planned_library
 from hulldown.planning.plan_file import Plan
+from hulldown.rendering.cycles_masks import cycles_masks, verify_masks
 from hulldown.rendering.jobs import mask_job, readable
-from hulldown.rendering.masks import cycles_masks, verify_masks
 from hulldown.rendering.process import WORKER, Allowance, Blender, Limits, worker_command
 from hulldown.rendering.supervisor import render_plan
 from hulldown.tests.blender_plans import draw, drawn, job, make_plan, pixels

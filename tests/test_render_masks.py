@@ -10,7 +10,7 @@ from PIL import Image
 from hulldown.annotate.masks import decode, encode
 from hulldown.dataset.verification.verify import verify
 from hulldown.planning.plan.row import PlannedVehicle
-from hulldown.rendering.masks import compared, verify_masks
+from hulldown.rendering.cycles_masks import compared, verify_masks
 from hulldown.tests.render_plans import CUBES, make_row, write_plan
 
 MASK = np.zeros((24, 32), dtype=bool)
@@ -33,7 +33,7 @@ def rendered(tmp_path, render, monkeypatch):
         alone = alone * np.arange(1, alone.shape[1] + 1)[:, None, None]
         shown = np.concatenate([alone.max(axis=1, keepdims=True), alone], axis=1)
         monkeypatch.setattr(
-            "hulldown.rendering.masks.cycles_masks", lambda plan, chosen, *_, **__: [shown[i] for i in chosen]
+            "hulldown.rendering.cycles_masks.cycles_masks", lambda plan, chosen, *_, **__: [shown[i] for i in chosen]
         )
         return plan, path, coco
 
@@ -102,7 +102,8 @@ def test_a_vehicle_in_an_empty_background_is_a_warning(tmp_path, render, monkeyp
     row = make_row(0, width=64, height=64, bbox=[25.6, 25.6, 12.8, 12.8], background=True, label="none")
     plan, dataset = write_plan(tmp_path, [row]), tmp_path / "d"
     render(plan, dataset)
-    monkeypatch.setattr("hulldown.rendering.masks.cycles_masks", lambda *_, **__: [np.zeros((1, 64, 64), np.uint8)])
+    nothing = [np.zeros((1, 64, 64), np.uint8)]
+    monkeypatch.setattr("hulldown.rendering.cycles_masks.cycles_masks", lambda *_, **__: nothing)
     assert verify_masks(dataset, plan, count=1, library=CUBES).findings == ()
     picture = np.zeros((64, 64, 3), np.uint8)
     picture[26:38, 26:38] = 200

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hulldown.rendering.masks import cycles_masks, verify_masks
+from hulldown.rendering.cycles_masks import cycles_masks, verify_masks
 from hulldown.rendering.supervisor import render_plan
 from hulldown.tests.blender_plans import make_plan
 

@@ -12,8 +12,8 @@ from selenium.webdriver.support.wait import WebDriverWait
 
 from hulldown.annotate.masks import encode
 from hulldown.base.errors import DatasetError, HulldownError
+from hulldown.dataset.reports.dataset_report import report
 from hulldown.dataset.reports.page import Tile, choices
-from hulldown.dataset.reports.report import report
 from hulldown.dataset.table import Dataset
 from hulldown.tests.editing import write_dataset
 

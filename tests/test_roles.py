@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from hulldown.base.errors import AssetError
+from hulldown.reading.asset_report import FileReport
 from hulldown.reading.doubts import vehicle_doubts
-from hulldown.reading.kinds import refuse_wrong_kind
 from hulldown.reading.naming import GROUND, GUN, GUN_HINTS, HELPERS, TURRET_HINTS, first_match, hints
 from hulldown.reading.options import Options
-from hulldown.reading.report import FileReport
 from hulldown.reading.roles import Link, Piece, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
 from hulldown.reading.vehicle.parts import Parts, find_parts
 from hulldown.reading.vehicle.solids import PlacedPieces, find_solids
+from hulldown.reading.vehicle_or_scenery import refuse_wrong_kind
 
 
 def link(name: str, *collections: str, kind: str = "MESH", at: tuple = (0.0, 0.0, 0.0)) -> Link:

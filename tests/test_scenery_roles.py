@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from hulldown.base.errors import AssetError
+from hulldown.reading.asset_report import FileReport
 from hulldown.reading.build import build_scenery
 from hulldown.reading.doubts import scenery_doubts
-from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
 from hulldown.reading.options import Options
-from hulldown.reading.report import FileReport
 from hulldown.reading.roles import Evaluated, Piece
 from hulldown.reading.scenery.scenery_roles import VOLUME, matching, scenery_roles, unmatched
+from hulldown.reading.vehicle_or_scenery import likely_kind, refuse_wrong_kind
 from hulldown.tests.test_roles import link, piece
 from hulldown.tests.test_roles import scenery_uses as uses
 

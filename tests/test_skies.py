@@ -11,7 +11,7 @@ from hulldown.camera.response import displayed
 from hulldown.camera.sensor import Sensor
 from hulldown.camera.weather.kinds import Weather
 from hulldown.camera.world import Plane, World
-from hulldown.dataset.store.runs import Run
+from hulldown.dataset.store.reservations import Run
 from hulldown.dataset.verification.check_skies import SkyCheck, deviation, radiance
 
 RUN = Run("a" * 64, 0, 0, "", 9, 9)

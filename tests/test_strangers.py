@@ -14,18 +14,18 @@ from hulldown.base.errors import HulldownError
 from hulldown.camera.weather.kinds import airlight
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.meshes import Mesh, merge
-from hulldown.planning.appearance.land import land_above_horizon
+from hulldown.planning.appearance.hdri_land import land_above_horizon
 from hulldown.planning.appearance.paint import PaintEntry, paint_doubts
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.write import write_plan
+from hulldown.reading.asset_report import FileReport, ObjectRow, refuse_missing
 from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
-from hulldown.reading.export import ask_reader, exported_by, job_for
 from hulldown.reading.options import Options
-from hulldown.reading.report import FileReport, ObjectRow, refuse_missing
+from hulldown.reading.reader_process import ask_reader, exported_by, job_for
 from hulldown.reading.roles import PieceRole
-from hulldown.reading.skies.backdrop import shows_land
 from hulldown.reading.skies.hdri import read_hdris
+from hulldown.reading.skies.surroundings import shows_land
 from hulldown.reading.vehicle.paintable import SEVERAL, parts_left_alone
 from hulldown.reading.vehicle.parts import unnamed
 from hulldown.reading.vehicle.solids import PlacedPieces, find_solids

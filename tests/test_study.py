@@ -21,8 +21,8 @@ from hulldown.tests.training_pictures import make_dataset, make_datasets
 from hulldown.training.study.arms import SOURCES, arm_draws, study_runs
 from hulldown.training.study.config import load_study
 from hulldown.training.study.manifest import draws_path, predictions_paths, read_manifest, settle, write_manifest
+from hulldown.training.study.run_process import run_one
 from hulldown.training.study.runs import RunOptions, read_failures, run_study
-from hulldown.training.study.worker import run_one
 
 SMALL = {"model": "small", "resolution": 64, "budget": 24, "batch": 4}
 NANO = {"model": "nano", "resolution": 64, "budget": 4, "batch": 1, "weights": "none", "queries": 8, "groups": 1}

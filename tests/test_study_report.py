@@ -14,9 +14,9 @@ from hulldown.tests.test_study import pretend, settled
 from hulldown.tests.training_pictures import make_dataset, make_datasets
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.study.manifest import write_manifest
-from hulldown.training.study.page import PAPER, PAPER_FIGURES, beside, over_photographs, page, png
-from hulldown.training.study.report import compared_runs, write_report
 from hulldown.training.study.results import Estimate, needed
+from hulldown.training.study.study_page import PAPER, PAPER_FIGURES, beside, over_photographs, page, png
+from hulldown.training.study.study_report import compared_runs, write_report
 
 ARMS = ("real", "mixed", "synthetic")
 # Share of a hundred labels that the detectors of these tests find.

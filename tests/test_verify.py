@@ -15,7 +15,7 @@ from hulldown.dataset.join import join
 from hulldown.dataset.verification import check_pictures
 from hulldown.dataset.verification.verify import Finding, verify
 from hulldown.reading.confinement.watch import GIB
-from hulldown.rendering.masks import MaskReport
+from hulldown.rendering.cycles_masks import MaskReport
 from hulldown.tests.editing import append, edit
 from hulldown.tests.plan_lines import IMAGE, POSE, VEHICLE, row, write_lines
 from hulldown.tests.render_plans import CUBES
@@ -234,7 +234,7 @@ def test_a_plans_assets_are_read_once_within_the_users_limits(planned, monkeypat
         return CUBES
 
     monkeypatch.setattr("hulldown.planning.inputs.loading.load_planned_library", load)
-    monkeypatch.setattr("hulldown.rendering.masks.verify_masks", lambda *_, **__: MaskReport((), ()))
+    monkeypatch.setattr("hulldown.rendering.cycles_masks.verify_masks", lambda *_, **__: MaskReport((), ()))
     main(["verify", str(folder), "--plan", str(plan), "--masks", "1", "--read-timeout", "7", "--read-memory", "3"])
     assert [(limits.silence_s, limits.memory_bytes) for limits in read] == [(7, 3 * GIB)]
 

@@ -10,8 +10,8 @@ import pytest
 from hulldown.assets.bundle import load_scenery
 from hulldown.assets.scenery import Scenery
 from hulldown.placement.terrain import Terrain
-from hulldown.reading.export import Exported, export
 from hulldown.reading.options import Options
+from hulldown.reading.reader_process import Exported, export
 from hulldown.tests.blender_plans import run_python
 
 SCRIPT = "water_blends.py"

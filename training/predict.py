@@ -32,7 +32,7 @@ from hulldown.training.evaluation.average_precision import AVERAGES, average_pre
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.predictions import INFO_SUFFIX, predictions_of
 from hulldown.training.extra import require_extra
-from hulldown.training.pictures import Pictures, find_pictures
+from hulldown.training.input_pictures import Pictures, find_pictures
 
 UNFINISHED_SUFFIX = ".unfinished"  # of a file next to the results: a line for each finished image
 BATCH = 8
@@ -126,7 +126,7 @@ def predict(
     run
         See `load_detector`.
     pictures
-        A dataset, without its labels; or see `training.pictures.find_pictures`.
+        A dataset, without its labels; or see `training.input_pictures.find_pictures`.
     output
         The file of results. ``OUTPUT.info.json`` lists all images, also those without detections;
         without a dataset also their names and the categories.

@@ -16,7 +16,7 @@ from hulldown.base.terminal import shown
 from hulldown.dataset.exports.split import positions, shuffled
 from hulldown.dataset.records import by_image, read_usable
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, write_coco
-from hulldown.dataset.store.pictures import link_or_copy
+from hulldown.dataset.store.placed_pictures import link_or_copy
 
 FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.05)
 

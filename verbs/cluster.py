@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from hulldown.base.terminal import say
 from hulldown.cluster.scheduler import Scheduler, local_cluster, needing_dask
 from hulldown.verbs.arguments import Subparsers, add_verb, at_least_one, port
-from hulldown.verbs.terminal import show_result
+from hulldown.verbs.output import show_result
 
 if TYPE_CHECKING:
     from hulldown.training.study.runs import Launch, Progress, RunOptions

@@ -22,7 +22,7 @@ from hulldown.verbs.arguments import (
     planned_library,
     read_limits,
 )
-from hulldown.verbs.terminal import DONE, FOUND, MISTAKE, show, show_result
+from hulldown.verbs.output import DONE, FOUND, MISTAKE, show, show_result
 
 
 def _init(arguments: argparse.Namespace) -> None:

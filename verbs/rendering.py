@@ -23,7 +23,7 @@ from hulldown.verbs.arguments import (
     three_shares,
 )
 from hulldown.verbs.cluster import add_scheduler, scheduler_of
-from hulldown.verbs.terminal import DONE, FOUND, STOPPED, show, show_result
+from hulldown.verbs.output import DONE, FOUND, STOPPED, show, show_result
 
 
 def _render(arguments: argparse.Namespace) -> int:
@@ -83,7 +83,7 @@ def _verify(arguments: argparse.Namespace) -> int:
     findings = verify(arguments.dataset, arguments.plan, fast=arguments.fast, assets=assets)
     checked = 0
     if arguments.masks:
-        from hulldown.rendering.masks import verify_masks
+        from hulldown.rendering.cycles_masks import verify_masks
 
         measured = verify_masks(arguments.dataset, arguments.plan, assets(), count=arguments.masks)
         checked = len(measured.rows)
@@ -98,8 +98,8 @@ def _verify(arguments: argparse.Namespace) -> int:
 
 
 def _export(arguments: argparse.Namespace) -> None:
-    from hulldown.dataset.exports.clipping import LabelFloors
     from hulldown.dataset.exports.export import export
+    from hulldown.dataset.usable_labels import LabelFloors
 
     floors = LabelFloors(
         min_box_px=arguments.min_box_px,
@@ -116,7 +116,7 @@ def _export(arguments: argparse.Namespace) -> None:
 
 
 def _report(arguments: argparse.Namespace) -> None:
-    from hulldown.dataset.reports.report import report
+    from hulldown.dataset.reports.dataset_report import report
 
     if arguments.features and not arguments.photographs:
         raise HulldownError("--features needs --beside, whose photographs the images are compared with")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from hulldown.base.terminal import duration, progress_bars, say, warn
 from hulldown.verbs.arguments import Subparsers, add_verb
 from hulldown.verbs.cluster import add_scheduler, scheduler_of, training_workers
-from hulldown.verbs.terminal import DONE, FOUND, show_result
+from hulldown.verbs.output import DONE, FOUND, show_result
 
 if TYPE_CHECKING:
     from hulldown.training.study.manifest import Manifest
@@ -78,7 +78,7 @@ def _dry_run(arguments: argparse.Namespace, manifest: Manifest, options: RunOpti
 
 
 def _report(arguments: argparse.Namespace) -> None:
-    from hulldown.training.study.report import write_report
+    from hulldown.training.study.study_report import write_report
 
     found = write_report(arguments.study)
     show_result(arguments, found)

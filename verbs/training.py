@@ -17,7 +17,7 @@ from hulldown.verbs.arguments import (
     picture_name,
     threshold_or_best,
 )
-from hulldown.verbs.terminal import show_result
+from hulldown.verbs.output import show_result
 
 
 def _subset(arguments: argparse.Namespace) -> None:
@@ -92,7 +92,7 @@ def _export_model(arguments: argparse.Namespace) -> None:
 
 
 def _evaluate(arguments: argparse.Namespace) -> None:
-    from hulldown.training.evaluation.report import evaluate_files
+    from hulldown.training.evaluation.evaluation_report import evaluate_files
 
     found = evaluate_files(
         arguments.dataset, arguments.predictions, arguments.output, threshold=arguments.threshold, iou=arguments.iou,

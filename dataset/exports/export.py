@@ -12,18 +12,18 @@ from hulldown.annotate.outlines import polygons
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import all_or_nothing
 from hulldown.base.terminal import shown
-from hulldown.dataset.exports.clipping import ALL_LABELS, LabelFloors, clipped_boxes, refuse_all
-from hulldown.dataset.exports.layouts import coco, dota, huggingface, kitti, voc, webdataset, yolo
+from hulldown.dataset.exports.layouts import coco_folders, dota, huggingface, kitti, voc, webdataset, yolo
 from hulldown.dataset.exports.shares import Item, Shares, flat_names, sound_pictures
 from hulldown.dataset.exports.split import SPLITS, share_out
 from hulldown.dataset.oriented import ground_corners, visible_corners
 from hulldown.dataset.records import by_image, read_usable
 from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.seals import changed
+from hulldown.dataset.usable_labels import ALL_LABELS, LabelFloors, clipped_boxes, refuse_all
 
 # The function that writes each layout into an existing folder; docs/exports.md lists their readers.
 LAYOUTS: Mapping[str, Callable[[Shares, Path], None]] = {
-    "coco": coco.write,
+    "coco": coco_folders.write,
     "yolo": yolo.write,
     "rfdetr-yolo": partial(yolo.write, split_first=True),
     "yolo-obb": partial(yolo.write, lines=partial(yolo.corner_lines, corners_of=visible_corners)),

@@ -23,7 +23,7 @@ from hulldown.base.outside import DATA, json_of, json_parts, json_records, read_
 from hulldown.dataset.store.entries import Coco, Record, place_of
 from hulldown.dataset.store.foreign import foreign_reader
 from hulldown.dataset.store.journal import last_merged, read_journal, replaced
-from hulldown.dataset.store.runs import Run, runs_of
+from hulldown.dataset.store.reservations import Run, runs_of
 
 ANNOTATIONS_NAME = "annotations.json"
 JOURNAL_NAME = "journal.jsonl"

@@ -21,7 +21,7 @@ from hulldown.camera.weather.kinds import Weather, air_layers, airlight, even_sk
 from hulldown.camera.world import World
 from hulldown.dataset.records import Finding
 from hulldown.dataset.store.entries import Coco, Record, is_box
-from hulldown.dataset.store.runs import Run, find_run, plan_key
+from hulldown.dataset.store.reservations import Run, find_run, plan_key
 from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan_file import Plan
 from hulldown.reading.skies.hdri import sky_map

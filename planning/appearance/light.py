@@ -19,7 +19,7 @@ from hulldown.geometry.columns import records
 from hulldown.planning.config.schema import LightSection
 from hulldown.planning.config.sensor_section import SensorSection
 from hulldown.planning.plan.row import rounded
-from hulldown.planning.search.draws import Purpose, RandomStreams, between, choose
+from hulldown.planning.search.random_streams import Purpose, RandomStreams, between, choose
 
 
 def hdri_weights(light: LightSection, names: tuple[str, ...]) -> Float[np.ndarray, "2 h"]:

@@ -19,7 +19,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from hulldown.geometry.color import linear_color
 from hulldown.planning.config.section import Pair, Section, ranged
-from hulldown.planning.search.draws import Purpose, RandomStreams, between
+from hulldown.planning.search.random_streams import Purpose, RandomStreams, between
 from hulldown.reading.vehicle.paintable import MaterialRow, matches, painted
 
 OWN = "own"

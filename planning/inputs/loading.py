@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from hulldown.assets.bundle import load_scenery, load_vehicle
-from hulldown.assets.keypoints import category_fields
 from hulldown.assets.library import Assets, HdriSource, Source
+from hulldown.assets.skeleton import category_fields
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError, ConfigError
 from hulldown.geometry.transforms import apply
@@ -20,14 +20,14 @@ from hulldown.planning.appearance.paint import paint_doubts, paint_notes
 from hulldown.planning.config.asset_sections import CACHE_NAME, DistractorEntry, ModelEntry, SceneryEntry, VehicleEntry
 from hulldown.planning.config.schema import Config
 from hulldown.planning.plan_file import Plan
+from hulldown.reading.asset_report import FileReport, refuse_missing
 from hulldown.reading.cache import cached
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.doubts import length_said, likely_scale
-from hulldown.reading.export import Exported
 from hulldown.reading.formats import HDRI_SUFFIXES
 from hulldown.reading.naming import first_match
 from hulldown.reading.options import Options
-from hulldown.reading.report import FileReport, refuse_missing
+from hulldown.reading.reader_process import Exported
 from hulldown.reading.skies.hdri import Hdri, read_hdris, refuse_no_hdri
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART
 

@@ -17,10 +17,10 @@ from hulldown.geometry.transforms import rigid
 from hulldown.planning.config.schema import Config
 from hulldown.planning.plan.row import rounded
 from hulldown.planning.search.block import Block
-from hulldown.planning.search.draws import Purpose, RowStreams, between
 from hulldown.planning.search.given import Given
-from hulldown.planning.search.instances import Instances, hull_of
+from hulldown.planning.search.instance_table import Instances, hull_of
 from hulldown.planning.search.likeness import directions_of, matching_cameras
+from hulldown.planning.search.random_streams import Purpose, RowStreams, between
 from hulldown.planning.search.sizing import image_size, sized_cameras
 
 NEAREST = 1e-6  # least meters from a target's center to a given camera, which keeps the direction defined

@@ -13,11 +13,11 @@ from hulldown.geometry.columns import take
 from hulldown.placement.settle import Settled, unsettled
 from hulldown.planning.config.schema import Config
 from hulldown.planning.search.budget import Positions
-from hulldown.planning.search.draws import Purpose, RandomStreams
 from hulldown.planning.search.extras import MOST, Extras, Role
 from hulldown.planning.search.given import Given, nothing_given
-from hulldown.planning.search.instances import Instances, drawn_angles
+from hulldown.planning.search.instance_table import Instances, drawn_angles
 from hulldown.planning.search.likeness import Likeness
+from hulldown.planning.search.random_streams import Purpose, RandomStreams
 from hulldown.planning.search.stage import PlanStage, Site
 
 

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from hulldown.geometry.portable import sin_cos
 from hulldown.planning.config.schema import PlacementSection
 from hulldown.planning.search.budget import Budget, Positions
-from hulldown.planning.search.draws import Purpose, RandomStreams, between, choose
+from hulldown.planning.search.random_streams import Purpose, RandomStreams, between, choose
 from hulldown.planning.search.stage import PlanStage, Site
 
 MOST = 64  # extras of one role in an image; streams of random numbers are numbered by it

@@ -22,8 +22,8 @@ from hulldown.camera.lenses import Lenses
 from hulldown.camera.shell import draw_azimuth, draw_elevation, shell_axes
 from hulldown.geometry.portable import exp, hypot, log, sin_cos
 from hulldown.planning.config.schema import Config
-from hulldown.planning.search.draws import Purpose, RandomStreams, RowStreams, choose
-from hulldown.planning.search.instances import Instances, hull_of
+from hulldown.planning.search.instance_table import Instances, hull_of
+from hulldown.planning.search.random_streams import Purpose, RandomStreams, RowStreams, choose
 from hulldown.planning.search.sizing import sized_cameras
 from hulldown.planning.search.stage import Fleet
 

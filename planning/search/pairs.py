@@ -19,8 +19,8 @@ from hulldown.planning.config.schema import Config
 from hulldown.planning.plan.row import LeftOut
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.budget import Budget, Positions
-from hulldown.planning.search.draws import RandomStreams
 from hulldown.planning.search.positions import HopelessPosition, Planned
+from hulldown.planning.search.random_streams import RandomStreams
 from hulldown.planning.search.stage import Model, PlanStage, Site
 
 # A pair whose first trial fails needs both further trials to succeed: where few positions have a place, each of the

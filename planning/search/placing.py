@@ -15,7 +15,7 @@ from hulldown.placement.rejection import Rejection
 from hulldown.placement.settle import Settled, limit_contact, settle_each, unsettled
 from hulldown.planning.config.schema import Config
 from hulldown.planning.plan.row import rounded
-from hulldown.planning.search.instances import Instances
+from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.stage import Site, settle_rules
 
 ABOVE = 0.05  # meters above a vehicle's box at which rays to the sky start

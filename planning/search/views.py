@@ -20,7 +20,7 @@ from hulldown.planning.config.schema import Config
 from hulldown.planning.plan.row import rounded
 from hulldown.planning.search.aiming import Aims, Tries
 from hulldown.planning.search.block import Block
-from hulldown.planning.search.instances import Instances
+from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.sizing import boxes_of, fraction_of, no_boxes
 from hulldown.planning.search.stage import Site
 

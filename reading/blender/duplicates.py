@@ -16,8 +16,8 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.reading.blender.arrays import read
-from hulldown.reading.blender.poses import own_poses
+from hulldown.reading.blender.buffers import read
+from hulldown.reading.blender.exact_poses import own_poses
 from hulldown.reading.blender.tidy import look_of
 
 FEWEST = 1000  # so that files of the usual size are read as they are

@@ -12,10 +12,10 @@ import bpy
 
 from hulldown.base.errors import AssetError
 from hulldown.reading.blender.duplicates import Duplicate, take_duplicates
+from hulldown.reading.blender.geotiff_object import open_terrain
 from hulldown.reading.blender.opening import open_blend
 from hulldown.reading.blender.surfaces.shaders import surface_shaders
 from hulldown.reading.blender.surfaces.textures import find_moved
-from hulldown.reading.blender.terrain import open_terrain
 from hulldown.reading.confinement.blocks import refuse_special_files
 from hulldown.reading.confinement.references import directives, material_libraries
 from hulldown.reading.options import Options

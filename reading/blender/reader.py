@@ -20,21 +20,21 @@ import numpy as np
 from hulldown.assets.bundle import save
 from hulldown.base.errors import AssetError, HulldownError
 from hulldown.base.files import replacing
-from hulldown.reading.blender.evaluate import HIDDEN, evaluate
+from hulldown.reading.asset_report import FileReport, Missing, ObjectRow, gathered, xyz
+from hulldown.reading.blender.depsgraph import HIDDEN, evaluate
+from hulldown.reading.blender.geotiff_object import NAME
+from hulldown.reading.blender.hdri_picture import read_picture
 from hulldown.reading.blender.importers import open_file
-from hulldown.reading.blender.pictures import read_picture
-from hulldown.reading.blender.surfaces.materials import material_rows
+from hulldown.reading.blender.surfaces.material_rows import material_rows
 from hulldown.reading.blender.surfaces.textures import missing_files, pictures_near, used_files
-from hulldown.reading.blender.terrain import NAME
 from hulldown.reading.blender.tidy import write_scenery, write_vehicle
 from hulldown.reading.build import build_scenery, build_vehicle
 from hulldown.reading.doubts import is_pale, scenery_doubts, vehicle_doubts
-from hulldown.reading.export import ANSWER, FoundAsset, Job
-from hulldown.reading.kinds import likely_kind, refuse_wrong_kind
-from hulldown.reading.report import FileReport, Missing, ObjectRow, gathered, xyz
+from hulldown.reading.reader_process import ANSWER, FoundAsset, Job
 from hulldown.reading.roles import Evaluated, Piece, PieceRole
 from hulldown.reading.scenery.scenery_roles import scenery_roles
 from hulldown.reading.vehicle.stance import Upright, meters_from_file, stand_upright
+from hulldown.reading.vehicle_or_scenery import likely_kind, refuse_wrong_kind
 
 BARE = "nothing in it has a material, so all of it is rendered plain white (an .obj needs its .mtl beside it)"
 

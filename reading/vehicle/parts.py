@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse.csgraph import connected_components
 
+from hulldown.reading.asset_report import PartRow, xyz
 from hulldown.reading.naming import ARMED, BODY, FRONT, NO_TURRET, REAR, TURRET, VEHICLE, first_match
 from hulldown.reading.options import DEFAULTS, Options
-from hulldown.reading.report import PartRow, xyz
 from hulldown.reading.roles import Link, Piece
 from hulldown.reading.vehicle.nose import gun_barrel, rising, snapped
 from hulldown.reading.vehicle.part_names import (

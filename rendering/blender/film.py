@@ -18,7 +18,7 @@ from hulldown.camera.response import white_balance
 from hulldown.camera.sensor import Sensor
 from hulldown.rendering.blender.cycles import VIEW_TRANSFORM, Unusable
 from hulldown.rendering.messages import CameraInput
-from hulldown.rendering.sensor import develop
+from hulldown.rendering.sensor_simulation import develop
 
 
 def develop_file(linear: Path, output: Path, sensor: Sensor, camera: CameraInput, *, seed: int, threads: int) -> None:

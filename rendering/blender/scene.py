@@ -21,12 +21,12 @@ from hulldown.camera.weather.kinds import KINDS, Weather, airlight
 from hulldown.reading.blender.frames import pose, world_from_blender_camera
 from hulldown.reading.blender.opening import disarm
 from hulldown.reading.blender.tidy_properties import PART, REST
-from hulldown.rendering.blender.air import Fog
 from hulldown.rendering.blender.covers import PLANE
+from hulldown.rendering.blender.fog import Fog
+from hulldown.rendering.blender.hdri_light import HdriWorld
 from hulldown.rendering.blender.lens import set_lens
-from hulldown.rendering.blender.light import HdriWorld
-from hulldown.rendering.blender.paint import Paintable
-from hulldown.rendering.blender.precipitation import Precipitation, falling
+from hulldown.rendering.blender.paint_nodes import Paintable
+from hulldown.rendering.blender.streaks import Precipitation, falling
 from hulldown.rendering.blender.surfaces import Surfaces
 from hulldown.rendering.messages import CameraInput, VehicleInput
 

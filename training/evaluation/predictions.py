@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from msgspec import Meta, Struct
 
-from hulldown.annotate.oriented import rectangle_corners
+from hulldown.annotate.rectangles import rectangle_corners
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import DATA, read_json, typed
 from hulldown.training.evaluation.labels import Labels

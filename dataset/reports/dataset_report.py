@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from PIL import Image as Pictures
 
 from hulldown.annotate.attributes import SCALES, SIDES, SIZE, bins_of, poses_of
-from hulldown.annotate.oriented import rectangle_corners
 from hulldown.annotate.outlines import polygons
+from hulldown.annotate.rectangles import rectangle_corners
 from hulldown.assets.photographs import read_photographs
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import make_room, replace_file

@@ -1,4 +1,4 @@
-"""Light: an HDRI as lamp and backdrop, dimmed by the air of `rendering.blender.air`.
+"""Light: an HDRI as lamp and backdrop, dimmed by the air of `rendering.blender.fog`.
 
 Runs inside Blender; needs numpy and bpy only.
 """
@@ -17,7 +17,7 @@ import numpy as np
 from hulldown.camera.backdrop import HIGH, even_color, fade
 from hulldown.camera.weather.kinds import DUST_LAYERS, AirLayer, even_sky
 from hulldown.reading.blender.add_nodes import add_node, maths
-from hulldown.reading.blender.arrays import pixels
+from hulldown.reading.blender.buffers import pixels
 from hulldown.rendering.messages import LightInput
 
 HIGHEST = math.radians(89.0)  # of what the camera sees lifted

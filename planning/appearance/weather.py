@@ -10,7 +10,7 @@ from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.geometry.portable import sin_cos
 from hulldown.planning.config.weather_section import WeatherSection
 from hulldown.planning.plan.row import rounded
-from hulldown.planning.search.draws import Purpose, RandomStreams, between
+from hulldown.planning.search.random_streams import Purpose, RandomStreams, between
 
 NAMES = tuple(KINDS)
 CLEAR = len(NAMES)

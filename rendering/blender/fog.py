@@ -13,7 +13,7 @@ import numpy as np
 from hulldown.camera.weather.kinds import air_layers
 from hulldown.reading.blender.add_nodes import add_node
 from hulldown.reading.blender.frames import pose
-from hulldown.rendering.blender.light import HdriWorld
+from hulldown.rendering.blender.hdri_light import HdriWorld
 
 
 class Fog:

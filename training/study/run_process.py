@@ -1,8 +1,8 @@
 """What a run of a study does in its own process: train and predict; and verbs of hulldown in processes of theirs.
 
-`python -m hulldown.training.study.worker run STUDY NAME DEVICE [WORKERS]` does a run, with progress as JSON lines on
-stdout. `... verb VERB ...` is `hulldown VERB ...`, interrupted when its parent ends: the arm `loop` plans and renders
-this way, since training imports neither.
+`python -m hulldown.training.study.run_process run STUDY NAME DEVICE [WORKERS]` does a run, with progress as JSON lines
+on stdout. `... verb VERB ...` is `hulldown VERB ...`, interrupted when its parent ends: the arm `loop` plans and
+renders this way, since training imports neither.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def _train_loop(study: Path, manifest: Manifest, run: PlannedRun, options: RunOp
     HulldownError
         If a verb fails, with its last line.
     """
-    from hulldown.training.evaluation.report import evaluate_files
+    from hulldown.training.evaluation.evaluation_report import evaluate_files
     from hulldown.training.predict import predict
     from hulldown.training.train import train
 
@@ -99,7 +99,7 @@ def _train_loop(study: Path, manifest: Manifest, run: PlannedRun, options: RunOp
 def _hulldown(*arguments: str, log: Path) -> None:
     """Run a verb to its end."""
     log.unlink(missing_ok=True)
-    command = [sys.executable, "-P", "-m", "hulldown.training.study.worker", "verb", *arguments]
+    command = [sys.executable, "-P", "-m", "hulldown.training.study.run_process", "verb", *arguments]
     with Child(command, env=os.environ, hear=lambda line: None, log=log) as child:
         code = child.wait()
     if code:

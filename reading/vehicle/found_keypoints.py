@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.assets.keypoints import MUZZLE, TURRET, WHEELS
+from hulldown.assets.skeleton import MUZZLE, TURRET, WHEELS
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.rays import RayCaster
 from hulldown.reading.roles import Link

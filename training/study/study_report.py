@@ -15,10 +15,9 @@ from hulldown.base.files import replace_file
 from hulldown.base.terminal import tracked
 from hulldown.dataset.reports.charts import svg
 from hulldown.training.detectors.detector import read_run
+from hulldown.training.evaluation.evaluation_report import plain
 from hulldown.training.evaluation.labels import read_labels
-from hulldown.training.evaluation.report import plain
 from hulldown.training.study.manifest import RUNS_NAME, Manifest, PlannedRun, predictions_paths, read_manifest
-from hulldown.training.study.page import charts_of, page, png
 from hulldown.training.study.results import (
     COUNTS,
     ENOUGH,
@@ -38,6 +37,7 @@ from hulldown.training.study.results import (
     pairs,
 )
 from hulldown.training.study.runs import is_finished, read_failures
+from hulldown.training.study.study_page import charts_of, page, png
 
 WORTH_BY = ("f1", "recall", "ap50")
 MOST_BINS = 3  # reported bins of each sign

@@ -23,7 +23,7 @@ from hulldown.dataset.records import Finding
 from hulldown.dataset.rows import not_annotated
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.entries import is_box
-from hulldown.dataset.store.runs import find_run
+from hulldown.dataset.store.reservations import find_run
 from hulldown.dataset.verification.look import appearance
 from hulldown.geometry.arrays import spread
 from hulldown.planning.inputs.loading import Library

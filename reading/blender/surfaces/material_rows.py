@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.geometry.color import linear_from_srgb
-from hulldown.reading.blender.arrays import coordinates, pixels, read
+from hulldown.reading.blender.buffers import coordinates, pixels, read
 from hulldown.reading.blender.surfaces.nodes import Stack, source
 from hulldown.reading.blender.surfaces.shaders import BASE_COLORS, is_clear, surface_shaders
 from hulldown.reading.roles import Piece
