@@ -24,6 +24,7 @@ from hulldown.base.files import open_regular
 
 # Largest files by kind, in bytes: texts that people write, documents, and labels or pictures.
 TEXT, DOCUMENT, DATA = 1 << 20, 1 << 28, 1 << 32
+MISSING = "no such file"
 NESTED = 64  # lists and objects in each other
 LONGEST_NUMBER = 300  # characters: float64 ends at 308
 LONGEST_YAML = 1 << 18  # characters: its parser reads some 50,000 a second
@@ -57,7 +58,7 @@ def read_file(path: Path, refuse: Refuse, *, most: int = DOCUMENT) -> bytes:
             # One more byte than it has, since it may grow.
             content = file.read(min(os.fstat(file.fileno()).st_size, most) + 1)
     except FileNotFoundError:
-        raise refuse("no such file") from None
+        raise refuse(MISSING) from None
     except OSError as error:
         raise refuse(f"cannot be read ({error.strerror})") from None
     except ValueError:  # a zero byte in its name

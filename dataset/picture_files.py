@@ -12,9 +12,12 @@ from PIL import Image, ImageFile, ImageOps, JpegImagePlugin, PngImagePlugin, Uni
 from PIL.ExifTags import Base
 
 from hulldown.base.errors import DatasetError
-from hulldown.base.files import open_regular
+from hulldown.base.outside import DATA, MISSING, read_file
 
 DECODERS = 4  # threads that decode pictures
+MOST_PIXELS = 1 << 28  # of a picture that is decoded, which takes 1.9 GB
+# Of Pillow's formats, those of pictures that need no other program, as EPS does.
+FORMATS = ("BMP", "GIF", "JPEG2000", "PPM", "TGA", "TIFF", "WEBP")
 UPRIGHT = 1  # EXIF's orientation for a picture stored as displayed
 _SIXTEEN, _THIRTY_TWO = 2.0**16 - 1.0, 2.0**32 - 1.0
 
@@ -65,9 +68,14 @@ def read_picture(path: Path, size: tuple[int, int] | None = None, *, largest: in
 
 
 def _read_picture(path: Path, largest: int | None) -> PictureFile:
+    def refuse(problem: object) -> DatasetError:
+        if problem == MISSING:
+            return DatasetError("is missing", path=path, remedy="put it there or delete its record")
+        remedy = "render it again or replace it"
+        return DatasetError(f"cannot be read as a picture ({problem})", path=path, remedy=remedy)
+
+    content = read_file(path, refuse, most=DATA)
     try:
-        with open_regular(path) as file:
-            content = file.read()
         with _opened(content) as picture:
             width, height = picture.size
             if largest is not None and width * height > largest:
@@ -78,17 +86,14 @@ def _read_picture(path: Path, largest: int | None) -> PictureFile:
                 stored = orientation < 5 or picture.format == "TIFF"  # whose size Pillow has already turned
                 size = (width, height) if stored else (height, width)
                 return PictureFile(content, size, orientation, None)
+            if width * height > MOST_PIXELS:
+                raise ValueError(f"it has {width} x {height} pixels, more than {MOST_PIXELS:,} in all")
             orientation = _orientation(picture)
             picture.load()
             ImageOps.exif_transpose(picture, in_place=True)
             return PictureFile(content, picture.size, orientation, rgb(picture))
-    except FileNotFoundError:
-        remedy = "put it there or delete its record"
-        raise DatasetError("is missing", path=path, remedy=remedy) from None
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
-        remedy = "render it again or replace it"
-        raise DatasetError(f"cannot be read as a picture ({reason})", path=path, remedy=remedy) from None
+        raise refuse(error.strerror if isinstance(error, OSError) and error.strerror else error) from None
 
 
 def read_pixels(path: Path, size: tuple[int, int] | None = None) -> UInt8[np.ndarray, "h w 3"]:
@@ -151,6 +156,6 @@ def _opened(content: bytes) -> ImageFile.ImageFile:
     if content.startswith(b"\xff\xd8\xff"):
         return JpegImagePlugin.JpegImageFile(file)
     try:
-        return Image.open(file)
+        return Image.open(file, formats=FORMATS)
     except UnidentifiedImageError:
         raise ValueError("its format is unknown") from None

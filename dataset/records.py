@@ -8,17 +8,20 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from hulldown.annotate.masks import extent
 from hulldown.annotate.rectangles import fits
 from hulldown.base.errors import DatasetError, shortened
 from hulldown.base.files import stays_inside
+from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.weather.extinction import GHOST
 from hulldown.dataset.oriented import is_rectangle
 from hulldown.dataset.space import check_space
+from hulldown.dataset.store import declared
+from hulldown.dataset.store.declared import misfits
 from hulldown.dataset.store.document import read_coco
-from hulldown.dataset.store.entries import Coco, Record, is_box, is_list_of_numbers, place_of
+from hulldown.dataset.store.entries import Coco, Record, place_of
 from hulldown.dataset.store.reservations import runs_of
 from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, broken
 from hulldown.dataset.usable_labels import ROUNDED, SLIGHT, beyond
@@ -110,8 +113,8 @@ def check_usable(
         raise DatasetError(f"{where}: {problem}", path=folder, remedy="check it with `hulldown verify`")
 
     for category in categories:
-        if not isinstance(category.get("name"), str):
-            refuse(f"category {category['id']}", f"has no name but {category.get('name')!r}")
+        for problem in misfits(category, declared.Category):
+            refuse(f"category {category['id']}", problem)
     first: dict[int, str] = {}
     for image in images:
         if image["id"] in first:
@@ -119,7 +122,7 @@ def check_usable(
         first[image["id"]] = _name(image)
         if not stays_inside(image.get("file_name")):
             refuse(f"image {image['id']}", f"file_name {image.get('file_name')!r} is no path inside the dataset")
-        for problem in _size_problems(image):
+        for problem in misfits(image, declared.Image):
             refuse(_name(image), problem)
     known = {category["id"] for category in categories}
     for annotation in annotations:
@@ -128,8 +131,8 @@ def check_usable(
             refuse(where, f"image {annotation.get('image_id')!r} does not exist")
         if not isinstance(annotation.get("category_id"), int) or annotation["category_id"] not in known:
             refuse(where, f"category {annotation.get('category_id')!r} does not exist")
-        if not is_box(annotation.get("bbox")):
-            refuse(where, f"bbox {annotation.get('bbox')!r} is not [x, y, width, height]")
+        for problem in misfits(annotation, declared.Label):
+            refuse(where, problem)
 
 
 def check_categories(categories: Sequence[Record]) -> Iterator[Finding]:
@@ -138,9 +141,9 @@ def check_categories(categories: Sequence[Record]) -> Iterator[Finding]:
     spelled: dict[str, str] = {}
     for category in categories:
         name = category.get("name")
-        if not isinstance(name, str) or not name:
-            yield Finding("error", f"category {category['id']}", f"has no name but {name!r}")
-        elif (other := spelled.setdefault(name.casefold(), name)) != name:
+        for problem in misfits(category, declared.Category):
+            yield Finding("error", f"category {category['id']}", problem)
+        if isinstance(name, str) and (other := spelled.setdefault(name.casefold(), name)) != name:
             yield Finding("warning", f"category {category['id']}", f"{name!r} and {other!r} differ in capitals only")
     for name, times in Counter(str(c.get("name")) for c in categories).items():
         if times > 1:
@@ -161,7 +164,15 @@ def check_images(images: Sequence[Record]) -> Iterator[Finding]:
         if (other := spelled.setdefault(name.casefold(), name)) != name:
             yield Finding("warning", name, f"differs from {other} in capitals only: on some disks both are one file")
     for image in images:
-        yield from (Finding("error", _name(image), problem) for problem in _size_problems(image))
+        sized, seen = list(misfits(image, declared.Image)), list(misfits(image, declared.View))
+        if not (sized or seen) and image.get("K") is not None:
+            try:
+                Intrinsics.of_record(image)
+            except ValueError as error:
+                seen = [f"K and dist are no camera: {error}"]
+        yield from (Finding("error", _name(image), problem) for problem in sized)
+        kind: Literal["error", "warning"] = "error" if PICTURE_KEY in image else "warning"
+        yield from (Finding(kind, _name(image), problem) for problem in seen)
 
 
 def check_annotations(coco: Coco) -> Iterator[Finding]:
@@ -186,7 +197,7 @@ def check_annotations(coco: Coco) -> Iterator[Finding]:
         where = f"{_name(image)}: annotation {annotation['id']}"
         if image.get("background") is True and not annotation.get("iscrowd"):
             yield Finding("error", where, "is a label on a background, an image without targets")
-        problems = list(_box_problems(annotation.get("bbox"), image))
+        problems = list(misfits(annotation, declared.Label)) or list(_box_problems(annotation["bbox"], image))
         if not problems:
             key = (image_id, category_id if known else None, *annotation["bbox"])
             if key in seen:
@@ -194,10 +205,10 @@ def check_annotations(coco: Coco) -> Iterator[Finding]:
             seen.add(key)
             yield from _hints(where, annotation, image)
             problems += _fraction_problems(annotation)
-            if not any(_size_problems(image)):
+            if _has_size(image):
                 problems += _mask_problems(annotation, image)
                 problems += _keypoint_problems(annotation, categories[category_id] if known else {}, image)
-        problems += check_space(annotation)
+            problems += check_space(annotation)
         yield from (Finding("error", where, problem) for problem in problems)
     for name, ids in repeated.items():
         such = "annotation" if len(ids) == 1 else f"{len(ids)} annotations, such as"
@@ -206,10 +217,10 @@ def check_annotations(coco: Coco) -> Iterator[Finding]:
 
 def _hints(where: str, annotation: Record, image: Record) -> Iterator[Finding]:
     """Find boxes slightly outside of their image, and full labels of targets hidden by haze."""
-    if not any(_size_problems(image)) and (by := beyond(annotation["bbox"], image["width"], image["height"])) > ROUNDED:
+    if _has_size(image) and (by := beyond(annotation["bbox"], image["width"], image["height"])) > ROUNDED:
         yield Finding("warning", where, f"its bbox leaves its image by {by:.4g} px, and is clipped when it's used", by)
     left = annotation.get("air_contrast")
-    if isinstance(left, int | float) and 0.0 <= left < GHOST and not annotation.get("iscrowd"):
+    if left is not None and left < GHOST and not annotation.get("iscrowd"):
         problem = f"is a ghost: the air leaves {100.0 * left:.1f} % of its contrast"
         yield Finding("warning", where, problem, left)
 
@@ -257,20 +268,15 @@ def _repeated(kind: str, ids: Sequence[object]) -> Iterator[Finding]:
             yield Finding("error", f"{kind} {value}", f"its id is there {times} times")
 
 
-def _size_problems(image: Record) -> Iterator[str]:
-    for key in ("width", "height"):
-        if not isinstance(image.get(key), int) or image[key] < 1:
-            yield f"{key} is {image.get(key)!r}"
+def _has_size(image: Record) -> bool:
+    return all(isinstance(image.get(key), int) and image[key] > 0 for key in ("width", "height"))
 
 
-def _box_problems(bbox: Any, image: Record) -> Iterator[str]:
-    if not is_box(bbox):
-        yield f"bbox {bbox!r} is not [x, y, width, height]"
-        return
+def _box_problems(bbox: list[float], image: Record) -> Iterator[str]:
     if min(bbox[2:]) <= 0:
         yield f"bbox {bbox} has no area"
     limit = ROUNDED if PICTURE_KEY in image else SLIGHT
-    if not any(_size_problems(image)) and beyond(bbox, image["width"], image["height"]) > limit:
+    if _has_size(image) and beyond(bbox, image["width"], image["height"]) > limit:
         yield f"bbox {bbox} leaves its image of {image['width']} x {image['height']}"
 
 
@@ -302,9 +308,7 @@ def _keypoint_problems(annotation: Record, category: Record, image: Record) -> I
     keypoints, names = annotation.get("keypoints"), category.get("keypoints")
     if keypoints is None:
         return
-    if not is_list_of_numbers(keypoints):
-        yield "keypoints are no list of numbers"
-    elif not isinstance(names, list) or len(keypoints) != 3 * len(names):
+    if not isinstance(names, list) or len(keypoints) != 3 * len(names):
         yield f"keypoints has {len(keypoints)} numbers, its category has {len(names or ())} keypoints"
     else:
         for name, x, y, v in zip(names, keypoints[::3], keypoints[1::3], keypoints[2::3], strict=True):
@@ -317,14 +321,7 @@ def _keypoint_problems(annotation: Record, category: Record, image: Record) -> I
 
 
 def _fraction_problems(annotation: Record) -> Iterator[str]:
-    for key in ("visible_fraction", "truncated_fraction", "air_contrast"):
-        share = annotation.get(key)
-        if share is not None and not (isinstance(share, int | float) and 0.0 <= share <= 1.0):
-            yield f"{key} is {share!r}, expected a number from 0 to 1"
-    amodal = annotation.get("bbox_amodal")
-    if amodal is not None and not is_box(amodal):
-        yield f"bbox_amodal {amodal!r} is not [x, y, width, height]"
-    elif amodal is not None:
+    if (amodal := annotation.get("bbox_amodal")) is not None:
         x, y, w, h = annotation["bbox"]
         a, b, c, d = amodal
         slack = ROUNDED * max(1.0, c, d)

@@ -198,6 +198,10 @@ class Plan(ShownInNotebooks):
             raise _damaged(self.path, number, f"has image_id {row.image_id}, expected {index + 1}")
         if not row.file_name.endswith(suffix := ".png" if row.sensor is None else row.sensor.suffix):
             raise _damaged(self.path, number, f"has file_name {row.file_name!r:.80}, expected a {suffix} file")
+        try:
+            _ = row.intrinsics
+        except ValueError as error:
+            raise _damaged(self.path, number, f"has no usable camera: {error}") from None
         if unknown := row.rejected.keys() - BY_KEY.keys():
             raise _damaged(self.path, number, f"has rejected {min(unknown)!r:.60}, which is no reason")
         for vehicle in row.planned:

@@ -156,7 +156,7 @@ def edited(key, **fields):
         (lambda folder: (folder / "provenance.json").write_text("{}"), "isn't a hulldown provenance file"),
         (lambda folder: (folder / "annotations.json").write_text("{"), "isn't a COCO object"),
         (edited("annotations", bbox=[5, 5, -1, 3]), r"00000001\.png: annotations\[0\]: bbox: expected"),
-        (edited("categories", name=""), r"category: expected a name, got ''"),
+        (edited("categories", name=""), "category 1: name is ''"),
         (edited("annotations", id=11), r"00000001\.png: annotation 11 is on another image too"),
     ],
 )

@@ -133,7 +133,7 @@ def test_yolo_pose_has_ultralytics_format(dataset, tmp_path):
         ({"keypoints": [1.0, 2.0, 3, 0, 0, 0, 0, 0, 0]}, "'muzzle' has the visibility 3"),
         ({"keypoints": [65.0, 2.0, 2, 0, 0, 0, 0, 0, 0], "num_keypoints": 1}, "'muzzle' is outside"),
         ({"num_keypoints": 3}, "num_keypoints is 3"),
-        ({"keypoints": "many"}, "no list of numbers"),
+        ({"keypoints": "many"}, "keypoints is 'many'"),
     ],
 )
 def test_verify_finds_invalid_keypoints(dataset, change, problem):

@@ -106,7 +106,7 @@ ONE_LABEL = dataset([(1, 1, (0, 0, 9, 9))])
         (dataset([(1, 1, (0, 0, 1), {"id": 5})]), "annotation 5: bbox"),
         (
             dataset([(1, 1, (0, 0, 1, 1), {"area": area}) for area in (None, 1.0, "big")]),
-            "annotation 3: area 'big' is no number",
+            "annotation 3: area is 'big'",
         ),
         ({**ONE_LABEL, "annotations": [{"image_id": 1}]}, "annotation"),
         ([], "isn't a COCO object"),

@@ -9,6 +9,7 @@ import pytest
 from hulldown.dataset.exports.layouts.kitti import label_line
 from hulldown.dataset.rows import label_records
 from hulldown.dataset.space import check_space, space_of
+from hulldown.dataset.store.declared import Label, misfits
 from hulldown.geometry.transforms import apply
 from hulldown.tests.planning_assets import plan, small_assets, small_config
 
@@ -68,10 +69,10 @@ def turned(box):
     ("change", "problem"),
     [
         (lambda label: label.update(distance=label["distance"] + 1e-3), "distance is"),
-        (lambda label: label["bbox_3d"].pop("size"), "no center, size and rotation"),
-        (lambda label: label.update(bbox_3d=[1, 2]), "no center, size and rotation"),
-        (lambda label: label["bbox_3d"].update(center=[0, float("nan"), 1]), "no center, size and rotation"),
-        (lambda label: label["bbox_3d"].update(center="far"), "no center, size and rotation"),
+        (lambda label: label["bbox_3d"].pop("size"), "bbox_3d is"),
+        (lambda label: label.update(bbox_3d=[1, 2]), "bbox_3d is"),
+        (lambda label: label["bbox_3d"].update(center=[0, 1e300, 1]), "bbox_3d is"),
+        (lambda label: label["bbox_3d"].update(center="far"), "bbox_3d is"),
         (lambda label: label["bbox_3d"]["size"].__setitem__(1, 0.0), "has the size"),
         (lambda label: turned(label["bbox_3d"]), "rotation that is none"),
         (lambda label: label["bbox_3d"]["rotation"][1].__setitem__(0, 2.0), "rotation that is none"),
@@ -79,7 +80,8 @@ def turned(box):
 )
 def test_an_invalid_box_is_found(rows, change, problem):
     label = copy.deepcopy(label_records(rows[0])[0])
-    assert list(check_space(label)) == []
+    label |= {"image_id": 1, "category_id": 1}
+    assert [*misfits(label, Label), *check_space(label)] == []
     change(label)
-    (found,) = check_space(label)
+    (found,) = list(misfits(label, Label)) or check_space(label)
     assert problem in found

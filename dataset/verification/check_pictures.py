@@ -16,6 +16,7 @@ from hulldown.base.files import stays_inside
 from hulldown.dataset.picture_files import DECODERS, UPRIGHT, read_picture, size_problem
 from hulldown.dataset.records import Finding, by_image
 from hulldown.dataset.store.entries import Coco, Record, place_of
+from hulldown.dataset.store.placed_pictures import own_picture
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.dataset.verification.look import check_looks, is_rendered
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
@@ -108,11 +109,11 @@ def _check(
     if not stays_inside(name):
         problem = f"file_name {name!r:.120} is no path inside the dataset"
         return [Finding("error", f"image {image['id']}", problem)], None, None
-    path = folder / name
-    if fast:
-        return [] if path.is_file() else [Finding("error", name, "is missing")], None, None
     try:
-        picture = read_picture(path, largest=LARGEST)
+        path = own_picture(folder, name)
+        if fast:
+            return [], None, None
+        picture = read_picture(path, largest=LARGEST if image.get(PICTURE_KEY) else None)
     except DatasetError as error:
         return [Finding("error", name, error.problem)], None, None
     findings = []

@@ -98,14 +98,14 @@ def part_table(artist: Artist) -> list[dict[str, Any]]:
     return [{"id": i, "vehicle": name, "part": part} for i, (name, part) in enumerate(parts, start=1)]
 
 
-def pixels_of(row: Row, artist: Artist, scenery: Scenery) -> Pixels:
-    """Cast a ray through the center of each pixel of an image; `scenery` is the row's."""
+def pixels_of(row: Row, artist: Artist, sceneries: Mapping[str, Scenery]) -> Pixels:
+    """Cast a ray through the center of each pixel of an image; `sceneries` are the plan's by name."""
     camera, shape = row.camera, (row.height, row.width)
     hits = artist.world(row).seen_by(camera, threads=os.cpu_count() or 1)
     y, x = np.indices(shape).reshape(2, -1)
     through = directions(camera.intrinsics, np.stack([x, y], axis=1) + 0.5)
     along_axis = hits.distance / np.sqrt(np.einsum("ij,ij->i", through, through))
-    instance, table = _instances(row, hits.kind, hits.which, scenery)
+    instance, table = _instances(row, hits.kind, hits.which, sceneries[row.scenery])
     return Pixels(
         along_axis.astype(np.float32).reshape(shape),
         hits.distance.astype(np.float32).reshape(shape),
@@ -221,7 +221,7 @@ def _written(row: Row, artist: Artist, assets: Assets, output: Path, passes: Seq
         complete = set(table.passes) if table.row_sha256 == digest else complete
     if complete >= set(passes):
         return table.segments_info
-    pixels = pixels_of(row, artist, assets.sceneries[row.scenery])
+    pixels = pixels_of(row, artist, assets.sceneries)
     colors, segments = panoptic(pixels, artist.class_ids)
     files = {
         "depth": ("depth", ".npz", lambda: _arrays(axis=pixels.axis, ray=pixels.ray)),

@@ -18,9 +18,11 @@ from jaxtyping import Float, UInt8
 from hulldown.base.errors import AssetError, HulldownError
 from hulldown.geometry.meshes import Mesh
 
+MOST_PIXELS = 1 << 28  # of an orthophoto, of which a band is read at a time
 MOST_CELLS = 9_000_000  # reading takes about 0.7 KB of memory for each; docs/terrain.md
 LARGEST_PICTURE = 8192  # pixels of the longer side
 STRETCHED = 0.01  # a map's areas may differ from the ground's by this share
+LARGEST = 1e9  # of a coordinate, or of the scale of elevations
 KILOMETER = 1000.0
 NO_GEO = "pip install 'hulldown[geo]'"
 
@@ -122,6 +124,14 @@ def read_orthophoto(
         import rasterio.warp
         from rasterio.enums import Resampling
 
+        if raster.width * raster.height > MOST_PIXELS:
+            raise AssetError(
+                f"has {raster.width} x {raster.height} pixels, more than {MOST_PIXELS:,}",
+                path=path,
+                remedy="cut out the terrain's area by `gdalwarp -te`",
+            )
+        if any(kind.startswith("complex") for kind in raster.dtypes):
+            raise AssetError(f"isn't a picture: its samples are {raster.dtypes[0]}", path=path)
         kinds = [kind.name for kind in raster.colorinterp]
         if "palette" in kinds:
             raise AssetError("has a palette", path=path, remedy="convert it by `gdal_translate -expand rgb`")
@@ -182,6 +192,10 @@ def _opened(path: Path) -> Iterator[Any]:
     try:
         unplaced = warnings.catch_warnings(action="ignore", category=NotGeoreferencedWarning)
         with unplaced, rasterio.open(path, driver="GTiff") as raster:
+            numbers = np.array([*raster.transform[:6], *(raster.scales or ()), *(raster.offsets or ())])
+            if not (np.abs(numbers) <= LARGEST).all() or raster.transform.determinant == 0.0:
+                problem = f"its cells have no place: {raster.transform[:6]}"
+                raise AssetError(problem, path=path, remedy="georeference it again")
             yield raster
     except RasterioError as error:
         raise AssetError(f"can't be read as a GeoTIFF ({error})", path=path, remedy="copy it again") from None

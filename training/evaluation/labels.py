@@ -91,7 +91,7 @@ def labels_of(coco: Mapping[str, Any], *, path: Path) -> Labels:
     Raises
     ------
     DatasetError
-        If a category's id occurs twice, a box belongs to no image, an area isn't a number, or a size is negative.
+        If a category's id occurs twice, a box belongs to no image, or a size is negative.
     """
     doubled = [i for i, times in Counter(category["id"] for category in coco["categories"]).items() if times > 1]
     if doubled:
@@ -115,14 +115,8 @@ def labels_of(coco: Mapping[str, Any], *, path: Path) -> Labels:
         more = f" and {len(negative) - 10} more" if len(negative) > 10 else ""
         problem = f"boxes have a negative width or height: annotation {', '.join(negative[:10])}{more}"
         raise DatasetError(problem, path=path, remedy="correct them")
-    try:
-        areas = [record.get("area") for record in annotations]
-        area = np.array([np.nan if a is None else a for a in areas], dtype=np.float64).reshape(-1)
-    except (TypeError, ValueError):
-        wrong = next(record for record in annotations if not isinstance(record.get("area"), int | float | None))
-        raise DatasetError(
-            f"annotation {wrong['id']}: area {wrong['area']!r} is no number", path=path, remedy="correct or remove it"
-        ) from None
+    areas = [record.get("area") for record in annotations]
+    area = np.array([np.nan if a is None else a for a in areas], dtype=np.float64).reshape(-1)
     return Labels(
         path=path,
         class_id=np.array([category["id"] for category in categories], dtype=np.int64),

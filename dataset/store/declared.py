@@ -1,0 +1,107 @@
+"""The declared fields of images, labels, and classes: types and ranges. Records may have any further fields."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from typing import Annotated, Any, get_type_hints
+
+import msgspec
+from msgspec import Meta, Struct
+
+from hulldown.base.outside import typed
+from hulldown.dataset.store.entries import Record
+
+Pixel = Annotated[float, Meta(ge=-1e9, le=1e9)]
+Side = Annotated[float, Meta(ge=0, le=1e9)]
+Size = Annotated[int, Meta(ge=1, le=2**31 - 1)]
+Share = Annotated[float, Meta(ge=0, le=1)]
+Meters = Annotated[float, Meta(ge=-1e9, le=1e9)]
+Box = tuple[Pixel, Pixel, Pixel, Pixel]
+Three = tuple[Meters, Meters, Meters]
+Rows = tuple[Three, Three, Three]
+Pose = tuple[tuple[Meters, Meters, Meters, Meters], ...]
+
+
+class Box3D(Struct):
+    """An oriented box in the camera's frame."""
+
+    center: Three
+    size: Three
+    rotation: Rows
+
+
+class Image(Struct):
+    """Fields of an image that every dataset has."""
+
+    file_name: str
+    width: Size
+    height: Size
+
+
+class View(Struct):
+    """Fields of an image that renders have; those of other datasets may mean something else."""
+
+    fov_x_deg: Annotated[float, Meta(ge=1e-6, le=179.999)] | None = None
+    K: Rows | None = None
+    dist: tuple[Meters, Meters, Meters, Meters, Meters] | None = None
+    world_from_camera: Pose | None = None
+    background: bool | None = None
+    scenery: str | None = None
+    hdri: str | None = None
+    picture_sha256: str | None = None
+    record_sha256: str | None = None
+
+
+class Label(Struct):
+    """Fields of a label."""
+
+    image_id: int
+    category_id: int
+    bbox: Box
+    area: Side | None = None
+    iscrowd: int | bool | None = None
+    bbox_amodal: Box | None = None
+    visible_fraction: Share | None = None
+    truncated_fraction: Share | None = None
+    air_contrast: Share | None = None
+    obb: tuple[Pixel, Pixel, Side, Side, Pixel] | None = None
+    keypoints: list[Pixel] | None = None
+    num_keypoints: int | None = None
+    bbox_3d: Box3D | None = None
+    distance: Annotated[float, Meta(ge=0, le=1e9)] | None = None
+    azimuth_seen: Annotated[float, Meta(ge=-10, le=10)] | None = None
+    world_from_vehicle: Pose | None = None
+    vehicle: str | None = None
+    record_sha256: str | None = None
+
+
+class Category(Struct):
+    """Fields of a class."""
+
+    name: Annotated[str, Meta(min_length=1)]
+    keypoints: list[str] | None = None
+    skeleton: list[tuple[int, int]] | None = None
+
+
+def misfits(record: Record, kind: type[Struct]) -> Iterator[str]:
+    """Yield a sentence for each field that doesn't have its declared type and range, or is missing."""
+    try:
+        typed(record, kind)
+        return
+    except ValueError:
+        pass
+    for key, field in _fields(kind).items():
+        if key not in record and field[1]:
+            continue
+        try:
+            typed(record.get(key), field[0])
+        except ValueError as error:
+            yield f"{key} is {record.get(key)!r:.60} ({error})"
+
+
+@cache
+def _fields(kind: type[Struct]) -> dict[str, tuple[Any, bool]]:
+    """Type of each field, and whether it may be missing."""
+    hints = get_type_hints(kind, include_extras=True)
+    return {field.name: (hints[field.name], not field.required) for field in msgspec.structs.fields(kind)}
