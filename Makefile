@@ -1,6 +1,9 @@
-# `make help` lists the targets. PYTHON is 3.11: Blender 5.0 is built for it alone (3.13 installs Blender 5.2, which isn't supported yet).
-PYTHON ?= python3.11
-VENV := .venv
+# `make help` lists the targets. Blender 5.0 is built for Python 3.11, Blender 5.2 for 3.13.
+SUPPORTED := 3.11 3.13
+version_of = $(shell $(1) -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)
+# The machine's own python3 if it's supported, else the newest one that is.
+PYTHON ?= $(firstword $(foreach python,python3 python3.13 python3.11,$(if $(filter $(SUPPORTED),$(call version_of,$(python))),$(python))))
+VENV ?= .venv
 BIN := $(VENV)/bin
 DEMO ?= hulldown-demo
 STUDY ?= hulldown-study
@@ -21,10 +24,12 @@ KERNEL_TESTS = $(addprefix tests/test_,$(addsuffix .py,portable transforms hulls
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-setup: $(STAMP) ## create .venv and install hulldown, Blender, the libraries it needs, and the development tools; no demo
+setup: $(STAMP) ## create .venv and install hulldown, Blender, the libraries it needs, and the development tools (PYTHON=python3.13)
 
 $(STAMP): pyproject.toml constraints.txt
-	@command -v $(PYTHON) >/dev/null || { echo "hulldown needs Python 3.11: install it or set PYTHON=/path/to/python3.11" >&2; exit 2; }
+	@[ -n "$(filter $(SUPPORTED),$(call version_of,$(PYTHON)))" ] || { echo "hulldown needs Python 3.11 or 3.13, for which Blender is built;\
+	 $(or $(PYTHON),python3) is $$($(or $(PYTHON),python3) -V 2>&1): install one with its venv, or set PYTHON=/path/to/python3.13" >&2; exit 2; }
+	@echo "$(VENV) gets $$($(PYTHON) -V), $$(command -v $(PYTHON))"
 	@$(PYTHON) -P reading/libraries.py
 	$(PYTHON) -m venv $(VENV)
 	$(INSTALL) '.[blender,cluster,dev,geo]'
@@ -53,6 +58,10 @@ browser: ## install Chromium and its driver, which tests of pages need: on Debia
 test: setup-training browser ## all tests but the thorough ones: 8 minutes on two idle cores (WORKERS=4: on four)
 	HULLDOWN_NO_SKIPS=1 $(PYTEST)
 
+test-blender: setup browser ## the tests of Blender and geometry alone, without the extra training
+	HULLDOWN_NO_SKIPS=1 HULLDOWN_WITHOUT='training readers' $(PYTEST) -m 'blender and not thorough'
+	HULLDOWN_NO_SKIPS=1 HULLDOWN_WITHOUT='training readers' $(PYTEST) -m 'not blender and not thorough' $(KERNEL_TESTS) property_tests
+
 kernels: setup ## the tests of geometry, placement and cameras once more, with OpenBLAS's other kernels
 	for core in Haswell SkylakeX; do OPENBLAS_CORETYPE=$$core $(BIN)/python -P -m pytest -q $(KERNEL_TESTS) || exit 1; done
 
@@ -76,5 +85,5 @@ fuzz: setup ## 20,000 configs, plans, datasets and .blend files of any contents 
 	$(wildcard property_tests/test_any_*.py) property_tests/test_blend_files.py
 
 clean: ## remove what the other targets made, .venv included
-	rm -rf $(VENV) $(DEMO) $(STUDY) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache *.egg-info
+	rm -rf .venv .venv313 $(DEMO) $(STUDY) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

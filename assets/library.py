@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from msgspec import Struct
 
+from hulldown.assets.fingerprint import Fingerprint
 from hulldown.assets.photographs import Photographs
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.skylight import EVEN, SkyLight
@@ -20,8 +21,14 @@ class Source(Struct, frozen=True, kw_only=True):
     sha256: str = ""
 
 
+class GeometrySource(Source, frozen=True, kw_only=True):
+    """The file of a vehicle or scenery, and what was read from it."""
+
+    geometry: Fingerprint | None = None
+
+
 class HdriSource(Source, frozen=True, kw_only=True):
-    """The file of an HDRI, and the SHA-256 of the mended copy that is rendered, or empty."""
+    """The file of an HDRI, and the SHA-256 of the mended pixels that are rendered, or empty."""
 
     mended_sha256: str = ""
 

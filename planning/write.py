@@ -16,6 +16,7 @@ from dataclasses import replace
 from functools import partial
 from multiprocessing.connection import wait
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from msgspec import structs
@@ -35,6 +36,7 @@ from hulldown.planning.search.likeness import Likeness
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
 Progress = Callable[[int, int], None]
+PACKAGES = ("hulldown", "bpy", "numpy", "scipy", "embreex")  # whose versions a header has
 _AHEAD = 3  # blocks per worker that wait for a slow one; bounds memory
 _SMALLEST_BLOCK = 64
 
@@ -179,7 +181,7 @@ def make_header(planner: Planner, path: str | Path) -> Header:
     """Return the first line of a planner's plan with this name."""
     config, assets = planner.config, planner.assets
 
-    def recorded(kind: str, name: str) -> dict[str, str]:
+    def recorded(kind: str, name: str) -> dict[str, Any]:
         return structs.asdict(assets.files.get(kind, {}).get(name, Source()))
 
     photographs = assets.photographs
@@ -204,7 +206,7 @@ def make_header(planner: Planner, path: str | Path) -> Header:
         },
         versions={
             "python": platform.python_version(),
-            **{package: version_of(package) or "unknown" for package in ("hulldown", "numpy", "scipy", "embreex")},
+            **{package: version_of(package) or "unknown" for package in PACKAGES},
         },
         left_out=list(planner.pairs.left_out),
         photographs=None if photographs is None else Source(path=str(config.camera.like), sha256=photographs.sha256),

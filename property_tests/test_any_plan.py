@@ -19,7 +19,8 @@ from hulldown.base.errors import ConfigError
 from hulldown.dataset.store.reservations import plan_key
 from hulldown.planning.check import check_rows
 from hulldown.planning.config.schema import Config
-from hulldown.planning.inputs.loading import load_planned_library, refuse_changed
+from hulldown.planning.inputs.changed_assets import refuse_changed
+from hulldown.planning.inputs.loading import load_planned_library
 from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan.row import Row
 from hulldown.planning.plan_file import Plan, read_plan

@@ -26,6 +26,7 @@ def tinted(folder):
     pixels = sky() * np.array([1.0, 0.6, 0.2], dtype=np.float32)
     _write(pixels, str(folder / "plain.exr"))
     image = bpy.data.images.load(str(folder / "plain.exr"))
+    image.colorspace_settings.name = "Linear Rec.709"  # data without a color space isn't converted
     settings = bpy.context.scene.render.image_settings
     settings.file_format, settings.color_depth, settings.color_management = "OPEN_EXR", "32", "OVERRIDE"
     for name, space in (("rec709", "Linear Rec.709"), ("acescg", "ACEScg")):

@@ -19,6 +19,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
+from hulldown.render.blender.scene import appended
 from hulldown.tests.blend_parts import empty, fresh, place, save
 from hulldown.tests.messy_export import FOV, SIZE
 from hulldown.tests.messy_parts import CASES, FOLDER, box
@@ -97,18 +98,16 @@ def build_all() -> None:
 def render_tidy() -> None:
     """Render the tidy twins named in tidy.json from their cameras, loaded as the renderer loads them."""
     for name, twin in json.loads((FOLDER / "tidy.json").read_text(encoding="utf-8")).items():
+        fresh()
+        collection, _ = appended(twin["path"])
+        bpy.context.scene.collection.children.link(collection)
         if twin["kind"] == "vehicle":
-            fresh()
-            with bpy.data.libraries.load(twin["path"], link=False) as (source, target):
-                target.collections = source.collections[:1]
-            bpy.context.scene.collection.children.link(target.collections[0])
             root = empty("root")
-            for obj in target.collections[0].objects:
+            for obj in collection.objects:
                 obj.parent = root
                 obj.matrix_parent_inverse = Matrix(np.array(obj["hulldown_rest"]).reshape(4, 4))
         else:
-            bpy.ops.wm.open_mainfile(filepath=twin["path"], load_ui=False, use_scripts=False)
-            for obj in bpy.context.scene.objects:
+            for obj in collection.objects:
                 obj.hide_render = obj.name.partition(".")[0] in twin["hide"]
         render_masks([Matrix(c) for c in twin["cameras"]], FOLDER / f"{name}.tidy")
 

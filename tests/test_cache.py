@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 import hulldown.reading.cache
 import hulldown.reading.skies.hdri
@@ -337,6 +338,22 @@ def test_a_plan_is_refused_when_a_file_has_changed_since(
     (tmp_path / file).write_bytes(content)
     with pytest.raises(ConfigError, match=rf"{name} \({file}\) is not what it was"):
         load_planned_library(plan)
+
+
+def test_a_plan_is_refused_where_a_file_gives_another_geometry(exporter: Exporter, tmp_path: Path) -> None:
+    """As another Blender may read it; rounding is no difference."""
+    plan = planned(tmp_path)
+
+    def with_shape(meters: float) -> Plan:
+        sources = dict(plan.header.vehicles)
+        read = sources["T"].geometry
+        assert read is not None
+        sources["T"] = structs.replace(sources["T"], geometry=structs.replace(read, shape=read.shape + meters))
+        return Plan(plan.path, structs.replace(plan.header, vehicles=sources))
+
+    load_planned_library(with_shape(1e-9))
+    with pytest.raises(ConfigError, match=r"vehicles: 'T' \(a.blend\) has another geometry here.*; plan again here"):
+        load_planned_library(with_shape(1e-3))
 
 
 def test_an_hdri_that_is_not_a_picture_is_refused(exporter: Exporter, tmp_path: Path) -> None:

@@ -148,7 +148,7 @@ def test_doctor_prints_json_in_any_folder(tmp_path):
         (tmp_path / shadow).write_text("raise RuntimeError('not what was meant')")
     ran = run_apart("doctor", "--json", cwd=tmp_path)
     found = json.loads(ran.stdout)
-    assert found["blender"].startswith("5.0")
+    assert found["blender"].startswith("5.")
     assert found["devices"][-1]["kind"] == "CPU"
     assert (ran.returncode == 0) == (found["problems"] == [])
 

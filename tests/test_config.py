@@ -245,7 +245,6 @@ def test_hdris_are_found_by_pattern(read, tmp_path):
         ("*/a.exr", ".* have the same name; rename one of them"),
         ("sky/*.exr", r"'sky/\*.exr' matches no file"),
         ("", "'' isn't a file pattern"),
-        ("sky/**.exr", r"'sky/\*\*.exr' isn't a file pattern"),
         ("n*", r"'n\*' matches 'notes.txt', which isn't a .exr or .hdr file; narrow the pattern"),
     ],
 )

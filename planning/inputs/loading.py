@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from hulldown.assets.bundle import load_scenery, load_vehicle
-from hulldown.assets.library import Assets, HdriSource, Source
+from hulldown.assets.fingerprint import fingerprint
+from hulldown.assets.library import Assets, GeometrySource, HdriSource, Source
 from hulldown.assets.skeleton import category_fields
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError, ConfigError
@@ -19,6 +20,7 @@ from hulldown.geometry.transforms import apply
 from hulldown.planning.appearance.paint import paint_doubts, paint_notes
 from hulldown.planning.config.asset_sections import CACHE_NAME, DistractorEntry, ModelEntry, SceneryEntry, VehicleEntry
 from hulldown.planning.config.schema import Config
+from hulldown.planning.inputs.changed_assets import refuse_changed
 from hulldown.planning.plan_file import Plan
 from hulldown.reading.asset_report import FileReport, refuse_missing
 from hulldown.reading.cache import cached
@@ -159,12 +161,20 @@ def load_library(
     models = {e.name: _painted(exported, e) for e, (exported, _) in files if isinstance(e, ModelEntry)}
     sceneries = {e.name: exported for e, (exported, _) in files if isinstance(e, SceneryEntry)}
 
+    read_shapes = {name: load_vehicle(exported.bundle) for name, exported in models.items()}
+    read_lands = {name: load_scenery(exported.bundle) for name, exported in sceneries.items()}
+
     def shapes(entries: Sequence[ModelEntry]) -> dict[str, VehicleShape]:
-        return {e.name: _as_listed(load_vehicle(models[e.name].bundle), e, config) for e in entries}
+        return {e.name: _as_listed(read_shapes[e.name], e, config) for e in entries}
 
     kinds = {"vehicles": VehicleEntry, "distractors": DistractorEntry, "sceneries": SceneryEntry}
+    prints = {name: fingerprint(asset) for name, asset in (read_shapes | read_lands).items()}
     sources: dict[str, dict[str, Source]] = {
-        key: {e.name: Source(path=e.path, sha256=sha256) for e, (_, sha256) in files if isinstance(e, kind)}
+        key: {
+            e.name: GeometrySource(path=e.path, sha256=sha256, geometry=prints[e.name])
+            for e, (_, sha256) in files
+            if isinstance(e, kind)
+        }
         for key, kind in kinds.items()
     }
     sources["hdris"] = {
@@ -174,7 +184,7 @@ def load_library(
     assets = Assets(
         vehicles=shapes(listed.vehicles),
         categories={entry.name: entry.category for entry in listed.vehicles},
-        sceneries={name: replace(load_scenery(e.bundle), name=name) for name, e in sceneries.items()},
+        sceneries={name: replace(land, name=name) for name, land in read_lands.items()},
         hdris=tuple(hdris),
         files=sources,
         distractors=shapes(listed.distractors),
@@ -219,31 +229,6 @@ def load_planned_library(
     library = load_library(plan.config, cache=cache or beside, progress=progress, limits=limits)
     refuse_changed(plan, library.assets)
     return library
-
-
-def refuse_changed(plan: Plan, assets: Assets) -> None:
-    """Refuse assets whose files have changed since planning.
-
-    Raises
-    ------
-    ConfigError
-        Naming the first of them.
-    """
-    for kind in ("vehicles", "distractors", "sceneries", "hdris"):
-        planned: Mapping[str, Source] = getattr(plan.header, kind)
-        files = assets.files.get(kind, {})
-        for name, was in planned.items():
-            if name not in files or (was.sha256 and _digests(files[name]) != _digests(was)):
-                raise ConfigError(
-                    f"{kind}: {name!r} ({was.path}) is not what it was when this was planned",
-                    path=plan.path,
-                    remedy="plan again with `hulldown plan`, or bring the old file back",
-                )
-
-
-def _digests(source: Source) -> tuple[str, str]:
-    """The digests of a file and of its rendered copy."""
-    return source.sha256, source.mended_sha256 if isinstance(source, HdriSource) else ""
 
 
 def _as_listed(shape: VehicleShape, entry: ModelEntry, config: Config) -> VehicleShape:

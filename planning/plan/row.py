@@ -17,7 +17,7 @@ from jaxtyping import Float
 from msgspec import Meta, Struct
 from msgspec.structs import asdict
 
-from hulldown.assets.library import HdriSource, Source
+from hulldown.assets.library import GeometrySource, HdriSource, Source
 from hulldown.base.files import PICTURE_NAME
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
@@ -249,13 +249,13 @@ class Row(_Image, frozen=True, eq=False, kw_only=True, gc=False):
         return Camera(self.intrinsics, self.world_from_camera)
 
 
-class ModelSource(Source, frozen=True, kw_only=True):
+class ModelSource(GeometrySource, frozen=True, kw_only=True):
     """The file of a vehicle or distractor, and its class, which a distractor may lack."""
 
     category: str | None
 
 
-class ScenerySource(Source, frozen=True, kw_only=True):
+class ScenerySource(GeometrySource, frozen=True, kw_only=True):
     """The file of a scenery, and the origin of the plan's world in its coordinates."""
 
     origin: tuple[float, float, float]
@@ -277,13 +277,17 @@ class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
     seed: Annotated[int, _is("a whole number >= 0", ge=0, le=2**63 - 1), _means("the config's")]
     root: Annotated[Name, _means("folder of the config, relative to the plan; paths below are relative to it")]
     config: Annotated[dict[str, Any], _is("a table"), _means("the config with all defaults")]
-    vehicles: Annotated[dict[str, ModelSource], _Files, _means("`path`, `sha256`, `category`")]
+    vehicles: Annotated[dict[str, ModelSource], _Files, _means("`path`, `sha256`, `geometry`, `category`")]
     sceneries: Annotated[
-        dict[str, ScenerySource], _Files, _means("`path`, `sha256`, `origin`: the world's, in the file's coordinates")
+        dict[str, ScenerySource],
+        _Files,
+        _means("`path`, `sha256`, `geometry`, `origin`: the world's, in the file's coordinates"),
     ]
     hdris: Annotated[dict[str, HdriSource], _Files, _means("`path`, `sha256`, `mended_sha256`")]
-    distractors: Annotated[dict[str, ModelSource], _Files, _means("`path`, `sha256`, `category` or null")]
-    versions: Annotated[dict[str, str], _is("versions by name"), _means("of Python and the libraries")]
+    distractors: Annotated[dict[str, ModelSource], _Files, _means("`path`, `sha256`, `geometry`, `category` or null")]
+    versions: Annotated[
+        dict[str, str], _is("versions by name"), _means("of Python, Blender (`bpy`), and the libraries")
+    ]
     left_out: Annotated[list[LeftOut], _is("a list of pairs"), _means("without a place: `vehicle`, `scenery`, `why`")]
     photographs: Annotated[Source | None, _is("a file"), _means("`path` and `sha256`; only with `camera.like`")] = None
     more_of: Annotated[

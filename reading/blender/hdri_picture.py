@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -30,12 +31,13 @@ def read_picture(job: Job) -> FoundSky:
         radiance, notes = mend(_radiance(image))
     finally:
         bpy.data.images.remove(image)
+    mended = hashlib.sha256(np.ascontiguousarray(radiance, "<f4").tobytes()).hexdigest() if notes else ""
     np.save(job.file(MAP_NAME), small_map(radiance, rows=MAP_ROWS).astype(np.float32))
     if notes:
         _write(radiance, str(job.file(MENDED_NAME)))
     red, green, blue = level_irradiance(radiance).tolist()
     small = small_map(radiance)
-    return FoundSky(SkyLight((red, green, blue), *backdrop(small), shows_land(small)), notes)
+    return FoundSky(SkyLight((red, green, blue), *backdrop(small), shows_land(small)), notes, mended)
 
 
 def _radiance(image: Any) -> Float[np.ndarray, "h w 3"]:

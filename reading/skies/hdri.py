@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,7 @@ from hulldown.reading.reader_process import Job, ask_reader, found_by
 MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
 MENDED_NAME, MAP_NAME = "mended.exr", "map.npy"
 MAP_ROWS = 256  # of a map: 0.7 degrees each
-CHECKED = 7  # raised when the checks or repairs of a file change
+CHECKED = 8  # raised when the checks or repairs of a file change
 BRIGHTEST = 1e10  # of a pixel; the sun's disc has 1.6e9 cd/m2, and what is brighter is as good as infinite
 FEW = 1e-3  # of the pixels may be infinite: suns and their glare
 FEW_PIXELS = 4  # of a small picture
@@ -57,7 +57,7 @@ class Hdri:
     map_file
         A small map of it in the cache, see `sky_map`.
     mended_sha256
-        Digest of the repaired copy's bytes; empty if the file is rendered unchanged.
+        Digest of the repaired pixels; empty if the file is rendered unchanged.
     notes
         Repairs, a sentence each.
     """
@@ -177,10 +177,7 @@ def read_hdris(
                 Path(job.folder).mkdir()
             ask_reader(jobs, limits=limits)
             for (digest, _), job in zip(batch, jobs, strict=True):
-                found = found_by(job, FoundSky)
-                if found.notes:
-                    found = replace(found, mended_sha256=sha256_of(job.file(MENDED_NAME)))
-                seal(Path(job.folder), cache / entry_name("hdri", CHECKED, digest), found)
+                seal(Path(job.folder), cache / entry_name("hdri", CHECKED, digest), found_by(job, FoundSky))
     read = []
     for path, digest in zip(paths, digests, strict=True):
         hdri = _entry(path, digest, cache)

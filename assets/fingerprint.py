@@ -1,0 +1,58 @@
+"""Two values that tell whether two readings of a file gave the same geometry.
+
+Another Blender may evaluate modifiers differently, and another NumPy rounds products of matrices differently: up to
+1e-13 m between NumPy 1.26 and 2.5. A hash of coordinates would tell these apart, so coordinates are compared by a
+weighted sum.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from hulldown.assets.scenery import Scenery
+from hulldown.assets.vehicle import VehicleShape
+
+GOLDEN = (5**0.5 - 1) / 2  # multiples of it, modulo 1, are spread evenly
+TOLERANCE = 1e-5  # of the weighted sum of all coordinates; a vertex that moves by a millimeter changes it more
+
+
+class Fingerprint(msgspec.Struct, frozen=True):
+    """The fingerprint of a vehicle's or scenery's geometry.
+
+    Parameters
+    ----------
+    topology
+        SHA-256 of all that isn't a coordinate: faces, parts, textures, and how many of each there are.
+    shape
+        Weighted sum of all coordinates, in meters.
+    """
+
+    topology: str
+    shape: float
+
+    def agrees(self, other: Fingerprint) -> bool:
+        """Whether another fingerprint is of the same geometry."""
+        return self.topology == other.topology and abs(self.shape - other.shape) <= TOLERANCE
+
+
+def fingerprint(asset: VehicleShape | Scenery) -> Fingerprint:
+    """Return the fingerprint of an asset as it was read; its names don't count."""
+    topology, shape, count = hashlib.sha256(), 0.0, 0
+
+    def take(array: np.ndarray) -> Any:
+        nonlocal shape, count
+        topology.update(f"{array.dtype.name} {array.shape}\n".encode())
+        if array.dtype.kind == "f":
+            weight = (np.arange(count, count + array.size) * GOLDEN) % 1.0 - 0.5
+            shape += float(weight @ np.nan_to_num(array.ravel().astype(np.float64)))
+            count += array.size
+        else:
+            topology.update(array.tobytes())
+        return None
+
+    msgspec.to_builtins(asset, enc_hook=take)
+    return Fingerprint(topology.hexdigest(), shape)
