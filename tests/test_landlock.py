@@ -97,6 +97,22 @@ def test_a_confined_process_reaches_nothing_else(names: dict[str, object], line:
 
 
 @needs_landlock
+def test_folders_where_python_looks_for_modules_are_open_only_where_packages_are_installed(
+    names: dict[str, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = Path(str(names["OUT"]))
+    monkeypatch.syspath_prepend(folder)
+    lines = 'open(f"{OUT}/file").read()\nos.listdir(OUT)\nopen(f"{OUT}/tool.py").read()'
+    assert tried(lines, names) == []
+    (folder / "tool.py").write_text("")
+    (folder / "tool-1.dist-info").mkdir()
+    (folder / "tool-1.dist-info/METADATA").write_text("Name: tool\nVersion: 1\n")
+    (folder / "tool-1.dist-info/RECORD").write_text("tool.py,,\ntool-1.dist-info/RECORD,,\n../elsewhere,,\n")
+    landlock._installed.cache_clear()
+    assert tried(lines, names) == lines.splitlines()[1:]
+
+
+@needs_landlock
 def test_a_confined_process_can_do_its_work(names: dict[str, object]) -> None:
     assert tried(MAY, names) == MAY.strip().splitlines()
 

@@ -10,6 +10,7 @@ challenge, IJCV 2010, and its development kit: pixels are counted from 1.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
@@ -123,7 +124,7 @@ def _voc(folder: Path, texts: Path, pictures: Path) -> Coco:
     coco = _empty(names)
     for path, tree in trees.items():
         named = pictures / Path(tree.findtext("filename", "")).name
-        beside = [named] if named.is_file() else [p for p in _pictures(pictures) if p.stem == path.stem]
+        beside = [named] if os.path.isfile(named) else [p for p in _pictures(pictures) if p.stem == path.stem]
         if not beside:
             raise DatasetError(f"its picture {named.name!r} is missing", path=path, remedy=f"put it into {pictures}")
         image = _image(coco, folder, beside[0])

@@ -11,6 +11,7 @@ import gzip
 import os
 import re
 import struct
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, cast
@@ -53,8 +54,18 @@ def named_files(path: Path) -> Iterator[tuple[bytes, str]]:
             for code, _, data in blocks(file):
                 for found in PATH.finditer(data):
                     yield code, found[1].decode("utf-8", "surrogateescape")
-    except (OSError, EOFError, ValueError, struct.error):
+    except _damaged():
         return
+
+
+def _damaged() -> tuple[type[Exception], ...]:
+    """Errors of a file that is damaged or ends early."""
+    common = (OSError, EOFError, ValueError, struct.error, zlib.error)
+    try:
+        import zstandard
+    except ModuleNotFoundError:
+        return common
+    return (*common, zstandard.ZstdError)
 
 
 def unpacked(raw: BinaryIO) -> BinaryIO:

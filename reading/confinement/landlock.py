@@ -41,6 +41,8 @@ SYSTEM = (
     *("/proc/sys/vm", "/proc/sys/kernel", "/proc/driver", "/dev/urandom", "/dev/random"),
     *("/sys/devices", "/sys/class", "/sys/bus", "/sys/module", "/sys/fs/cgroup", "/sys/kernel/mm"),
 )
+PYTHON = ("bin", "lib", "lib64", "share", "etc", "pyvenv.cfg")  # in its prefix
+HERE = Path(__file__).parents[2]  # the package hulldown
 DEVICES = ("/dev/null",)  # written to by programs of every kind
 OFF = "HULLDOWN_CONFINEMENT"  # set to "off", processes run as before there was Landlock
 MORE = "HULLDOWN_READ"  # folders besides those of the assets that may be read, programs in them run, as in PATH
@@ -76,24 +78,44 @@ def confined(
     command
         A program by its path, and its arguments.
     read, write
-        Files and folders; missing ones are left out. The system's libraries, this Python and the folders that the
-        user names in ``HULLDOWN_READ`` can be read besides.
+        Files and folders; missing ones are left out. The system's libraries, this Python, installed packages, and the
+        folders that the user names in ``HULLDOWN_READ`` can be read besides.
     devices
         Paths of devices that it may use.
     """
     if unconfined():
         return list(command)
-    # The first entry is where the running script lies, which may be anywhere.
-    packages = [path for path in sys.path[0 if sys.flags.safe_path else 1 :] if path]
-    python = [*packages, sys.prefix, sys.base_prefix, str(Path(__file__).parents[2])]
     more = [path for path in os.environ.get(MORE, "").split(os.pathsep) if path]
     program = os.path.realpath(command[0])
     policy = {
-        "execute": [*SYSTEM, *python, *more, command[0], os.path.dirname(program)],
+        "execute": [*SYSTEM, *_python(), *more, command[0], os.path.dirname(program)],
+        "list": _searched(),
         "read": [*map(str, read)],
         "write": [*map(str, write), *DEVICES, *devices],
     }
     return [sys.executable, "-I", "-S", os.path.abspath(__file__), json.dumps(policy), *command]
+
+
+def _python() -> list[str]:
+    """Where this Python, hulldown, and installed packages are; other files in the folders of `sys.path` aren't open."""
+    own = [f"{prefix}/{name}" for prefix in (sys.prefix, sys.base_prefix) for name in PYTHON]
+    return [*own, str(HERE), *(str(path) for entry in _searched() for path in _installed(entry))]
+
+
+def _searched() -> list[str]:
+    """Folders of `sys.path` outside of this Python's own that have installed packages, or hulldown."""
+    own = (sys.prefix, sys.base_prefix)
+    entries = [entry for entry in sys.path if entry and not any(Path(entry).is_relative_to(prefix) for prefix in own)]
+    return [entry for entry in entries if HERE.parent == Path(entry) or _installed(entry)]
+
+
+@cache
+def _installed(entry: str) -> tuple[Path, ...]:
+    """Files and folders of the packages that an installer put into a folder of `sys.path`."""
+    from importlib.metadata import distributions
+
+    files = (file for found in distributions(path=[entry]) for file in found.files or ())
+    return tuple({Path(entry, file.parts[0]) for file in files if file.parts[0] != ".."})
 
 
 def asset_folders(path: Path) -> list[Path]:
@@ -119,7 +141,7 @@ def restrict(policy: dict[str, list[str]]) -> None:
     Parameters
     ----------
     policy
-        Paths under "execute" (and read), "read" and "write" (and read).
+        Paths under "execute" (and read), "list" (names in folders), "read" and "write" (and read).
 
     Raises
     ------
@@ -132,7 +154,12 @@ def restrict(policy: dict[str, list[str]]) -> None:
     asked = struct.pack("=QQQ", handled, TCP * (version >= NETWORK_ABI), SCOPES * (version >= SCOPE_ABI))
     ruleset = _call(CREATE_RULESET, asked, ctypes.c_size_t(len(asked)), 0)
     reading = READ_FILE | READ_FOLDER
-    rights = {"read": reading, "execute": reading | EXECUTE, "write": handled & ~(EXECUTE | SPECIAL)}
+    rights = {
+        "list": READ_FOLDER,
+        "read": reading,
+        "execute": reading | EXECUTE,
+        "write": handled & ~(EXECUTE | SPECIAL),
+    }
     for kind, paths in policy.items():
         for path in paths:
             _allow(ruleset, path, rights[kind] & handled)
