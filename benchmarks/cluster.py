@@ -17,9 +17,9 @@ from hulldown.cluster.scheduler import SHARE_VARIABLE, Scheduler
 from hulldown.demo.project import create_project
 from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan_file import Plan
-from hulldown.rendering.cluster.cluster_pool import ClusterPool
+from hulldown.rendering.blender.messages import CyclesSettings, RenderJob
+from hulldown.rendering.cluster_pool import ClusterPool
 from hulldown.rendering.jobs import readable, render_job
-from hulldown.rendering.messages import CyclesSettings, RenderJob
 from hulldown.rendering.outline import sort_key
 from hulldown.rendering.pool import Engine, Pool
 from hulldown.rendering.process import Confinement

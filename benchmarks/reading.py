@@ -16,10 +16,10 @@ from hulldown.benchmarks.reading_cases import GROUPS, LOST, Case, Truth, lost
 from hulldown.benchmarks.reading_things import LITTER, PARTS
 from hulldown.benchmarks.tables import table
 from hulldown.geometry.transforms import apply
-from hulldown.reading.asset_report import FileReport, ObjectRow, xyz
 from hulldown.reading.build import build_vehicle
 from hulldown.reading.doubts import vehicle_doubts
-from hulldown.reading.options import Options
+from hulldown.reading.pieces.asset_report import FileReport, ObjectRow, xyz
+from hulldown.reading.pieces.options import Options
 from hulldown.reading.vehicle.stance import stand_upright
 from hulldown.reading.vehicle_or_scenery import refuse_wrong_kind
 

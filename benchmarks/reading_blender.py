@@ -18,8 +18,8 @@ from hulldown.geometry.transforms import apply
 from hulldown.reading.blender.depsgraph import evaluate
 from hulldown.reading.blender.importers import Opened, open_file
 from hulldown.reading.build import build_vehicle
-from hulldown.reading.options import TEXTURE_SIZE, Options
-from hulldown.reading.roles import Evaluated
+from hulldown.reading.pieces.options import TEXTURE_SIZE, Options
+from hulldown.reading.pieces.roles import Evaluated
 from hulldown.reading.vehicle.stance import meters_from_file, stand_upright
 
 

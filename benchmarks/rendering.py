@@ -22,8 +22,8 @@ from hulldown.planning.inputs.loading import Library, load_library, load_planned
 from hulldown.planning.plan.row import Row
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.write import write_plan
+from hulldown.rendering.blender.messages import CyclesSettings, RenderJob
 from hulldown.rendering.jobs import render_job
-from hulldown.rendering.messages import CyclesSettings, RenderJob
 from hulldown.rendering.outline import sort_key
 from hulldown.rendering.process import Allowance, Blender, Limits
 

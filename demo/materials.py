@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image
 
 from hulldown.geometry.color import linear_color
-from hulldown.reading.blender.add_nodes import add_node
+from hulldown.reading.blender.api.add_nodes import add_node
 
 Color = str  # "#rrggbb" as a color picker shows it
 

@@ -93,7 +93,7 @@ def plan(
     from hulldown.pictures.sheets import make_room_for_picture
     from hulldown.planning.appearance.hdri_land import land_above_horizon
     from hulldown.planning.inputs.loading import load_library
-    from hulldown.reading.wording import warnings_of
+    from hulldown.reading.pieces.wording import warnings_of
 
     if more_of and poses:
         remedy = "leave one of them out: with poses given, there are no candidates to choose from"

@@ -16,7 +16,7 @@ from pathlib import Path
 import bpy
 
 from hulldown.reading.blender import duplicates, reader
-from hulldown.reading.blender.add_nodes import add_node
+from hulldown.reading.blender.api.add_nodes import add_node
 from hulldown.tests.blend_parts import instance, place
 from hulldown.tests.messy_blends import CASES
 from hulldown.tests.messy_parts import scatter

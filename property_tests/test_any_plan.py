@@ -28,8 +28,8 @@ from hulldown.planning.planner import Planner
 from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
 from hulldown.property_tests.any_values import MANY, containers, refusal, values_of
+from hulldown.rendering.blender.messages import CyclesSettings
 from hulldown.rendering.jobs import mask_job, render_job
-from hulldown.rendering.messages import CyclesSettings
 from hulldown.rendering.outline import Outline
 from hulldown.tests.planning_assets import hills, small_assets, small_config
 from hulldown.tests.render_plans import library_of

@@ -5,8 +5,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from hulldown.geometry.transforms import rigid, rotation_z
-from hulldown.reading.naming import GROUND, GUN, HELPERS, TURRET, first_match, words
-from hulldown.reading.roles import Link, Piece, vehicle_roles
+from hulldown.reading.pieces.naming import GROUND, GUN, HELPERS, TURRET, first_match, words
+from hulldown.reading.pieces.roles import Link, Piece, vehicle_roles
 from hulldown.reading.vehicle.parts import find_parts
 from hulldown.reading.vehicle.solids import PlacedPieces, find_solids
 from hulldown.tests.test_roles import piece

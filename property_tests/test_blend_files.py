@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from hulldown.assets.bundle import load_scenery, load_vehicle
 from hulldown.base.child import Child
 from hulldown.reading.inspect import draw
-from hulldown.reading.options import Options
+from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import Job, exported_by
 
 MAKER = Path(__file__).with_name("blend_maker.py")

@@ -15,9 +15,9 @@ from hulldown.base.errors import AssetError
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.geometry.transforms import apply
 from hulldown.placement.footprint import contact_footprint, underside
-from hulldown.reading.asset_report import PartRow, xyz
-from hulldown.reading.options import Options
-from hulldown.reading.roles import Evaluated, Piece, PieceRole, is_wanted, vehicle_roles
+from hulldown.reading.pieces.asset_report import PartRow, xyz
+from hulldown.reading.pieces.options import Options
+from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, is_wanted, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import NARROWEST, unmatched
 from hulldown.reading.scenery.shape import is_wide_and_level, level_share
 from hulldown.reading.vehicle.found_keypoints import known_points, marked_points

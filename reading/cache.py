@@ -26,11 +26,11 @@ from hulldown.assets.bundle import FORMAT
 from hulldown.base.errors import AssetError
 from hulldown.base.files import open_regular, replacing
 from hulldown.base.outside import json_of, read_file, sha256_of
-from hulldown.reading.asset_report import FileReport
 from hulldown.reading.confinement.landlock import asset_folders, is_inside, unconfined
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
-from hulldown.reading.formats import format_of
-from hulldown.reading.options import Options
+from hulldown.reading.pieces.asset_report import FileReport
+from hulldown.reading.pieces.formats import format_of
+from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import Exported, export
 
 EXPORTER = 25

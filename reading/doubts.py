@@ -6,13 +6,13 @@ import math
 import re
 from collections.abc import Sequence
 
-from hulldown.reading.asset_report import FileReport, Missing, ObjectRow
-from hulldown.reading.options import Options
-from hulldown.reading.roles import Piece, PieceRole
+from hulldown.reading.pieces.asset_report import FileReport, Missing, ObjectRow
+from hulldown.reading.pieces.options import Options
+from hulldown.reading.pieces.paintable import CLEAR, MaterialRow
+from hulldown.reading.pieces.roles import Piece, PieceRole
+from hulldown.reading.pieces.wording import MOST, as_key, quoted
 from hulldown.reading.scenery.scenery_roles import is_water_name
 from hulldown.reading.scenery.shape import LEVEL, PUDDLE, canopies, enclosing, sheets_between
-from hulldown.reading.vehicle.paintable import CLEAR, MaterialRow
-from hulldown.reading.wording import MOST, as_key, quoted
 
 PALE = 0.55  # linear light; 0.588 and 0.8 are what exporters and importers give where there is no color
 TINT = 0.05

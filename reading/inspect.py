@@ -18,8 +18,8 @@ from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import Kind, World, WorldHits
 from hulldown.pictures.drawing import contact_sheet, lettering
 from hulldown.pictures.sheets import save_sheet
-from hulldown.reading.asset_report import FileReport, SkyReport
-from hulldown.reading.skies.hdri import Hdri
+from hulldown.reading.hdri import Hdri
+from hulldown.reading.pieces.asset_report import FileReport, SkyReport
 
 # Colors that color-blind people tell apart: Okabe, Ito, Color universal design, 2008.
 COLORS = np.array([(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float)

@@ -14,13 +14,13 @@ from typing import Any, NoReturn, TypedDict, TypeVar
 
 from hulldown.base.errors import AssetError
 from hulldown.base.outside import read_json, typed
-from hulldown.reading.asset_report import FileReport
 from hulldown.reading.confinement.landlock import asset_folders, confined
 from hulldown.reading.confinement.references import refuse_odd_references
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits, watched
-from hulldown.reading.formats import format_of
 from hulldown.reading.libraries import remedy_for
-from hulldown.reading.options import DEFAULTS, Options
+from hulldown.reading.pieces.asset_report import FileReport
+from hulldown.reading.pieces.formats import format_of
+from hulldown.reading.pieces.options import DEFAULTS, Options
 
 ANSWER = "answer.json"
 LAST_WORDS = 2000  # characters of Blender's last output before a crash

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from hulldown.base.errors import AssetError
-from hulldown.reading.naming import VEHICLE, first_match
-from hulldown.reading.options import Options
-from hulldown.reading.roles import FLAT, Piece, vehicle_roles
+from hulldown.reading.pieces.naming import VEHICLE, first_match
+from hulldown.reading.pieces.options import Options
+from hulldown.reading.pieces.roles import FLAT, Piece, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
 
 BIGGEST_VEHICLE = 30.0  # meters; larger files with ground count as sceneries

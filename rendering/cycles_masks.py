@@ -18,11 +18,11 @@ from rich.table import Table
 from hulldown.annotate.masks import decode, iou, mask_box
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.base.terminal import tracked
-from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.records import Finding
 from hulldown.dataset.rows import not_annotated
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.entries import is_box
+from hulldown.dataset.store.picture_files import read_pixels
 from hulldown.dataset.store.reservations import find_run
 from hulldown.dataset.verification.look import appearance
 from hulldown.geometry.arrays import spread
@@ -30,8 +30,8 @@ from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan.row import Row
 from hulldown.planning.plan_file import Plan, read_plan
 from hulldown.rendering.annotations import Segmenter
+from hulldown.rendering.blender.messages import MaskJob
 from hulldown.rendering.jobs import mask_job, readable
-from hulldown.rendering.messages import MaskJob
 from hulldown.rendering.outline import Outline
 from hulldown.rendering.pool import Engine, Pool
 from hulldown.rendering.process import Confinement

@@ -18,8 +18,8 @@ from hulldown.planning.appearance.paint import Coat
 from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan.row import PlannedVehicle, Row
 from hulldown.reading.confinement.landlock import asset_folders
-from hulldown.reading.vehicle.paintable import MaterialRow, painted
-from hulldown.rendering.messages import (
+from hulldown.reading.pieces.paintable import MaterialRow, painted
+from hulldown.rendering.blender.messages import (
     CameraInput,
     CyclesSettings,
     LightInput,

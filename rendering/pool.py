@@ -15,7 +15,7 @@ from threading import Event
 from hulldown.base.child import Stopped
 from hulldown.base.errors import HulldownError
 from hulldown.cluster.scheduler import Scheduler
-from hulldown.rendering.messages import MaskJob, RenderJob
+from hulldown.rendering.blender.messages import MaskJob, RenderJob
 from hulldown.rendering.process import POLL_S, Allowance, Blender, Confinement, Limits, Outcome
 
 MOST = 256  # Blenders

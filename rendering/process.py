@@ -21,8 +21,8 @@ from hulldown.base.child import Child, Stopped, memory_limit
 from hulldown.base.errors import HulldownError
 from hulldown.base.outside import DATA, json_of, read_file
 from hulldown.reading.confinement import landlock
+from hulldown.rendering.blender.messages import Job, MaskJob, RenderJob, StartJob
 from hulldown.rendering.blender.worker import ANSWER
-from hulldown.rendering.messages import Job, MaskJob, RenderJob, StartJob
 from hulldown.rendering.rendered_pictures import damage
 
 WORKER = Path(__file__).with_name("blender") / "worker.py"

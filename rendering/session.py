@@ -25,15 +25,15 @@ from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan.row import Row
 from hulldown.planning.plan_file import Plan
 from hulldown.rendering.annotations import Segmenter, categories_of
+from hulldown.rendering.blender.messages import CyclesSettings, RenderJob
 from hulldown.rendering.jobs import render_job
-from hulldown.rendering.messages import CyclesSettings, RenderJob
 from hulldown.rendering.outline import Outline, Part, stamp_of
 from hulldown.rendering.pool import Pool
 from hulldown.rendering.process import Outcome
 from hulldown.rendering.rendered_pictures import without_notes
 
 if TYPE_CHECKING:
-    from hulldown.rendering.cluster.cluster_pool import ClusterPool
+    from hulldown.rendering.cluster_pool import ClusterPool
 
 LOGS_NAME = "logs"
 GIVE_UP_AFTER = 30  # failed attempts in a row over all images, after which they aren't the cause

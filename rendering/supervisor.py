@@ -31,7 +31,7 @@ from hulldown.rendering.process import Confinement
 from hulldown.rendering.session import LOGS_NAME, Progress, Session
 
 if TYPE_CHECKING:
-    from hulldown.rendering.cluster.cluster_pool import ClusterPool
+    from hulldown.rendering.cluster_pool import ClusterPool
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +142,7 @@ def _pool(
         confinement = Confinement(session.unfinished, readable(library))
         return Pool(logs, engine, say=session.say, stopping=stopping, confinement=confinement)
     with needing_dask():
-        from hulldown.rendering.cluster.cluster_pool import ClusterPool
+        from hulldown.rendering.cluster_pool import ClusterPool
     return ClusterPool(engine.scheduler, engine, library, say=session.say, stopping=stopping)
 
 

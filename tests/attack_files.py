@@ -16,7 +16,7 @@ import matplotlib
 import numpy as np
 from PIL import Image
 
-from hulldown.reading.blender.add_nodes import add_node
+from hulldown.reading.blender.api.add_nodes import add_node
 from hulldown.reading.blender.tidy_properties import PART, REST
 from hulldown.tests.blend_parts import collection, cube, fresh, from_library, link, place, save
 from hulldown.tests.node_trees import node_group, shader_of, textured, write_picture

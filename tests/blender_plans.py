@@ -10,8 +10,8 @@ from PIL import Image
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.write import write_plan
+from hulldown.rendering.blender.messages import CyclesSettings
 from hulldown.rendering.jobs import render_job
-from hulldown.rendering.messages import CyclesSettings
 from hulldown.rendering.process import Blender
 
 IMAGES = 12

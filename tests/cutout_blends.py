@@ -10,8 +10,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from hulldown.reading.blender.add_nodes import add_node
-from hulldown.reading.blender.light_pictures import rendered, see_pixel_centers
+from hulldown.reading.blender.api.add_nodes import add_node
+from hulldown.reading.blender.api.light_pictures import rendered, see_pixel_centers
 from hulldown.reading.blender.surfaces.bake import opacities
 from hulldown.reading.blender.surfaces.opacity import is_opaque
 from hulldown.rendering.blender import cycles

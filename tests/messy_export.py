@@ -17,7 +17,7 @@ from hulldown.base.errors import AssetError
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
-from hulldown.reading.options import Options
+from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import Exported, Job, ask_reader, exported_by, job_for
 from hulldown.tests.blender_plans import run_script
 

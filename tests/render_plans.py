@@ -7,9 +7,9 @@ from hulldown.assets.library import Assets
 from hulldown.assets.skylight import EVEN
 from hulldown.dataset.store.document import read_coco
 from hulldown.planning.inputs.loading import Library
-from hulldown.reading.asset_report import FileReport
+from hulldown.reading.hdri import Hdri
+from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.reader_process import Exported
-from hulldown.reading.skies.hdri import Hdri
 from hulldown.tests.plan_lines import row, write_lines
 from hulldown.tests.shapes import box, scenery_of, vehicle_of
 

@@ -12,12 +12,12 @@ import numpy as np
 
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.weather.kinds import Weather
-from hulldown.reading.blender.add_nodes import add_node, maths
-from hulldown.reading.blender.light_pictures import rendered, store_light
+from hulldown.reading.blender.api.add_nodes import add_node, maths
+from hulldown.reading.blender.api.light_pictures import rendered, store_light
 from hulldown.reading.blender.tidy_properties import PART, REST
 from hulldown.rendering.blender import cycles
+from hulldown.rendering.blender.messages import CameraInput, CyclesSettings, LightInput, VehicleInput
 from hulldown.rendering.blender.scene import Stage
-from hulldown.rendering.messages import CameraInput, CyclesSettings, LightInput, VehicleInput
 from hulldown.tests.blend_parts import cuboid, fresh, gather, save
 from hulldown.tests.node_trees import grouped, material_of, principled, shader_group, write_picture
 

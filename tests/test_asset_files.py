@@ -8,7 +8,7 @@ import pytest
 
 from hulldown.base.errors import AssetError
 from hulldown.base.outside import sha256_of
-from hulldown.rendering.cluster.asset_files import AssetCache, ClientFiles, FileNote, references
+from hulldown.rendering.asset_files import AssetCache, ClientFiles, FileNote, references
 from hulldown.tests.render_plans import cube_library
 
 

@@ -22,8 +22,8 @@ from hulldown.planning.plan_file import read_plan
 from hulldown.planning.write import write_plan
 from hulldown.reading.confinement.landlock import abi
 from hulldown.reading.reader_process import export
+from hulldown.rendering.blender.messages import CyclesSettings
 from hulldown.rendering.jobs import render_job
-from hulldown.rendering.messages import CyclesSettings
 from hulldown.rendering.pool import Engine
 from hulldown.rendering.process import Blender, Confinement
 from hulldown.rendering.supervisor import render_plan

@@ -11,8 +11,8 @@ from hulldown.base.errors import AssetError
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.geometry.transforms import apply, rigid, rotation_about, rotation_z
 from hulldown.reading.build import BuiltVehicle, build_vehicle
-from hulldown.reading.options import Options
-from hulldown.reading.roles import Evaluated, Link, Piece
+from hulldown.reading.pieces.options import Options
+from hulldown.reading.pieces.roles import Evaluated, Link, Piece
 from hulldown.reading.vehicle.solids import MOST
 from hulldown.reading.vehicle.stance import UPS, meters_from_file, stand_upright, up_matrix
 from hulldown.tests.shapes import CORNERS, FACES, sheet

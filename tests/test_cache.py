@@ -12,7 +12,7 @@ import pytest
 from msgspec import structs
 
 import hulldown.reading.cache
-import hulldown.reading.skies.hdri
+import hulldown.reading.hdri
 from hulldown.assets.bundle import save
 from hulldown.assets.skylight import SkyLight
 from hulldown.base.errors import AssetError, ConfigError
@@ -24,12 +24,12 @@ from hulldown.planning.plan_file import Plan
 from hulldown.planning.planner import Planner
 from hulldown.planning.search.pairs import Pairs
 from hulldown.planning.write import make_header
-from hulldown.reading.asset_report import FileReport, Missing
 from hulldown.reading.cache import cached
 from hulldown.reading.confinement.landlock import abi
-from hulldown.reading.options import Options
+from hulldown.reading.hdri import FoundSky
+from hulldown.reading.pieces.asset_report import FileReport, Missing
+from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import Exported
-from hulldown.reading.skies.hdri import FoundSky
 from hulldown.tests.shapes import scenery_of, vehicle_of
 
 BLEND = b"BLENDER17-01v0500"
@@ -60,8 +60,8 @@ def exporter(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Exporter:
     stand_in = Exporter()
     monkeypatch.setattr(hulldown.reading.cache, "export", stand_in)
     sky = FoundSky(SkyLight(), ())
-    monkeypatch.setattr(hulldown.reading.skies.hdri, "ask_reader", lambda jobs, limits: None)
-    monkeypatch.setattr(hulldown.reading.skies.hdri, "found_by", lambda job, kind: sky)
+    monkeypatch.setattr(hulldown.reading.hdri, "ask_reader", lambda jobs, limits: None)
+    monkeypatch.setattr(hulldown.reading.hdri, "found_by", lambda job, kind: sky)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     return stand_in
 

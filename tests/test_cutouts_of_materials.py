@@ -10,7 +10,7 @@ import pytest
 
 from hulldown.assets.bundle import load_scenery
 from hulldown.geometry.instances import InstancedScene
-from hulldown.reading.asset_report import FileReport
+from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.reader_process import export
 
 SCRIPT = "cutout_blends.py"

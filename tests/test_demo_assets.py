@@ -26,8 +26,8 @@ from hulldown.demo.catalog import (
 )
 from hulldown.planning.config.schema import Config
 from hulldown.planning.search.budget import make_budget
-from hulldown.reading.asset_report import FileReport
-from hulldown.reading.options import Options
+from hulldown.reading.pieces.asset_report import FileReport
+from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import export
 from hulldown.tests.blender_plans import run_python
 from hulldown.tests.parameters import few

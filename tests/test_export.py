@@ -10,7 +10,7 @@ from hulldown.assets.bundle import load_vehicle
 from hulldown.base.errors import AssetError
 from hulldown.geometry.transforms import apply
 from hulldown.placement.footprint import underside
-from hulldown.reading.options import Options
+from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import export
 from hulldown.tests.messy_export import SCENERIES, VEHICLES, Messy, iou
 

@@ -15,8 +15,8 @@ from hulldown.base.errors import AssetError, ConfigError
 from hulldown.geometry.transforms import apply
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.config.schema import Config
-from hulldown.reading.formats import format_of
-from hulldown.reading.options import Options
+from hulldown.reading.pieces.formats import format_of
+from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import export
 from hulldown.reading.scenery.buildings import USUAL, read_buildings
 from hulldown.reading.scenery.geotiff import on_map, read_elevations, read_orthophoto

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from hulldown.base.errors import AssetError
-from hulldown.reading.skies.hdri import BRIGHTEST, mean_luminance, mend, read_hdris, sky_map
-from hulldown.reading.skies.surroundings import backdrop, small_map
+from hulldown.reading.hdri import BRIGHTEST, mean_luminance, mend, read_hdris, sky_map
+from hulldown.reading.surroundings import backdrop, small_map
 
 SCRIPT = "hdri_files.py"
 

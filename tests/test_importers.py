@@ -6,7 +6,7 @@ import struct
 
 import pytest
 
-from hulldown.reading.asset_report import FileReport
+from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.reader_process import ask_reader, exported_by, job_for
 
 # A box of 6 x 3 x 1, and a smaller one on it: corners and faces of four.

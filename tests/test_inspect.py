@@ -15,9 +15,9 @@ from hulldown import cli
 from hulldown.base.errors import AssetError, HulldownError
 from hulldown.base.terminal import Terminal
 from hulldown.planning.inputs.inspection import inspect_file
-from hulldown.reading.asset_report import FileReport, ObjectRow
 from hulldown.reading.inspect import COLORS, PAGE, Inspected, draw, write_pictures
-from hulldown.reading.vehicle.paintable import MaterialRow
+from hulldown.reading.pieces.asset_report import FileReport, ObjectRow
+from hulldown.reading.pieces.paintable import MaterialRow
 from hulldown.tests.blender_plans import run_python
 from hulldown.tests.shapes import box, scenery_of, vehicle_of
 from hulldown.tests.test_found_assets import SKY

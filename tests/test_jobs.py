@@ -3,8 +3,8 @@
 import orjson
 
 from hulldown.planning.plan.row import decode_row
+from hulldown.rendering.blender.messages import CyclesSettings
 from hulldown.rendering.jobs import render_job
-from hulldown.rendering.messages import CyclesSettings
 from hulldown.tests.render_plans import CUBES, make_row
 
 

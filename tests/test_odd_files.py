@@ -10,7 +10,7 @@ import pytest
 from hulldown.base.errors import AssetError
 from hulldown.reading.confinement.references import refuse_odd_references
 from hulldown.reading.confinement.watch import ReadLimits
-from hulldown.reading.formats import format_of
+from hulldown.reading.pieces.formats import format_of
 from hulldown.reading.reader_process import export
 from hulldown.tests.messy_export import Messy
 

@@ -19,7 +19,7 @@ ALLOWED = {
     **dict.fromkeys(("base/files.py", "base/outside.py"), ""),
     # Parse what was opened there, by a library of their own.
     "assets/bundle.py": "np.load",
-    "dataset/picture_files.py": "Image.open",
+    "dataset/store/picture_files.py": "Image.open",
     "planning/plan/row.py": "msgspec.json.Decoder",
     "planning/plan/misfit.py": "msgspec.json.decode",
     "reading/confinement/blocks.py": "gzip.open",
@@ -29,8 +29,8 @@ ALLOWED = {
     "training/videos.py": "cv2.VideoCapture",
     # Read what this process or a part of hulldown wrote.
     **dict.fromkeys(("base/child.py", "base/code.py", "planning/config/config_keys.py", "training/onnx_model.py"), ""),
-    **dict.fromkeys(("dataset/store/document.py", "dataset/store/placed_pictures.py", "reading/skies/hdri.py"), ""),
-    **dict.fromkeys(("rendering/cluster/asset_files.py", "cluster/workers.py", "verbs/output.py"), ""),
+    **dict.fromkeys(("dataset/store/document.py", "dataset/store/placed_pictures.py", "reading/hdri.py"), ""),
+    **dict.fromkeys(("rendering/asset_files.py", "cluster/workers.py", "verbs/output.py"), ""),
     "reading/confinement/landlock.py": "the standard library alone",
 }
 OURS = {"CocoDataset", "cls"}  # whose `open` is no file's

@@ -9,7 +9,7 @@ from hulldown.planning.appearance.paint import Coat, PaintEntry, paint_doubts, p
 from hulldown.planning.pictures.preview import caption
 from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
-from hulldown.reading.vehicle.paintable import MaterialRow, left_alone_by_name, painted
+from hulldown.reading.pieces.paintable import MaterialRow, left_alone_by_name, painted
 from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, VEHICLE_ENTRIES, small_assets, small_config
 
 GREEN, SAND = "#4b5320", "#94835e"

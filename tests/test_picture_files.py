@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.picture_files import read_picture, read_pixels, rgb
+from hulldown.dataset.store.picture_files import read_picture, read_pixels, rgb
 from hulldown.dataset.table import Dataset
 from hulldown.dataset.verification.verify import verify
 from hulldown.pictures.drawing import draw

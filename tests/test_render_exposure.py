@@ -8,7 +8,7 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.response import ALBEDO, CARD, displayed, metered, white_balance
 from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.color import LUMINANCE
-from hulldown.rendering.messages import CameraInput, CyclesSettings, LightInput, RenderJob
+from hulldown.rendering.blender.messages import CameraInput, CyclesSettings, LightInput, RenderJob
 from hulldown.rendering.process import Blender
 from hulldown.tests.blender_plans import drawn, run_script
 

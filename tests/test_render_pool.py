@@ -8,7 +8,7 @@ from hulldown.base.child import Stopped
 from hulldown.base.errors import HulldownError
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.rendering import process
-from hulldown.rendering.messages import CameraInput, CyclesSettings, LightInput, RenderJob
+from hulldown.rendering.blender.messages import CameraInput, CyclesSettings, LightInput, RenderJob
 from hulldown.rendering.pool import Engine, Pool
 from hulldown.rendering.process import FIRST_JOBS, Limits
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from hulldown.base.errors import AssetError
-from hulldown.reading.asset_report import FileReport
 from hulldown.reading.doubts import vehicle_doubts
-from hulldown.reading.naming import GROUND, GUN, GUN_HINTS, HELPERS, TURRET_HINTS, first_match, hints
-from hulldown.reading.options import Options
-from hulldown.reading.roles import Link, Piece, vehicle_roles
+from hulldown.reading.pieces.asset_report import FileReport
+from hulldown.reading.pieces.naming import GROUND, GUN, GUN_HINTS, HELPERS, TURRET_HINTS, first_match, hints
+from hulldown.reading.pieces.options import Options
+from hulldown.reading.pieces.roles import Link, Piece, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
 from hulldown.reading.vehicle.parts import Parts, find_parts
 from hulldown.reading.vehicle.solids import PlacedPieces, find_solids

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from hulldown.base.errors import AssetError
-from hulldown.reading.asset_report import FileReport
 from hulldown.reading.build import build_scenery
 from hulldown.reading.doubts import scenery_doubts
-from hulldown.reading.options import Options
-from hulldown.reading.roles import Evaluated, Piece
+from hulldown.reading.pieces.asset_report import FileReport
+from hulldown.reading.pieces.options import Options
+from hulldown.reading.pieces.roles import Evaluated, Piece
 from hulldown.reading.scenery.scenery_roles import VOLUME, matching, scenery_roles, unmatched
 from hulldown.reading.vehicle_or_scenery import likely_kind, refuse_wrong_kind
 from hulldown.tests.test_roles import link, piece

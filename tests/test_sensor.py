@@ -8,7 +8,7 @@ from hulldown.camera.sensor import Sensor
 from hulldown.planning.appearance.light import draw_sensors
 from hulldown.planning.config.sensor_section import PRESETS, SensorSection
 from hulldown.planning.search.random_streams import RandomStreams
-from hulldown.rendering.sensor_simulation import BAND, WHITE, Lens, develop, read_out
+from hulldown.rendering.blender.sensor_simulation import BAND, WHITE, Lens, develop, read_out
 from hulldown.tests.planning_assets import small_config
 
 

@@ -19,17 +19,17 @@ from hulldown.planning.appearance.paint import PaintEntry, paint_doubts
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.write import write_plan
-from hulldown.reading.asset_report import FileReport, ObjectRow, refuse_missing
 from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
-from hulldown.reading.options import Options
+from hulldown.reading.hdri import read_hdris
+from hulldown.reading.pieces.asset_report import FileReport, ObjectRow, refuse_missing
+from hulldown.reading.pieces.options import Options
+from hulldown.reading.pieces.paintable import SEVERAL, parts_left_alone
+from hulldown.reading.pieces.roles import PieceRole
+from hulldown.reading.pieces.wording import warnings_of
 from hulldown.reading.reader_process import ask_reader, exported_by, job_for
-from hulldown.reading.roles import PieceRole
-from hulldown.reading.skies.hdri import read_hdris
-from hulldown.reading.skies.surroundings import shows_land
-from hulldown.reading.vehicle.paintable import SEVERAL, parts_left_alone
+from hulldown.reading.surroundings import shows_land
 from hulldown.reading.vehicle.parts import unnamed
 from hulldown.reading.vehicle.solids import PlacedPieces, find_solids
-from hulldown.reading.wording import warnings_of
 from hulldown.tests.planning_assets import small_assets, small_config
 from hulldown.tests.shapes import surface
 from hulldown.tests.test_axes import box, tube

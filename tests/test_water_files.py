@@ -10,7 +10,7 @@ import pytest
 from hulldown.assets.bundle import load_scenery
 from hulldown.assets.scenery import Scenery
 from hulldown.placement.terrain import Terrain
-from hulldown.reading.options import Options
+from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import Exported, export
 from hulldown.tests.blender_plans import run_python
 

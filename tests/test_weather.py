@@ -11,9 +11,9 @@ from hulldown.base.errors import ConfigError
 from hulldown.camera.weather.extinction import rain_visibility_m, wetness
 from hulldown.camera.weather.kinds import Weather
 from hulldown.planning.appearance.light import draw_lights, hdri_weights
-from hulldown.planning.appearance.weather import NAMES, draw_weathers
 from hulldown.planning.config.weather_section import WeatherSection
 from hulldown.planning.search.random_streams import RandomStreams
+from hulldown.planning.search.weather import NAMES, draw_weathers
 from hulldown.tests.planning_assets import plan, small_assets, small_config
 
 IMAGES = np.arange(4000)

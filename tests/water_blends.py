@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 from mathutils import Matrix
 
-from hulldown.reading.blender.add_nodes import add_node
+from hulldown.reading.blender.api.add_nodes import add_node
 from hulldown.tests.blend_parts import cuboid, fresh, instance, link, save
 from hulldown.tests.node_trees import material_of, principled
 

@@ -13,7 +13,7 @@ from hulldown.base.errors import DatasetError
 from hulldown.base.files import all_or_nothing
 from hulldown.base.terminal import shown
 from hulldown.dataset.exports.layouts import coco_folders, dota, huggingface, kitti, voc, webdataset, yolo
-from hulldown.dataset.exports.shares import Item, Shares, flat_names, sound_pictures
+from hulldown.dataset.exports.layouts.shares import Item, Shares, flat_names, sound_pictures
 from hulldown.dataset.exports.split import SPLITS, share_out
 from hulldown.dataset.oriented import ground_corners, visible_corners
 from hulldown.dataset.records import by_image, read_usable

@@ -20,8 +20,8 @@ from msgspec import Meta, Struct
 
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import TEXT, read_file, read_text, typed, xml_of, yaml_of
-from hulldown.dataset.picture_files import read_picture
 from hulldown.dataset.store.entries import Coco, Record
+from hulldown.dataset.store.picture_files import read_picture
 
 PICTURES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 YAML_NAMES = ("data.yaml", "dataset.yaml", "data.yml")

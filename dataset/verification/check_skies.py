@@ -24,7 +24,7 @@ from hulldown.dataset.store.entries import Coco, Record, is_box
 from hulldown.dataset.store.reservations import Run, find_run, plan_key
 from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan_file import Plan
-from hulldown.reading.skies.hdri import sky_map
+from hulldown.reading.hdri import sky_map
 
 WIDTH = 96  # pixels of the small picture that is compared
 FEWEST = 40  # of its pixels must be sky

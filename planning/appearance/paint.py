@@ -20,7 +20,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from hulldown.geometry.color import linear_color
 from hulldown.planning.config.section import Pair, Section, ranged
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, between
-from hulldown.reading.vehicle.paintable import MaterialRow, matches, painted
+from hulldown.reading.pieces.paintable import MaterialRow, matches, painted
 
 OWN = "own"
 COMPANIONS, DISTRACTORS = 1, 65  # number in a row of the first of each; the target's is 0

@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from hulldown.geometry.arrays import are_numbers
 from hulldown.planning.appearance.paint import Paint
 from hulldown.planning.config.section import AtLeastZero, Pair, Patterns, Section, is_absent, ranged
-from hulldown.reading.options import TEXTURE_SIZE
+from hulldown.reading.pieces.options import TEXTURE_SIZE
 
 CACHE_NAME = ".hulldown-cache"
 

@@ -16,11 +16,11 @@ from typing import Any
 from hulldown.base.errors import AssetError
 from hulldown.base.terminal import tracked
 from hulldown.planning.config.template import config_text
-from hulldown.reading.asset_report import FileReport
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
-from hulldown.reading.formats import HDRI_SUFFIXES, SUFFIXES
+from hulldown.reading.hdri import read_hdris
+from hulldown.reading.pieces.asset_report import FileReport
+from hulldown.reading.pieces.formats import HDRI_SUFFIXES, SUFFIXES
 from hulldown.reading.reader_process import export
-from hulldown.reading.skies.hdri import read_hdris
 
 # Folder names that tell the kind of the files in them; in other folders, the contents decide.
 KINDS = {

@@ -12,12 +12,12 @@ from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_library
-from hulldown.reading.asset_report import FileReport, refuse_missing
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
-from hulldown.reading.formats import HDRI_SUFFIXES
+from hulldown.reading.hdri import read_hdris
 from hulldown.reading.inspect import Inspected, draw, sky_report
+from hulldown.reading.pieces.asset_report import FileReport, refuse_missing
+from hulldown.reading.pieces.formats import HDRI_SUFFIXES
 from hulldown.reading.reader_process import export
-from hulldown.reading.skies.hdri import read_hdris
 
 
 def drawn_assets(path: Path) -> int:

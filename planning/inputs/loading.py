@@ -22,15 +22,15 @@ from hulldown.planning.config.asset_sections import CACHE_NAME, DistractorEntry,
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.changed_assets import refuse_changed
 from hulldown.planning.plan_file import Plan
-from hulldown.reading.asset_report import FileReport, refuse_missing
 from hulldown.reading.cache import cached
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.doubts import length_said, likely_scale
-from hulldown.reading.formats import HDRI_SUFFIXES
-from hulldown.reading.naming import first_match
-from hulldown.reading.options import Options
+from hulldown.reading.hdri import Hdri, read_hdris, refuse_no_hdri
+from hulldown.reading.pieces.asset_report import FileReport, refuse_missing
+from hulldown.reading.pieces.formats import HDRI_SUFFIXES
+from hulldown.reading.pieces.naming import first_match
+from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import Exported
-from hulldown.reading.skies.hdri import Hdri, read_hdris, refuse_no_hdri
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART
 
 USUAL_LENGTHS = {  # meters, up to the longest with gun or trailer

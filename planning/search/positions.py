@@ -20,7 +20,6 @@ from hulldown.geometry.columns import join, put, take
 from hulldown.placement.candidates import candidates
 from hulldown.placement.rejection import AIMING, KINDS, PLACING, Rejection, sentence, tally
 from hulldown.placement.settle import Settled, unsettled
-from hulldown.planning.appearance.weather import draw_weathers
 from hulldown.planning.search.aiming import Tries, drawn_lenses
 from hulldown.planning.search.block import Block, instances_of
 from hulldown.planning.search.extras import MOST, Role, offsets
@@ -28,6 +27,7 @@ from hulldown.planning.search.likeness import PATIENCE, directions_of
 from hulldown.planning.search.placing import clear_of_vehicles, settle_clear
 from hulldown.planning.search.random_streams import Purpose, RowStreams
 from hulldown.planning.search.views import Seen, no_views, try_cameras, views_of_others
+from hulldown.planning.search.weather import draw_weathers
 
 # Candidates settled together, and cameras aimed together: they bound a worker's memory.
 CANDIDATES = 8192

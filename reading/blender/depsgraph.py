@@ -16,8 +16,7 @@ from jaxtyping import Bool, Float
 from hulldown.base.errors import AssetError
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply
-from hulldown.reading.asset_report import ObjectRow
-from hulldown.reading.blender.buffers import read
+from hulldown.reading.blender.api.buffers import read
 from hulldown.reading.blender.capture import OUR_CAMERA, visit_render
 from hulldown.reading.blender.duplicates import Duplicate
 from hulldown.reading.blender.exact_poses import Poses
@@ -25,7 +24,8 @@ from hulldown.reading.blender.strands import curves_mesh, points_mesh, strand_cu
 from hulldown.reading.blender.surfaces.alpha_faces import CutoutReader
 from hulldown.reading.blender.surfaces.shaders import is_clear, is_displaced, is_volume
 from hulldown.reading.blender.tidy import lasting, look_of
-from hulldown.reading.roles import HOLDOUT, SHADOW_CATCHER, Evaluated, Link, Piece, Volume
+from hulldown.reading.pieces.asset_report import ObjectRow
+from hulldown.reading.pieces.roles import HOLDOUT, SHADOW_CATCHER, Evaluated, Link, Piece, Volume
 from hulldown.reading.scenery.scenery_roles import VOLUME, is_water_name
 from hulldown.reading.scenery.shape import level_share
 

@@ -16,7 +16,7 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.reading.blender.buffers import read
+from hulldown.reading.blender.api.buffers import read
 from hulldown.reading.blender.exact_poses import own_poses
 from hulldown.reading.blender.tidy import look_of
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from hulldown.reading.roles import Link
+from hulldown.reading.pieces.roles import Link
 
 AGREE = 16 * float(np.finfo(np.float32).eps)  # of the largest number in the chain of matrices
 

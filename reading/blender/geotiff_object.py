@@ -15,9 +15,9 @@ from PIL import Image
 
 from hulldown.base.errors import AssetError
 from hulldown.placement.terrain import Terrain
-from hulldown.reading.blender.add_nodes import add_node, maths
+from hulldown.reading.blender.api.add_nodes import add_node, maths
 from hulldown.reading.confinement.landlock import asset_folders, is_inside
-from hulldown.reading.options import Options
+from hulldown.reading.pieces.options import Options
 from hulldown.reading.scenery.buildings import Building, read_buildings
 from hulldown.reading.scenery.geotiff import Elevations, read_elevations, read_orthophoto
 

@@ -12,10 +12,10 @@ from jaxtyping import Float
 
 from hulldown.assets.skylight import SkyLight, level_irradiance
 from hulldown.base.errors import AssetError
-from hulldown.reading.blender.buffers import pixels
+from hulldown.reading.blender.api.buffers import pixels
+from hulldown.reading.hdri import MAP_NAME, MAP_ROWS, MENDED_NAME, FoundSky, mend
 from hulldown.reading.reader_process import Job
-from hulldown.reading.skies.hdri import MAP_NAME, MAP_ROWS, MENDED_NAME, FoundSky, mend
-from hulldown.reading.skies.surroundings import backdrop, shows_land, small_map
+from hulldown.reading.surroundings import backdrop, shows_land, small_map
 
 
 def read_picture(job: Job) -> FoundSky:

@@ -18,9 +18,9 @@ from hulldown.reading.blender.surfaces.shaders import surface_shaders
 from hulldown.reading.blender.surfaces.textures import find_moved
 from hulldown.reading.confinement.blocks import refuse_special_files
 from hulldown.reading.confinement.references import directives, material_libraries
-from hulldown.reading.options import Options
+from hulldown.reading.pieces.options import Options
+from hulldown.reading.pieces.wording import quoted
 from hulldown.reading.scenery.geotiff import Elevations
-from hulldown.reading.wording import quoted
 
 NODES_ONLY = (2, 80)  # materials are nodes only since then
 GLASS = (4, 6, 7, 9)  # illumination models with transparency or refraction
@@ -67,7 +67,7 @@ def open_file(path: Path, kind: str, options: Options) -> Opened:
     path
         The file.
     kind
-        Its format, as `reading.formats.format_of` tells it.
+        Its format, as `reading.pieces.formats.format_of` tells it.
     options
         How to read it.
 

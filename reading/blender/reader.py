@@ -20,7 +20,6 @@ import numpy as np
 from hulldown.assets.bundle import save
 from hulldown.base.errors import AssetError, HulldownError
 from hulldown.base.files import replacing
-from hulldown.reading.asset_report import FileReport, Missing, ObjectRow, gathered, xyz
 from hulldown.reading.blender.depsgraph import HIDDEN, evaluate
 from hulldown.reading.blender.geotiff_object import NAME
 from hulldown.reading.blender.hdri_picture import read_picture
@@ -30,8 +29,9 @@ from hulldown.reading.blender.surfaces.textures import missing_files, pictures_n
 from hulldown.reading.blender.tidy import write_scenery, write_vehicle
 from hulldown.reading.build import build_scenery, build_vehicle
 from hulldown.reading.doubts import is_pale, scenery_doubts, vehicle_doubts
+from hulldown.reading.pieces.asset_report import FileReport, Missing, ObjectRow, gathered, xyz
+from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole
 from hulldown.reading.reader_process import ANSWER, FoundAsset, Job
-from hulldown.reading.roles import Evaluated, Piece, PieceRole
 from hulldown.reading.scenery.scenery_roles import scenery_roles
 from hulldown.reading.vehicle.stance import Upright, meters_from_file, stand_upright
 from hulldown.reading.vehicle_or_scenery import likely_kind, refuse_wrong_kind

@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from hulldown.reading.blender.frames import pose as set_pose
 from hulldown.reading.blender.tidy_properties import PART, REST, UNPAINTED
-from hulldown.reading.roles import HOLDOUT, SHADOW_CATCHER, Evaluated, Piece, PieceRole, Volume
+from hulldown.reading.pieces.roles import HOLDOUT, SHADOW_CATCHER, Evaluated, Piece, PieceRole, Volume
 
 CUT = (SHADOW_CATCHER, HOLDOUT)
 MANY = 8  # from so many on, copies are drawn by one object

@@ -18,7 +18,7 @@ from typing import BinaryIO, cast
 
 from hulldown.base.errors import AssetError
 from hulldown.base.files import open_regular
-from hulldown.reading.formats import kind_of_file
+from hulldown.reading.pieces.formats import kind_of_file
 
 OPENED = (b"LI\0\0", b"VF\0\0", b"IM\0\0", b"MC\0\0", b"SO\0\0", b"CF\0\0", b"VO\0\0")
 PATH = re.compile(rb"(?:^|\0)((?://|/|\.\.?/)[^\0]{1,1023})\0")

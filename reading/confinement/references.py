@@ -12,7 +12,7 @@ from hulldown.base.errors import AssetError
 from hulldown.base.files import open_regular
 from hulldown.base.outside import json_of
 from hulldown.reading.confinement.landlock import asset_folders, is_inside
-from hulldown.reading.formats import kind_of_file
+from hulldown.reading.pieces.formats import kind_of_file
 
 AGAIN = "export it again"
 GLB_JSON = b"JSON"

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
-from hulldown.reading.naming import BACKDROPS, GROUND, NOT_GROUND, NOT_WATER, WATER, WATERS, first_match
-from hulldown.reading.options import Options
-from hulldown.reading.roles import Piece, PieceRole
+from hulldown.reading.pieces.naming import BACKDROPS, GROUND, NOT_GROUND, NOT_WATER, WATER, WATERS, first_match
+from hulldown.reading.pieces.options import Options
+from hulldown.reading.pieces.roles import Piece, PieceRole
 from hulldown.reading.scenery.shape import ground_by_shape, is_wide_and_level, lawns, sheets_between, sunken
 
 VOLUME = "has volume shaders only"

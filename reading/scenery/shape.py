@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply
-from hulldown.reading.roles import FLAT, Piece
+from hulldown.reading.pieces.roles import FLAT, Piece
 
 STEEP = np.cos(np.radians(30.0))  # a face is level if the cosine of its inclination is at least this
 LEVEL = 0.5  # least share of its area that is level, for a piece to be so; a box twice as wide as high has this much

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from hulldown.assets.skeleton import MUZZLE, TURRET, WHEELS
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.rays import RayCaster
-from hulldown.reading.roles import Link
+from hulldown.reading.pieces.roles import Link
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, key_of
 from hulldown.reading.vehicle.solids import Solids, Wheels
 

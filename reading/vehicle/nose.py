@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
-from hulldown.reading.naming import FRONT, REAR, first_match
+from hulldown.reading.pieces.naming import FRONT, REAR, first_match
 from hulldown.reading.vehicle.solids import PARALLEL, Solids, Wheels
 
 Value = TypeVar("Value", str, float)

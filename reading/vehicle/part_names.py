@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from hulldown.reading.naming import (
+from hulldown.reading.pieces.naming import (
     GUN,
     GUN_HINTS,
     LAUNCHER,
@@ -19,8 +19,8 @@ from hulldown.reading.naming import (
     hints,
     words,
 )
-from hulldown.reading.options import Options
-from hulldown.reading.roles import Link
+from hulldown.reading.pieces.options import Options
+from hulldown.reading.pieces.roles import Link
 from hulldown.reading.vehicle.solids import PlacedPieces
 
 HELPER_WORDS = ("pivot", "axis", "axle", "joint", "hinge")

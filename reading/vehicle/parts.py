@@ -9,10 +9,11 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse.csgraph import connected_components
 
-from hulldown.reading.asset_report import PartRow, xyz
-from hulldown.reading.naming import ARMED, BODY, FRONT, NO_TURRET, REAR, TURRET, VEHICLE, first_match
-from hulldown.reading.options import DEFAULTS, Options
-from hulldown.reading.roles import Link, Piece
+from hulldown.reading.pieces.asset_report import PartRow, xyz
+from hulldown.reading.pieces.naming import ARMED, BODY, FRONT, NO_TURRET, REAR, TURRET, VEHICLE, first_match
+from hulldown.reading.pieces.options import DEFAULTS, Options
+from hulldown.reading.pieces.roles import Link, Piece
+from hulldown.reading.pieces.wording import quoted
 from hulldown.reading.vehicle.nose import gun_barrel, rising, snapped
 from hulldown.reading.vehicle.part_names import (
     GUN_PART,
@@ -26,7 +27,6 @@ from hulldown.reading.vehicle.part_names import (
 )
 from hulldown.reading.vehicle.pivots import PIVOT_KEYS, RING, find_pivot
 from hulldown.reading.vehicle.solids import PlacedPieces, Solids
-from hulldown.reading.wording import quoted
 
 LIMITS = {TURRET_PART: (-np.pi, np.pi), GUN_PART: (float(np.radians(-5.0)), float(np.radians(20.0)))}
 STRAIGHT = np.radians(15.0)  # a gun that points this close to an axis of the vehicle points along it

@@ -10,9 +10,9 @@ from jaxtyping import Float
 from scipy.spatial.distance import pdist
 
 from hulldown.geometry.transforms import apply
-from hulldown.reading.naming import PIVOT, first_match, words
-from hulldown.reading.options import Options
-from hulldown.reading.roles import Link
+from hulldown.reading.pieces.naming import PIVOT, first_match, words
+from hulldown.reading.pieces.options import Options
+from hulldown.reading.pieces.roles import Link
 from hulldown.reading.vehicle.found_keypoints import keypoint_of
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Naming, key_of, pivot_named
 from hulldown.reading.vehicle.solids import PlacedPieces

@@ -14,7 +14,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from hulldown.geometry.transforms import apply
-from hulldown.reading.roles import Link, Piece
+from hulldown.reading.pieces.roles import Link, Piece
 
 MOST = 4000  # solids that are kept, largest first
 ALIKE = 0.12  # two second moments are equal, so that the solid is round about the third axis, up to this share

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.geometry.transforms import apply, rotation_z
-from hulldown.reading.naming import GUN, GUN_HINTS, NOT_GUN, first_match, hints
-from hulldown.reading.options import Options
-from hulldown.reading.roles import Evaluated, Piece
+from hulldown.reading.pieces.naming import GUN, GUN_HINTS, NOT_GUN, first_match, hints
+from hulldown.reading.pieces.options import Options
+from hulldown.reading.pieces.roles import Evaluated, Piece
 from hulldown.reading.vehicle.nose import Direction, find_forward
 from hulldown.reading.vehicle.solids import Solids, Wheels, find_solids, find_wheels
 

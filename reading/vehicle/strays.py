@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.geometry.meshes import Mesh
-from hulldown.reading.naming import FIGURES, STAGES, first_match, words
-from hulldown.reading.roles import MUCH_LARGER, UNDERSIDE, Piece
+from hulldown.reading.pieces.naming import FIGURES, STAGES, first_match, words
+from hulldown.reading.pieces.roles import MUCH_LARGER, UNDERSIDE, Piece
+from hulldown.reading.pieces.wording import as_key, quoted
 from hulldown.reading.vehicle.solids import PlacedPieces, Wheels
-from hulldown.reading.wording import as_key, quoted
 
 BELOW = 0.03  # of the vehicle's height: a tire pressed into the ground
 OUT = 0.1  # of the length of the rest

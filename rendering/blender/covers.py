@@ -16,7 +16,7 @@ from typing import Any
 
 import bpy
 
-from hulldown.reading.blender.add_nodes import add_node, feed, maths
+from hulldown.reading.blender.api.add_nodes import add_node, feed, maths
 
 SHARE = "hulldown share"
 UP = (0.0, 0.0, 1.0)

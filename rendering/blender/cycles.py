@@ -15,7 +15,7 @@ from typing import Any
 
 import bpy
 
-from hulldown.rendering.messages import CyclesSettings
+from hulldown.rendering.blender.messages import CyclesSettings
 
 GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")  # the faster of two for one card first
 OIDN = "OPENIMAGEDENOISE"

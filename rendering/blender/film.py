@@ -17,8 +17,8 @@ import numpy as np
 from hulldown.camera.response import white_balance
 from hulldown.camera.sensor import Sensor
 from hulldown.rendering.blender.cycles import VIEW_TRANSFORM, Unusable
-from hulldown.rendering.messages import CameraInput
-from hulldown.rendering.sensor_simulation import develop
+from hulldown.rendering.blender.messages import CameraInput
+from hulldown.rendering.blender.sensor_simulation import develop
 
 
 def develop_file(linear: Path, output: Path, sensor: Sensor, camera: CameraInput, *, seed: int, threads: int) -> None:

@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 
 from hulldown.camera.weather.kinds import air_layers
-from hulldown.reading.blender.add_nodes import add_node
+from hulldown.reading.blender.api.add_nodes import add_node
 from hulldown.reading.blender.frames import pose
 from hulldown.rendering.blender.hdri_light import HdriWorld
 

@@ -16,9 +16,9 @@ import numpy as np
 
 from hulldown.camera.backdrop import HIGH, even_color, fade
 from hulldown.camera.weather.kinds import DUST_LAYERS, AirLayer, even_sky
-from hulldown.reading.blender.add_nodes import add_node, maths
-from hulldown.reading.blender.buffers import pixels
-from hulldown.rendering.messages import LightInput
+from hulldown.reading.blender.api.add_nodes import add_node, maths
+from hulldown.reading.blender.api.buffers import pixels
+from hulldown.rendering.blender.messages import LightInput
 
 HIGHEST = math.radians(89.0)  # of what the camera sees lifted
 SKY_MAP = 1024  # columns of the map by which Cycles finds the bright parts of the sky: a texel is 0.35 degrees

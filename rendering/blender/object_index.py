@@ -13,12 +13,12 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.reading.blender.light_pictures import rendered, see_pixel_centers
+from hulldown.reading.blender.api.light_pictures import rendered, see_pixel_centers
 from hulldown.reading.blender.surfaces.opacity_nodes import show_opacity
 from hulldown.reading.blender.surfaces.shaders import is_volume
 from hulldown.rendering.blender import cycles
+from hulldown.rendering.blender.messages import CyclesSettings
 from hulldown.rendering.blender.scene import Stage
-from hulldown.rendering.messages import CyclesSettings
 
 FIRST = 30000  # first object number of vehicles; files number their own objects from 1
 DRESSED = "hulldown index"

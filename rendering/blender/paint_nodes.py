@@ -11,11 +11,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from hulldown.reading.blender.add_nodes import add_node, maths
+from hulldown.reading.blender.api.add_nodes import add_node, maths
 from hulldown.reading.blender.surfaces.nodes import trees
 from hulldown.reading.blender.surfaces.shaders import BASE_COLORS
 from hulldown.reading.blender.tidy_properties import UNPAINTED
-from hulldown.rendering.messages import PaintInput
+from hulldown.rendering.blender.messages import PaintInput
 
 BRIGHTEST = 4.0  # largest brightness of painted texture, in multiples of the mean
 PREFIX = "hulldown paint "  # of the properties' names

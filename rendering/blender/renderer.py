@@ -13,12 +13,12 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.reading.blender.light_pictures import store_light
+from hulldown.reading.blender.api.light_pictures import store_light
 from hulldown.rendering.blender import cycles, film
 from hulldown.rendering.blender.lens import DEVICES as LENS_DEVICES
+from hulldown.rendering.blender.messages import Job, MaskJob, RenderJob, StartJob
 from hulldown.rendering.blender.object_index import IndexPictures
 from hulldown.rendering.blender.scene import Stage
-from hulldown.rendering.messages import Job, MaskJob, RenderJob, StartJob
 
 
 class Renderer:

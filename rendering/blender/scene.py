@@ -25,10 +25,10 @@ from hulldown.rendering.blender.covers import PLANE
 from hulldown.rendering.blender.fog import Fog
 from hulldown.rendering.blender.hdri_light import HdriWorld
 from hulldown.rendering.blender.lens import set_lens
+from hulldown.rendering.blender.messages import CameraInput, VehicleInput
 from hulldown.rendering.blender.paint_nodes import Paintable
 from hulldown.rendering.blender.streaks import Precipitation, falling
 from hulldown.rendering.blender.surfaces import Surfaces
-from hulldown.rendering.messages import CameraInput, VehicleInput
 
 MAX_VEHICLES = 4  # vehicle files kept in memory if rows have companions, which recur
 SENSOR_WIDTH = 36.0

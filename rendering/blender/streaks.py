@@ -13,10 +13,10 @@ import numpy as np
 
 from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.camera.weather.precipitation import Streaks, drops_in_view, streaks, view_of
-from hulldown.reading.blender.add_nodes import add_node, maths
+from hulldown.reading.blender.api.add_nodes import add_node, maths
 from hulldown.reading.blender.frames import pose
 from hulldown.rendering.blender.fog import set_hidden
-from hulldown.rendering.messages import CameraInput
+from hulldown.rendering.blender.messages import CameraInput
 
 NAME = "hulldown precipitation"
 

@@ -16,7 +16,7 @@ import numpy as np
 from hulldown.reading.blender.surfaces.nodes import material_output, trees
 from hulldown.reading.blender.surfaces.opacity_nodes import SOCKET, opacity_socket
 from hulldown.reading.blender.surfaces.shaders import is_clear
-from hulldown.reading.naming import NOT_WATER, WATER, WATERS, first_match
+from hulldown.reading.pieces.naming import NOT_WATER, WATER, WATERS, first_match
 from hulldown.rendering.blender import covers
 
 MARK = "hulldown weather"  # label of inserted nodes

@@ -17,7 +17,6 @@ from hulldown.annotate.attributes import number
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import replacing
 from hulldown.dataset.oriented import visible_corners
-from hulldown.dataset.picture_files import read_pixels
 from hulldown.dataset.reports.charts import (
     BLUE,
     COLORS,
@@ -31,6 +30,7 @@ from hulldown.dataset.reports.charts import (
     short,
 )
 from hulldown.dataset.reports.page import Facet, Tile, render
+from hulldown.dataset.store.picture_files import read_pixels
 from hulldown.pictures.drawing import BACKGROUND, contact_sheet
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.bins import BinFigures

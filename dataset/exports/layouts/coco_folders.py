@@ -6,7 +6,7 @@ from pathlib import Path
 
 import orjson
 
-from hulldown.dataset.exports.shares import Shares
+from hulldown.dataset.exports.layouts.shares import Shares
 from hulldown.dataset.store.document import COCO_NAME
 from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.seals import changed

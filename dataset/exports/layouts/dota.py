@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from hulldown.dataset.exports.layouts.shares import VAL_NAMES, Shares
 from hulldown.dataset.exports.layouts.yolo import CornersOf
-from hulldown.dataset.exports.shares import VAL_NAMES, Shares
 
 
 def write(shares: Shares, out: Path, *, corners_of: CornersOf) -> None:

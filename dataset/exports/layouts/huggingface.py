@@ -13,7 +13,7 @@ from typing import Any
 
 import orjson
 
-from hulldown.dataset.exports.shares import Shares, rings_of
+from hulldown.dataset.exports.layouts.shares import Shares, rings_of
 from hulldown.dataset.store.entries import Record
 
 FOLDERS = {"train": "train", "valid": "validation", "test": "test"}  # folder names of the splits

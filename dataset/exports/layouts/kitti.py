@@ -17,7 +17,7 @@ import numpy as np
 
 from hulldown.annotate.attributes import number as number_of
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.dataset.exports.shares import VAL_NAMES, Shares
+from hulldown.dataset.exports.layouts.shares import VAL_NAMES, Shares
 from hulldown.dataset.store.entries import Record
 
 UNKNOWN = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)  # KITTI's values for an unknown 3D box

@@ -17,7 +17,7 @@ import orjson
 
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import DATA, read_file
-from hulldown.dataset.exports.shares import Shares
+from hulldown.dataset.exports.layouts.shares import Shares
 
 SHARD_BYTES = 512 * 2**20  # bytes; suits object storage and readers
 SHARD_IMAGES = 10_000

@@ -21,7 +21,7 @@ from jaxtyping import Float
 
 from hulldown.annotate.outlines import bridged
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.exports.shares import VAL_NAMES, Item, Shares, rings_of
+from hulldown.dataset.exports.layouts.shares import VAL_NAMES, Item, Shares, rings_of
 from hulldown.dataset.store.entries import Record
 
 CornersOf: TypeAlias = Callable[[Record, Record], Float[np.ndarray, "4 2"]]

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float32, Int
 
 from hulldown.geometry.alpha import AlphaMap, Cutouts, Extension, fewer_texels
-from hulldown.reading.blender.buffers import coordinates, read
+from hulldown.reading.blender.api.buffers import coordinates, read
 from hulldown.reading.blender.surfaces.bake import baked, opacities
 from hulldown.reading.blender.surfaces.opacity import IDENTITY, Cutter, Lookup, NotUnderstoodError, is_opaque
 from hulldown.reading.blender.surfaces.texels import texels

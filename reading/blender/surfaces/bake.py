@@ -13,8 +13,8 @@ from jaxtyping import Float, Float32
 
 from hulldown.geometry.alpha import GRADES, AlphaMap, Extension
 from hulldown.geometry.color import linear_from_srgb
-from hulldown.reading.blender.buffers import coordinates
-from hulldown.reading.blender.light_pictures import rendered, see_pixel_centers
+from hulldown.reading.blender.api.buffers import coordinates
+from hulldown.reading.blender.api.light_pictures import rendered, see_pixel_centers
 from hulldown.reading.blender.surfaces.nodes import material_output, trees, upstream
 from hulldown.reading.blender.surfaces.opacity import Cutter, Lookup, NotUnderstoodError, lookup_of
 from hulldown.reading.blender.surfaces.opacity_nodes import show_opacity

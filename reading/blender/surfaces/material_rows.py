@@ -11,11 +11,10 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.geometry.color import linear_from_srgb
-from hulldown.reading.blender.buffers import coordinates, pixels, read
+from hulldown.reading.blender.api.buffers import coordinates, pixels, read
 from hulldown.reading.blender.surfaces.nodes import Stack, source
 from hulldown.reading.blender.surfaces.shaders import BASE_COLORS, is_clear, surface_shaders
-from hulldown.reading.roles import Piece
-from hulldown.reading.vehicle.paintable import (
+from hulldown.reading.pieces.paintable import (
     CLEAR,
     SEVERAL,
     MaterialRow,
@@ -24,6 +23,7 @@ from hulldown.reading.vehicle.paintable import (
     parts_left_alone,
     told_apart,
 )
+from hulldown.reading.pieces.roles import Piece
 
 METAL = 0.5  # least metalness of unpainted materials
 SIDE = 512  # pixels that images are shrunk to

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from hulldown.geometry.color import LUMINANCE
-from hulldown.reading.blender.add_nodes import add_node, feed, maths
+from hulldown.reading.blender.api.add_nodes import add_node, feed, maths
 from hulldown.reading.blender.surfaces.nodes import group_output, linked, material_output
 
 SOCKET = "hulldown opacity"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hulldown.geometry.color import LUMINANCE, linear_from_srgb, srgb_from_linear
-from hulldown.reading.blender.buffers import pixels
+from hulldown.reading.blender.api.buffers import pixels
 
 MOST_PIXELS = 1 << 26  # read at once; of larger images Blender makes a smaller one first
 

@@ -11,10 +11,10 @@ from typing import Any
 
 import bpy
 
-from hulldown.reading.asset_report import Missing
 from hulldown.reading.blender.surfaces.nodes import source
 from hulldown.reading.blender.surfaces.shaders import BASE_COLORS, surface_shaders
 from hulldown.reading.confinement.landlock import asset_folders, is_inside
+from hulldown.reading.pieces.asset_report import Missing
 
 TILES = "<UDIM>"
 DEPTH = 2  # levels of folders below an asset's that are searched for missing textures

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.geometry.color import srgb_from_linear
-from hulldown.reading.naming import NOT_PAINT, PAINT, first_match
+from hulldown.reading.pieces.naming import NOT_PAINT, PAINT, first_match
 
 CLEAR = "it is transparent"  # reason why glass is left unpainted
 SEVERAL = "its texture has other colors than one paint"
@@ -103,7 +103,7 @@ def left_alone_by_name(name: str) -> str:
 
 
 def matches(name: str, pattern: str) -> bool:
-    """Whether a pattern matches a material's name, as `reading.naming.first_match` or as a whole."""
+    """Whether a pattern matches a material's name, as `reading.pieces.naming.first_match` or as a whole."""
     return name.lower() == pattern.lower() or first_match(name, [pattern]) is not None
 
 

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hulldown.geometry.meshes import Mesh
-from hulldown.reading.asset_report import ObjectRow
-from hulldown.reading.naming import FIGURES, HELPERS, PRIMITIVES, STAGES, first_match, words
+from hulldown.reading.pieces.asset_report import ObjectRow
+from hulldown.reading.pieces.naming import FIGURES, HELPERS, PRIMITIVES, STAGES, first_match, words
 
 SHADOW_CATCHER, HOLDOUT = "a shadow catcher", "a holdout"  # reasons why pieces are cut out of pictures
 FLAT = 0.02  # a sheet is thinner than this share of its longer side

@@ -16,7 +16,7 @@ from hulldown.camera.response import off_daylight
 from hulldown.geometry.color import LUMINANCE
 from hulldown.reading.cache import entry_name, make_cache, new_folder, seal, unseal
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
-from hulldown.reading.formats import first_bytes
+from hulldown.reading.pieces.formats import first_bytes
 from hulldown.reading.reader_process import Job, ask_reader, found_by
 
 MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance

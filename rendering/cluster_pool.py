@@ -10,9 +10,9 @@ from hulldown.base.code import versions
 from hulldown.cluster.scheduler import RESOURCE, Scheduler
 from hulldown.cluster.workers import Answer, Cluster
 from hulldown.planning.inputs.loading import Library
-from hulldown.rendering.cluster.asset_files import ClientFiles
-from hulldown.rendering.cluster.node import Setting, refusal, render_row
-from hulldown.rendering.messages import RenderJob
+from hulldown.rendering.asset_files import ClientFiles
+from hulldown.rendering.blender.messages import RenderJob
+from hulldown.rendering.node import Setting, refusal, render_row
 from hulldown.rendering.pool import Engine
 from hulldown.rendering.process import Outcome
 

@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from hulldown.base.errors import AssetError
-from hulldown.reading.vehicle.paintable import MaterialRow
+from hulldown.reading.pieces.paintable import MaterialRow
 
 FAMILY = 6  # numbered copies from so many on share a row
 TOGETHER = 3  # objects left out for one reason from so many on share a row of the table, which names the first

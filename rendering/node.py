@@ -22,8 +22,8 @@ from hulldown.base.errors import HulldownError
 from hulldown.cluster.scheduler import SHARE_VARIABLE
 from hulldown.cluster.workers import Answer, wanted
 from hulldown.reading.confinement import landlock
-from hulldown.rendering.cluster.asset_files import AssetCache, AssetNote, cache_folder
-from hulldown.rendering.messages import RenderJob
+from hulldown.rendering.asset_files import AssetCache, AssetNote, cache_folder
+from hulldown.rendering.blender.messages import RenderJob
 from hulldown.rendering.process import Allowance, Blender, Confinement, Limits
 
 IDLE_S = 60.0  # of idling, after which Blender is ended to free memory
@@ -55,7 +55,7 @@ class Setting:
     Parameters
     ----------
     key, readable
-        As of `rendering.cluster.asset_files.ClientFiles`.
+        As of `rendering.asset_files.ClientFiles`.
     device
         A device for `rendering.blender.cycles.choose_device`.
     limits

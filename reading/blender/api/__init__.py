@@ -1,0 +1,1 @@
+"""Arrays, nodes, and renders by Blender's API."""

@@ -1,1 +1,0 @@
-"""Check, repair, and report HDRIs."""

@@ -1,1 +1,0 @@
-"""Render rows on a Dask cluster."""
