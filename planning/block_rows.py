@@ -13,8 +13,9 @@ from hulldown.base.files import picture_name
 from hulldown.geometry.columns import records
 from hulldown.placement.rejection import Rejection
 from hulldown.planning.appearance.light import draw_lights, draw_sensors
-from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, Coat, draw_coats
+from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, draw_coats
 from hulldown.planning.config.schema import Config
+from hulldown.planning.plan.coats import Coat
 from hulldown.planning.plan.row import Bounds, Box, Followed, Label, OnMap, PlannedVehicle, Row, rounded
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.extras import MOST, Role

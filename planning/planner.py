@@ -22,8 +22,8 @@ from hulldown.geometry.columns import take
 from hulldown.planning.appearance.light import hdri_weights
 from hulldown.planning.block_rows import rows_of
 from hulldown.planning.config.schema import Config
-from hulldown.planning.inputs.more_of import MoreOf
-from hulldown.planning.inputs.poses import GivenPoses
+from hulldown.planning.plan.bin_weights import MoreOf
+from hulldown.planning.plan.given_poses import GivenPoses
 from hulldown.planning.plan.row import Row, encode_rows
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.budget import Positions, make_budget

@@ -20,7 +20,7 @@ from hulldown.base.files import replacing
 from hulldown.camera.weather.kinds import KINDS
 from hulldown.pictures.sheets import SOFTWARE, refuse_foreign
 from hulldown.placement.rejection import AIMING, BY_KEY, PLACING
-from hulldown.planning.appearance.paint import OWN
+from hulldown.planning.config.paint_section import OWN
 from hulldown.planning.plan.row import LeftOut, Row
 from hulldown.planning.shortcuts import nuisances, shortcuts
 

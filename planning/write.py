@@ -27,10 +27,13 @@ from hulldown.base.code import version_of
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import make_room
 from hulldown.planning.config.schema import Config
-from hulldown.planning.inputs.more_of import MoreOf, read_more_of
-from hulldown.planning.inputs.poses import GivenPoses, read_poses
+from hulldown.planning.inputs.more_of import read_more_of
+from hulldown.planning.inputs.poses import read_poses
+from hulldown.planning.plan.bin_weights import MoreOf
+from hulldown.planning.plan.given_poses import GivenPoses
+from hulldown.planning.plan.lines import PlanWriter, picture_of
 from hulldown.planning.plan.row import FORMAT, Header, ModelSource, ScenerySource
-from hulldown.planning.plan_file import Plan, PlanWriter, picture_of, read_plan
+from hulldown.planning.plan_file import Plan, read_plan
 from hulldown.planning.planner import BLOCK, Planner
 from hulldown.planning.search.likeness import Likeness
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits

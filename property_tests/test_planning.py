@@ -18,8 +18,8 @@ from hulldown.dataset.rows import label_records
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply
 from hulldown.placement.terrain import Terrain
-from hulldown.planning.appearance.paint import OWN
 from hulldown.planning.check import relabeled
+from hulldown.planning.config.paint_section import OWN
 from hulldown.planning.planner import Planner
 from hulldown.rendering.annotations import Segmenter
 from hulldown.tests.planning_assets import (

@@ -14,8 +14,8 @@ from msgspec import structs
 from hulldown.base.errors import ConfigError
 from hulldown.camera.projection import NEAR
 from hulldown.geometry.color import LUMINANCE, linear_color
-from hulldown.planning.appearance.paint import Coat
 from hulldown.planning.inputs.loading import Library
+from hulldown.planning.plan.coats import Coat
 from hulldown.planning.plan.row import PlannedVehicle, Row
 from hulldown.reading.confinement.landlock import asset_folders
 from hulldown.reading.pieces.paintable import MaterialRow, painted

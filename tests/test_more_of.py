@@ -10,7 +10,8 @@ from hulldown.annotate.attributes import SIDES, sides_of
 from hulldown.base.errors import ConfigError
 from hulldown.dataset.table import Dataset
 from hulldown.planning.check import check_plan
-from hulldown.planning.inputs.more_of import MOST, MoreOf, read_more_of
+from hulldown.planning.inputs.more_of import MOST, read_more_of
+from hulldown.planning.plan.bin_weights import MoreOf
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.search.candidates import kept
 from hulldown.planning.write import write_plan

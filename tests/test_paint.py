@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hulldown.planning.appearance.paint import Coat, PaintEntry, paint_doubts, previewed
+from hulldown.planning.appearance.paint import previewed
+from hulldown.planning.config.paint_section import PaintEntry, paint_doubts
 from hulldown.planning.pictures.preview import caption
+from hulldown.planning.plan.coats import Coat
 from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
 from hulldown.reading.pieces.paintable import MaterialRow, left_alone_by_name, painted

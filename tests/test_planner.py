@@ -7,8 +7,8 @@ import pytest
 
 from hulldown.assets.library import HdriSource, Source
 from hulldown.base.errors import ConfigError
+from hulldown.planning.plan.lines import PlanWriter
 from hulldown.planning.plan.row import ModelSource, encode, encode_rows
-from hulldown.planning.plan_file import PlanWriter
 from hulldown.planning.planner import Planner
 from hulldown.planning.write import make_header, write_plan
 from hulldown.tests.planning_assets import bare, hills, plan, small_assets, small_config

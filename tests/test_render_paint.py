@@ -10,9 +10,9 @@ from hulldown.annotate.masks import vehicle_mask
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.weather.kinds import Weather
 from hulldown.camera.world import World
-from hulldown.planning.appearance.paint import Coat
 from hulldown.planning.check import check_plan
 from hulldown.planning.inputs.loading import load_library
+from hulldown.planning.plan.coats import Coat
 from hulldown.tests.blender_plans import draw, make_plan, run_script
 
 pytestmark = pytest.mark.blender

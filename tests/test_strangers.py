@@ -15,7 +15,7 @@ from hulldown.camera.weather.kinds import airlight
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.planning.appearance.hdri_land import land_above_horizon
-from hulldown.planning.appearance.paint import PaintEntry, paint_doubts
+from hulldown.planning.config.paint_section import PaintEntry, paint_doubts
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.write import write_plan

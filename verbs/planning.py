@@ -93,7 +93,7 @@ def _inspect(arguments: argparse.Namespace) -> int:
 
 
 def _plan(arguments: argparse.Namespace) -> int:
-    from hulldown.planning.plan_file import picture_of
+    from hulldown.planning.plan.lines import picture_of
     from hulldown.planning.write import plan
 
     if arguments.check:
@@ -126,7 +126,8 @@ def _check(arguments: argparse.Namespace) -> int:
 def _preview(arguments: argparse.Namespace) -> None:
     from hulldown.pictures.sheets import make_room_for_picture
     from hulldown.planning.pictures.preview import preview_sheet
-    from hulldown.planning.plan_file import picture_of, read_plan
+    from hulldown.planning.plan.lines import picture_of
+    from hulldown.planning.plan_file import read_plan
 
     plan = read_plan(arguments.plan)
     output = arguments.output or picture_of(arguments.plan, "preview")

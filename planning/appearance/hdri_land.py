@@ -11,8 +11,9 @@ from hulldown.assets.library import Assets
 from hulldown.camera.projection import Camera
 from hulldown.camera.world import World
 from hulldown.geometry.arrays import spread
+from hulldown.planning.inputs.loading import config_of
+from hulldown.planning.plan.lines import PlanFile
 from hulldown.planning.plan.row import Row
-from hulldown.planning.plan_file import Plan
 
 LOOKED_AT = 1000  # images, evenly spread over the plan
 COLUMNS, ROWS = 24, 16  # rays through an image
@@ -20,9 +21,9 @@ BELOW = math.sin(math.radians(-1.0))  # height of a ray that should meet ground
 SEEN = 0.01  # share of an image above which the land counts as visible
 
 
-def land_above_horizon(plan: Plan, assets: Assets) -> tuple[int, int]:
+def land_above_horizon(plan: PlanFile, assets: Assets) -> tuple[int, int]:
     """Return the number of images with an HDRI's land in place of terrain, and the number of examined images."""
-    fallback_z = plan.config.ground.fallback_z
+    fallback_z = config_of(plan).ground.fallback_z
     chosen = spread(len(plan), LOOKED_AT).tolist()
     rows: dict[str, list[Row]] = defaultdict(list)
     for index in chosen:

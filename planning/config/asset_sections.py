@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from hulldown.geometry.arrays import are_numbers
-from hulldown.planning.appearance.paint import Paint
+from hulldown.planning.config.paint_section import Paint
 from hulldown.planning.config.section import AtLeastZero, Pair, Patterns, Section, is_absent, ranged
 from hulldown.reading.pieces.options import TEXTURE_SIZE
 

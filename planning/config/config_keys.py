@@ -16,8 +16,8 @@ from typing import Any
 import tomlkit
 from pydantic.fields import FieldInfo
 
-from hulldown.planning.appearance.paint import PaintEntry
 from hulldown.planning.config.asset_sections import DistractorEntry, SceneryEntry, VehicleEntry
+from hulldown.planning.config.paint_section import PaintEntry
 from hulldown.planning.config.schema import Config
 from hulldown.planning.config.section import Section
 

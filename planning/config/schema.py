@@ -18,8 +18,8 @@ from hulldown.base.toml_files import read_toml, validated
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.response import COOLEST, FARTHEST_EV, WARMEST
 from hulldown.geometry.arrays import are_numbers
-from hulldown.planning.appearance.paint import PaintEntry
 from hulldown.planning.config.asset_sections import AssetsSection
+from hulldown.planning.config.paint_section import PaintEntry
 from hulldown.planning.config.section import AtLeastZero, Pair, Patterns, Section, Share, is_absent, ranged, with_preset
 from hulldown.planning.config.sensor_section import SensorSection
 from hulldown.planning.config.weather_section import WeatherSection

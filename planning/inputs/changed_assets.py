@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from hulldown.assets.library import Assets, GeometrySource, HdriSource, Source
 from hulldown.base.code import version_of
 from hulldown.base.errors import ConfigError
-from hulldown.planning.plan_file import Plan
+from hulldown.planning.plan.lines import PlanFile
 
 
-def refuse_changed(plan: Plan, assets: Assets) -> None:
+def refuse_changed(plan: PlanFile, assets: Assets) -> None:
     """Refuse assets whose files have changed since planning, or whose geometry is read differently here.
 
     Raises
@@ -49,6 +49,6 @@ def _is_read_alike(was: Source, now: Source) -> bool:
     return was.geometry.agrees(now.geometry)
 
 
-def _blenders(plan: Plan) -> str:
+def _blenders(plan: PlanFile) -> str:
     """The Blenders that read the assets, for an error."""
     return f"with bpy {plan.header.versions.get('bpy', 'unknown')}; here is {version_of('bpy') or 'none'}"

@@ -17,11 +17,11 @@ from hulldown.assets.skeleton import category_fields
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError, ConfigError
 from hulldown.geometry.transforms import apply
-from hulldown.planning.appearance.paint import paint_doubts, paint_notes
 from hulldown.planning.config.asset_sections import CACHE_NAME, DistractorEntry, ModelEntry, SceneryEntry, VehicleEntry
+from hulldown.planning.config.paint_section import paint_doubts, paint_notes
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.changed_assets import refuse_changed
-from hulldown.planning.plan_file import Plan
+from hulldown.planning.plan.lines import PlanFile
 from hulldown.reading.cache import cached
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.doubts import length_said, likely_scale
@@ -205,7 +205,7 @@ def _painted(exported: Exported, entry: ModelEntry) -> Exported:
 
 
 def load_planned_library(
-    plan: Plan,
+    plan: PlanFile,
     *,
     cache: str | os.PathLike[str] | None = None,
     progress: Callable[[str], None] | None = None,
@@ -226,9 +226,15 @@ def load_planned_library(
     if not cache and beside.is_symlink():
         remedy = "name the folder that it leads to by --cache, if it is yours"
         raise ConfigError("is a link", path=beside, remedy=remedy)
-    library = load_library(plan.config, cache=cache or beside, progress=progress, limits=limits)
+    library = load_library(config_of(plan), cache=cache or beside, progress=progress, limits=limits)
     refuse_changed(plan, library.assets)
     return library
+
+
+def config_of(plan: PlanFile) -> Config:
+    """Return the config of a plan, with its folder."""
+    root = Path(os.path.normpath(plan.path.absolute().parent / plan.header.root))
+    return Config.of(plan.header.config, path=root / plan.path.name)
 
 
 def _as_listed(shape: VehicleShape, entry: ModelEntry, config: Config) -> VehicleShape:

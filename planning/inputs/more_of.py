@@ -16,27 +16,13 @@ from msgspec import Meta, Struct
 from hulldown.annotate.attributes import SCALES, SIZE
 from hulldown.base.errors import ConfigError
 from hulldown.base.outside import read_json
+from hulldown.planning.plan.bin_weights import MoreOf
 
 MOST = 4.0  # largest weight of a bin; the smallest is its inverse
 NORMAL = 1.96  # half the width of a normal distribution's 95 % interval, in standard deviations
 NAMED = ("vehicle", "weather", "scenery", "hdri")
 # Fields that depend on pixels are unknown to a plan, and `class` is set by the budget.
 PLANNED = (SIZE.name, *(scale.name for scale in SCALES if scale.name != "contrast"), "azimuth_seen", *NAMED)
-
-
-class MoreOf(Struct, frozen=True, kw_only=True):
-    """Weights of labels that a detector missed.
-
-    Parameters
-    ----------
-    weights
-        Weights by field and bin, with the names of an evaluation's report.
-    picture_px
-        Root of the area of the evaluated images, to which bins of box sizes refer.
-    """
-
-    weights: dict[str, dict[str, float]]
-    picture_px: float
 
 
 _Share = Annotated[float, Meta(ge=0, le=1)]

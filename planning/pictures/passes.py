@@ -28,8 +28,8 @@ from hulldown.camera.projection import directions
 from hulldown.camera.world import Kind, WorldHits
 from hulldown.geometry.arrays import spread
 from hulldown.planning.pictures.preview import Artist
+from hulldown.planning.plan.lines import PlanFile
 from hulldown.planning.plan.row import Row, encode
-from hulldown.planning.plan_file import Plan
 
 PASSES = ("depth", "normal", "instance", "part", "category")
 STUFF = ("ground", "obstacle", "water", "distractor", "sky")  # classes without instances in COCO panoptic
@@ -171,7 +171,7 @@ def panoptic(pixels: Pixels, class_ids: Mapping[str, int]) -> tuple[UInt8[np.nda
 
 
 def write_passes(
-    plan: Plan,
+    plan: PlanFile,
     assets: Assets,
     output: Path,
     *,

@@ -23,16 +23,17 @@ from hulldown.pictures.drawing import contact_sheet, draw
 from hulldown.pictures.sheets import save_sheet
 from hulldown.planning.appearance.light import card
 from hulldown.planning.appearance.paint import previewed
+from hulldown.planning.inputs.loading import config_of
 from hulldown.planning.pictures.shading import look, paint_of, sun_of
+from hulldown.planning.plan.lines import PlanFile
 from hulldown.planning.plan.row import PlannedVehicle, Row
-from hulldown.planning.plan_file import Plan
 from hulldown.planning.search.stage import make_stage
 
 TILE_WIDTH = 480
 HIGHEST = 4  # largest ratio of a preview's height to its width
 
 
-def preview_sheet(plan: Plan, assets: Assets, path: str | Path, *, count: int = 24) -> None:
+def preview_sheet(plan: PlanFile, assets: Assets, path: str | Path, *, count: int = 24) -> None:
     """Write a contact sheet of up to `count` images, evenly spread over a plan; see `Artist.sheet`."""
     chosen = spread(len(plan), count).tolist()
     shaded = tracked("shading", chosen, len(chosen))
@@ -68,9 +69,9 @@ class Artist:
         The number of each class in datasets.
     """
 
-    def __init__(self, plan: Plan, assets: Assets) -> None:
+    def __init__(self, plan: PlanFile, assets: Assets) -> None:
         self._plan, self._assets = plan, assets
-        stage = make_stage(plan.config, assets)
+        stage = make_stage(config_of(plan), assets)
         self.models = {model.shape.name: model for model in stage.fleet.models}
         self._distractors = frozenset(list(self.models)[stage.vehicles :])
         self._worlds = {site.name: site.world for site in stage.sites}

@@ -23,9 +23,9 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.camera.sensor import Sensor
 from hulldown.camera.weather.kinds import Weather
-from hulldown.planning.appearance.paint import Coat
-from hulldown.planning.inputs.more_of import MoreOf
-from hulldown.planning.inputs.poses import FARTHEST, GivenPoses
+from hulldown.planning.plan.bin_weights import MoreOf
+from hulldown.planning.plan.coats import Coat
+from hulldown.planning.plan.given_poses import FARTHEST, GivenPoses
 
 FORMAT = 3
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.annotate.attributes import SCALES, SIDES, SIZE, bins_of, numbers_of, sides_of, weather_of
-from hulldown.planning.inputs.more_of import MoreOf
+from hulldown.planning.plan.bin_weights import MoreOf
 from hulldown.planning.plan.row import Row
 
 KEPT = 0.3  # share of each vehicle's positions that keep the configured distribution

@@ -1,0 +1,45 @@
+"""Poses that users give, as a plan's header has them."""
+
+from __future__ import annotations
+
+from msgspec import Struct
+
+FARTHEST = 1e9  # meters: beyond, float64 is coarser than a tenth of a micrometer
+
+Vector = tuple[float, float, float]
+
+
+class PoseLine(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """The given values of one image; None is planned.
+
+    Parameters
+    ----------
+    line
+        Its number in the file.
+    x, y, z
+        The vehicle's origin, the center of its underside, in the coordinates of the scenery's file, meters.
+    yaw_deg
+        Heading in degrees, counterclockwise from +x.
+    camera, look_at
+        The camera's place, and a point on its optical axis, in the same coordinates.
+    sequence
+        Name of a sequence: successive lines with the same vehicle in the same place, and moving cameras.
+    """
+
+    line: int
+    scenery: str | None = None
+    vehicle: str | None = None
+    x: float | None = None
+    y: float | None = None
+    z: float | None = None
+    yaw_deg: float | None = None
+    camera: Vector | None = None
+    look_at: Vector | None = None
+    sequence: str | None = None
+
+
+class GivenPoses(Struct, frozen=True, kw_only=True):
+    """The name of a file of poses, and its lines."""
+
+    path: str
+    lines: list[PoseLine]
