@@ -59,10 +59,6 @@ __all__ = sorted(_HOMES)
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'hulldown' has no attribute {name!r}")
-    if name == "train":
-        from hulldown.training.extra import require_extra
-
-        require_extra()
     module, _, attribute = _HOMES[name].partition(":")
     value = getattr(import_module(f"hulldown.{module}"), attribute or name)
     globals()[name] = value

@@ -190,6 +190,12 @@ class Intrinsics:
         -------
         (...) meters along the optical axis; the leading axes broadcast.
         """
-        from hulldown.camera.lenses import lenses  # needs more than numpy
+        return face_on_distance(size, target_fraction, focal=self.focal[1], height=self.height)
 
-        return lenses(self).distance_for(size, target_fraction)
+
+def face_on_distance(size: ArrayLike, target_fraction: ArrayLike, *, focal: ArrayLike, height: ArrayLike) -> np.ndarray:
+    """Return the distance of `Intrinsics.distance_for` from the vertical focal length and the height in pixels."""
+    from hulldown.geometry.arrays import positive  # needs more than numpy
+
+    fraction = positive(target_fraction, "target_fraction")
+    return np.asarray(positive(size, "size") * np.asarray(focal) / (np.asarray(height) * fraction))

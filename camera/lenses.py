@@ -10,8 +10,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.camera.distortion import distorted, frame_bounds, seen_radius, undistorted
-from hulldown.camera.intrinsics import Intrinsics
-from hulldown.geometry.arrays import positive
+from hulldown.camera.intrinsics import Intrinsics, face_on_distance
 from hulldown.geometry.portable import arctan2, hypot, sin_cos
 
 ALONG = 8  # parts of a window's side at whose ends its image is measured
@@ -68,8 +67,7 @@ class Lenses:
 
     def distance_for(self, size: ArrayLike, target_fraction: ArrayLike) -> Float[np.ndarray, "..."]:
         """As `Intrinsics.distance_for`, for each camera; sizes and shares broadcast against the m cameras."""
-        fraction = positive(target_fraction, "target_fraction")
-        return np.asarray(positive(size, "size") * self.focal[..., 1] / (self.size[..., 1] * fraction))
+        return face_on_distance(size, target_fraction, focal=self.focal[..., 1], height=self.size[..., 1])
 
     @property
     def distorted(self) -> bool:

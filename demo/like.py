@@ -20,7 +20,7 @@ from hulldown.demo.study import SHARED, STAND_INS, SYNTHETIC, Side, make_side, w
 from hulldown.planning.config.schema import CameraSection
 from hulldown.training.evaluation.evaluation_report import evaluate_files
 from hulldown.training.evaluation.labels import read_labels
-from hulldown.training.settings import load_settings
+from hulldown.training.inputs.settings import load_settings
 from hulldown.training.study.manifest import PlannedRun
 from hulldown.training.study.results import Cell, Judged, cells, estimate, judge
 

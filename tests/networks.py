@@ -5,8 +5,8 @@ import torch
 from hulldown.training.detectors import detr
 from hulldown.training.detectors.center_points import CenterNetwork
 from hulldown.training.detectors.small import save_small, small_size
-from hulldown.training.extra import quiet
-from hulldown.training.settings import load_settings
+from hulldown.training.inputs.extra import quiet
+from hulldown.training.inputs.settings import load_settings
 
 CLASSES = ("truck", "tank")
 SIZE = small_size(64)

@@ -65,6 +65,18 @@ def test_every_public_name_exists_and_has_an_example(name):
     assert ">>>" in getattr(hd, name).__doc__
 
 
+def test_every_public_name_exists_without_the_training_extra():
+    code = """
+import sys
+sys.modules |= dict.fromkeys(("torch", "cv2", "albumentations", "pytorch_lightning", "rfdetr"))
+from pydoc import render_doc
+import hulldown as hd
+render_doc(hd)
+assert all(not isinstance(getattr(hd, name), type(sys)) for name in hd.__all__)
+"""
+    subprocess.run([sys.executable, "-P", "-c", code], check=True)
+
+
 def test_an_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="'trian'"):
         _ = hd.trian

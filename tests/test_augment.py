@@ -3,12 +3,12 @@ import pytest
 
 from hulldown.base.errors import ConfigError
 from hulldown.tests.training_pictures import make_dataset
-from hulldown.training import data
-from hulldown.training.augment import TABLE, Augmenter, Change, Sample, changed_table
-from hulldown.training.data import Batches, DrawnExamples
-from hulldown.training.draws import make_draws
+from hulldown.training.inputs import data
+from hulldown.training.inputs.augment import TABLE, Augmenter, Change, Sample, changed_table
+from hulldown.training.inputs.data import Batches, DrawnExamples
+from hulldown.training.inputs.draws import make_draws
+from hulldown.training.inputs.sources import read_sources
 from hulldown.training.sheet import augmentation_sheet
-from hulldown.training.sources import read_sources
 
 OFF = {name: {"probability": 0.0} for name in TABLE}
 

@@ -3,7 +3,6 @@ import pytest
 import torch
 
 from hulldown.tests.training_pictures import make_dataset
-from hulldown.training.augment import TABLE
 from hulldown.training.detectors.center_points import (
     STRIDE,
     CenterMaps,
@@ -13,6 +12,7 @@ from hulldown.training.detectors.center_points import (
     encoded,
     peaks,
 )
+from hulldown.training.inputs.augment import TABLE
 from hulldown.training.train import train
 
 pytestmark = pytest.mark.usefixtures("one_thread")

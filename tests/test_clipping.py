@@ -10,7 +10,7 @@ from hulldown.dataset.exports.export import export
 from hulldown.dataset.verification.verify import verify
 from hulldown.tests.editing import write_dataset
 from hulldown.training.evaluation.labels import read_labels
-from hulldown.training.sources import read_sources
+from hulldown.training.inputs.sources import read_sources
 
 
 def dataset(folder, *boxes):

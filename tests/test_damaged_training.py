@@ -12,10 +12,10 @@ from hulldown.cli import main
 from hulldown.tests.networks import small_weights
 from hulldown.tests.test_train import in_child, nano, small, train_and_die
 from hulldown.tests.training_pictures import make_dataset
-from hulldown.training.data import DrawnExamples
-from hulldown.training.draws import make_draws
+from hulldown.training.inputs.data import DrawnExamples
+from hulldown.training.inputs.draws import make_draws
+from hulldown.training.inputs.sources import follow_masks, read_sources
 from hulldown.training.predict import load_detector
-from hulldown.training.sources import follow_masks, read_sources
 from hulldown.training.train import train
 
 

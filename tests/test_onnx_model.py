@@ -11,9 +11,9 @@ import torch
 from hulldown.base.errors import HulldownError
 from hulldown.cli import main
 from hulldown.tests.networks import CLASSES, SIZE, nano_weights, small_weights
-from hulldown.training.data import network_pictures
 from hulldown.training.detectors import detr
 from hulldown.training.detectors.small import MIN_SCORE
+from hulldown.training.inputs.data import network_pictures
 from hulldown.training.onnx_model import export_model
 from hulldown.training.predict import load_detector
 

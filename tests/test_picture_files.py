@@ -12,7 +12,7 @@ from hulldown.dataset.table import Dataset
 from hulldown.dataset.verification.verify import verify
 from hulldown.pictures.drawing import draw
 from hulldown.tests.editing import write_dataset
-from hulldown.training.sources import read_sources
+from hulldown.training.inputs.sources import read_sources
 
 GRAY = np.array([[0, 51, 102], [153, 204, 255]], dtype=np.uint8)  # fifths of the range, in every bit depth
 COLOR = np.stack([GRAY, GRAY[::-1], np.full_like(GRAY, 128)], axis=2)

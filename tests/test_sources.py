@@ -12,9 +12,9 @@ from PIL import Image
 from hulldown.base.errors import ConfigError, DatasetError, HulldownError
 from hulldown.tests.editing import edit
 from hulldown.tests.training_pictures import make_dataset
-from hulldown.training.augment import TABLE
-from hulldown.training.settings import Settings, load_settings, rate_factor
-from hulldown.training.sources import check_pictures, read_sources
+from hulldown.training.inputs.augment import TABLE
+from hulldown.training.inputs.settings import Settings, load_settings, rate_factor
+from hulldown.training.inputs.sources import check_pictures, read_sources
 from hulldown.training.train import train
 
 ROOT = Path(__file__).parents[1]
@@ -181,7 +181,7 @@ def test_the_error_of_a_failed_download_of_rf_detrs_weights_names_their_place(tm
 
     # A proxy that refuses connections stands in for a machine without a network.
     code = (
-        "from hulldown.training.settings import load_settings\n"
+        "from hulldown.training.inputs.settings import load_settings\n"
         "from hulldown.training.detectors.detr import starting_weights\n"
         "starting_weights(load_settings(None, {'model': 'medium'}))"
     )

@@ -13,13 +13,12 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from hulldown.base.errors import HulldownError
 from hulldown.tests.networks import CLASSES, nano_module, small_weights
 from hulldown.tests.training_pictures import make_dataset
-from hulldown.training.data import Example
-from hulldown.training.detectors import detr
 from hulldown.training.detectors import small as small_detector
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.fitting import seed_weights
+from hulldown.training.inputs.data import Example
+from hulldown.training.inputs.settings import load_settings
 from hulldown.training.predict import load_detector, validation_figures
-from hulldown.training.settings import load_settings
 from hulldown.training.train import train
 
 
@@ -194,6 +193,6 @@ def test_a_frozen_encoder_does_not_change(pictures, tmp_path):
 
 def test_rf_detr_gets_boxes_as_centers_and_sizes_in_shares_of_the_picture():
     corners = torch.tensor([[8.0, 10.0, 24.0, 30.0]])
-    _, (target,) = detr.collated([Example(torch.zeros(3, 40, 80, dtype=torch.uint8), corners, torch.tensor([1]))])
+    _, (target,) = fit_detr.collated([Example(torch.zeros(3, 40, 80, dtype=torch.uint8), corners, torch.tensor([1]))])
     torch.testing.assert_close(target["boxes"], torch.tensor([[0.2, 0.5, 0.2, 0.5]]))
     assert (target["labels"].tolist(), target["area"].tolist()) == ([1], [320.0])

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from hulldown.base.errors import ConfigError, DatasetError
-from hulldown.training.draws import draws_text, make_draws, read_draws, source_shares
+from hulldown.training.inputs.draws import draws_text, make_draws, read_draws, source_shares
 
 
 def test_a_row_is_a_function_of_seed_and_number_alone():

@@ -22,13 +22,13 @@ from hulldown.base.errors import HulldownError
 from hulldown.base.files import open_regular, replace_file, replacing
 from hulldown.base.outside import DATA, read_file
 from hulldown.base.terminal import duration
-from hulldown.training.data import Batches, DrawnExamples, Example
 from hulldown.training.detectors.detector import DAMAGED, Detector, first_line, load_tensors
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.labels import Labels
+from hulldown.training.inputs.data import Batches, DrawnExamples, Example
+from hulldown.training.inputs.settings import Settings
 from hulldown.training.predict import validation_figures
 from hulldown.training.run_folder import RunFolder, content_of
-from hulldown.training.settings import Settings
 
 ESTIMATE_AFTER = 10  # steps
 CHECKPOINT_S = 60.0

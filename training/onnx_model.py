@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 
 from hulldown.base.errors import HulldownError
 from hulldown.base.files import make_room, replace_file
-from hulldown.training.extra import quiet, require_extra
-from hulldown.training.predict import load_detector, weights_of
+from hulldown.training.detectors.detector import weights_of
+from hulldown.training.inputs.extra import quiet, require_extra
+from hulldown.training.predict import load_detector
 
 if TYPE_CHECKING:
     from hulldown.training.detectors.small import SmallDetector

@@ -22,17 +22,16 @@ from hulldown.base.outside import json_of, sha256_of
 from hulldown.base.terminal import shown
 from hulldown.pictures.drawing import draw
 from hulldown.training.detectors.detector import (
-    WEIGHTS_NAME,
     Detector,
     chosen_device,
-    read_run,
     read_weights,
+    weights_of,
 )
 from hulldown.training.evaluation.average_precision import AVERAGES, average_precision
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.predictions import INFO_SUFFIX, predictions_of
-from hulldown.training.extra import require_extra
 from hulldown.training.input_pictures import Pictures, find_pictures
+from hulldown.training.inputs.extra import require_extra
 
 UNFINISHED_SUFFIX = ".unfinished"  # of a file next to the results: a line for each finished image
 BATCH = 8
@@ -62,23 +61,6 @@ class Predicted:
     already: int
     unknown: tuple[str, ...]
     counts: Mapping[str, int]
-
-
-def weights_of(path: Path) -> Path:
-    """Return the weights file of a finished run; other paths are returned unchanged.
-
-    Raises
-    ------
-    HulldownError
-        If the folder has no run, or the run isn't finished.
-    """
-    if not path.is_dir():
-        return path
-    run = read_run(path)
-    if run.get("status") != "finished":
-        problem, remedy = f"training is {run.get('status')}, not finished", "run the same `hulldown train` again"
-        raise HulldownError(problem, path=path, remedy=remedy)
-    return path / WEIGHTS_NAME
 
 
 def load_detector(path: Path | str, device: str = "auto") -> Detector:

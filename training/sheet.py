@@ -10,10 +10,10 @@ from PIL import Image
 from hulldown.base.terminal import tracked
 from hulldown.geometry.arrays import spread
 from hulldown.pictures.drawing import contact_sheet, draw
-from hulldown.training.augment import Augmenter, Sample, changed_table
-from hulldown.training.data import at_work_size
-from hulldown.training.settings import load_settings
-from hulldown.training.sources import read_sources
+from hulldown.training.inputs.augment import Augmenter, Sample, changed_table
+from hulldown.training.inputs.data import at_work_size
+from hulldown.training.inputs.settings import load_settings
+from hulldown.training.inputs.sources import read_sources
 
 TIMES = 8  # augmentations in a row
 WORK_SIZE = (512, 288)  # size of the pictures, as for a network of that size

@@ -8,26 +8,29 @@ import platform
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
-
-import torch
+from typing import TYPE_CHECKING, Any
 
 from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.base.files import replace_file
 from hulldown.base.outside import DATA, read_file, sha256_of
 from hulldown.base.terminal import progress_bars, watched
 from hulldown.base.terminal import say as show_line
-from hulldown.training.augment import changed_table
-from hulldown.training.data import Batches, DrawnExamples
 from hulldown.training.detectors.detector import RUN_NAME, chosen_device
-from hulldown.training.detectors.small import fit_small, load_small, small_size
-from hulldown.training.draws import Draws, draws_text, make_draws, read_draws, source_shares
 from hulldown.training.evaluation.labels import read_labels
-from hulldown.training.extra import quiet
-from hulldown.training.fitting import Training
+from hulldown.training.inputs.draws import Draws, draws_text, make_draws, read_draws, source_shares
+from hulldown.training.inputs.extra import quiet, require_extra
+from hulldown.training.inputs.settings import Settings, load_settings
+from hulldown.training.inputs.sources import (
+    LabeledPictures,
+    check_pictures,
+    follow_masks,
+    read_sources,
+    shared_pictures,
+)
 from hulldown.training.run_folder import RunFolder, extension, opened
-from hulldown.training.settings import Settings, load_settings
-from hulldown.training.sources import LabeledPictures, check_pictures, follow_masks, read_sources, shared_pictures
+
+if TYPE_CHECKING:
+    import torch
 
 VERSIONS = ("torch", "torchvision", "pytorch-lightning", "rfdetr", "albumentations", "opencv-python-headless", "numpy")
 
@@ -55,12 +58,12 @@ def train(
     out
         The run's folder.
     settings
-        Settings, see `training.settings.load_settings`; or changes to the model's defaults, by the keys of
+        Settings, see `training.inputs.settings.load_settings`; or changes to the model's defaults, by the keys of
         docs/training.md.
     valid
         A dataset on which results are measured, without effect on the training.
     draws_file
-        A file of draws in the form of `training.draws.draws_text`, as many as the budget; None: sampled.
+        A file of draws in the form of `training.inputs.draws.draws_text`, as many as the budget; None: sampled.
     more_budget
         Extend the finished run in `out` by this many draws, with a new schedule; `settings.budget` and
         `settings.weights` are ignored then. The old run moves to a folder ``before-N`` in it.
@@ -91,6 +94,13 @@ def train(
     >>> run["status"]  # doctest: +SKIP
     'finished'
     """
+    require_extra()
+    # Not at the top: this module can be imported without the extra.
+    from hulldown.training.detectors.small import small_size
+    from hulldown.training.fitting import Training
+    from hulldown.training.inputs.augment import changed_table
+    from hulldown.training.inputs.data import DrawnExamples
+
     if not isinstance(settings, Settings):
         settings = load_settings(None, settings or {})
     if progress is None and watched():
@@ -142,9 +152,11 @@ def train(
         folder.write_json(RUN_NAME, run)
         examples = DrawnExamples(sources, draws, size, table, masks=bool(settings.masks))
         with quiet():
-            if not small:
-                from hulldown.training.detectors.detr import fit_detr
-            run["figures"] = (fit_small if small else fit_detr)(
+            if small:
+                from hulldown.training.fit_small import fit_small as fit
+            else:
+                from hulldown.training.fit_detr import fit_detr as fit
+            run["figures"] = fit(
                 Training(
                     settings, classes, examples, folder, weights=weights, device=chosen,
                     workers=_workers() if workers is None else workers, checkpoint_every=checkpoint_every,
@@ -191,7 +203,9 @@ def usable_weights(settings: Settings) -> Path | None:
         raise ConfigError("freeze: small has no encoder of its own to freeze", remedy="leave it out, or name a model")
     if settings.weights in (None, "none"):
         return None
-    load_small(path := Path(str(settings.weights)), device=torch.device("cpu"))
+    from hulldown.training.detectors.small import load_small
+
+    load_small(path := Path(str(settings.weights)), device=chosen_device("cpu"))
     return path
 
 
@@ -205,6 +219,9 @@ def _description(
     sources: Sequence[LabeledPictures], draws: Draws, device: torch.device,
 ) -> dict[str, Any]:  # fmt: skip
     """run.json of a new run."""
+    from hulldown.training.inputs.augment import changed_table
+    from hulldown.training.inputs.data import Batches
+
     counts = draws.counts(list(map(len, sources)))
     return {
         "status": "running",

@@ -122,7 +122,7 @@ def _report(arguments: argparse.Namespace) -> None:
         raise HulldownError("--features needs --beside, whose photographs the images are compared with")
     encode = None
     if arguments.features:
-        from hulldown.training.extra import require_extra
+        from hulldown.training.inputs.extra import require_extra
 
         require_extra()
         from hulldown.training.detectors.detr import load_encoder

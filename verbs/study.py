@@ -26,12 +26,12 @@ def _init(arguments: argparse.Namespace) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from hulldown.training.extra import require_extra
+    from hulldown.training.inputs.extra import require_extra
     from hulldown.training.study.config import load_study
 
     config = load_study(arguments.config)
     require_extra()
-    from hulldown.training.augment import changed_table
+    from hulldown.training.inputs.augment import changed_table
     from hulldown.training.study.manifest import settle
     from hulldown.training.study.runs import RunOptions, run_study
     from hulldown.training.train import usable_weights

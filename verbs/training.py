@@ -32,7 +32,7 @@ def _subset(arguments: argparse.Namespace) -> None:
 
 
 def _augment(arguments: argparse.Namespace) -> None:
-    from hulldown.training.extra import require_extra
+    from hulldown.training.inputs.extra import require_extra
 
     require_extra()
     from hulldown.training.sheet import augmentation_sheet
@@ -44,8 +44,8 @@ def _augment(arguments: argparse.Namespace) -> None:
 
 
 def _train(arguments: argparse.Namespace) -> None:
-    from hulldown.training.extra import require_extra
-    from hulldown.training.settings import FLAGS, load_settings
+    from hulldown.training.inputs.extra import require_extra
+    from hulldown.training.inputs.settings import FLAGS, load_settings
 
     settings = load_settings(arguments.config, {name: getattr(arguments, name) for name in FLAGS})
     require_extra()
@@ -81,7 +81,7 @@ def _predict(arguments: argparse.Namespace) -> None:
 
 
 def _export_model(arguments: argparse.Namespace) -> None:
-    from hulldown.training.extra import require_extra
+    from hulldown.training.inputs.extra import require_extra
 
     require_extra()
     from hulldown.training.onnx_model import export_model

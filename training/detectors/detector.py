@@ -85,6 +85,23 @@ def read_run(folder: Path) -> dict[str, Any]:
     return run
 
 
+def weights_of(path: Path) -> Path:
+    """Return the weights file of a finished run; other paths are returned unchanged.
+
+    Raises
+    ------
+    HulldownError
+        If the folder has no run, or the run isn't finished.
+    """
+    if not path.is_dir():
+        return path
+    run = read_run(path)
+    if run.get("status") != "finished":
+        problem, remedy = f"training is {run.get('status')}, not finished", "run the same `hulldown train` again"
+        raise HulldownError(problem, path=path, remedy=remedy)
+    return path / WEIGHTS_NAME
+
+
 def read_weights(path: Path) -> dict[str, Any]:
     """Read a weights file of hulldown or RF-DETR; code in it is refused, not run.
 

@@ -26,7 +26,6 @@ from torchvision.transforms.functional import normalize
 
 from hulldown.base.errors import HulldownError
 from hulldown.dataset.reports.comparison import Encoder
-from hulldown.training.data import Example, network_pictures
 from hulldown.training.detectors.center_points import DEVIATION, MEAN
 from hulldown.training.detectors.detector import (
     DAMAGED,
@@ -35,11 +34,11 @@ from hulldown.training.detectors.detector import (
     first_line,
     read_weights,
     refuse_odd_numbers,
+    weights_of,
 )
-from hulldown.training.extra import quiet
-from hulldown.training.fitting import Training, seed_weights
-from hulldown.training.predict import weights_of
-from hulldown.training.settings import Settings, load_settings, rate_factor
+from hulldown.training.inputs.data import network_pictures
+from hulldown.training.inputs.extra import quiet
+from hulldown.training.inputs.settings import Settings, load_settings, rate_factor
 
 with quiet():  # its dependencies give deprecation warnings
     import rfdetr.config as rf_config
@@ -48,10 +47,7 @@ with quiet():  # its dependencies give deprecation warnings
     from rfdetr.assets.model_weights import download_pretrain_weights, get_model_cache_dir
     from rfdetr.models.weights import load_pretrain_weights
     from rfdetr.training.callbacks.best_model import BestModelCallback
-    from rfdetr.training.callbacks.ema import RFDETREMACallback
     from rfdetr.training.module_model import RFDETRModelModule
-    from rfdetr.training.trainer import build_trainer
-    from rfdetr.utilities.tensors import collate_fn
 
 CONFIGS = {
     "nano": rf_config.RFDETRNanoConfig,
@@ -174,28 +170,6 @@ def detr_configs(
     return model, train
 
 
-def collated(batch: Sequence[Example]) -> tuple[Any, list[dict[str, Tensor]]]:
-    """The pictures of a batch, and their targets, as RF-DETR's own collation makes them."""
-    pictures, targets = collate_fn([_target(k, example) for k, example in enumerate(batch)])
-    return pictures, list(targets)
-
-
-def _target(k: int, example: Example) -> tuple[Tensor, dict[str, Tensor]]:
-    """An example in RF-DETR's form: boxes as center and size, in shares of the picture."""
-    height, width = example.picture.shape[1:]
-    boxes = box_convert(example.xyxy, "xyxy", "cxcywh")
-    target = {
-        "boxes": boxes / torch.tensor([width, height] * 2),
-        "labels": example.label,
-        "image_id": torch.tensor([k]),
-        "area": boxes[:, 2:].prod(dim=1),
-        "iscrowd": torch.zeros_like(example.label),
-        "orig_size": torch.tensor([height, width]),
-        "size": torch.tensor([height, width]),
-    }
-    return normalized(example.picture), target
-
-
 def normalized(pictures: Tensor) -> Tensor:
     """Normalize pictures (..., 3, h, w) of 0 to 255 for RF-DETR."""
     return normalize(pictures.float() / 255, MEAN, DEVIATION)
@@ -265,24 +239,6 @@ class DetrDetector:
             maps = self._network.backbone[0].encoder(normalized(batch))
             found.append(maps[-1].mean(dim=(2, 3)).cpu().double().numpy())
         return np.concatenate(found)
-
-
-def fit_detr(training: Training) -> dict[str, object]:
-    """Train RF-DETR; returns figures of run.json."""
-    model_config, train_config = detr_configs(
-        training.settings, training.classes, training.batches.steps, weights=training.weights, device=training.device,
-        folder=training.folder.path,
-    )  # fmt: skip
-    seed_weights(training.settings)
-    module = RFDETRModelModule(model_config, train_config)
-    names, resolution = dict(enumerate(training.classes)), int(model_config.resolution)
-    return training.fit(
-        module, RFDETREMACallback(decay=train_config.ema_decay, tau=train_config.ema_tau),
-        partial(build_trainer, train_config, model_config),
-        collate=collated,
-        detector=lambda network: DetrDetector(network, module.postprocess, names, resolution, training.device),
-        saved=partial(save_detr, module, training.classes),
-    )  # fmt: skip
 
 
 def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Int
 
-from hulldown.training.draws import Draws, make_draws
+from hulldown.training.inputs.draws import Draws, make_draws
 from hulldown.training.study.config import Arm, NamedArm, StudyConfig
 
 SOURCES: dict[Arm, tuple[str, ...]] = {

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from hulldown.base.errors import ConfigError, HulldownError
 from hulldown.base.files import make_room, replacing
 from hulldown.base.toml_files import read_toml, validated
-from hulldown.training.settings import Settings
+from hulldown.training.inputs.settings import Settings
 from hulldown.training.subset import FRACTIONS
 
 Arm = Literal["real", "mixed", "synthetic", "matched", "balanced", "pretrain", "loop"]

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from hulldown.training.data import Batches
 from hulldown.training.detectors.detector import RUN_NAME, read_run
+from hulldown.training.inputs.data import Batches
 from hulldown.training.study.manifest import RUNS_NAME, Manifest
 from hulldown.training.study.runs import RunOptions, is_finished
 

@@ -21,9 +21,9 @@ from hulldown.base.terminal import shown
 from hulldown.base.toml_files import validated
 from hulldown.dataset.records import by_image
 from hulldown.dataset.store.document import read_coco
-from hulldown.training.draws import draws_text
-from hulldown.training.settings import Settings
-from hulldown.training.sources import (
+from hulldown.training.inputs.draws import draws_text
+from hulldown.training.inputs.settings import Settings
+from hulldown.training.inputs.sources import (
     CheckedPictures,
     LabeledPictures,
     check_pictures,

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from hulldown.base.child import Child, end_with_parent
 from hulldown.base.errors import HulldownError
-from hulldown.training.extra import require_extra
+from hulldown.training.inputs.extra import require_extra
 from hulldown.training.study.manifest import (
     RUNS_NAME,
     Manifest,

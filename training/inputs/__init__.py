@@ -1,0 +1,1 @@
+"""What a training is made of: settings, labeled pictures, draws, and augmentation."""
