@@ -121,4 +121,4 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
     >>> plan[3].target.bbox._fields, plan[3].world_from_camera.shape
     (('x', 'y', 'width', 'height'), (4, 4))
     """
-    return Plan.open(path)
+    return Plan.read(path)

@@ -46,7 +46,7 @@ class PlanFile(os.PathLike[str]):
         self._starts: Int[np.ndarray, " n"] | None = None
 
     @classmethod
-    def open(cls, path: str | os.PathLike[str]) -> Self:
+    def read(cls, path: str | os.PathLike[str]) -> Self:
         """Open a plan; rows are read on access.
 
         Raises
