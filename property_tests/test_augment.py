@@ -5,8 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hulldown.tests.test_augment import corners, mask_corners
-from hulldown.training.inputs.augment import TABLE, Augmenter, Sample, changed_table
+from hulldown.training.inputs.augment import TABLE, Augmenter, changed_table
 from hulldown.training.inputs.data import at_work_size, example
+from hulldown.training.inputs.samples import Sample
 
 WIDTH, HEIGHT = 96, 64
 FULL = Augmenter(TABLE, height=HEIGHT)

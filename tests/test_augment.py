@@ -4,9 +4,10 @@ import pytest
 from hulldown.base.errors import ConfigError
 from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.inputs import data
-from hulldown.training.inputs.augment import TABLE, Augmenter, Change, Sample, changed_table
+from hulldown.training.inputs.augment import TABLE, Augmenter, Change, changed_table
 from hulldown.training.inputs.data import Batches, DrawnExamples
 from hulldown.training.inputs.draws import make_draws
+from hulldown.training.inputs.samples import Sample
 from hulldown.training.inputs.sources import read_sources
 from hulldown.training.sheet import augmentation_sheet
 

@@ -10,8 +10,9 @@ from PIL import Image
 from hulldown.base.terminal import tracked
 from hulldown.geometry.arrays import spread
 from hulldown.pictures.drawing import contact_sheet, draw
-from hulldown.training.inputs.augment import Augmenter, Sample, changed_table
+from hulldown.training.inputs.augment import Augmenter, changed_table
 from hulldown.training.inputs.data import at_work_size
+from hulldown.training.inputs.samples import Sample
 from hulldown.training.inputs.settings import load_settings
 from hulldown.training.inputs.sources import read_sources
 

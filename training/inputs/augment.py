@@ -23,11 +23,11 @@ from typing import Any, TypeAlias
 import albumentations as A
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
 
 from hulldown.annotate.masks import mask_box
 from hulldown.base.errors import ConfigError
 from hulldown.geometry.arrays import are_numbers
+from hulldown.training.inputs.samples import Sample
 
 Number: TypeAlias = int | float
 Option: TypeAlias = Number | tuple[Number, Number]
@@ -83,44 +83,6 @@ TABLE: Table = {
     "shadow": Change(0.2, {"count": (1, 3), "darkness": (0.3, 0.6)}),
     "flare": Change(0.1, {"count": (1, 3), "radius": 0.15}),  # radius: share of the picture's height
 }
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Sample:
-    """A picture with its labels.
-
-    Parameters
-    ----------
-    picture
-        (h, w, 3) RGB.
-    xywh
-        (n, 4) boxes, pixels.
-    label
-        (n,) class index of each.
-    masks
-        Mask of each box; empty if they are unknown or don't count.
-    """
-
-    picture: UInt8[np.ndarray, "h w 3"]
-    xywh: Float[np.ndarray, "n 4"]
-    label: Int[np.ndarray, " n"]
-    masks: tuple[Bool[np.ndarray, "h w"], ...] = ()
-
-    def resized(self, width: int, height: int) -> Sample:
-        """Resize, each side by its own factor."""
-        was_height, was_width = self.picture.shape[:2]
-        if (was_width, was_height) == (width, height):
-            return self
-        shrinks = width * height < was_width * was_height
-        return Sample(
-            cv2.resize(self.picture, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR),
-            self.xywh * ([width / was_width, height / was_height] * 2),
-            self.label,
-            tuple(
-                cv2.resize(mask.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) >= 0.5
-                for mask in self.masks
-            ),
-        )  # fmt: skip
 
 
 class Augmenter:

@@ -11,8 +11,9 @@ import torch
 from jaxtyping import Float, Int, UInt8
 from torch.utils.data import Dataset, Sampler
 
-from hulldown.training.inputs.augment import Augmenter, Sample, Table
+from hulldown.training.inputs.augment import Augmenter, Table
 from hulldown.training.inputs.draws import Draws
+from hulldown.training.inputs.samples import Sample
 from hulldown.training.inputs.sources import LabeledPictures
 
 KEPT_BYTES = 256 * 2**20  # bytes of pictures that each worker keeps in memory

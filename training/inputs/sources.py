@@ -22,7 +22,7 @@ from hulldown.dataset.store.entries import Coco
 from hulldown.dataset.store.picture_files import read_picture, read_pixels
 from hulldown.dataset.usable_labels import clipped_boxes
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
-from hulldown.training.inputs.augment import Sample
+from hulldown.training.inputs.samples import Sample
 
 READERS = 4  # threads that check pictures before training
 
