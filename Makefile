@@ -19,7 +19,7 @@ PYTEST = $(BIN)/python -P -m pytest -n $(WORKERS) --dist loadfile
 KERNEL_TESTS = $(addprefix tests/test_,$(addsuffix .py,portable transforms hulls instances settle rest \
 	footprint camera clearance boxes))
 
-.PHONY: help setup setup-training browser demo study test kernels check bench thorough fuzz clean
+.PHONY: help setup setup-training browser demo study test test-blender kernels check bench thorough fuzz clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -27,8 +27,9 @@ help: ## list the targets
 setup: $(STAMP) ## create .venv and install hulldown, Blender, the libraries it needs, and the development tools (PYTHON=python3.13)
 
 $(STAMP): pyproject.toml constraints.txt
-	@[ -n "$(filter $(SUPPORTED),$(call version_of,$(PYTHON)))" ] || { echo "hulldown needs Python 3.11 or 3.13, for which Blender is built;\
-	 $(or $(PYTHON),python3) is $$($(or $(PYTHON),python3) -V 2>&1): install one with its venv, or set PYTHON=/path/to/python3.13" >&2; exit 2; }
+	@[ -n "$(filter $(SUPPORTED),$(call version_of,$(PYTHON)))" ] || { echo "Blender is built for Python 3.11 and 3.13, and\
+	 $(or $(PYTHON),python3) is $$($(or $(PYTHON),python3) -V 2>&1): install one of them, for example with uv python install 3.13,\
+	 and run make setup PYTHON=/path/to/python3.13" >&2; exit 2; }
 	@echo "$(VENV) gets $$($(PYTHON) -V), $$(command -v $(PYTHON))"
 	@$(PYTHON) -P reading/libraries.py
 	$(PYTHON) -m venv $(VENV)

@@ -72,7 +72,7 @@ def diagnose() -> Diagnosis:
         problems.append(f"Blender lacks {', '.join(missing)}; run: {INSTALL}")
     blender, devices = None, []
     if importlib.util.find_spec("bpy") is None:
-        problems.append("the bpy module is not installed; run: pip install 'hulldown[blender]' (Python 3.11)")
+        problems.append("the bpy module is not installed; run: pip install 'hulldown[blender]' (Python 3.11 or 3.13)")
     elif not missing:
         found = _probe_blender()
         if isinstance(found, str):

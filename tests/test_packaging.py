@@ -2,6 +2,7 @@
 
 import importlib.util
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -114,6 +115,30 @@ def test_setup_without_the_libraries_stops_with_the_line_that_installs_them(tmp_
     assert ran.returncode == 2
     assert f"sudo {libraries.INSTALL}\n" in ran.stderr
     assert not (tmp_path / "venv").exists()
+
+
+FAKE = '#!/bin/sh\n[ "$1" = -c ] && echo {0}\n[ "$1" = -V ] && echo Python {0}.9\n[ "$1" = -P ] && exit 3\nexit 0\n'
+
+
+@pytest.mark.parametrize(
+    ("machine", "expected"),
+    [
+        ({"python3": "3.11"}, "gets Python 3.11.9, "),
+        ({"python3": "3.13", "python3.11": "3.11"}, "gets Python 3.13.9, "),
+        ({"python3": "3.12", "python3.13": "3.13", "python3.11": "3.11"}, "gets Python 3.13.9, "),
+        ({"python3": "3.12"}, "python3 is Python 3.12.9: install one of them"),
+    ],
+)
+def test_setup_takes_a_supported_python_and_tells_which(tmp_path, machine, expected):
+    for name, version in machine.items():
+        (tmp_path / name).write_text(FAKE.format(version))
+        (tmp_path / name).chmod(0o755)
+    ran = subprocess.run(
+        [shutil.which("make"), "setup", f"VENV={tmp_path}/venv"],
+        cwd=ROOT, capture_output=True, text=True, env={"PATH": str(tmp_path)},
+    )  # fmt: skip
+    assert ran.returncode == 2
+    assert expected in ran.stdout + ran.stderr
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import math
 import os
 import pickle
 import queue
+import re
 import shlex
 import subprocess
 import sys
@@ -23,6 +24,7 @@ from hulldown.base.errors import HulldownError
 from hulldown.camera.shell import shell_axes
 from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.world import World
+from hulldown.dataset.provenance import read_provenance
 from hulldown.geometry.transforms import rigid
 from hulldown.planning.inputs.loading import load_planned_library
 from hulldown.planning.plan_file import Plan
@@ -239,6 +241,8 @@ def test_annotations_of_a_dataset_equal_masks_by_cycles(dataset, plan, library):
     assert not [finding for finding in report.findings if finding.severity == "error"]
     assert min(row.mask_iou for row in report.rows if row.pixels > 50) >= 0.99
     assert report.table().row_count == len(report.rows)
+    [made] = read_provenance(dataset).values()
+    assert re.fullmatch(r"5\.\d.*, Python 3\.\d+\.\d+, NumPy \d.*", made["blender"][0])
 
 
 def test_a_path_in_a_plan_gives_no_access_to_its_folder(plan, library, tmp_path):

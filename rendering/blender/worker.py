@@ -45,6 +45,8 @@ def main() -> int:
         answer(_unusable(f"it is Blender {bpy.app.version_string}", f"use version {wanted} or later"))
         return 1
     try:
+        import numpy as np
+
         from hulldown.rendering.blender.cycles import Unusable
         from hulldown.rendering.blender.renderer import Renderer
     except ModuleNotFoundError as error:
@@ -52,7 +54,7 @@ def main() -> int:
         answer(_unusable(f"{python} has no {error.name}", f"install {error.name} for that Python"))
         return 1
     renderer = Renderer()
-    answer({"ready": bpy.app.version_string})
+    answer({"ready": f"{bpy.app.version_string}, Python {platform.python_version()}, NumPy {np.__version__}"})
     while (job := jobs.get()) is not None:
         try:
             message = renderer.do(job)
