@@ -14,7 +14,7 @@ from hulldown.dataset.store.reservations import find_run, plan_key
 from hulldown.planning.plan.row import PlannedVehicle, Row, encode, fields
 from hulldown.planning.plan_file import Plan
 
-IMAGE_KEYS = tuple(key for key, field in fields(Row).items() if field.recorded and key not in fields(PlannedVehicle))
+IMAGE_KEYS = tuple(key for key, field in fields(Row).items() if field.recorded)
 LABEL_KEYS = tuple(key for key, field in fields(PlannedVehicle).items() if field.recorded)
 LONGEST = 120  # characters of a value in a finding
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -26,6 +26,7 @@ from hulldown.planning.search.stage import Site
 from hulldown.planning.search.views import Views
 from hulldown.reading.scenery.geotiff import on_map
 
+_NAMES: dict[int, Literal["companion", "distractor"]] = {Role.COMPANION: "companion", Role.DISTRACTOR: "distractor"}
 LONGEST_CUT = 0.8  # default share of a labeled box that the frame may cut off, unless targets may lose more
 
 
@@ -62,15 +63,17 @@ def rows_of(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarray,
     images = zip(block.owner.tolist(), seen_in_rows(views), records(columns), strict=True)
     return [
         Row(
-            target=PlannedVehicle(**vehicles[target[i]], **seen, label="none" if background[i] else "full"),
             scenery=block.site.name,
             position=position[i],
             width=config.render.width,
             height=config.render.height,
             **_calibration(config),
             background=background[i],
-            companions=extras[j, Role.COMPANION],
-            distractors=extras[j, Role.DISTRACTOR],
+            planned=[
+                PlannedVehicle(role="target", **vehicles[target[i]], **seen, label="none" if background[i] else "full"),
+                *extras[j, Role.COMPANION],
+                *extras[j, Role.DISTRACTOR],
+            ],
             left_out=left_out[i],
             **values,
         )
@@ -110,7 +113,8 @@ def _extras(planned: Planned, vehicles: list[dict[str, Any]]) -> defaultdict[tup
     roles, extras = planned.table.role[seen.instance].tolist(), defaultdict(list)
     columns = zip(seen.image.tolist(), seen.instance.tolist(), roles, labels, seen_in_rows(views), strict=True)
     for image, instance, role, label, shown in columns:
-        extras[image, role].append(PlannedVehicle(**vehicles[instance], **shown, label=label))
+        extra = PlannedVehicle(role=_NAMES[role], **vehicles[instance], **shown, label=label)
+        extras[image, role].append(extra)
     return extras
 
 

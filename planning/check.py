@@ -94,13 +94,12 @@ def _findings(row: Row, planned: Row, planner: Planner) -> Iterator[str]:
 def _differences(row: Row, planned: Row) -> Iterator[tuple[str, tuple[str, str]]]:
     """Yield the fields of a row and of its vehicles that differ, with both values as in a file."""
     first, second = (orjson.loads(encode(each)) for each in (row, planned))
-    extras = ("companions", "distractors")
-    yield from _differing(first, second, [key for key in fields(Row) if key not in extras])
-    for kind in extras:
-        if len(first[kind]) != len(second[kind]):
-            yield f"number of {kind}", (str(len(first[kind])), str(len(second[kind])))
-        for k, pair in enumerate(zip(first[kind], second[kind], strict=False)):
-            yield from _differing(*pair, fields(PlannedVehicle), f"{kind}[{k}].")
+    yield from _differing(first, second, [key for key in fields(Row) if key != "planned"])
+    vehicles = first["planned"], second["planned"]
+    if len(vehicles[0]) != len(vehicles[1]):
+        yield "number of planned", (str(len(vehicles[0])), str(len(vehicles[1])))
+    for k, pair in enumerate(zip(*vehicles, strict=False)):
+        yield from _differing(*pair, fields(PlannedVehicle), f"planned[{k}].")
 
 
 def _differing(
@@ -138,12 +137,10 @@ def relabeled(row: Row, stage: PlanStage) -> Row | None:
     complete = [v.vehicle in parts and v.articulation.keys() <= parts[v.vehicle] for v in row.planned]
     if site is None or not all(complete):
         return None
-    target, *extras = (
-        replace(vehicle, **labels) for vehicle, labels in zip(row.planned, _labels(row, site, stage), strict=True)
-    )
-    n = len(row.companions)
+    pairs = zip(row.planned, _labels(row, site, stage), strict=True)
+    target, *extras = (replace(vehicle, **labels) for vehicle, labels in pairs)
     label: Label = "none" if row.background else "full"
-    return replace(row, target=replace(target, label=label), companions=extras[:n], distractors=extras[n:])
+    return replace(row, planned=[replace(target, label=label), *extras])
 
 
 def _labels(row: Row, site: Site, stage: PlanStage) -> list[dict[str, object]]:

@@ -50,7 +50,7 @@ class Plan(PlanFile, ShownInNotebooks):
         return summarize(self, left_out=self.header.left_out, overcast=bool(self.config.light.overcast))
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return a table with a row per image and the keys of docs/plan-file.md as columns.
+        """Return a table with a row per image and the keys of docs/plan-file.md as columns, its target's too.
 
         Raises
         ------
@@ -63,7 +63,8 @@ class Plan(PlanFile, ShownInNotebooks):
             import pandas
         except ModuleNotFoundError:
             raise HulldownError("pandas: not installed", remedy="pip install pandas") from None
-        return pandas.json_normalize([orjson.loads(encode(row)) for row in self])
+        lines = [orjson.loads(encode(row)) for row in self]
+        return pandas.json_normalize([line["planned"][0] | line for line in lines])
 
     def preview(self, indices: Sequence[int] | None = None, *, columns: int = 3, width: int = 480) -> Image.Image:
         """Shade images without Blender and draw their boxes, on one sheet.

@@ -68,7 +68,7 @@ values = st.integers() | values_of(
     np.eye(4).tolist(),
     *({"turret": 1e308}, {"visibility_m": 0}, {"visibility_m": 1e-300}, "hills", "bare", "leo", "t72", "gun", "noon"),
 )
-KEYS = ("left_out", "rejected", "companions", "vehicle", "bbox", "images", "config", "seed", "sceneries", "gun", "x")
+KEYS = ("left_out", "rejected", "planned", "vehicle", "bbox", "images", "config", "seed", "sceneries", "gun", "x")
 change = st.tuples(
     *(st.integers(0, 4), st.integers(0, 2**16), st.integers(0, 2**16)),
     *(st.sampled_from(KEYS), values, st.sampled_from(["set", "set", "drop", "put", "scale"])),

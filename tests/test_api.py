@@ -95,7 +95,7 @@ def test_a_table_of_a_plan_has_the_keys_of_its_lines(plan):
     table = plan.to_pandas()
     line = json.loads(plan.path.read_bytes().splitlines()[4])
     assert len(table) == len(plan)
-    assert table["vehicle"][3] == line["vehicle"]
+    assert table["vehicle"][3] == line["planned"][0]["vehicle"]
     assert table["fov_x_deg"][3] == line["fov_x_deg"]
 
 

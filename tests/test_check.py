@@ -36,11 +36,11 @@ OTHERS = {
     "file_name": "images/other.png", "scenery": "moon", "hdri": "moon", "horizon_deg": 3.0, "background": None,
     "K": [[1e3, 0.0, 960.0], [0.0, 1e3, 540.0], [0.0, 0.0, 1.0]], "dist": [-0.1, 0.0, 0.0, 0.0, 0.0],
     "like": {"sampled": "a.jpg", "photograph": None}, "sequence": "drive", "track_id": 7,
-    "companions": [], "distractors": [], "rejected": {"gap": 1000}, "weather": {"visibility_m": 5.5, "kind": "fog"},
+    "rejected": {"gap": 1000}, "weather": {"visibility_m": 5.5, "kind": "fog"},
     "geo": {"crs": "EPSG:32632", "easting": 1.0, "northing": 2.0, "longitude": 3.0, "latitude": 4.0},
 }  # fmt: skip
-# The file's reader refuses another index, image number, or class.
-READER = {"index", "image_id", "category"}
+# The file's reader refuses another index, image number, class, or role.
+READER = {"index", "image_id", "category", "role", "planned"}
 FOLLOWS = {"bbox", "bbox_amodal", "visible_fraction", "truncated_fraction", "slope_deg", "gap", "penetration", "label",
            "bounds", "air_contrast", "geo"}  # fmt: skip
 
@@ -65,6 +65,11 @@ def edited(made, path, change):
     return read_plan(path)
 
 
+def place_of(row, role):
+    """The place of the first vehicle with a role in a row, or None."""
+    return next((k for k, vehicle in enumerate(row.planned) if vehicle.role == role), None)
+
+
 def other(row, key):
     """Another value for a field."""
     if key.startswith("world_from"):
@@ -84,25 +89,22 @@ def test_an_unchanged_plan_has_no_findings(made, planner):
     assert seen[-1] == (len(made), len(made))
 
 
-@pytest.mark.parametrize("whose", ["", "companions", "distractors"])
+@pytest.mark.parametrize("whose", ["", "target", "companion", "distractor"])
 def test_every_changed_field_is_found(made, planner, tmp_path, whose):
     """Change one field in each row, in as many rounds as needed for all fields."""
     keys = [key for key in fields(PlannedVehicle if whose else Row) if key not in READER]
-    keys.sort(key=lambda key: key not in ("companions", "distractors"))  # first, as the rows that have some
-    rows = sorted(made, key=lambda row: not (row.companions and row.distractors))
-    rows = [row.index for row in rows if not whose or getattr(row, whose)]
+    rows = [row.index for row in made if not whose or place_of(row, whose) is not None]
     for start in range(0, len(keys), len(rows)):
         some = dict(zip(rows, keys[start : start + len(rows)], strict=False))
 
         def change(_, lines, some=some):
             for i, key in some.items():
-                at = lines[i][whose][0] if whose else lines[i]
+                at = lines[i]["planned"][place_of(made[i], whose)] if whose else lines[i]
                 at[key] = other(at, key)
 
         findings = check_rows(edited(made, tmp_path / "plan.jsonl", change), planner)
         for i, key in some.items():
-            name = f"number of {key}" if key in ("companions", "distractors") else key
-            prefix = f"image {i}: {f'{whose}[0].' if whose else ''}{name} is "
+            prefix = f"image {i}: {f'planned[{place_of(made[i], whose)}].' if whose else ''}{key} is "
             wanted = "its poses give" if key in FOLLOWS else "planned is"
             (finding,) = (line for line in findings if line.startswith(prefix))
             assert wanted in finding
@@ -124,21 +126,21 @@ def test_a_changed_config_is_found(made, tmp_path, section, changes, message):
 
 def test_findings_are_limited_in_number(made, planner, tmp_path, monkeypatch):
     monkeypatch.setattr("hulldown.planning.check.MOST", 3)
-    plan = edited(made, tmp_path / "plan.jsonl", lambda _, rows: [row.update(tries=99) for row in rows])
+    plan = edited(made, tmp_path / "plan.jsonl", lambda _, rows: [row["planned"][0].update(tries=99) for row in rows])
     findings = check_rows(plan, planner)
     assert len(findings) == 4
     assert findings[-1] == f"and {len(made) - 3} more"
 
 
-@pytest.mark.parametrize("whose", ["", "companions", "distractors"])
+@pytest.mark.parametrize("whose", ["target", "companion", "distractor"])
 def test_an_unknown_part_is_a_one_line_error(made, planner, tmp_path, whose):
-    number = next(row.index for row in made if not whose or getattr(row, whose))
+    number, place = next((row.index, k) for row in made if (k := place_of(row, whose)) is not None)
 
     def change(_, rows):
-        (rows[number][whose][0] if whose else rows[number])["articulation"]["crane"] = 0.5
+        rows[number]["planned"][place]["articulation"]["crane"] = 0.5
 
     plan = edited(made, tmp_path / "plan.jsonl", change)
     (finding,) = check_rows(plan, planner)
-    assert finding.startswith(f"image {number}: {f'{whose}[0].' if whose else ''}articulation is")
+    assert finding.startswith(f"image {number}: planned[{place}].articulation is")
     with pytest.raises(ConfigError, match=rf"plan\.jsonl: image {number}: part 'crane' is not known to the plan"):
         Artist(plan, ASSETS).picture(list(plan)[number], width=8)

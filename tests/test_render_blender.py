@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
-from msgspec.structs import replace as altered
 
 from hulldown.annotate.masks import iou, mask_box, vehicle_mask
 from hulldown.base.child import Child
@@ -34,6 +33,7 @@ from hulldown.rendering.process import WORKER, Allowance, Blender, Limits, worke
 from hulldown.rendering.supervisor import render_plan
 from hulldown.tests.blender_plans import draw, drawn, job, make_plan, pixels
 from hulldown.tests.clusters import digests, wait_for
+from hulldown.tests.plan_lines import altered
 from hulldown.tests.render_plans import moved
 
 pytestmark = pytest.mark.blender

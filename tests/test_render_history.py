@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from msgspec.structs import replace as altered
 
 from hulldown.camera.weather.kinds import Weather
 from hulldown.tests.blender_plans import draw, make_plan
+from hulldown.tests.plan_lines import altered
 from hulldown.tests.render_plans import moved
 
 pytestmark = pytest.mark.blender

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from matplotlib.colors import rgb_to_hsv
-from msgspec.structs import replace as altered
 from scipy import ndimage
 
 from hulldown.annotate.masks import vehicle_mask
@@ -14,6 +13,7 @@ from hulldown.planning.check import check_plan
 from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.plan.coats import Coat
 from hulldown.tests.blender_plans import draw, make_plan, run_script
+from hulldown.tests.plan_lines import altered
 
 pytestmark = pytest.mark.blender
 RAIN = Weather(2000.0, "rain", 15.0, ground_cover=1.0, vehicle_cover=1.0)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from msgspec.structs import replace as altered
 
 from hulldown.camera.sensor import Sensor
 from hulldown.dataset.exports.export import export
@@ -11,6 +10,7 @@ from hulldown.planning.check import check_plan
 from hulldown.planning.inputs.loading import load_library
 from hulldown.rendering.supervisor import render_plan
 from hulldown.tests.blender_plans import draw, make_plan
+from hulldown.tests.plan_lines import altered
 
 pytestmark = pytest.mark.blender
 

@@ -10,13 +10,14 @@ from hulldown.planning.plan.row import Header, PlannedVehicle, Row, fields, roun
 
 PAGE = (Path(__file__).parents[1] / "docs" / "plan-file.md").read_text(encoding="utf-8")
 
+KEYS = fields(Row) | fields(PlannedVehicle)
+
 
 def described(kind):
     """The page's table for a type, with a line per field."""
     return [
         f"| `{name}` | {field.expected}{f'; to {field.to}' if field.to else ''} | {field.meaning} |"
         for name, field in fields(kind).items()
-        if kind is not Row or name not in fields(PlannedVehicle)
     ]
 
 
@@ -32,8 +33,8 @@ def test_rounding_is_idempotent():
     values = {
         "world_from_camera": poses,
         "bbox": rng.uniform(-1e4, 1e4, (1000, 4)),
-        **{key: rng.uniform(0, 180, 1000) for key, field in fields(Row).items() if field.to == "1e-12 degrees"},
-        **{key: rng.uniform(0, 1, 1000) for key, field in fields(Row).items() if field.to.startswith("1e-9")
+        **{key: rng.uniform(0, 180, 1000) for key, field in KEYS.items() if field.to == "1e-12 degrees"},
+        **{key: rng.uniform(0, 1, 1000) for key, field in KEYS.items() if field.to.startswith("1e-9")
            and field.rounding and not key.startswith("world")},
     }  # fmt: skip
     for key, drawn in values.items():

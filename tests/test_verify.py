@@ -25,7 +25,7 @@ MASK[4:10, 5:15] = True
 # Keys of rows that records don't have.
 UNRECORDED = {
     *("slope_deg", "gap", "penetration", "tries", "label", "bounds"),
-    *("companions", "distractors", "rejected", "left_out"),
+    *("role", "planned", "rejected", "left_out"),
 }
 # The camera is 1.25 m below the center; its azimuth is that of the image's lower edge, the vehicle's left.
 IN_SPACE = {
@@ -166,7 +166,7 @@ def planned(tmp_path):
         for i, each in enumerate(rows):
             name = run.file_name(each["file_name"])
             boxes = []
-            for vehicle in (each, *each["companions"][2:]):
+            for vehicle in (each["planned"][0], *each["planned"][3:]):
                 n += 1
                 boxes.append({"id": n, **recorded(vehicle, VEHICLE), **IN_SPACE, "iscrowd": 0})
             picture, image = Image.new("RGB", (32, 24), (i, 0, 0)), recorded(each, IMAGE) | {"file_name": name}

@@ -149,6 +149,12 @@ class PlanFile(os.PathLike[str]):
             _ = row.intrinsics
         except ValueError as error:
             raise _damaged(self.path, number, f"has no usable camera: {error}") from None
+        roles = [vehicle.role for vehicle in row.planned]
+        if roles[:1] != ["target"] or "target" in roles[1:] or roles[1:] != sorted(roles[1:]):
+            expected = "the target, then companions, then distractors"
+            raise _damaged(self.path, number, f"has planned vehicles {roles!r:.60}, expected {expected}")
+        if row.target.bbox is None:
+            raise _damaged(self.path, number, "has planned[0].bbox None, expected [x, y, width, height] of a target")
         if unknown := row.rejected.keys() - BY_KEY.keys():
             raise _damaged(self.path, number, f"has rejected {min(unknown)!r:.60}, which is no reason")
         for vehicle in row.planned:

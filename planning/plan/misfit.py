@@ -9,9 +9,7 @@ from msgspec import Struct
 
 from hulldown.planning.plan.row import PlannedVehicle, fields
 
-_PLACE = re.compile(
-    r"`(?:key in )?\$\.?(?P<path>(?:(?P<list>companions|distractors)\[(?P<at>\d+)\]\.?)?(?P<key>\w*))[^`]*`$"
-)
+_PLACE = re.compile(r"`(?:key in )?\$\.?(?P<path>(?:(?P<list>planned)\[(?P<at>\d+)\]\.?)?(?P<key>\w*))[^`]*`$")
 
 
 def misfit(line: bytes, kind: type[Struct], error: Exception) -> str:

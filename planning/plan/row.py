@@ -6,8 +6,8 @@ from them, too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache, partial
 from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 
@@ -15,7 +15,6 @@ import msgspec
 import numpy as np
 from jaxtyping import Float
 from msgspec import Meta, Struct
-from msgspec.structs import asdict
 
 from hulldown.assets.library import GeometrySource, HdriSource, Source
 from hulldown.base.files import PICTURE_NAME
@@ -27,7 +26,7 @@ from hulldown.planning.plan.bin_weights import MoreOf
 from hulldown.planning.plan.coats import Coat
 from hulldown.planning.plan.given_poses import FARTHEST, GivenPoses
 
-FORMAT = 3
+FORMAT = 4
 
 
 def _to(decimals: int) -> Callable[[np.ndarray], np.ndarray]:
@@ -98,6 +97,7 @@ class OnMap(Struct, frozen=True, kw_only=True, gc=False):
 Name = Annotated[str, _is("a name", max_length=4096)]
 NameOrNone = Annotated[Annotated[str, Meta(max_length=4096)] | None, _is("a name or null")]
 Label = Literal["full", "ignored", "none"]
+RoleName = Annotated[Literal["target", "companion", "distractor"], _is('"target", "companion" or "distractor"')]
 Count = Annotated[int, _is("a whole number >= 0", ge=0, le=2**53)]
 Number = Annotated[int, _is("a whole number >= 1", ge=1, le=2**53 + 1)]
 NumberOrNone = Annotated[Annotated[int, Meta(ge=1, le=2**53)] | None, _is("a whole number >= 1")]
@@ -141,8 +141,11 @@ class Followed(Struct, frozen=True):
 
 
 class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=True):
-    """A vehicle in an image: its model, pose, and labels; see docs/plan-file.md."""
+    """A vehicle in an image: its role, model, pose, and labels; see docs/plan-file.md."""
 
+    role: Annotated[
+        RoleName, _plans("companions are of `[[assets.vehicles]]`, distractors of `[[assets.distractors]]`")
+    ]
     vehicle: Annotated[Name, _means("the vehicle's name")]
     category: Annotated[NameOrNone, _plans("its class, or null")]
     world_from_vehicle: Annotated[Pose, _means("its pose, in meters")]
@@ -166,8 +169,12 @@ class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit
 Vehicles = Annotated[list[PlannedVehicle], _is("a list of vehicles")]
 
 
-class _Image(Struct, frozen=True, eq=False, kw_only=True, gc=False):
-    """The fields of a row besides those of its target."""
+class Row(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=True):
+    """An image of a plan: camera, light, weather, and the vehicles; see docs/plan-file.md.
+
+    The target is the vehicle that the camera is framed on. In a background it's left out of the picture, or is a
+    distractor.
+    """
 
     index: Annotated[Count, _plans("0, 1, 2, ...")]
     image_id: Annotated[Number, _plans("`index + 1`")]
@@ -201,26 +208,25 @@ class _Image(Struct, frozen=True, eq=False, kw_only=True, gc=False):
     weather: Annotated[Air, _means("null: clear and dry")]
     sample_seed: Annotated[Seed, _means("seed of Cycles' and the sensor's noise")]
     background: Annotated[bool, _is("true or false"), _means("whether the image shows no target (see below)")]
-    companions: Annotated[Vehicles, _plans("other objects of `[[assets.vehicles]]`")]
-    distractors: Annotated[Vehicles, _plans("objects of `[[assets.distractors]]`")]
+    planned: Annotated[Vehicles, _plans("the target, then companions, then distractors")]
     rejected: Annotated[Reasons, _plans("refused tries; those of places only in a position's first shot")]
     left_out: Annotated[Count, _plans("companions that found no room")]
     sensor: Annotated[Optics, _means("[lens and sensor](camera.md#sensor); only with `[sensor]`")] = None
 
-
-class Row(_Image, frozen=True, eq=False, kw_only=True, gc=False):
-    """An image of a plan: camera, light, weather, and the vehicles; see docs/plan-file.md.
-
-    `target` is the vehicle that the camera is framed on. In a background it's left out of the picture, or is a
-    distractor. A line of a plan has its fields next to those of the image.
-    """
-
-    target: PlannedVehicle
+    @property
+    def target(self) -> PlannedVehicle:
+        """The vehicle that the camera is framed on, in the picture or not."""
+        return self.planned[0]
 
     @property
-    def planned(self) -> list[PlannedVehicle]:
-        """The target, in the picture or not, then companions, then distractors."""
-        return [self.target, *self.companions, *self.distractors]
+    def companions(self) -> list[PlannedVehicle]:
+        """Other vehicles."""
+        return [vehicle for vehicle in self.planned if vehicle.role == "companion"]
+
+    @property
+    def distractors(self) -> list[PlannedVehicle]:
+        """Distractors beside the target."""
+        return [vehicle for vehicle in self.planned if vehicle.role == "distractor"]
 
     @property
     def empty(self) -> bool:
@@ -272,7 +278,7 @@ class LeftOut(Struct, frozen=True, kw_only=True):
 class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The first line of a plan; `Config.of` reads `config`."""
 
-    hulldown_plan: Annotated[int, _is("3"), _means("format version")]
+    hulldown_plan: Annotated[int, _is("4"), _means("format version")]
     images: Annotated[Count, _means("number of lines that follow")]
     seed: Annotated[int, _is("a whole number >= 0", ge=0, le=2**63 - 1), _means("the config's")]
     root: Annotated[Name, _means("folder of the config, relative to the plan; paths below are relative to it")]
@@ -331,11 +337,8 @@ class Field:
 
 
 @cache
-def fields(kind: type[Struct]) -> Mapping[str, Field]:
-    """Return the fields of a declared type in the order of a line; a row's include those of its target."""
-    if kind is Row:
-        targets = fields(PlannedVehicle)
-        return {**targets, "bbox": replace(targets["bbox"], expected=_FRAME), **fields(_Image)}
+def fields(kind: type[Struct]) -> dict[str, Field]:
+    """Return the fields of a declared type in the order of a line."""
     hints = get_type_hints(kind, include_extras=True)
     declared = {}
     for field in msgspec.structs.fields(kind):
@@ -346,8 +349,8 @@ def fields(kind: type[Struct]) -> Mapping[str, Field]:
 
 
 def rounded(key: str, values: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-    """Round values of a field of rows as they're written: (..., 4, 4) poses, (..., 4) boxes, or numbers."""
-    rounding = fields(Row)[key].rounding
+    """Round values of a field of rows or vehicles as they're written: (..., 4, 4) poses, (..., 4) boxes, or numbers."""
+    rounding = (fields(Row) | fields(PlannedVehicle))[key].rounding
     assert rounding is not None, key
     return rounding(values)
 
@@ -377,28 +380,14 @@ def _decoded_pose(_: type, value: Any) -> np.ndarray:
     return np.array([[a, b, c, x], [d, e, f, y], [g, h, i, z], last])
 
 
-_decode_image = msgspec.json.Decoder(_Image, dec_hook=_decoded_pose).decode
-_decode_target = msgspec.json.Decoder(PlannedVehicle, dec_hook=_decoded_pose).decode
+decode_row = msgspec.json.Decoder(Row, dec_hook=_decoded_pose).decode
 decode_header = msgspec.json.Decoder(Header).decode
 _encoder = msgspec.json.Encoder(enc_hook=np.ndarray.tolist)
 
 
-def decode_row(line: bytes) -> Row:
-    """Return the row in a line of a plan."""
-    target, image = _decode_target(line), _decode_image(line)
-    if target.bbox is None:
-        raise msgspec.ValidationError("Expected `array`, got `null` - at `$.bbox`")
-    return Row(target=target, **asdict(image))
-
-
 def encode(record: Struct) -> bytes:
     """Return a header, row, or vehicle as a line; floats have the fewest digits that read back exactly."""
-    if not isinstance(record, Row):
-        return _encoder.encode(record) + b"\n"
-    values, declared = asdict(record.target) | asdict(record), fields(Row)
-    del values["target"]
-    written = {key: value for key, value in values.items() if value is not None or not declared[key].optional}
-    return _encoder.encode(written) + b"\n"
+    return _encoder.encode(record) + b"\n"
 
 
 def encode_rows(rows: list[Row]) -> bytes:
