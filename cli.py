@@ -31,6 +31,8 @@ REFUSALS = (
     *(errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP),
 )
 
+CHANGED = (errno.ENOENT, errno.EINVAL, errno.ESTALE)  # a named file that is gone, or something else than before
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code."""
@@ -53,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         silence_stdout()
         return DONE
     except OSError as error:
-        if error.errno not in REFUSALS:
+        if error.errno not in REFUSALS and not (error.errno in CHANGED and error.filename):
             raise
         STDERR.print(f"hulldown: {escape(error.filename or 'stdout')}: {error.strerror}", soft_wrap=True)
         if error.filename is None:

@@ -7,12 +7,13 @@ import os
 import shutil
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import BinaryIO, TypeGuard, cast
 
 from hulldown.base.errors import DatasetError, HulldownError
 
+DONE_NAME = ".hulldown-done"  # of a file with the key of what made its folder
 UNFINISHED_NAME = ".unfinished"  # of a folder in a dataset or an export, so that renaming its content never copies
 
 
@@ -65,11 +66,11 @@ def replace_file(path: Path, content: bytes | memoryview) -> None:
 
 
 @contextmanager
-def all_or_nothing(out: Path) -> Iterator[Path]:
+def all_or_nothing(out: Path, key: str = "") -> Iterator[Path]:
     """Yield a temporary folder whose content moves to `out` at the end of the block.
 
     It's inside `out`, so that moving is renaming. Training tools don't see the remains of a killed run, and the
-    next run replaces them.
+    next run replaces them. With a key of what is made, `is_done` tells whether an earlier run with it made all.
 
     Raises
     ------
@@ -84,9 +85,9 @@ def all_or_nothing(out: Path) -> Iterator[Path]:
         shutil.rmtree(unfinished, ignore_errors=True)
         unfinished.mkdir(parents=True)
         yield unfinished
-        for path in sorted(unfinished.iterdir()):
-            path.rename(out / path.name)
-        unfinished.rmdir()
+        if key:
+            replace_file(unfinished / DONE_NAME, key.encode())
+        _move(unfinished, out)
     except BaseException as error:
         shutil.rmtree(out if made else unfinished, ignore_errors=True)
         if isinstance(error, OSError):
@@ -96,6 +97,23 @@ def all_or_nothing(out: Path) -> Iterator[Path]:
             )
             raise DatasetError(f"cannot be written ({error.strerror})", path=out, remedy=remedy) from error
         raise
+
+
+def is_done(out: Path, key: str) -> bool:
+    """Whether a run of `all_or_nothing` with this key ended, or was stopped while it moved files, which then ends."""
+    for folder in (out, out / UNFINISHED_NAME):
+        with suppress(OSError), open_regular(folder / DONE_NAME) as file:
+            if file.read(len(key) + 1) == key.encode():
+                if (out / UNFINISHED_NAME).exists():
+                    _move(out / UNFINISHED_NAME, out)
+                return True
+    return False
+
+
+def _move(unfinished: Path, out: Path) -> None:
+    for path in sorted(unfinished.iterdir(), key=lambda path: path.name == DONE_NAME):  # the mark last
+        path.rename(out / path.name)
+    unfinished.rmdir()
 
 
 def open_regular(path: Path) -> BinaryIO:

@@ -5,6 +5,7 @@ import pytest
 from PIL import Image
 
 from hulldown.base.errors import DatasetError
+from hulldown.base.files import DONE_NAME, UNFINISHED_NAME
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.exports.split import SPLITS, group_of, share_out
 from hulldown.dataset.records import by_image
@@ -138,8 +139,24 @@ def test_the_remains_of_a_killed_export_are_replaced(dataset, tmp_path):
     (tmp_path / "out" / ".unfinished" / "train").mkdir(parents=True)
     (tmp_path / "out" / ".unfinished" / "train" / "old.png").touch()
     export(dataset, tmp_path / "out")
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(SPLITS)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted((DONE_NAME, *SPLITS))
     assert not (tmp_path / "out" / "train" / "old.png").exists()
+
+
+@pytest.mark.parametrize("left", [(), (DONE_NAME,), (DONE_NAME, "valid")])
+def test_an_export_that_was_killed_late_is_done(dataset, tmp_path, capsys, left):
+    """`left` wasn't moved yet."""
+    out = tmp_path / "out"
+    export(dataset, out)
+    whole = sorted(out.rglob("*"))
+    for name in left:
+        (out / UNFINISHED_NAME).mkdir(exist_ok=True)
+        (out / name).rename(out / UNFINISHED_NAME / name)
+    assert sum(export(dataset, out).values()) > 0
+    assert "is complete already" in capsys.readouterr().err
+    assert sorted(out.rglob("*")) == whole
+    with pytest.raises(DatasetError, match="isn't empty"):
+        export(dataset, out, fractions=(1.0, 0.0, 0.0))
 
 
 def test_an_unwritable_target_of_an_export_is_refused(dataset, tmp_path):

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
+import orjson
+
 from hulldown.annotate.masks import extent
 from hulldown.annotate.outlines import polygons
 from hulldown.base.errors import DatasetError
-from hulldown.base.files import all_or_nothing
-from hulldown.base.terminal import shown
+from hulldown.base.files import all_or_nothing, is_done
+from hulldown.base.terminal import say, shown
 from hulldown.dataset.exports.layouts import coco_folders, dota, huggingface, kitti, voc, webdataset, yolo
 from hulldown.dataset.exports.layouts.shares import Item, Shares, flat_names, sound_pictures
 from hulldown.dataset.exports.split import SPLITS, share_out
@@ -116,9 +119,23 @@ def export(
             kept = [_outlined(label, (image["width"], image["height"]), polygons_within) for label in kept]
         items[split_of[image["id"]]].append(Item(image, kept, name, picture))
     head = {key: value for key, value in document.items() if key not in ("images", "annotations")}
-    with shown("linking images", progress) as advance, all_or_nothing(Path(out)) as unfinished:
+    counts = {split: len(of_split) for split, of_split in items.items()}
+    key = _key(layout, head, items)
+    if is_done(Path(out), key):
+        say(f"{out}: is complete already")
+        return counts
+    with shown("linking images", progress) as advance, all_or_nothing(Path(out), key) as unfinished:
         LAYOUTS[layout](Shares(folder, head, items, advance), unfinished)
-    return {split: len(of_split) for split, of_split in items.items()}
+    return counts
+
+
+def _key(layout: str, head: Record, items: Mapping[str, Sequence[Item]]) -> str:
+    """A hash of everything that determines an export, besides the content of pictures without a seal."""
+    key = hashlib.sha256(orjson.dumps([layout, head]))
+    for split, of_split in items.items():
+        for item in of_split:
+            key.update(orjson.dumps([split, item.image, item.labels, item.name]))
+    return key.hexdigest()
 
 
 def _check_masks(images: Sequence[Record], labels: Mapping[int, Sequence[Record]], folder: Path) -> None:

@@ -234,7 +234,8 @@ class PlanWriter:
         except OSError as error:
             if self._lock.is_locked:
                 self._unlock()
-            raise ConfigError(f"cannot be written: {error.strerror}", path=self.path) from None
+            remedy = "make room, or choose a folder that you may write to"
+            raise ConfigError(f"cannot be written: {error.strerror}", path=self.path, remedy=remedy) from None
 
     def _open(self) -> BinaryIO:
         file = open_in_place(self.partial)
