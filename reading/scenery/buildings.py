@@ -73,18 +73,18 @@ def read_buildings(path: Path, crs: str) -> list[Building]:
     data = read_json(path, _GeoJson, refuse, what="GeoJSON")
     there = data.crs.properties.name if data.crs else "OGC:CRS84"
     try:
-        found = [
-            ([on_map(ring, there, crs or there) for ring in rings], height) for rings, height in _buildings(data, USUAL)
-        ]
+        buildings = list(_buildings(data, USUAL))
+        if not 0 < len(buildings) <= MOST:
+            problem = f"has {len(buildings):,} polygons, expected 1 to {MOST:,}"
+            raise AssetError(problem, path=path, remedy="export the outlines of buildings in the terrain's area")
+        rings = [ring for outlines, _ in buildings for ring in outlines]
+        points = on_map(np.concatenate(rings), there, crs or there)
     except ValueError as error:
         raise refuse(f"isn't GeoJSON ({error})") from None
-    buildings = [(rings, height) for rings, height in found if np.isfinite(np.concatenate(rings)).all()]
-    if lost := len(found) - len(buildings):
-        raise refuse(f"has {lost:,} polygons outside of its map {there!r:.60}")
-    if not 0 < len(buildings) <= MOST:
-        problem = f"has {len(buildings):,} polygons, expected 1 to {MOST:,}"
-        raise AssetError(problem, path=path, remedy="export the outlines of buildings in the terrain's area")
-    return buildings
+    if not np.isfinite(points).all():
+        raise refuse(f"has polygons outside of its map {there!r:.60}")
+    moved = iter(np.split(points, np.cumsum([len(ring) for ring in rings])[:-1]))
+    return [([next(moved) for _ in outlines], height) for outlines, height in buildings]
 
 
 def _buildings(record: _GeoJson, height: float) -> Iterator[Building]:

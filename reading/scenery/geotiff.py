@@ -186,6 +186,7 @@ def _opened(path: Path) -> Iterator[Any]:
     """Open a GeoTIFF, whatever else GDAL could read."""
     try:
         import rasterio
+        from rasterio._err import CPLE_BaseError  # GDAL's own, which some functions pass on
         from rasterio.errors import NotGeoreferencedWarning, RasterioError
     except ModuleNotFoundError:
         raise AssetError("needs rasterio and pyproj to be read", path=path, remedy=NO_GEO) from None
@@ -197,7 +198,7 @@ def _opened(path: Path) -> Iterator[Any]:
                 problem = f"its cells have no place: {raster.transform[:6]}"
                 raise AssetError(problem, path=path, remedy="georeference it again")
             yield raster
-    except RasterioError as error:
+    except (RasterioError, CPLE_BaseError) as error:
         raise AssetError(f"can't be read as a GeoTIFF ({error})", path=path, remedy="copy it again") from None
 
 
