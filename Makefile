@@ -46,7 +46,7 @@ demo: setup ## build demo assets, plan, render, annotate: ends in hulldown-demo/
 	$(BIN)/hulldown demo --output $(DEMO)
 
 study: setup-training ## what rendered images are worth beside stand-ins for photographs: 20 minutes; ends in a report (STUDY=folder: elsewhere)
-	$(BIN)/python -m hulldown.demo.study $(STUDY)
+	$(BIN)/python -m hulldown.benchmarks.stand_ins $(STUDY)
 	$(BIN)/hulldown study run $(STUDY)/study.toml -o $(STUDY)/study
 	$(BIN)/hulldown study report $(STUDY)/study
 

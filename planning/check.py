@@ -45,7 +45,7 @@ def check_plan(plan: Plan, assets: Assets) -> list[str]:
     ConfigError
         If a line of the plan is damaged, or no pose meets its config's limits.
     """
-    planner = Planner(plan.config, assets, more_of=plan.header.more_of, poses=plan.header.poses)
+    planner = Planner(plan.config, assets, poses=plan.header.poses)
     followed, photographs = plan.header.photographs, planner.assets.photographs
     if followed is not None and (photographs is None or photographs.sha256 != followed.sha256):
         raise ConfigError(

@@ -5,13 +5,9 @@ Row i depends only on config, assets, and i. Blocks, workers, and restarts don't
 
 from __future__ import annotations
 
-import copy
-import hashlib
 from dataclasses import replace
-from functools import cached_property
 from pathlib import Path
 
-import msgspec
 import numpy as np
 from jaxtyping import Bool
 
@@ -22,12 +18,10 @@ from hulldown.geometry.columns import take
 from hulldown.planning.appearance.light import hdri_weights
 from hulldown.planning.block_rows import rows_of
 from hulldown.planning.config.schema import Config
-from hulldown.planning.plan.bin_weights import MoreOf
 from hulldown.planning.plan.given_poses import GivenPoses
 from hulldown.planning.plan.row import Row, encode_rows
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.budget import Positions, make_budget
-from hulldown.planning.search.candidates import CANDIDATES, kept, position_weights
 from hulldown.planning.search.extras import extras_at, framed_on
 from hulldown.planning.search.given import given_of, pose_budget
 from hulldown.planning.search.likeness import Likeness
@@ -48,8 +42,6 @@ class Planner:
         Whether a vehicle without a place on one of its sceneries is an error; if not, another scenery is used.
     pairs
         The pairs of vehicles and sceneries that another planner of the same config has found.
-    more_of
-        The bins in which a detector missed more, see `planning.inputs.more_of`.
     poses
         Given poses, see `planning.inputs.poses`; they replace the config's numbers of images.
 
@@ -66,7 +58,6 @@ class Planner:
         *,
         strict: bool = False,
         pairs: Pairs | None = None,
-        more_of: MoreOf | None = None,
         poses: GivenPoses | None = None,
     ) -> None:
         like = config.camera.like
@@ -85,7 +76,6 @@ class Planner:
         vehicles = [self.budget.vehicles.index(name) for name in assets.vehicles]
         present = (self.pairs.weights[vehicles] > 0.0).astype(np.float64)
         self._extras = [extras_at(site, self.stage, present[:, s]) for s, site in enumerate(self.stage.sites)]
-        self.more_of, self._turn = more_of, 0
         self.poses = poses
         self.given = None if poses is None else given_of(poses, self.stage.sites, self.budget.positions.first_image)
 
@@ -98,40 +88,7 @@ class Planner:
             For the first of these positions that can't meet the config's limits.
         """
         positions = take(self.budget.positions, np.arange(start, stop))
-        return self._rows(positions) if self.more_of is None else self._chosen(positions, self.more_of)
-
-    def _chosen(self, positions: Positions, more_of: MoreOf) -> list[Row]:
-        """Return rows of these positions, most of them sampled from candidates by their weights."""
-        number, alone = positions.number, kept(positions.ordinal) | positions.background
-        others = take(positions, np.flatnonzero(~alone))
-        planned = [planner._rows(others if k else positions) for k, planner in enumerate(self._candidates)]
-        weights = np.where(alone[:, None] & (np.arange(CANDIDATES) > 0), 0.0, 1.0)
-        for k, rows in enumerate(planned):
-            for own_position, weight in position_weights(rows, more_of).items():
-                weights[own_position - number[0], k] = weight
-        uniform = self._candidates[0]._draws.uniform(Purpose.MORE_OF, number, 0, count=1)[:, 0]
-        taken = choose(weights, uniform)
-        rows = [row for k, some in enumerate(planned) for row in some if taken[row.position - number[0]] == k]
-        rows.sort(key=lambda row: row.index)
-        return rows
-
-    @cached_property
-    def _candidates(self) -> list[Planner]:
-        """Planners of the same config with independent random numbers."""
-        assert self.more_of is not None
-        digest = hashlib.sha256(msgspec.json.encode(self.more_of, order="sorted"))
-        planners = []
-        for k in range(CANDIDATES):
-            planner = copy.copy(self)
-            planner.more_of = None
-            planner._draws = RandomStreams(self.config.seed, spawned=(int(digest.hexdigest()[:8], 16), k))
-            planner._turn = k if "vehicle" in self.more_of.weights else 0
-            planners.append(planner)
-        return planners
-
-    def _rows(self, positions: Positions) -> list[Row]:
         number = positions.number
-        positions = replace(positions, vehicle=self.budget.turned(positions.vehicle, self._turn))
         weights = np.where(positions.background[:, None], self.pairs.sites, self.pairs.weights[positions.vehicle])
         if self.poses is not None:
             for k, line in enumerate(self.poses.lines[i] for i in positions.first_image.tolist()):

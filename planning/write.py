@@ -27,9 +27,7 @@ from hulldown.base.code import version_of
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import make_room
 from hulldown.planning.config.schema import Config
-from hulldown.planning.inputs.more_of import read_more_of
 from hulldown.planning.inputs.poses import read_poses
-from hulldown.planning.plan.bin_weights import MoreOf
 from hulldown.planning.plan.given_poses import GivenPoses
 from hulldown.planning.plan.lines import PlanWriter, picture_of
 from hulldown.planning.plan.row import FORMAT, Header, ModelSource, ScenerySource
@@ -50,7 +48,6 @@ def plan(
     *,
     workers: int | None = None,
     strict: bool = False,
-    more_of: str | os.PathLike[str] | None = None,
     poses: str | os.PathLike[str] | None = None,
     cache: str | os.PathLike[str] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
@@ -70,8 +67,6 @@ def plan(
         Processes; None for one per core. The plan doesn't depend on their number.
     strict
         Refuse missing textures and libraries, and vehicles without a place on a scenery.
-    more_of
-        ``report.json`` of an evaluation: bins in which the detector missed more get more images.
     poses
         CSV file with a line for each image and empty cells to plan, see docs/poses.md; replaces the config's numbers of
         images.
@@ -98,11 +93,8 @@ def plan(
     from hulldown.planning.inputs.loading import load_library
     from hulldown.reading.pieces.wording import warnings_of
 
-    if more_of and poses:
-        remedy = "leave one of them out: with poses given, there are no candidates to choose from"
-        raise ConfigError("--more-of and --poses exclude each other", remedy=remedy)
     config = config if isinstance(config, Config) else Config.read(config)
-    missed, given = read_more_of(Path(more_of)) if more_of else None, read_poses(Path(poses)) if poses else None
+    given = read_poses(Path(poses)) if poses else None
     path = Path(path)
     if path.suffix.lower() == ".png":
         raise ConfigError("a plan's name can't end in .png", path=path, remedy="end it in .jsonl")
@@ -125,7 +117,6 @@ def plan(
             path,
             workers=workers or os.cpu_count() or 1,
             strict=strict,
-            more_of=missed,
             poses=given,
             progress=advance,
         )
@@ -146,7 +137,6 @@ def write_plan(
     *,
     workers: int = 1,
     strict: bool = False,
-    more_of: MoreOf | None = None,
     poses: GivenPoses | None = None,
     progress: Progress | None = None,
 ) -> Plan:
@@ -160,7 +150,7 @@ def write_plan(
     if workers < 1:
         raise ValueError(f"workers: expected at least 1, got {workers}")
     try:
-        planner = Planner(config, assets, strict=strict, more_of=more_of, poses=poses)
+        planner = Planner(config, assets, strict=strict, poses=poses)
     except ConfigError as error:
         # Functions that get a section don't know the config's file.
         raise ConfigError(error.problem, path=error.path or config.path, remedy=error.remedy) from None
@@ -213,7 +203,6 @@ def make_header(planner: Planner, path: str | Path) -> Header:
         },
         left_out=list(planner.pairs.left_out),
         photographs=None if photographs is None else Source(path=str(config.camera.like), sha256=photographs.sha256),
-        more_of=planner.more_of,
         poses=planner.poses,
     )
 
@@ -239,7 +228,7 @@ def _planned(planner: Planner, blocks: list[tuple[int, int]], workers: int) -> I
     # Not forked from this process: locks held by its threads, such as Embree's, would stay locked.
     context = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
     context.set_forkserver_preload([__name__])
-    made_with = {key: getattr(planner, key) for key in ("strict", "pairs", "more_of", "poses")}
+    made_with = {key: getattr(planner, key) for key in ("strict", "pairs", "poses")}
     make = partial(Planner, planner.config, planner.assets, **made_with)
     pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(make,))
     running: deque[Future[tuple[bytes, int]]] = deque()

@@ -142,9 +142,8 @@ def test_files_are_named_by_strings_too(dataset, plan, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(hd.HulldownError, match=r"^none\.toml: no such file"):
         hd.plan("none.toml", "plan.jsonl")
-    for key in ("poses", "more_of"):
-        with pytest.raises(hd.HulldownError, match=r"^none: no such file"):
-            hd.plan(plan.config, "plan.jsonl", **{key: "none"})
+    with pytest.raises(hd.HulldownError, match=r"^none: no such file"):
+        hd.plan(plan.config, "plan.jsonl", poses="none")
     with pytest.raises(hd.HulldownError):
         hd.render(str(plan.path), "rendered", cache="cache")
 

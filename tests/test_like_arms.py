@@ -1,9 +1,9 @@
-"""demo.like: plans of its arms differ only in cameras."""
+"""benchmarks.like: plans of its arms differ only in cameras."""
 
 import pytest
 
-from hulldown.demo.like import ARMS, SETS, SHARES, renders_of, stand_ins_of
-from hulldown.demo.study import write_side
+from hulldown.benchmarks.like import ARMS, SETS, SHARES, renders_of, stand_ins_of
+from hulldown.benchmarks.stand_ins import write_side
 from hulldown.planning.config.schema import CameraSection, Config
 
 

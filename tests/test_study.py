@@ -20,7 +20,7 @@ from hulldown.tests.test_train import in_child
 from hulldown.tests.training_pictures import make_dataset, make_datasets
 from hulldown.training.study.arms import SOURCES, arm_draws, study_runs
 from hulldown.training.study.config import load_study
-from hulldown.training.study.manifest import draws_path, predictions_paths, read_manifest, settle, write_manifest
+from hulldown.training.study.manifest import predictions_paths, read_manifest, settle
 from hulldown.training.study.run_process import run_one
 from hulldown.training.study.runs import RunOptions, read_failures, run_study
 
@@ -112,7 +112,7 @@ def test_a_study_killed_twice_ends_like_an_undisturbed_one(pictures, tmp_path, k
     assert len(tree(tmp_path / "alone")) == (4 if not keys else 2)
 
 
-@pytest.mark.parametrize("arm", ["real", "mixed", "synthetic", "matched", "balanced", "pretrain", "loop"])
+@pytest.mark.parametrize("arm", ["real", "mixed", "synthetic", "matched", "balanced", "pretrain"])
 def test_draws_add_up_to_the_budget(arm):
     photographs, budget = np.array([2, 3, 7]), 600
     draws = arm_draws(arm, photographs, 9, budget=budget, seed=1)
@@ -125,50 +125,6 @@ def test_draws_add_up_to_the_budget(arm):
         assert set(by_source["synthetic"].tolist()) == set(range(9))
     share = {"real": 1.0, "mixed": 0.25, "matched": 0.5, "balanced": 0.5, "pretrain": 0.5}.get(arm, 0.0)
     assert len(by_source.get("real", ())) / len(draws) == pytest.approx(share, abs=0.05)
-
-
-def test_the_loops_config_is_part_of_its_run(pictures, tmp_path):
-    config, folders = tmp_path / "hulldown.toml", []
-    for seed in (1, 2):
-        config.write_text(f"seed = {seed}")
-        keys = {"arms": ["synthetic", "loop"], "plan": str(config), "valid": str(pictures / "valid")}
-        folders.append([run.folder for run in settled(pictures, tmp_path, **keys).runs])
-    assert folders[0][0] == folders[1][0]  # `synthetic` doesn't depend on it
-    assert folders[0][1] != folders[1][1]
-
-
-def test_the_loop_trains_again_with_what_is_planned_of_its_misses(pictures, tmp_path, monkeypatch):
-    (tmp_path / "hulldown.toml").touch()
-    keys = {"arms": ["loop"], "plan": "hulldown.toml", "valid": str(pictures / "valid")}
-    study, out, done = settled(pictures, tmp_path, **keys), tmp_path / "out", []
-    [run] = study.runs
-    write_manifest(study, out)
-    begun = out / "loops" / run.folder
-    for place in ("train.train", "predict.predict", "evaluation.report.evaluate_files", "study.worker._hulldown"):
-        monkeypatch.setattr(f"hulldown.training.{place}", lambda *told, **more: done.append((*told, more)))
-    run_one(out, run.name, RunOptions("cpu", 0), lambda *told: None)
-    first, looked, judged, planned, rendered, second, *tested = done
-    assert (list(first[0]), first[1], first[2]["draws_file"]) == (["synthetic"], begun / "first", draws_path(out, run))
-    assert looked[:2] == (begun / "first", study.datasets["valid"].folder)
-    assert (judged[:3], judged[3]["threshold"]) == ((looked[1], looked[2], begun / "evaluation"), "best")
-    report = begun / "evaluation" / "report.json"
-    assert planned[:-1] == (
-        "plan",
-        str(tmp_path / "hulldown.toml"),
-        "-o",
-        f"{begun / 'more.jsonl'}",
-        "--more-of",
-        f"{report}",
-    )
-    assert rendered[:-1] == ("render", f"{begun / 'more.jsonl'}", "-o", f"{begun / 'more'}", "--device", "cpu")
-    assert second[0] == first[0] | {"more": f"{begun / 'more'}"}
-    assert second[1] == tested[0][0] == tested[1][0] == out / "runs" / run.folder
-    assert first[2]["settings"] == second[2]["settings"] == run.settings
-    done.clear()
-    begun.mkdir(parents=True)
-    (begun / "more.jsonl").touch()
-    run_one(out, run.name, RunOptions("cpu", 0), lambda *told: None)
-    assert [told[:-1] for told in done] == [rendered[:-1], second[:-1], *(told[:-1] for told in tested)]
 
 
 def test_matched_keeps_all_draws_of_the_real_arm_and_pretrain_takes_the_synthetic_ones_first():
@@ -275,9 +231,6 @@ def test_a_run_in_a_separate_process_finishes_or_fails_with_its_reason(pictures,
         ({"real": "nowhere"}, r"s\.toml: real = 'nowhere': no such folder"),
         ({"arms": ["real", "fake"]}, r"arms\[1\] = 'fake': expected 'real', 'mixed', 'synthetic'"),
         ({"arms": ["real", "real"]}, "arms: real is given twice"),
-        ({"arms": ["loop"], "plan": "s.toml"}, "arms: loop needs plan"),
-        ({"arms": ["loop"], "valid": "."}, "arms: loop needs plan"),
-        ({"arms": ["loop"], "plan": "missing.toml", "valid": "."}, "plan = 'missing.toml': no such file"),
         ({"arms": [FAST | {"train": {"seed": 3}}]}, r"arms: fast sets train\.seed; one value is for all arms"),
         ({"arms": [FAST | {"train": {"warmup": 7}}]}, "warmup = 7: expected less than 1"),
         ({"arms": [FAST | {"train": {"nothing": 1}}]}, "unknown key nothing"),

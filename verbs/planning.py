@@ -104,7 +104,7 @@ def _plan(arguments: argparse.Namespace) -> int:
         raise HulldownError("-o is missing", remedy="name the file to write, such as -o plan.jsonl")
     made = plan(
         arguments.config, output, workers=arguments.workers, strict=arguments.strict,
-        more_of=arguments.more_of, poses=arguments.poses, cache=arguments.cache, limits=read_limits(arguments),
+        poses=arguments.poses, cache=arguments.cache, limits=read_limits(arguments),
     )  # fmt: skip
     summary = made.summary
     show_result(arguments, summary.to_json(), *summary.tables(), *summary.notes())
@@ -203,10 +203,6 @@ def add(verbs: Subparsers) -> None:
         action="store_true",
         help="refuse missing textures and libraries, and vehicles without a place on a scenery",
     )
-    sub.add_argument(
-        "--more-of", type=Path, metavar="REPORT.json",
-        help="a report of `hulldown evaluate`: plan more images with the sizes, sides, light, ... of missed labels",
-    )  # fmt: skip
     sub.add_argument(
         "--poses", type=Path, metavar="POSES.csv",
         help="a line for each image: scenery, vehicle, place, camera; empty cells are planned",

@@ -22,7 +22,6 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.camera.sensor import Sensor
 from hulldown.camera.weather.kinds import Weather
-from hulldown.planning.plan.bin_weights import MoreOf
 from hulldown.planning.plan.coats import Coat
 from hulldown.planning.plan.given_poses import FARTHEST, GivenPoses
 
@@ -296,9 +295,6 @@ class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
     ]
     left_out: Annotated[list[LeftOut], _is("a list of pairs"), _means("without a place: `vehicle`, `scenery`, `why`")]
     photographs: Annotated[Source | None, _is("a file"), _means("`path` and `sha256`; only with `camera.like`")] = None
-    more_of: Annotated[
-        MoreOf | None, _is("`weights` by field and bin, and `picture_px`"), _means("only with `plan --more-of`")
-    ] = None
     poses: Annotated[
         GivenPoses | None, _is("`path` and `lines`"), _means("the file's name and lines; only with `plan --poses`")
     ] = None

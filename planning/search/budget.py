@@ -81,12 +81,6 @@ class Budget:
         """Positions in all."""
         return len(self.positions.shots)
 
-    def turned(self, vehicle: Int[np.ndarray, " n"], turn: int) -> Int[np.ndarray, " n"]:
-        """Replace each vehicle by the one `turn` places further in its class, cyclically; -1 stays."""
-        last = np.searchsorted(self.class_starts, vehicle, side="right")
-        start, stop = self.class_starts[last - 1], self.class_starts[np.minimum(last, len(self.class_starts) - 1)]
-        return np.where(vehicle < 0, -1, start + (vehicle - start + turn) % np.maximum(stop - start, 1))
-
 
 def make_budget(section: BudgetSection, categories: Mapping[str, str]) -> Budget:
     """Return the budget of a config, given the class of each vehicle in the order of the config.

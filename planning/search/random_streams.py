@@ -41,7 +41,6 @@ class Purpose(IntEnum):
     WEATHER = 22
     LIKE = 26
     DIRECTION = 27
-    MORE_OF = 29
     SENSOR = 30
     SEQUENCE = 31
 
@@ -53,14 +52,12 @@ class RandomStreams:
     ----------
     seed
         Any integer from 0 on.
-    spawned
-        Key of these streams; streams of the same seed with different keys are independent.
     """
 
     __slots__ = ("_key",)
 
-    def __init__(self, seed: int, *, spawned: tuple[int, ...] = ()) -> None:
-        self._key = np.random.SeedSequence(seed, spawn_key=spawned).generate_state(1, np.uint64)
+    def __init__(self, seed: int) -> None:
+        self._key = np.random.SeedSequence(seed).generate_state(1, np.uint64)
 
     def uniform(
         self, purpose: ArrayLike, item: ArrayLike, attempt: ArrayLike, *, count: int

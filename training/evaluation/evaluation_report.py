@@ -173,7 +173,6 @@ def report(one: Evaluation) -> dict[str, Any]:
     listed = predictions.class_names
     names = [name if listed.count(name) == 1 else f"{name} ({c + 1})" for c, name in enumerate(listed)]
     curve = curves(one.matching)
-    roots = [math.sqrt(image["width"] * image["height"]) for image in one.labels.images]  # the unit of boxes' sizes
     shown = spread(len(curve["threshold"]), CURVE_POINTS)
     return {
         "dataset": str(one.labels.path),
@@ -184,7 +183,6 @@ def report(one: Evaluation) -> dict[str, Any]:
         "images": len(one.labels.images),
         "positions": one.labels.positions,
         "labels": int((~one.labels.crowd).sum()),
-        "picture_px": plain(np.median(roots)) if roots else None,
         "overall": {
             **_record(one),
             "average_precision": plain(one.summary),

@@ -18,7 +18,6 @@ SOURCES: dict[Arm, tuple[str, ...]] = {
     "matched": ("real", "synthetic"),
     "balanced": ("real", "synthetic"),
     "pretrain": ("real", "synthetic"),
-    "loop": ("synthetic",),  # of its first detector
 }
 
 

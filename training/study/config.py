@@ -15,7 +15,7 @@ from hulldown.base.toml_files import read_toml, validated
 from hulldown.training.inputs.settings import Settings
 from hulldown.training.subset import FRACTIONS
 
-Arm = Literal["real", "mixed", "synthetic", "matched", "balanced", "pretrain", "loop"]
+Arm = Literal["real", "mixed", "synthetic", "matched", "balanced", "pretrain"]
 ARMS: tuple[Arm, ...] = ("real", "mixed", "synthetic")  # the paper's
 Share = Annotated[float, Field(gt=0.0, le=1.0)]
 
@@ -39,7 +39,6 @@ class StudyConfig(BaseModel):
     synthetic: Path = Field(description="rendered images to train on")
     test: Path = Field(description="photographs to test on")
     valid: Path | None = Field(None, description="photographs to choose each detector's threshold on")
-    plan: Path | None = Field(None, description="config that `synthetic` was planned from, of the arm loop")
     arms: tuple[Arm | NamedArm, ...] = Field(
         ARMS,
         min_length=1,
@@ -66,10 +65,6 @@ class StudyConfig(BaseModel):
             values = [arm.name for arm in self.named_arms] if key == "arms" else getattr(self, key)
             if repeated := [value for value in values if values.count(value) > 1]:
                 raise ValueError(f"{key}: {repeated[0]} is given twice")
-        if "loop" in [arm.base for arm in self.named_arms] and (self.plan is None or self.valid is None):
-            raise ValueError(
-                "arms: loop needs plan, the config to plan more from, and valid, photographs to learn from"
-            )
         return self
 
 
@@ -110,10 +105,6 @@ def load_study(path: Path | str) -> StudyConfig:
     for key, folder in folders.items():
         if not folder.is_dir():
             raise ConfigError(f"{key} = {str(getattr(study, key))!r}: no such folder", path=path)
-    if study.plan is not None:
-        folders["plan"] = (path.parent / study.plan).resolve()
-        if not folders["plan"].is_file():
-            raise ConfigError(f"plan = {str(study.plan)!r}: no such file", path=path)
     train = study.train.model_copy(update={"weights": _weights_seen_from(path.parent, study.train.weights)})
     return study.model_copy(update={**folders, "train": train, "arms": tuple(arms)})
 
@@ -168,8 +159,6 @@ iou = 0.5        # overlap from which a detection has found a label
 # "real": photographs alone. "mixed": with all synthetic images, every image as likely as any other. "synthetic": these
 # alone. Beyond the paper: "balanced": mixed, half of the draws real. "matched": the draws of "real", and as many
 # synthetic ones between them, so twice the budget. "pretrain": half of the budget synthetic, then half of it real.
-# "loop": "synthetic", then images of what it missed in valid are planned, rendered, and trained on too; needs plan.
-# plan = "hulldown.toml"  # the config that synthetic was planned from
 arms = ["real", "mixed", "synthetic"]
 fractions = [1.0, 0.5, 0.25, 0.1, 0.05]  # shares of the photographs, each within the larger ones
 seeds = [0, 1, 2]   # each is one training of every arm, on other photographs at shares below 1

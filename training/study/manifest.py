@@ -127,8 +127,6 @@ def settle(config: StudyConfig) -> Manifest:
         ruled = {"seed": seed, "budget": len(own_draws), "masks": masks}
         settings = Settings.model_validate({**config.train.model_dump(), **arm.train, **ruled})
         data = {name: datasets[name].sha256 for name in used}
-        if arm.base == "loop" and config.plan is not None:
-            data |= {"valid": datasets["valid"].sha256, "plan": sha256_of(config.plan)}
         share = "" if fraction is None else f"-{subset_name(fraction)}"
         name = f"{arm.name}{share}-seed{seed}"
         counts = np.bincount(own_draws.source, minlength=len(used)).tolist()

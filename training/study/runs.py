@@ -200,7 +200,7 @@ def in_a_process(
     environment: Mapping[str, str] = os.environ,
 ) -> str | None:
     """Call `run_one` in a separate process, which ends with this one in any case."""
-    command = [sys.executable, "-P", "-m", "hulldown.training.study.run_process", "run", str(study), name]
+    command = [sys.executable, "-P", "-m", "hulldown.training.study.run_process", str(study), name]
     command += [options.device] if options.workers is None else [options.device, str(options.workers)]
     log = study / LOGS_NAME / f"{name}.txt"
     log.parent.mkdir(exist_ok=True)

@@ -37,7 +37,6 @@ COLORS = {
     "matched": "#cc79a7",
     "balanced": "#e69f00",
     "pretrain": "#56b4e9",
-    "loop": "#9467bd",
 }
 SPARE = ("#8c564b", "#7f7f7f", "#17becf", "#bcbd22")  # of named arms
 PANELS = (("tp", "fp", "fn"), ("precision", "recall", "f1"), ("mean_iou",), ("mean_confidence",))

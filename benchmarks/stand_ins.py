@@ -1,4 +1,6 @@
-"""`python -m hulldown.demo.study FOLDER`: what `make study` compares: rendered images, and stand-ins for photographs.
+"""`python -m hulldown.benchmarks.stand_ins FOLDER`: make what `make study` compares.
+
+These are rendered images, and stand-ins for photographs.
 
 The stand-ins are renders too, and no photographs: other vehicles, sceneries and skies than those of the synthetic
 images, seen from a standing eye's height, then exposed wrongly, blurred, made noisy and compressed. So there is a gap
@@ -31,7 +33,6 @@ from hulldown.demo.make_assets import FILES, build_demo_assets
 from hulldown.planning.config.schema import Config
 from hulldown.planning.config.template import config_text
 from hulldown.planning.inputs.loading import load_library
-from hulldown.planning.inputs.more_of import read_more_of
 from hulldown.planning.write import write_plan
 from hulldown.rendering.supervisor import Progress, render_plan
 
@@ -117,14 +118,13 @@ def write_side(side: Side, folder: Path) -> Path:
     return path
 
 
-def make_side(side: Side, folder: Path, *, more_of: Path | None = None) -> Path:
-    """The dataset of one half, planned and rendered as far as it isn't there; `more_of` is an evaluation's report."""
+def make_side(side: Side, folder: Path) -> Path:
+    """Plan and render one half as far as it isn't there; return its dataset."""
     plan, dataset = folder / f"{side.name}.jsonl", folder / side.name
     if not plan.exists():
         config = Config.read(write_side(side, folder))
-        missed = None if more_of is None else read_more_of(more_of)
         workers = os.cpu_count() or 1
-        write_plan(config, load_library(config).assets, plan, workers=workers, more_of=missed, progress=_say(side.name))
+        write_plan(config, load_library(config).assets, plan, workers=workers, progress=_say(side.name))
     if not render_plan(plan, dataset, progress=_rendered(side)).complete:
         raise SystemExit(f"{dataset}: not all images could be rendered; see failures.jsonl there")
     return dataset
@@ -197,7 +197,7 @@ resolution = 160
 
 def main() -> None:
     """Make everything that the study needs; what is there already stays."""
-    parser = argparse.ArgumentParser(prog="python -m hulldown.demo.study", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m hulldown.benchmarks.stand_ins", description=__doc__)
     parser.add_argument("folder", type=Path)
     folder = parser.parse_args().folder
     if not all((folder / file).exists() for file in FILES):

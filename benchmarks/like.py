@@ -1,8 +1,8 @@
-"""`python -m hulldown.demo.like FOLDER SET`: whether renders that follow photographs make better detectors.
+"""`python -m hulldown.benchmarks.like FOLDER SET`: whether renders that follow photographs make better detectors.
 
-The photographs are stand-ins as in `demo.study`, seen by cameras unlike the default one. Detectors learn from equal
-numbers of renders and draws: with the default camera (`default`), with `camera.like` (`like`), and with `camera.like`
-for half of them and `plan --more-of` for the others (`more_of`).
+The photographs are stand-ins as in `benchmarks.stand_ins`, seen by cameras unlike the default one. Detectors learn
+from equal numbers of renders and draws: with the default camera (`default`) and with `camera.like` (`like`, and `again`
+with other seeds).
 """
 
 from __future__ import annotations
@@ -15,10 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from hulldown.base.files import replace_file
+from hulldown.benchmarks.stand_ins import SHARED, STAND_INS, SYNTHETIC, Side, make_side, write_stand_ins
 from hulldown.demo.make_assets import FILES, build_demo_assets
-from hulldown.demo.study import SHARED, STAND_INS, SYNTHETIC, Side, make_side, write_stand_ins
 from hulldown.planning.config.schema import CameraSection
-from hulldown.training.evaluation.evaluation_report import evaluate_files
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.inputs.settings import load_settings
 from hulldown.training.study.manifest import PlannedRun
@@ -40,7 +39,7 @@ SETS: dict[str, dict[str, Any]] = {
         "camera.framing": 1.0,
     },
 }
-SHARES = (0.2, 0.3, 0.5)  # of the stand-ins: for camera.like, for thresholds and plan --more-of, to test on
+SHARES = (0.2, 0.3, 0.5)  # of the stand-ins: for camera.like, for thresholds, to test on
 STAND_INS_PER_CLASS, RENDERS_PER_CLASS = 60, 40
 DEFAULT = {
     key: CameraSection.model_fields[key.removeprefix("camera.")].default for key in SHARED if key.startswith("camera.")
@@ -49,7 +48,6 @@ ARMS = {  # `again` differs from `like` in the seed of half of its images: how m
     "default": ("default", "default-2"),
     "like": ("like", "like-2"),
     "again": ("like", "like-3"),
-    "more_of": ("like", "more"),
 }
 SEEDS = (0, 1, 2)
 MEASURES = ("ap50", "f1")
@@ -73,7 +71,6 @@ def renders_of(name: str) -> dict[str, Side]:
         "like": replace(half, name=f"{name}-like", values={**values, **like}),
         "like-2": replace(half, name=f"{name}-like-2", seed=1, values={**values, **like}),
         "like-3": replace(half, name=f"{name}-like-3", seed=2, values={**values, **like}),
-        "more": replace(half, name=f"{name}-more", seed=1, values={**values, **like}),
     }
 
 
@@ -126,7 +123,7 @@ def table(arms: Mapping[str, Cell]) -> tuple[list[str], dict[str, Any]]:
 
 def main() -> None:
     """Make, train, and judge what isn't there yet, and print the table."""
-    parser = argparse.ArgumentParser(prog="python -m hulldown.demo.like", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m hulldown.benchmarks.like", description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("set", choices=SETS)
     arguments = parser.parse_args()
@@ -136,15 +133,7 @@ def main() -> None:
     photographs, runs = folder / f"{name}-photographs", folder / "runs"
     if not photographs.exists():
         write_stand_ins(make_side(stand_ins_of(name), folder), photographs, SHARES)
-    sides = renders_of(name)
-    more = sides.pop("more")
-    data = {key: make_side(side, folder) for key, side in sides.items()}
-    # One detector's misses for all seeds, as all seeds share the other arms' images.
-    first, report = detector(runs / f"{name}-first", [data["like"]], 0), folder / f"{name}-misses"
-    if not (report / "report.json").exists():
-        valid = photographs / "valid"
-        evaluate_files(valid, found(first, valid), report, threshold="best", progress=lambda done, total: None)
-    data["more"] = make_side(more, folder, more_of=report / "report.json")
+    data = {key: make_side(side, folder) for key, side in renders_of(name).items()}
     results = []
     for seed in SEEDS:
         for arm, parts in ARMS.items():
