@@ -6,15 +6,15 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.camera.projection import NEAR, Camera
-from hulldown.camera.target import PosedVehicle
-from hulldown.camera.world import World
 from hulldown.geometry.transforms import apply
+from hulldown.scene.posed_scene import Scene
+from hulldown.scene.posed_vehicle import PosedVehicle
 
 UNSEEN, HIDDEN, SEEN = 0.0, 1.0, 2.0  # COCO's v
 SLACK = 0.01  # meters that a keypoint may be below the surface that it is on
 
 
-def keypoints_in_image(vehicle: PosedVehicle, camera: Camera, world: World) -> Float[np.ndarray, "k 3"]:
+def keypoints_in_image(vehicle: PosedVehicle, camera: Camera, world: Scene) -> Float[np.ndarray, "k 3"]:
     """Pixel and COCO's v of each keypoint of a vehicle: 2 if it's visible, 1 if it's hidden, 0 outside of the image.
 
     Parameters

@@ -12,11 +12,11 @@ from pycocotools import mask as rle_codec
 
 from hulldown.camera.lenses import Lenses
 from hulldown.camera.projection import NEAR, Camera, directions
-from hulldown.camera.target import PosedVehicle
-from hulldown.camera.visibility import TOUCHING
-from hulldown.camera.world import World
 from hulldown.geometry.arrays import checked, numbered
 from hulldown.geometry.transforms import rotate
+from hulldown.scene.posed_scene import Scene
+from hulldown.scene.posed_vehicle import PosedVehicle
+from hulldown.scene.visibility import TOUCHING
 
 FIRST_LOOK = 256  # pixels that are tested first
 MOST_RAYS = 1 << 18  # cast together
@@ -26,7 +26,7 @@ FARTHEST = 1e6  # pixels to a polygon's corner: pycocotools counts in 32 bits
 
 
 def vehicle_mask(
-    vehicle: PosedVehicle, camera: Camera, *, xywh: ArrayLike | None = None, world: World | None = None
+    vehicle: PosedVehicle, camera: Camera, *, xywh: ArrayLike | None = None, world: Scene | None = None
 ) -> Bool[np.ndarray, "h w"]:
     """The pixels whose center shows the vehicle.
 
@@ -69,7 +69,7 @@ def show_pixels(
     lens: Lenses,
     *,
     xywh: Float[np.ndarray, "n 4"],
-    world: World,
+    world: Scene,
 ) -> Bool[np.ndarray, " n"]:
     """Whether the `vehicle_mask` of each camera's subject has any pixel; a few pixels are tested first.
 

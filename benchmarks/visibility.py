@@ -15,13 +15,13 @@ from hulldown.benchmarks.tables import table
 from hulldown.camera.framing import frame_target
 from hulldown.camera.projection import Camera, project
 from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation
-from hulldown.camera.target import PosedVehicle, VehicleTarget
-from hulldown.camera.visibility import Visibility, visible_fraction
-from hulldown.camera.world import World
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply, rigid, rotation_z
+from hulldown.scene.posed_scene import Scene
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
+from hulldown.scene.visibility import Visibility, visible_fraction
 
 RAYS = (64, 256, 1024, 4096, 16384, 65536)
 SHOWN = 4  # rows of the table; the plot shows all
@@ -59,7 +59,7 @@ class Woods:
         above = self.world_from_camera[:, 2, 3] - _height(*self.world_from_camera[:, :2, 3].T)
         self.world_from_camera[above < 0.5, 2, 3] += 0.5 - above[above < 0.5]
 
-    def seen(self, rows: slice, rays: int, seed: int = 0, *, world: World) -> Visibility:
+    def seen(self, rows: slice, rays: int, seed: int = 0, *, world: Scene) -> Visibility:
         """What hulldown answers."""
         target = PosedVehicle(self.target, self.world_from_vehicle[rows], self.articulation[rows])
         cameras = self.world_from_camera[rows]
@@ -67,7 +67,7 @@ class Woods:
 
     def fraction(self, rows: slice, rays: int, seed: int = 0, *, wood: bool = True) -> np.ndarray:
         """Visible shares, with the wood or without."""
-        world = World(self.ground_rays, self.wood) if wood else World(self.ground_rays)
+        world = Scene(self.ground_rays, self.wood) if wood else Scene(self.ground_rays)
         return self.seen(rows, rays, seed, world=world).fraction
 
     def placed(self, i: int) -> Mesh:
@@ -164,7 +164,7 @@ def _errors(world: Woods, views: int, quick: bool) -> dict:
         if rays <= 4096:
             out[random_is][str(rays)] = _summary(np.array([random_in_box(i, rays) for i in range(views)]) - truth)
             out[grid_is][str(rays)] = _summary(np.array([grid_in_frame(i, rays) for i in range(views)]) - truth)
-    fill = world.seen(rows, 1024, world=World()).hits / 1024  # share of the rays that meet the target
+    fill = world.seen(rows, 1024, world=Scene()).hits / 1024  # share of the rays that meet the target
     bound = {str(rays): float(error_bound(rays * np.median(fill))) for rays in RAYS}
     partly = float(((truth > 0.02) & (truth < 0.98)).mean())
     return {"contenders": out, "bound": bound, "partly_hidden": partly, "mean_visible": float(truth.mean())}

@@ -19,9 +19,9 @@ from hulldown.annotate.posing import PosedParts, move
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, Camera
-from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply, rigid
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
 from hulldown.tests.oracles.clipping import clipped
 from hulldown.tests.oracles.curves import LENSES, dense_extent
 from hulldown.tests.shapes import random_rotations, vehicle_of

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from hulldown.camera.camera_rays import CameraRays
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
-from hulldown.camera.target import PosedVehicle
-from hulldown.camera.visibility import visible_fraction
-from hulldown.camera.world import Plane, World
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.transforms import rigid
+from hulldown.scene.posed_scene import Plane, Scene
+from hulldown.scene.posed_vehicle import PosedVehicle
+from hulldown.scene.visibility import visible_fraction
 from hulldown.tests.shapes import box, random_rotations
 from hulldown.tests.test_visibility import HERE, TANK
 
@@ -46,7 +46,7 @@ def test_on_an_open_plane_everything_in_the_frame_is_visible(
     lens: Intrinsics, seed: int, elevation: float, turn: float
 ) -> None:
     # The target is a millimeter above the plane, since rays at the seam may go either way.
-    target, world = PosedVehicle(TANK, HERE, {"turret": turn}), World(Plane(-1e-3))
+    target, world = PosedVehicle(TANK, HERE, {"turret": turn}), Scene(Plane(-1e-3))
     seen = visible_fraction([target], cameras(seed, elevation), intrinsics=lens, world=world)
     assert (seen.fraction == 1).all()
     assert (seen.hits > 0).all()
@@ -60,7 +60,7 @@ def test_behind_a_wall_nothing_is_visible(lens: Intrinsics, seed: int, elevation
     walls[:, :3, 3] += poses[:, :3, 2]
     walls[:, :3, :3] = poses[:, :3, :3] * np.array([1000.0, 1000.0, 0.01])
     for pose, wall in zip(poses, walls, strict=True):
-        world = World(obstacles=InstancedScene([CUBE], [0], wall[None]))
+        world = Scene(obstacles=InstancedScene([CUBE], [0], wall[None]))
         seen = visible_fraction(target, pose[None], intrinsics=lens, world=world)
         assert seen.fraction[0] == 0
 
@@ -74,9 +74,9 @@ def test_an_added_occluder_never_raises_the_fraction(
     options = {"intrinsics": lens, "rays": 64}
     target, poses = [PosedVehicle(TANK, HERE, {"turret": turn})], cameras(seed, elevation)
     free = visible_fraction(target, poses, **options)
-    some = visible_fraction(target, poses, world=World(obstacles=fewer), **options)
-    more = visible_fraction(target, poses, world=World(obstacles=scene), **options)
-    most = visible_fraction(target, poses, world=World(Plane(0.2), scene), **options)
+    some = visible_fraction(target, poses, world=Scene(obstacles=fewer), **options)
+    more = visible_fraction(target, poses, world=Scene(obstacles=scene), **options)
+    most = visible_fraction(target, poses, world=Scene(Plane(0.2), scene), **options)
     for above, below in [(free, some), (some, more), (more, most)]:
         np.testing.assert_array_equal(above.hits, below.hits)
         assert (below.fraction <= above.fraction).all()
@@ -86,7 +86,7 @@ def test_an_added_occluder_never_raises_the_fraction(
 def test_rays_of_cameras_are_hidden_like_single_rays(seed: int, k: int, fov: float) -> None:
     rng = np.random.default_rng(seed)
     n, r, half = 5, 40, math.tan(math.radians(fov / 2))
-    world = World(Plane(-1.0), boulders(rng, k), [PosedVehicle(TANK, HERE, {"turret": 0.5})])
+    world = Scene(Plane(-1.0), boulders(rng, k), [PosedVehicle(TANK, HERE, {"turret": 0.5})])
     poses = cameras(seed, 0.3, n)
     low = rng.uniform(-half, half, (n, 2))
     camera_rays = CameraRays(low, rng.uniform(0, 1, (n, 2)) * (half - low), rng.uniform(0, 1, (r, 2)))
@@ -96,7 +96,7 @@ def test_rays_of_cameras_are_hidden_like_single_rays(seed: int, k: int, fov: flo
     met = world.nearest(*camera_rays.rays(poses, np.arange(n * r))).distance
     reach = np.where(asked.ravel(), met * rng.uniform(0.9, 1.1, n * r), -np.inf)
     rays = camera_rays.rays(poses, which)
-    for hiders in (World(Plane(-1.0)), World(Plane(-1.0), world.obstacles), world):
+    for hiders in (Scene(Plane(-1.0)), Scene(Plane(-1.0), world.obstacles), world):
         passed = hiders.passed(camera_rays, poses, reach=reach)[which]
         np.testing.assert_array_equal(passed == 0.0, hiders.occluded(*rays, max_distance=reach[which]))
 
@@ -107,9 +107,9 @@ def test_moving_the_world_changes_almost_nothing(seed: int, elevation: float) ->
     scene = boulders(np.random.default_rng(seed), 8)
     moved = InstancedScene([CUBE], scene.instance_mesh, shift @ scene.world_from_instance)
     poses, lens = cameras(seed, elevation), Intrinsics(320, 240, 0.8)
-    here = visible_fraction([PosedVehicle(TANK, HERE, {})], poses, intrinsics=lens, world=World(Plane(0.1), scene))
+    here = visible_fraction([PosedVehicle(TANK, HERE, {})], poses, intrinsics=lens, world=Scene(Plane(0.1), scene))
     there = visible_fraction(
-        [PosedVehicle(TANK, shift[None], {})], shift @ poses, intrinsics=lens, world=World(Plane(50.1), moved)
+        [PosedVehicle(TANK, shift[None], {})], shift @ poses, intrinsics=lens, world=Scene(Plane(50.1), moved)
     )
     np.testing.assert_allclose(here.hits, there.hits, atol=2)
     np.testing.assert_allclose(here.fraction, there.fraction, atol=0.04)

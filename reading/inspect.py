@@ -14,12 +14,12 @@ from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError
 from hulldown.camera.response import ALBEDO, metered
-from hulldown.camera.target import PosedVehicle, VehicleTarget
-from hulldown.camera.world import Kind, World, WorldHits
 from hulldown.pictures.drawing import contact_sheet, lettering
 from hulldown.pictures.sheets import save_sheet
 from hulldown.reading.hdri import Hdri
 from hulldown.reading.pieces.asset_report import FileReport, SkyReport
+from hulldown.scene.posed_scene import Kind, Scene, SceneHits
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
 
 # Colors that color-blind people tell apart: Okabe, Ito, Color universal design, 2008.
 COLORS = np.array([(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float)
@@ -108,15 +108,15 @@ def draw(asset: VehicleShape | Scenery, *, size: int = 480) -> Image.Image:
         Width and height of each of the four views in pixels.
     """
     if isinstance(asset, VehicleShape):
-        world, bounds = World(vehicles=[PosedVehicle(VehicleTarget(asset), np.eye(4)[None], {})]), asset.mesh.bounds
+        world, bounds = Scene(vehicles=[PosedVehicle(VehicleTarget(asset), np.eye(4)[None], {})]), asset.mesh.bounds
         colors = dict(zip(asset.part_names, COLORS, strict=False))
     else:
-        world = World.of(asset)
+        world = Scene.of(asset)
         bounds = _worth_seeing(asset, world.obstacles.bounds)
         ground = f"ground ({len(asset.ground_names)})" if asset.ground else "no ground"
         colors = {ground: COLORS[3], f"obstacles ({len(asset.instance_names)})": OBSTACLE}
 
-    def number(hits: WorldHits) -> Int[np.ndarray, " n"]:
+    def number(hits: SceneHits) -> Int[np.ndarray, " n"]:
         """The number of the color of each hit."""
         if isinstance(asset, VehicleShape):
             return asset.vertex_part[asset.mesh.faces[hits.face, 0]]
@@ -170,7 +170,7 @@ class _View:
         self.scale = size / max(float(np.ptp(flat, axis=0).max()) * 1.25, 1e-9)  # pixels a meter
         self.depth = float(np.linalg.norm(bounds[1] - bounds[0]))
 
-    def look(self, world: World) -> tuple[WorldHits, Float[np.ndarray, " n"]]:
+    def look(self, world: Scene) -> tuple[SceneHits, Float[np.ndarray, " n"]]:
         """The hit of each pixel, and its brightness by the angle between surface and light."""
         center = (np.arange(self.size) + 0.5 - self.size / 2) / self.scale
         x, y = np.meshgrid(center, -center)

@@ -14,12 +14,12 @@ from hulldown.annotate.rectangles import mask_rectangle
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.skeleton import category_fields
 from hulldown.assets.vehicle import VehicleShape
-from hulldown.camera.target import PosedVehicle, VehicleTarget
-from hulldown.camera.world import World
 from hulldown.dataset.rows import label_records
 from hulldown.dataset.store.entries import new_category
 from hulldown.planning.plan.row import PlannedVehicle, Row
 from hulldown.planning.plan_file import Plan
+from hulldown.scene.posed_scene import Scene
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
 
 
 def categories_of(plan: Plan, shapes: Mapping[str, VehicleShape]) -> list[dict[str, Any]]:
@@ -54,7 +54,7 @@ class Segmenter:
     ) -> None:
         self._vehicles, self._sceneries, self._keypoints = vehicles, sceneries, keypoints
         self._targets: dict[str, VehicleTarget] = {}
-        self._world: tuple[str, World] = ("", World())  # the latest scenery; rows are sorted
+        self._world: tuple[str, Scene] = ("", Scene())  # the latest scenery; rows are sorted
 
     def records(self, row: Row) -> list[dict[str, Any]]:
         """Annotation records of each labeled vehicle of a row, without ids."""
@@ -84,10 +84,10 @@ class Segmenter:
             self._targets[name] = VehicleTarget(self._vehicles[name])
         return PosedVehicle(self._targets[name], vehicle.world_from_vehicle[None], vehicle.articulation)
 
-    def _among(self, row: Row, vehicles: Sequence[PlannedVehicle]) -> World:
+    def _among(self, row: Row, vehicles: Sequence[PlannedVehicle]) -> Scene:
         """A row's scenery with these vehicles."""
         if self._world[0] != row.scenery:
-            self._world = row.scenery, World.of(self._sceneries[row.scenery])
+            self._world = row.scenery, Scene.of(self._sceneries[row.scenery])
         return self._world[1].with_vehicles([self._posed(vehicle) for vehicle in vehicles])
 
 

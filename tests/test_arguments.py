@@ -6,15 +6,11 @@ import numpy as np
 import pytest
 
 from hulldown.annotate.boxes import VehicleBoxes, surface_box
-from hulldown.camera.clearance import CameraRoom
 from hulldown.camera.framing import frame_target
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera, project
 from hulldown.camera.shell import camera_pose, draw_elevation
 from hulldown.camera.size import solve_distance
-from hulldown.camera.target import PosedVehicle, VehicleTarget
-from hulldown.camera.visibility import visible_fraction
-from hulldown.camera.world import NO_OBSTACLES, World
 from hulldown.geometry.arrays import checked, whole
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh, first_alike, merge
@@ -27,6 +23,10 @@ from hulldown.placement.rules import RULES, SettleRules
 from hulldown.placement.settle import settle
 from hulldown.placement.support import support_plane
 from hulldown.placement.terrain import Terrain
+from hulldown.scene.clearance import CameraRoom
+from hulldown.scene.posed_scene import NO_OBSTACLES, Scene
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
+from hulldown.scene.visibility import visible_fraction
 from hulldown.tests.shapes import box, sheet, vehicle_of
 from hulldown.tests.test_terrain import METHODS
 
@@ -188,8 +188,8 @@ NO_ROWS = [
     (lambda: support_plane(GRID, np.zeros((0, 25)), np.zeros((0, 25), bool)).gradient, (0, 2)),
     *((lambda s=scene: s.cast(RAYS, RAYS).distance, (0,)) for scene in SCENES),
     *((lambda s=scene: s.occluded(RAYS, RAYS), (0,)) for scene in SCENES),
-    (lambda: World(obstacles=SCENES[2], vehicles=SEEN).nearest(RAYS, RAYS).normal, (0, 3)),
-    (lambda: visible_fraction(SEEN, ONE[:0], intrinsics=VGA, world=World(obstacles=SCENES[1])).fraction, (0,)),
+    (lambda: Scene(obstacles=SCENES[2], vehicles=SEEN).nearest(RAYS, RAYS).normal, (0, 3)),
+    (lambda: visible_fraction(SEEN, ONE[:0], intrinsics=VGA, world=Scene(obstacles=SCENES[1])).fraction, (0,)),
     (lambda: tries(n=0)[0], (0, 2)),
     (lambda: camera_pose(np.zeros(3), np.zeros(0), 0.0, 0.0), (0, 4, 4)),
     (lambda: framed(ONE[:0]), (0, 4, 4)),
@@ -210,8 +210,8 @@ def test_an_empty_world_and_ground_without_area_are_never_met():
     wall = Terrain(Mesh(np.array([[0.0, 0, 0], [1, 1, 0], [0.5, 0.5, 9]]), np.array([[0, 1, 2]])))
     assert not any(wall.top_hits([[0.5, 0.5], [0, 0]], method=method).hit.any() for method in METHODS)
     ray = [[0, 0, 1.0]], [DOWN]
-    assert not World().nearest(*ray).hit.any()
-    assert not World().occluded(*ray).any()
+    assert not Scene().nearest(*ray).hit.any()
+    assert not Scene().occluded(*ray).any()
     for empty in SCENES[:2]:
         assert not empty.cast(*ray).hit.any()
         assert not empty.occluded(*ray).any()

@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from hulldown.camera.clearance import CameraRoom
-from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.geometry.overlap import Obstacles
 from hulldown.geometry.transforms import compose, rigid, rotation_z
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.terrain import Terrain
+from hulldown.scene.clearance import CameraRoom
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
 from hulldown.tests.shapes import box, vehicle_of
 
 CAR = np.array([4.0, 2.0, 1.5])

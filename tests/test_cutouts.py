@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hulldown.camera.target import PosedVehicle, VehicleTarget
-from hulldown.camera.world import World
 from hulldown.geometry.alpha import GRADES, AlphaMap, Cut, Cutouts, Extension, fewer_texels
 from hulldown.geometry.cutouts import caster_of
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.geometry.overlap import Obstacles
 from hulldown.geometry.transforms import rigid, rotation_z
+from hulldown.scene.posed_scene import Scene
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
 from hulldown.tests.shapes import vehicle_of
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]])
@@ -54,13 +54,13 @@ POSES[2, 1, 3] = -1.0
         (caster_of(card()), 3.0),
         (InstancedScene([card()], [0, 0, 0], POSES), 2.0),
         (VEHICLE, 2.0),
-        (World(vehicles=[VEHICLE]), 2.0),
-        (World(obstacles=InstancedScene([card()], [0], POSES[2:])), 2.0),
+        (Scene(vehicles=[VEHICLE]), 2.0),
+        (Scene(obstacles=InstancedScene([card()], [0], POSES[2:])), 2.0),
     ],
 )
 def test_rays_hit_opaque_texels_and_pass_clear_ones(thing, distance: float):
     origins, along, at = through()
-    hits = thing.nearest(origins, along) if isinstance(thing, World) else thing.cast(origins, along)
+    hits = thing.nearest(origins, along) if isinstance(thing, Scene) else thing.cast(origins, along)
     np.testing.assert_array_equal(hits.hit, on_checks(at))
     np.testing.assert_allclose(hits.distance[hits.hit], distance)
     np.testing.assert_array_equal(thing.occluded(origins, along), on_checks(at))

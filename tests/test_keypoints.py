@@ -11,14 +11,14 @@ from hulldown.annotate.keypoint_visibility import keypoints_in_image
 from hulldown.assets.bundle import load_vehicle, save
 from hulldown.assets.skeleton import category_fields
 from hulldown.base.errors import ConfigError, DatasetError
-from hulldown.camera.target import PosedVehicle, VehicleTarget
-from hulldown.camera.world import World
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.reading.vehicle.found_keypoints import marked_points
+from hulldown.scene.posed_scene import Scene
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
 from hulldown.tests.editing import append, edit
 from hulldown.tests.planning_assets import small_assets
 from hulldown.tests.shapes import FACES
@@ -38,7 +38,7 @@ CUBE_WITH_POINTS = SHAPE.with_keypoints(POINTS)
 
 
 def seen(vehicle, *others, camera=CAMERA, ground=None):
-    found = keypoints_in_image(vehicle, camera, World(ground, vehicles=[vehicle, *others]))
+    found = keypoints_in_image(vehicle, camera, Scene(ground, vehicles=[vehicle, *others]))
     return dict(zip(vehicle.target.shape.keypoint_names, found.tolist(), strict=True))
 
 

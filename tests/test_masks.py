@@ -7,11 +7,11 @@ from hulldown.annotate.boxes import VehicleBoxes
 from hulldown.annotate.masks import decode, extent, vehicle_mask
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, Camera
-from hulldown.camera.target import PosedVehicle, VehicleTarget
-from hulldown.camera.world import World
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import rigid
+from hulldown.scene.posed_scene import Scene
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
 from hulldown.tests.shapes import CORNERS, FACES, vehicle_of
 
 CUBE = 2.0 * CORNERS - 1.0
@@ -38,9 +38,9 @@ def test_only_the_box_is_rendered_and_nothing_is_lost():
 
 def test_objects_in_front_hide_and_objects_behind_do_not():
     wall = CUBE * [1.0, 0.1, 1.0] + [1.0, -3.0, 0.0]
-    assert np.array_equal(vehicle_mask(HERE, CAMERA, world=World(RayCaster(Mesh(wall, FACES)))), square(75, 25, 25, 50))
+    assert np.array_equal(vehicle_mask(HERE, CAMERA, world=Scene(RayCaster(Mesh(wall, FACES)))), square(75, 25, 25, 50))
     behind = RayCaster(Mesh(wall + np.array([0.0, 9.0, 0.0]), FACES))
-    assert np.array_equal(vehicle_mask(HERE, CAMERA, world=World(behind)), square(75, 25, 50, 50))
+    assert np.array_equal(vehicle_mask(HERE, CAMERA, world=Scene(behind)), square(75, 25, 50, 50))
 
 
 def test_nothing_before_the_near_plane_is_visible():

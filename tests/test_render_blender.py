@@ -21,8 +21,6 @@ from hulldown.annotate.masks import iou, mask_box, vehicle_mask
 from hulldown.base.child import Child
 from hulldown.base.errors import HulldownError
 from hulldown.camera.shell import shell_axes
-from hulldown.camera.target import PosedVehicle, VehicleTarget
-from hulldown.camera.world import World
 from hulldown.dataset.provenance import read_provenance
 from hulldown.geometry.transforms import rigid
 from hulldown.planning.inputs.loading import load_planned_library
@@ -31,6 +29,8 @@ from hulldown.rendering.cycles_masks import cycles_masks, verify_masks
 from hulldown.rendering.jobs import mask_job, readable
 from hulldown.rendering.process import WORKER, Allowance, Blender, Limits, worker_command
 from hulldown.rendering.supervisor import render_plan
+from hulldown.scene.posed_scene import Scene
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
 from hulldown.tests.blender_plans import draw, drawn, job, make_plan, pixels
 from hulldown.tests.clusters import digests, wait_for
 from hulldown.tests.plan_lines import altered
@@ -103,7 +103,7 @@ def test_pictures_show_the_planned_vehicles(dataset, plan, library):
     """The tank glows pink in a gray world, so its pixels can be counted."""
     for row in plan:
         expected = np.zeros((row.height, row.width), dtype=bool)
-        world = World.of(library.assets.sceneries[row.scenery])
+        world = Scene.of(library.assets.sceneries[row.scenery])
         for target in row.vehicles:
             expected |= vehicle_mask(standing(library, target), row.camera, world=world)
         # Antialiased edges: one pixel more or less on every side.

@@ -6,12 +6,12 @@ from matplotlib.colors import rgb_to_hsv
 from scipy import ndimage
 
 from hulldown.annotate.masks import vehicle_mask
-from hulldown.camera.target import PosedVehicle, VehicleTarget
 from hulldown.camera.weather.kinds import Weather
-from hulldown.camera.world import World
 from hulldown.planning.check import check_plan
 from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.plan.coats import Coat
+from hulldown.scene.posed_scene import Scene
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
 from hulldown.tests.blender_plans import draw, make_plan, run_script
 from hulldown.tests.plan_lines import altered
 
@@ -80,7 +80,7 @@ def rendered(rows, library, folder):
 @pytest.fixture(scope="module")
 def masks(row, library):
     """Masks of the target and of its companion, without their outermost pixels, which show some background."""
-    world = World.of(library.assets.sceneries["field"])
+    world = Scene.of(library.assets.sceneries["field"])
     shape = VehicleTarget(library.shapes["odd"])
     return [
         ndimage.binary_erosion(

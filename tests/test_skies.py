@@ -10,9 +10,9 @@ from hulldown.camera.projection import Camera
 from hulldown.camera.response import displayed
 from hulldown.camera.sensor import Sensor
 from hulldown.camera.weather.kinds import Weather
-from hulldown.camera.world import Plane, World
 from hulldown.dataset.store.reservations import Run
 from hulldown.dataset.verification.check_skies import SkyCheck, deviation, radiance
+from hulldown.scene.posed_scene import Plane, Scene
 
 RUN = Run("a" * 64, 0, 0, "", 9, 9)
 POSE = [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 2.0], [0.0, 0.0, 0.0, 1.0]]  # looks along +x
@@ -33,7 +33,7 @@ def sky(red, blue, bright_at):
 
 
 SKIES = {"east": sky(0.9, 0.6, 0.0), "west": sky(0.5, 0.9, 180.0)}
-CHECK = SkyCheck({"plain": World(ground=Plane(0.0))}, SKIES, RUN)
+CHECK = SkyCheck({"plain": Scene(ground=Plane(0.0))}, SKIES, RUN)
 
 
 def picture(image):

@@ -6,12 +6,8 @@ import numpy as np
 import pytest
 
 from hulldown.assets.library import Assets
-from hulldown.camera.clearance import CameraRoom
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
-from hulldown.camera.target import PosedVehicle, VehicleTarget
-from hulldown.camera.visibility import visible_fraction
-from hulldown.camera.world import World
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.overlap import Obstacles
@@ -19,6 +15,10 @@ from hulldown.geometry.transforms import rigid, rotation_about, rotation_z
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.search.stage import make_stage
+from hulldown.scene.clearance import CameraRoom
+from hulldown.scene.posed_scene import Scene
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
+from hulldown.scene.visibility import visible_fraction
 from hulldown.tests.planning_assets import bare, hills, plan, small_config, vehicle, with_water
 from hulldown.tests.shapes import box, sheet
 
@@ -113,7 +113,7 @@ def test_water_hides_submerged_parts_like_an_opaque_surface():
     """One meter of a tank of 2.3 m is below the water of a ford: about half is hidden, seen from the side."""
     ford, lens = with_water(bare("ford"), sheet((-50, -50), (50, 50), 1.0)), Intrinsics(640, 480, 0.7)
     camera = camera_pose([0.0, 0.0, 1.0], 30.0, 0.0, 0.1)[None]
-    for world, low, high in ((World.of(ford), 0.4, 0.8), (World(), 0.0, 0.0)):
+    for world, low, high in ((Scene.of(ford), 0.4, 0.8), (Scene(), 0.0, 0.0)):
         seen = visible_fraction(
             [PosedVehicle(VehicleTarget(TANK), np.eye(4)[None], {})], camera, intrinsics=lens, world=world, rays=900
         )

@@ -6,12 +6,12 @@ import trimesh
 
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, Camera
-from hulldown.camera.target import PosedVehicle
-from hulldown.camera.world import Kind, Plane, World
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import rigid, rotation_about, rotation_z
+from hulldown.scene.posed_scene import Kind, Plane, Scene
+from hulldown.scene.posed_vehicle import PosedVehicle
 from hulldown.tests.shapes import box
 from hulldown.tests.test_visibility import TANK
 
@@ -24,7 +24,7 @@ GROUND = Mesh(np.array([[-20.0, -20, 0], [20, -20, 1], [20, 20, 0], [-20, 20, 2]
 STRETCHED = rigid(TILT, np.array([[-6.0, 3, 2], [4, -7, 1], [-5, -5, 1]]))
 STRETCHED[:, :3, :3] *= np.array([[1.0, 2.0, 0.5], [-1.0, 1.0, 3.0], [1.0, 1.0, 0.0]])[:, None]  # mirrored, flat
 WOOD = InstancedScene([box((-1, -1, -1), (1, 1, 1)), box((-0.5, -0.5, 0), (0.5, 0.5, 4))], [0, 1, 0], STRETCHED)
-WORLD = World(RayCaster(GROUND), WOOD, VEHICLES)
+WORLD = Scene(RayCaster(GROUND), WOOD, VEHICLES)
 
 
 def in_the_world() -> tuple[trimesh.Trimesh, np.ndarray]:
@@ -121,6 +121,6 @@ def test_a_camera_sees_the_hits_of_its_pixels_rays(intrinsics, position):
 
 
 def test_the_plane_is_hit_from_both_sides_at_its_distance_and_not_along_it():
-    hits = World(Plane(1.0)).nearest([[0, 0, 3.0], [0, 0, 0.0], [0, 0, 3.0]], [[3, 0, -4.0], [0, 0, 1.0], [1, 0, 0.0]])
+    hits = Scene(Plane(1.0)).nearest([[0, 0, 3.0], [0, 0, 0.0], [0, 0, 3.0]], [[3, 0, -4.0], [0, 0, 1.0], [1, 0, 0.0]])
     assert hits.distance.tolist() == [2.5, 1.0, np.inf]
     assert hits.normal[:2].tolist() == [[0, 0, 1], [0, 0, -1]]

@@ -18,13 +18,13 @@ from hulldown.camera.projection import Camera
 from hulldown.camera.response import displayed, white_balance
 from hulldown.camera.sensor import Sensor
 from hulldown.camera.weather.kinds import Weather, air_layers, airlight, even_sky
-from hulldown.camera.world import World
 from hulldown.dataset.records import Finding
 from hulldown.dataset.store.entries import Coco, Record, is_box
 from hulldown.dataset.store.reservations import Run, find_run, plan_key
 from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan_file import Plan
 from hulldown.reading.hdri import sky_map
+from hulldown.scene.posed_scene import Scene
 
 WIDTH = 96  # pixels of the small picture that is compared
 FEWEST = 40  # of its pixels must be sky
@@ -48,7 +48,7 @@ class SkyCheck:
         The plan's images in the dataset.
     """
 
-    worlds: Mapping[str, World]
+    worlds: Mapping[str, Scene]
     skies: Mapping[str, Float[np.ndarray, "_ _ 3"]]
     run: Run
 
@@ -132,7 +132,7 @@ def sky_check(plan: Plan, coco: Coco, read: Callable[[], Library]) -> SkyCheck |
     used = {image.get("hdri") for image in coco["images"] if run.has_image(image["id"])}
     skies = {name: sky_map(hdri) for name, hdri in library.hdris.items() if name in used}
     sceneries = library.assets.sceneries
-    worlds = {name: World.of(sceneries[name], fallback_z=plan.config.ground.fallback_z) for name in sceneries}
+    worlds = {name: Scene.of(sceneries[name], fallback_z=plan.config.ground.fallback_z) for name in sceneries}
     return SkyCheck(worlds, skies, run)
 
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from hulldown.assets.library import Assets
 from hulldown.camera.projection import Camera
-from hulldown.camera.world import World
 from hulldown.geometry.arrays import spread
 from hulldown.planning.inputs.loading import config_of
 from hulldown.planning.plan.lines import PlanFile
 from hulldown.planning.plan.row import Row
+from hulldown.scene.posed_scene import Scene
 
 LOOKED_AT = 1000  # images, evenly spread over the plan
 COLUMNS, ROWS = 24, 16  # rays through an image
@@ -32,7 +32,7 @@ def land_above_horizon(plan: PlanFile, assets: Assets) -> tuple[int, int]:
             rows[row.scenery].append(row)
     count = 0
     for scenery, of_scenery in rows.items():
-        world = World.of(assets.sceneries[scenery], fallback_z=fallback_z)
+        world = Scene.of(assets.sceneries[scenery], fallback_z=fallback_z)
         for row in of_scenery:
             camera = Camera(row.intrinsics.resized(COLUMNS, ROWS), row.world_from_camera)
             x, y = np.meshgrid(np.arange(COLUMNS) + 0.5, np.arange(ROWS) + 0.5)

@@ -25,11 +25,11 @@ from hulldown.base.files import make_room, replace_file
 from hulldown.base.outside import read_json
 from hulldown.base.terminal import tracked
 from hulldown.camera.projection import directions
-from hulldown.camera.world import Kind, WorldHits
 from hulldown.geometry.arrays import spread
 from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan.lines import PlanFile
 from hulldown.planning.plan.row import Row, encode
+from hulldown.scene.posed_scene import Kind, SceneHits
 
 PASSES = ("depth", "normal", "instance", "part", "category")
 STUFF = ("ground", "obstacle", "water", "distractor", "sky")  # classes without instances in COCO panoptic
@@ -136,7 +136,7 @@ def _instances(
     return instance.astype(np.uint16), table
 
 
-def _parts(row: Row, artist: Artist, hits: WorldHits) -> UInt16[np.ndarray, " n"]:
+def _parts(row: Row, artist: Artist, hits: SceneHits) -> UInt16[np.ndarray, " n"]:
     first = {record["vehicle"]: record["id"] for record in part_table(artist)[::-1]}
     part = np.zeros(len(hits.kind), np.uint16)
     for i, vehicle in enumerate(row.vehicles):

@@ -14,9 +14,7 @@ from hulldown.base.errors import ConfigError
 from hulldown.base.terminal import tracked
 from hulldown.camera.projection import Camera
 from hulldown.camera.response import ALBEDO
-from hulldown.camera.target import PosedVehicle
 from hulldown.camera.weather.kinds import Weather
-from hulldown.camera.world import World
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.color import LUMINANCE
 from hulldown.pictures.drawing import contact_sheet, draw
@@ -28,6 +26,8 @@ from hulldown.planning.pictures.shading import look, paint_of, sun_of
 from hulldown.planning.plan.lines import PlanFile
 from hulldown.planning.plan.row import PlannedVehicle, Row
 from hulldown.planning.search.stage import make_stage
+from hulldown.scene.posed_scene import Scene
+from hulldown.scene.posed_vehicle import PosedVehicle
 
 TILE_WIDTH = 480
 HIGHEST = 4  # largest ratio of a preview's height to its width
@@ -105,7 +105,7 @@ class Artist:
         ]
         return draw(image, records, {i: name for name, i in self.class_ids.items()}, masks=False)
 
-    def world(self, row: Row) -> World:
+    def world(self, row: Row) -> Scene:
         """Return a row's scenery with its vehicles.
 
         Raises

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from hulldown.camera.projection import Camera
 from hulldown.camera.weather.extinction import air_contrast
 from hulldown.camera.weather.kinds import KINDS, Weather
-from hulldown.camera.world import Kind, World
+from hulldown.scene.posed_scene import Kind, Scene
 
 _ZENITH, _HORIZON = np.array([0.36, 0.55, 0.82]), np.array([0.78, 0.84, 0.92])
 _EARTH, _LEAVES = np.array([0.52, 0.49, 0.36]), np.array([0.25, 0.36, 0.19])
@@ -22,7 +22,7 @@ _TILES_M = 5.0  # width of the ground's faint checkers, which show sizes
 
 
 def look(
-    world: World,
+    world: Scene,
     camera: Camera,
     *,
     paints: Sequence[Float[np.ndarray, "3"]],

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from hulldown.camera.target import PosedVehicle
 from hulldown.geometry.arrays import joined
 from hulldown.geometry.transforms import apply, compose
 from hulldown.planning.plan.row import rounded
 from hulldown.planning.search.stage import Fleet, Model
+from hulldown.scene.posed_vehicle import PosedVehicle
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -13,15 +13,15 @@ from hulldown.annotate.boxes import VehicleBoxes
 from hulldown.assets.library import Assets
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
-from hulldown.camera.clearance import CameraRoom
-from hulldown.camera.target import VehicleTarget
-from hulldown.camera.world import Plane, World
 from hulldown.geometry.overlap import Obstacles
 from hulldown.placement.contact import Footing, stacked
 from hulldown.placement.footprint import underside
 from hulldown.placement.rules import SettleRules
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.config.schema import Config, PlacementSection
+from hulldown.scene.clearance import CameraRoom
+from hulldown.scene.posed_scene import Plane, Scene
+from hulldown.scene.posed_vehicle import VehicleTarget
 
 _BARE_EXTENT = 50.0  # meters to each side of the origin, for a scenery without ground and obstacles
 _BOUNDS = (np.min, np.max)
@@ -50,7 +50,7 @@ class Site:
 
     name: str
     terrain: Terrain
-    world: World
+    world: Scene
     water: Terrain | None
     obstacles: Obstacles
     camera_room: CameraRoom
@@ -170,7 +170,7 @@ def make_stage(config: Config, assets: Assets) -> PlanStage:
 
 
 def _site(scenery: Scenery, fallback_z: float) -> Site:
-    world = World.of(scenery, fallback_z=fallback_z)
+    world = Scene.of(scenery, fallback_z=fallback_z)
     ground, scene = world.ground, world.obstacles
     assert ground is not None
     terrain = Terrain(ground.z) if isinstance(ground, Plane) else Terrain(ground.mesh, caster=ground)

@@ -12,7 +12,6 @@ from hulldown.annotate.boxes import Boxes
 from hulldown.annotate.masks import show_pixels
 from hulldown.camera.lenses import Lenses
 from hulldown.camera.shell import camera_pose
-from hulldown.camera.visibility import visible_fraction
 from hulldown.camera.weather.extinction import air_contrast
 from hulldown.geometry.columns import put
 from hulldown.placement.rejection import Rejection
@@ -23,6 +22,7 @@ from hulldown.planning.search.block import Block
 from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.sizing import boxes_of, fraction_of, no_boxes
 from hulldown.planning.search.stage import Site
+from hulldown.scene.visibility import visible_fraction
 
 SIZED = 1e-9  # relative tolerance of solved sizes: the solver and the box's projection round differently
 PLENTY = 1000.0  # visible square pixels of a box above which some pixel center surely shows the target

@@ -12,16 +12,16 @@ from numpy.typing import ArrayLike
 
 from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
 from hulldown.camera.lenses import Lenses, Optics, lenses
-from hulldown.camera.target import PosedVehicle
-from hulldown.camera.world import World
 from hulldown.geometry.arrays import checked, numbered
 from hulldown.geometry.transforms import apply
+from hulldown.scene.posed_scene import Scene
+from hulldown.scene.posed_vehicle import PosedVehicle
 
 # Surfaces this close to the target don't hide it; float32 rays of a few hundred meters err by a tenth of this.
 TOUCHING = 1e-3
 # Rays of all cameras whose array work is done at once: enough of each model that occurs to be worth its calls.
 BLOCK = 1 << 18
-NOTHING = World()
+NOTHING = Scene()
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -49,7 +49,7 @@ def visible_fraction(
     world_from_camera: ArrayLike,
     *,
     intrinsics: Optics,
-    world: World = NOTHING,
+    world: Scene = NOTHING,
     rays: int = 256,
     seed: int = 0,
 ) -> Visibility:
@@ -111,7 +111,7 @@ def jittered(n: int, *, rng: np.random.Generator) -> Float[np.ndarray, "n 2"]:
 
 def _count(
     subjects: list[PosedVehicle],
-    world: World,
+    world: Scene,
     world_from_camera: Float[np.ndarray, "n 4 4"],
     lens: Lenses,
     pattern: Float[np.ndarray, "r 2"],

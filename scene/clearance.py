@@ -10,12 +10,12 @@ from jaxtyping import Float, UInt8
 from numpy.typing import ArrayLike
 
 from hulldown.camera.projection import NEAR
-from hulldown.camera.target import PosedVehicle
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.overlap import Obstacles
 from hulldown.geometry.transforms import apply, invert_rigid
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.terrain import Terrain
+from hulldown.scene.posed_vehicle import PosedVehicle
 
 
 @dataclass(frozen=True, eq=False, slots=True)

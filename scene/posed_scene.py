@@ -1,4 +1,4 @@
-"""The world for ray casts: ground, obstacles, and posed vehicles together."""
+"""A scene for ray casts: ground, obstacles, and posed vehicles together."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from jaxtyping import Bool, Float, Int, UInt8
 from numpy.typing import ArrayLike
 
 from hulldown.assets.scenery import Scenery
-from hulldown.camera.beams import nearest_in_beams, passed_in_beams
 from hulldown.camera.camera_rays import CameraRays
 from hulldown.camera.lenses import lenses
 from hulldown.camera.projection import NEAR, Camera
-from hulldown.camera.target import BATCH, PosedVehicle
 from hulldown.geometry.cutouts import caster_of
 from hulldown.geometry.instances import InstancedScene, InstanceHits
 from hulldown.geometry.rays import RayCaster, RayHits, in_threads
+from hulldown.scene.beams import nearest_in_beams, passed_in_beams
+from hulldown.scene.posed_vehicle import BATCH, PosedVehicle
 
 TILE = 64  # pixels, each way, that are traced together
 
@@ -65,7 +65,7 @@ class Plane:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class WorldHits(RayHits):
+class SceneHits(RayHits):
     """First hits of n rays; faces are those of the mesh of the ground, of the instance, or of the vehicle's shape.
 
     Parameters
@@ -83,7 +83,7 @@ class WorldHits(RayHits):
     normal: Float[np.ndarray, "n 3"]
 
     @classmethod
-    def missed(cls, n: int) -> WorldHits:
+    def missed(cls, n: int) -> SceneHits:
         """Those of n rays that met nothing."""
         return cls(np.full(n, np.inf), np.full(n, -1), np.zeros(n, np.uint8), np.full(n, -1), np.full((n, 3), np.nan))
 
@@ -93,7 +93,7 @@ NO_OBSTACLES = InstancedScene([], [], [])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class World:
+class Scene:
     """Ground, obstacles, and vehicles; each is optional.
 
     Parameters
@@ -108,7 +108,7 @@ class World:
     Examples
     --------
     >>> import numpy as np
-    >>> world = World(ground=Plane(0.0))
+    >>> world = Scene(ground=Plane(0.0))
     >>> hits = world.nearest([[0.0, 0.0, 2.0]], [[0.0, 0.0, -1.0]])
     >>> float(hits.distance[0]), Kind(hits.kind[0]).name
     (2.0, 'GROUND')
@@ -119,7 +119,7 @@ class World:
     vehicles: Sequence[PosedVehicle] = ()
 
     @classmethod
-    def of(cls, scenery: Scenery, *, fallback_z: float | None = None) -> World:
+    def of(cls, scenery: Scenery, *, fallback_z: float | None = None) -> Scene:
         """A scenery without vehicles.
 
         Parameters
@@ -136,21 +136,21 @@ class World:
             ground = Plane(fallback_z - float(scenery.origin[2]))
         return cls(ground, InstancedScene(scenery.obstacle_meshes, scenery.instance_mesh, scenery.world_from_instance))
 
-    def with_vehicles(self, vehicles: Sequence[PosedVehicle]) -> World:
+    def with_vehicles(self, vehicles: Sequence[PosedVehicle]) -> Scene:
         """The same ground and obstacles with these vehicles."""
         return replace(self, vehicles=vehicles)
 
-    def rows(self, index: Int[np.ndarray, " k"]) -> World:
+    def rows(self, index: Int[np.ndarray, " k"]) -> Scene:
         """Select cameras, which become cameras 0, 1, ..."""
         return self.with_vehicles([vehicle.rows(index) for vehicle in self.vehicles])
 
-    def nearest(self, origins: ArrayLike, directions: ArrayLike) -> WorldHits:
+    def nearest(self, origins: ArrayLike, directions: ArrayLike) -> SceneHits:
         """First hit of each ray; on ties ground, then obstacles, then vehicles. Arguments as for `occluded`."""
         start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
 
         return self._first(along, lambda thing, reach: thing.cast(start, along, max_distance=reach))
 
-    def seen_by(self, camera: Camera, *, threads: int = 1) -> WorldHits:
+    def seen_by(self, camera: Camera, *, threads: int = 1) -> SceneHits:
         """First hit at the center of each pixel of a camera, row by row; (n,) is (height * width,).
 
         As `nearest` for rays from the near plane on, with distances from the camera's position; faster in a wood,
@@ -164,7 +164,7 @@ class World:
             How many threads share the work.
         """
         width, height = camera.intrinsics.width, camera.intrinsics.height
-        hits = WorldHits.missed(width * height)
+        hits = SceneHits.missed(width * height)
         # Beyond the picture's last row and column, tiles repeat them.
         rows, columns = (np.arange(-(-n // TILE) * TILE).clip(max=n - 1).reshape(-1, TILE) for n in (height, width))
 
@@ -185,7 +185,7 @@ class World:
         in_threads(trace, rows, threads=threads)
         return hits
 
-    def _seen(self, camera_rays: CameraRays, world_from_camera: Float[np.ndarray, "n 4 4"]) -> WorldHits:
+    def _seen(self, camera_rays: CameraRays, world_from_camera: Float[np.ndarray, "n 4 4"]) -> SceneHits:
         """First hits of all rays of n cameras, from the near plane on."""
         start, along = camera_rays.rays(world_from_camera, np.arange(len(world_from_camera) * camera_rays.count))
 
@@ -203,9 +203,9 @@ class World:
         self,
         along: Float[np.ndarray, "n 3"],
         cast: Callable[[Thing, Float[np.ndarray, " n"]], RayHits],
-    ) -> WorldHits:
+    ) -> SceneHits:
         """The nearest hit of several casts, each within the distance of the hits before."""
-        hits = WorldHits.missed(len(along))
+        hits = SceneHits.missed(len(along))
         for kind, i, thing in self._things():
             met = cast(thing, hits.distance)
             closer = np.flatnonzero(met.distance < hits.distance)

@@ -1,0 +1,1 @@
+"""A scenery with posed vehicles, which answers all queries of rays."""
