@@ -17,9 +17,8 @@ from hulldown.assets.vehicle import VehicleShape
 from hulldown.dataset.rows import label_records
 from hulldown.dataset.store.entries import new_category
 from hulldown.planning.plan.row import PlannedVehicle, Row
+from hulldown.planning.plan.row_scenes import RowScenes
 from hulldown.planning.plan_file import Plan
-from hulldown.scene.posed_scene import Scene
-from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
 
 
 def categories_of(plan: Plan, shapes: Mapping[str, VehicleShape]) -> list[dict[str, Any]]:
@@ -52,9 +51,8 @@ class Segmenter:
     def __init__(
         self, vehicles: Mapping[str, VehicleShape], sceneries: Mapping[str, Scenery], *, keypoints: Sequence[str] = ()
     ) -> None:
-        self._vehicles, self._sceneries, self._keypoints = vehicles, sceneries, keypoints
-        self._targets: dict[str, VehicleTarget] = {}
-        self._world: tuple[str, Scene] = ("", Scene())  # the latest scenery; rows are sorted
+        self._vehicles, self._keypoints = vehicles, keypoints
+        self._scenes = RowScenes(vehicles, sceneries)
 
     def records(self, row: Row) -> list[dict[str, Any]]:
         """Annotation records of each labeled vehicle of a row, without ids."""
@@ -67,7 +65,7 @@ class Segmenter:
         return records
 
     def _seen_keypoints(self, row: Row, vehicle: PlannedVehicle) -> dict[str, Any]:
-        keypoints = keypoints_in_image(self._posed(vehicle), row.camera, self._among(row, row.vehicles))
+        keypoints = keypoints_in_image(self._scenes.posed(vehicle), row.camera, self._scenes.scene(row))
         seen = dict(zip(self._vehicles[vehicle.vehicle].keypoint_names, keypoints.tolist(), strict=True))
         listed = [seen.get(name, (0.0, 0.0, 0.0)) for name in self._keypoints]
         flat = [number for x, y, v in listed for number in (round(x, 6), round(y, 6), int(v))]
@@ -75,20 +73,8 @@ class Segmenter:
 
     def mask(self, row: Row, vehicle: PlannedVehicle) -> Bool[np.ndarray, "h w"]:
         """Visible mask of a row's vehicle; of a target that is left out of the picture, as if it were there."""
-        world = self._among(row, [other for other in row.vehicles if other is not vehicle])
-        return vehicle_mask(self._posed(vehicle), row.camera, xywh=np.array(vehicle.bbox), world=world)
-
-    def _posed(self, vehicle: PlannedVehicle) -> PosedVehicle:
-        name = vehicle.vehicle
-        if name not in self._targets:
-            self._targets[name] = VehicleTarget(self._vehicles[name])
-        return PosedVehicle(self._targets[name], vehicle.world_from_vehicle[None], vehicle.articulation)
-
-    def _among(self, row: Row, vehicles: Sequence[PlannedVehicle]) -> Scene:
-        """A row's scenery with these vehicles."""
-        if self._world[0] != row.scenery:
-            self._world = row.scenery, Scene.of(self._sceneries[row.scenery])
-        return self._world[1].with_vehicles([self._posed(vehicle) for vehicle in vehicles])
+        others = self._scenes.scene(row, [other for other in row.vehicles if other is not vehicle])
+        return vehicle_mask(self._scenes.posed(vehicle), row.camera, xywh=np.array(vehicle.bbox), world=others)
 
 
 def _rectangle(segmentation: Mapping[str, Any], row: Row) -> list[float] | None:

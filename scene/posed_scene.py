@@ -221,6 +221,15 @@ class Scene:
         hits.normal[np.einsum("ij,ij->i", hits.normal, along) > 0.0] *= -1.0
         return hits
 
+    def parts(self, hits: SceneHits) -> Int[np.ndarray, " n"]:
+        """Return the part of the vehicle that each ray hits, as its index in the shape; -1 for other surfaces."""
+        part = np.full(len(hits.kind), -1)
+        for i, vehicle in enumerate(self.vehicles):
+            here = np.flatnonzero((hits.kind == Kind.VEHICLE) & (hits.which == i))
+            shape = vehicle.target.shape
+            part[here] = shape.vertex_part[shape.mesh.faces[hits.face[here], 0]]
+        return part
+
     def occluded(
         self,
         origins: ArrayLike,

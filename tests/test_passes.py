@@ -52,7 +52,7 @@ def test_instances_equal_the_vehicles_masks(made):
     artist, hidden = Artist(plan, ASSETS), 0
     for row in plan:
         arrays, table = read(folder, row)
-        world = artist.world(row)
+        world = artist.scene(row)
         assert [r["name"] for r in table["instances"][: len(row.vehicles)]] == [v.vehicle for v in row.vehicles]
         for i, vehicle in enumerate(world.vehicles):
             others = world.with_vehicles([v for v in world.vehicles if v is not vehicle])

@@ -29,7 +29,7 @@ from hulldown.geometry.arrays import spread
 from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan.lines import PlanFile
 from hulldown.planning.plan.row import Row, encode
-from hulldown.scene.posed_scene import Kind, SceneHits
+from hulldown.scene.posed_scene import Kind, Scene, SceneHits
 
 PASSES = ("depth", "normal", "instance", "part", "category")
 STUFF = ("ground", "obstacle", "water", "distractor", "sky")  # classes without instances in COCO panoptic
@@ -94,14 +94,15 @@ class Pixels:
 
 def part_table(artist: Artist) -> list[dict[str, Any]]:
     """Number the parts of all vehicles of a plan, from 1."""
-    parts = [(name, part) for name, model in artist.models.items() for part in model.shape.part_names]
+    parts = [(name, part) for name, shape in artist.shapes.items() for part in shape.part_names]
     return [{"id": i, "vehicle": name, "part": part} for i, (name, part) in enumerate(parts, start=1)]
 
 
 def pixels_of(row: Row, artist: Artist, sceneries: Mapping[str, Scenery]) -> Pixels:
     """Cast a ray through the center of each pixel of an image; `sceneries` are the plan's by name."""
     camera, shape = row.camera, (row.height, row.width)
-    hits = artist.world(row).seen_by(camera, threads=os.cpu_count() or 1)
+    scene = artist.scene(row)
+    hits = scene.seen_by(camera, threads=os.cpu_count() or 1)
     y, x = np.indices(shape).reshape(2, -1)
     through = directions(camera.intrinsics, np.stack([x, y], axis=1) + 0.5)
     along_axis = hits.distance / np.sqrt(np.einsum("ij,ij->i", through, through))
@@ -111,7 +112,7 @@ def pixels_of(row: Row, artist: Artist, sceneries: Mapping[str, Scenery]) -> Pix
         hits.distance.astype(np.float32).reshape(shape),
         hits.normal.astype(np.float32).reshape(*shape, 3),
         instance.reshape(shape),
-        _parts(row, artist, hits).reshape(shape),
+        _parts(row, artist, scene, hits).reshape(shape),
         table,
     )
 
@@ -136,14 +137,12 @@ def _instances(
     return instance.astype(np.uint16), table
 
 
-def _parts(row: Row, artist: Artist, hits: SceneHits) -> UInt16[np.ndarray, " n"]:
+def _parts(row: Row, artist: Artist, scene: Scene, hits: SceneHits) -> UInt16[np.ndarray, " n"]:
+    """Return the number in `part_table` of the part at each pixel."""
     first = {record["vehicle"]: record["id"] for record in part_table(artist)[::-1]}
-    part = np.zeros(len(hits.kind), np.uint16)
-    for i, vehicle in enumerate(row.vehicles):
-        here = np.flatnonzero((hits.kind == Kind.VEHICLE) & (hits.which == i))
-        shape = artist.models[vehicle.vehicle].shape
-        part[here] = first[vehicle.vehicle] + shape.vertex_part[shape.mesh.faces[hits.face[here], 0]]
-    return part
+    of_vehicle = np.array([first[vehicle.vehicle] for vehicle in row.vehicles] or [0])
+    part = scene.parts(hits)
+    return np.where(part >= 0, of_vehicle[np.where(part >= 0, hits.which, 0)] + part, 0).astype(np.uint16)
 
 
 def panoptic(pixels: Pixels, class_ids: Mapping[str, int]) -> tuple[UInt8[np.ndarray, "h w 3"], list[Segment]]:

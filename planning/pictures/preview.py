@@ -24,10 +24,9 @@ from hulldown.planning.appearance.paint import previewed
 from hulldown.planning.inputs.loading import config_of
 from hulldown.planning.pictures.shading import look, paint_of, sun_of
 from hulldown.planning.plan.lines import PlanFile
-from hulldown.planning.plan.row import PlannedVehicle, Row
-from hulldown.planning.search.stage import make_stage
+from hulldown.planning.plan.row import Row
+from hulldown.planning.plan.row_scenes import RowScenes
 from hulldown.scene.posed_scene import Scene
-from hulldown.scene.posed_vehicle import PosedVehicle
 
 TILE_WIDTH = 480
 HIGHEST = 4  # largest ratio of a preview's height to its width
@@ -63,7 +62,7 @@ class Artist:
 
     Attributes
     ----------
-    models
+    shapes
         Vehicles and distractors by name.
     class_ids
         The number of each class in datasets.
@@ -71,10 +70,8 @@ class Artist:
 
     def __init__(self, plan: PlanFile, assets: Assets) -> None:
         self._plan, self._assets = plan, assets
-        stage = make_stage(config_of(plan), assets)
-        self.models = {model.shape.name: model for model in stage.fleet.models}
-        self._distractors = frozenset(list(self.models)[stage.vehicles :])
-        self._worlds = {site.name: site.world for site in stage.sites}
+        self.shapes = {**assets.vehicles, **assets.distractors}
+        self._scenes = RowScenes(self.shapes, assets.sceneries, fallback_z=config_of(plan).ground.fallback_z)
         self.class_ids = {name: i + 1 for i, name in enumerate(plan.header.categories)}
 
     def sheet(self, indices: Iterable[int], *, columns: int, tile_width: int) -> Image.Image:
@@ -105,7 +102,7 @@ class Artist:
         ]
         return draw(image, records, {i: name for name, i in self.class_ids.items()}, masks=False)
 
-    def world(self, row: Row) -> Scene:
+    def scene(self, row: Row) -> Scene:
         """Return a row's scenery with its vehicles.
 
         Raises
@@ -113,11 +110,11 @@ class Artist:
         ConfigError
             If an edited row names something that its plan doesn't have.
         """
-        named: list[tuple[str, str, Container[str]]] = [("scenery", row.scenery, self._worlds)]
-        named += [("vehicle", vehicle.vehicle, self.models) for vehicle in row.vehicles]
+        named: list[tuple[str, str, Container[str]]] = [("scenery", row.scenery, self._assets.sceneries)]
+        named += [("vehicle", vehicle.vehicle, self.shapes) for vehicle in row.vehicles]
         named += [("class", vehicle.category, self.class_ids) for vehicle in row.vehicles if vehicle.category]
-        parts = [(v, name) for v in row.vehicles if v.vehicle in self.models for name in v.articulation]
-        named += [("part", name, self.models[v.vehicle].shape.part_names[1:]) for v, name in parts]
+        parts = [(v, name) for v in row.vehicles if v.vehicle in self.shapes for name in v.articulation]
+        named += [("part", name, self.shapes[v.vehicle].part_names[1:]) for v, name in parts]
         for kind, name, allowed in named:
             if name not in allowed:
                 raise ConfigError(
@@ -125,16 +122,18 @@ class Artist:
                     path=self._plan.path,
                     remedy="plan again with `hulldown plan`",
                 )
-        return self._worlds[row.scenery].with_vehicles([self._posed(vehicle) for vehicle in row.vehicles])
+        return self._scenes.scene(row)
 
     def shade(self, row: Row, width: int, height: int) -> Float[np.ndarray, "h w 3"]:
         """Return colors from 0 to 1, without boxes."""
         camera = Camera(row.intrinsics.resized(width, height), row.world_from_camera)
+        others = self._assets.distractors
         colors = look(
-            self.world(row),
+            self.scene(row),
             camera,
             paints=[
-                previewed(paint_of(v.vehicle, distractor=v.vehicle in self._distractors), v.paint) for v in row.vehicles
+                previewed(paint_of(v.vehicle, distractor=v.vehicle in self._assets.distractors), v.paint)
+                for v in row.vehicles
             ],
             sun=sun_of(row.hdri, row.hdri_yaw_deg),
             strength=self._brightness(row),
@@ -146,7 +145,3 @@ class Artist:
         """Brightness of a gray card on open land relative to mid-gray."""
         irradiance = np.array(self._assets.sky(row.hdri).irradiance)
         return float(card(irradiance, row.strength) @ LUMINANCE) / ALBEDO * 2.0**row.exposure_ev
-
-    def _posed(self, vehicle: PlannedVehicle) -> PosedVehicle:
-        target = self.models[vehicle.vehicle].target
-        return PosedVehicle(target, vehicle.world_from_vehicle[None], vehicle.articulation)

@@ -1,0 +1,53 @@
+"""The scene of a row: its scenery with its vehicles, made from the assets in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from hulldown.assets.scenery import Scenery
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.planning.plan.row import PlannedVehicle, Row
+from hulldown.scene.posed_scene import Scene
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
+
+
+class RowScenes:
+    """Makes scenes of rows; models are prepared once, and sceneries while successive rows have them.
+
+    Parameters
+    ----------
+    vehicles, sceneries
+        Vehicles, distractors included, and sceneries, by their names in the plan.
+    fallback_z
+        Height of the plane in place of missing ground, see `Scene.of`. None: no plane, as in pictures.
+    """
+
+    def __init__(
+        self,
+        vehicles: Mapping[str, VehicleShape],
+        sceneries: Mapping[str, Scenery],
+        *,
+        fallback_z: float | None = None,
+    ) -> None:
+        self._vehicles, self._sceneries, self._fallback_z = vehicles, sceneries, fallback_z
+        self._targets: dict[str, VehicleTarget] = {}
+        self._scenery: tuple[str, Scene] = ("", Scene())
+
+    def posed(self, vehicle: PlannedVehicle) -> PosedVehicle:
+        """Return a vehicle in its pose."""
+        name = vehicle.vehicle
+        if name not in self._targets:
+            self._targets[name] = VehicleTarget(self._vehicles[name])
+        return PosedVehicle(self._targets[name], vehicle.world_from_vehicle[None], vehicle.articulation)
+
+    def bare(self, scenery: str) -> Scene:
+        """Return a scenery without vehicles."""
+        if self._scenery[0] != scenery:
+            self._scenery = scenery, Scene.of(self._sceneries[scenery], fallback_z=self._fallback_z)
+        return self._scenery[1]
+
+    def scene(self, row: Row, vehicles: Sequence[PlannedVehicle] | None = None) -> Scene:
+        """Return a row's scene with some of its vehicles; None: with those in its picture."""
+        return self.bare(row.scenery).with_vehicles(
+            [self.posed(v) for v in (row.vehicles if vehicles is None else vehicles)]
+        )
