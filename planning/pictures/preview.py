@@ -127,7 +127,6 @@ class Artist:
     def shade(self, row: Row, width: int, height: int) -> Float[np.ndarray, "h w 3"]:
         """Return colors from 0 to 1, without boxes."""
         camera = Camera(row.intrinsics.resized(width, height), row.world_from_camera)
-        others = self._assets.distractors
         colors = look(
             self.scene(row),
             camera,
