@@ -48,7 +48,7 @@ def fingerprint(asset: VehicleShape | Scenery) -> Fingerprint:
         topology.update(f"{array.dtype.name} {array.shape}\n".encode())
         if array.dtype.kind == "f":
             weight = (np.arange(count, count + array.size) * GOLDEN) % 1.0 - 0.5
-            shape += float(weight @ np.nan_to_num(array.ravel().astype(np.float64)))
+            shape += float(weight @ np.nan_to_num(array.ravel().astype(np.float64), posinf=0.0, neginf=0.0))
             count += array.size
         else:
             topology.update(array.tobytes())

@@ -1,13 +1,14 @@
 import io
 import resource
 import zipfile
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hulldown.assets.bundle import FORMAT, load_scenery, load_vehicle, save
+from hulldown.assets.fingerprint import fingerprint
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError
@@ -192,3 +193,12 @@ def test_an_array_larger_than_the_file_is_refused(path: Path, shape: int) -> Non
     with pytest.raises(AssetError, match="cannot be read as a bundle"):
         load_vehicle(path)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**18  # KiB
+
+
+def test_a_fingerprint_of_infinite_coordinates_is_a_number():
+    @dataclass
+    class Asset:
+        bounds: np.ndarray
+
+    found = fingerprint(Asset(np.array([np.inf, -np.inf, np.nan, 1.0])))
+    assert np.isfinite(found.shape)
