@@ -136,11 +136,19 @@ def test_the_error_of_a_malformed_gltf_names_the_problem(
     assert line.removeprefix("gltf|") in str(caught.value)
 
 
+PACKED = {"buffer": 0, "byteLength": 36, "byteStride": 12, "count": 3, "mode": "ATTRIBUTES"}
+MESHOPT = {
+    **dict.fromkeys(("extensionsUsed", "extensionsRequired"), ["EXT_meshopt_compression"]),
+    "bufferViews": [{"buffer": 0, "byteLength": 36, "extensions": {"EXT_meshopt_compression": PACKED}}],
+}
+
+
 @pytest.mark.blender
 @pytest.mark.parametrize(
     ("change", "line"),
     [
         pytest.param({"nodes": [{"children": [0]}]}, "export it again", id="wrong indices"),
+        pytest.param(MESHOPT, "write it without EXT_meshopt_compression, with gltf-transform", id="compressed"),
         # Zeros without a buffer, which Blender makes up.
         pytest.param({"accessors": [{"componentType": 5126, "type": "VEC3", "count": 2**27}]}, TOO_LARGE, id="a bomb"),
     ],

@@ -17,7 +17,7 @@ from hulldown.reading.blender.opening import open_blend
 from hulldown.reading.blender.surfaces.shaders import surface_shaders
 from hulldown.reading.blender.surfaces.textures import find_moved
 from hulldown.reading.confinement.blocks import refuse_special_files
-from hulldown.reading.confinement.references import directives, material_libraries
+from hulldown.reading.confinement.references import compression, directives, material_libraries
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.wording import quoted
 from hulldown.reading.scenery.geotiff import Elevations
@@ -96,7 +96,9 @@ def open_file(path: Path, kind: str, options: Options) -> Opened:
             bpy.ops.wm.obj_import(filepath=str(path), forward_axis="Y", up_axis="Z", use_split_groups=grouped)
             _clear_false_glass(path)
     except RuntimeError as error:
-        raise AssetError(f"Blender cannot import it ({_one_line(error)})", remedy="export it again") from None
+        extension = compression(path) if kind == "gltf" else ""
+        remedy = f"write it without {extension}, with gltf-transform for example" if extension else "export it again"
+        raise AssetError(f"Blender cannot import it ({_one_line(error)})", remedy=remedy) from None
     if not bpy.context.scene.objects:
         raise AssetError("Blender finds nothing in it to import", remedy="export it again")
     doubts = tuple(find_moved(path))

@@ -17,6 +17,7 @@ from hulldown.reading.pieces.formats import kind_of_file
 AGAIN = "export it again"
 GLB_JSON = b"JSON"
 READ_PICTURES = "EXT_texture_webp"  # the one extension that names a texture's picture and that Blender knows
+COMPRESSIONS = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
 LARGEST_JSON = 2**28  # bytes of a glTF's JSON, which takes some twenty times as many once it is read
 
 
@@ -95,6 +96,15 @@ def _check_gltf(path: Path) -> None:
     for i, node in _entries(data, "nodes"):
         if isinstance(mesh := node.get("mesh"), int) and not 0 <= mesh < meshes:
             raise AssetError(f"nodes[{i}].mesh = {mesh}, but it has {meshes} meshes", path=path, remedy=AGAIN)
+
+
+def compression(path: Path) -> str:
+    """The extension that compresses the meshes of a glTF file that Blender has opened, or nothing.
+
+    Blender's modules decode Draco up to 5.0, not in 5.2.3, and none decodes meshopt.
+    """
+    required = json_of(_gltf_json(path), dict).get("extensionsRequired", [])
+    return next((extension for extension in COMPRESSIONS if extension in required), "")
 
 
 def _gltf_json(path: Path) -> bytes:
