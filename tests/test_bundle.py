@@ -71,6 +71,20 @@ def test_a_scenery_round_trips_bit_for_bit(tmp_path: Path, ground: bool, obstacl
     assert content(load_scenery(tmp_path / "s.npz")) == content(made)
 
 
+def test_a_fingerprint_tells_a_moved_vertex_and_a_turned_face_from_rounding() -> None:
+    shape = vehicle()
+    corners, faces = shape.mesh.vertices, shape.mesh.faces
+
+    def agrees(**changes: np.ndarray) -> bool:
+        other = replace(shape, name="other", mesh=replace(shape.mesh, **changes), underside=np.full((1, 1), np.inf))
+        return fingerprint(shape).agrees(fingerprint(other))
+
+    assert agrees(vertices=corners * (1 + 1e-13))
+    moves = 1e-3 * np.eye(corners.size).reshape(-1, *corners.shape)
+    assert not any(agrees(vertices=corners + move) for move in moves)
+    assert not agrees(faces=faces[:, ::-1])
+
+
 def test_holes_round_trip_and_each_texture_is_stored_once(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     curve = (GRADES > 0.4).astype(np.float32)

@@ -138,7 +138,8 @@ def test_the_error_of_a_malformed_gltf_names_the_problem(
 
 PACKED = {"buffer": 0, "byteLength": 36, "byteStride": 12, "count": 3, "mode": "ATTRIBUTES"}
 MESHOPT = {
-    **dict.fromkeys(("extensionsUsed", "extensionsRequired"), ["EXT_meshopt_compression"]),
+    "extensionsUsed": ["EXT_meshopt_compression"],
+    "extensionsRequired": ["EXT_meshopt_compression"],
     "bufferViews": [{"buffer": 0, "byteLength": 36, "extensions": {"EXT_meshopt_compression": PACKED}}],
 }
 
