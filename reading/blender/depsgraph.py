@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -17,23 +18,21 @@ from hulldown.base.errors import AssetError
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply
 from hulldown.reading.blender.api.buffers import read
+from hulldown.reading.blender.camera_followers import follows_camera
 from hulldown.reading.blender.capture import OUR_CAMERA, visit_render
 from hulldown.reading.blender.duplicates import Duplicate
 from hulldown.reading.blender.exact_poses import Poses
+from hulldown.reading.blender.hidden_objects import SOLID, SURFACES, UNDRAWN, list_hidden
 from hulldown.reading.blender.strands import curves_mesh, points_mesh, strand_curves, strand_systems
 from hulldown.reading.blender.surfaces.alpha_faces import CutoutReader
 from hulldown.reading.blender.surfaces.shaders import is_clear, is_displaced, is_volume
 from hulldown.reading.blender.tidy import lasting, look_of
 from hulldown.reading.pieces.asset_report import ObjectRow
 from hulldown.reading.pieces.roles import HOLDOUT, SHADOW_CATCHER, Evaluated, Link, Piece, Volume
+from hulldown.reading.pieces.wording import quoted
 from hulldown.reading.scenery.scenery_roles import VOLUME, is_water_name
 from hulldown.reading.scenery.shape import level_share
 
-SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
-HIDDEN = "hidden from render"
-SOLID = ("MESH", "CURVES", "POINTCLOUD")
-UNDRAWN = {"GREASEPENCIL": "grease pencil is not rendered by Cycles"}
-DRAWN = (*SURFACES, *SOLID, *UNDRAWN, "VOLUME")
 FARTHEST = 1e8  # meters, in any direction; the Earth is 4e7 m around
 REPAIR = "repair or delete it in Blender"
 SIGN_OF_LIFE_S = 5.0
@@ -72,7 +71,8 @@ def evaluate(
     reader = _Reader(meters_from_file, duplicates, cutouts)
     visit_render(scene, reader.read)
     reader.result.doubts += cutouts.doubts
-    _list_hidden(scene, reader.result, duplicates)
+    reader.result.doubts += [f"{quoted(names)}: {why}" for why, names in reader.following.items()]
+    list_hidden(scene, reader.result, duplicates)
     return reader.result
 
 
@@ -82,6 +82,7 @@ class _Reader:
     duplicates: Mapping[str, Sequence[Duplicate]]
     cutouts: CutoutReader
     result: Evaluated = field(default_factory=Evaluated)
+    following: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))  # names by `follows_camera`
     index: dict[tuple[int, tuple[str, ...]], int] = field(default_factory=dict)
     box: list[np.ndarray] = field(default_factory=list)  # corners around each mesh
     used: list[np.ndarray] = field(default_factory=list)  # vertices of each mesh that a face uses
@@ -253,8 +254,10 @@ class _Reader:
         return share, area / (length * width)
 
     def _doubt(self, drawn: Any) -> None:
-        """Add doubts about geometry that only Cycles makes, which can't be read."""
+        """Add doubts about geometry that only Cycles makes, or that depends on the camera, which can't be read."""
         name = drawn.original.name
+        if why := follows_camera(drawn.original):
+            self.following[why].append(name)
         for modifier in drawn.modifiers:
             if (
                 modifier.type == "SUBSURF"
@@ -370,31 +373,3 @@ def why_unseen(drawn: Any, depsgraph: Any) -> str | None:
 def _is_hidden(original: Any) -> bool:
     """Whether its own or its collection's eye or monitor icon hides it."""
     return bool(original.hide_viewport or not original.visible_get())
-
-
-def _list_hidden(scene: Any, result: Evaluated, duplicates: Mapping[str, Sequence[Duplicate]]) -> None:
-    """List objects of the file that aren't rendered."""
-    drawn = {link.name for piece in result.pieces for link in piece.chain} | {left.name for left in result.left}
-    layer = next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
-    off = dict(_switched_off(layer.layer_collection, False))
-    for obj in scene.objects:
-        if obj.name not in drawn and obj.type in DRAWN:
-            for name in (obj.name, *(duplicate.name for duplicate in duplicates.get(obj.name_full, ()))):
-                result.left[ObjectRow(name, obj.type, "dropped", _why_hidden(obj, off))] += 1
-
-
-def _switched_off(layer: Any, already: bool) -> Iterator[tuple[str, bool]]:
-    """Whether a collection, or one around it, is hidden from render or left out of the view layer."""
-    off = already or layer.exclude or layer.collection.hide_render
-    yield layer.collection.name, off
-    for inner in layer.children:
-        yield from _switched_off(inner, off)
-
-
-def _why_hidden(obj: Any, off: Mapping[str, bool]) -> str:
-    around = [c.name for c in obj.users_collection if c.name in off]
-    if obj.hide_render:
-        return HIDDEN
-    if around and all(off[name] for name in around):
-        return f"{HIDDEN} with its collection {around[0]!r}"
-    return "not in the render, or without a surface"

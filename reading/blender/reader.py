@@ -20,9 +20,10 @@ import numpy as np
 from hulldown.assets.bundle import save
 from hulldown.base.errors import AssetError, HulldownError
 from hulldown.base.files import replacing
-from hulldown.reading.blender.depsgraph import HIDDEN, evaluate
+from hulldown.reading.blender.depsgraph import evaluate
 from hulldown.reading.blender.geotiff_object import NAME
 from hulldown.reading.blender.hdri_picture import read_picture
+from hulldown.reading.blender.hidden_objects import HIDDEN
 from hulldown.reading.blender.importers import open_file
 from hulldown.reading.blender.surfaces.material_rows import material_rows
 from hulldown.reading.blender.surfaces.textures import missing_files, pictures_near, used_files

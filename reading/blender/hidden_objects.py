@@ -1,0 +1,44 @@
+"""List a file's objects that aren't rendered, with reasons."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from hulldown.reading.blender.duplicates import Duplicate
+from hulldown.reading.pieces.asset_report import ObjectRow
+from hulldown.reading.pieces.roles import Evaluated
+
+HIDDEN = "hidden from render"
+SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
+SOLID = ("MESH", "CURVES", "POINTCLOUD")
+UNDRAWN = {"GREASEPENCIL": "grease pencil is not rendered by Cycles"}
+DRAWN = (*SURFACES, *SOLID, *UNDRAWN, "VOLUME")
+
+
+def list_hidden(scene: Any, result: Evaluated, duplicates: Mapping[str, Sequence[Duplicate]]) -> None:
+    """Add rows for objects of the file that aren't rendered to the result."""
+    drawn = {link.name for piece in result.pieces for link in piece.chain} | {left.name for left in result.left}
+    layer = next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
+    off = dict(_switched_off(layer.layer_collection, False))
+    for obj in scene.objects:
+        if obj.name not in drawn and obj.type in DRAWN:
+            for name in (obj.name, *(duplicate.name for duplicate in duplicates.get(obj.name_full, ()))):
+                result.left[ObjectRow(name, obj.type, "dropped", _why_hidden(obj, off))] += 1
+
+
+def _switched_off(layer: Any, already: bool) -> Iterator[tuple[str, bool]]:
+    """Whether a collection, or one around it, is hidden from render or left out of the view layer."""
+    off = already or layer.exclude or layer.collection.hide_render
+    yield layer.collection.name, off
+    for inner in layer.children:
+        yield from _switched_off(inner, off)
+
+
+def _why_hidden(obj: Any, off: Mapping[str, bool]) -> str:
+    around = [c.name for c in obj.users_collection if c.name in off]
+    if obj.hide_render:
+        return HIDDEN
+    if around and all(off[name] for name in around):
+        return f"{HIDDEN} with its collection {around[0]!r}"
+    return "not in the render, or without a surface"
