@@ -52,7 +52,7 @@ def fingerprint(asset: VehicleShape | Scenery) -> Fingerprint:
         if array.dtype.kind == "f":
             weight = (np.arange(count, count + array.size) * GOLDEN) % 1.0 - 0.5
             weight += np.copysign(0.5, weight)  # no coordinate counts less than half
-            shape += float(weight @ array.ravel().astype(np.float64))
+            shape += float(weight @ np.nan_to_num(array.ravel().astype(np.float64), posinf=0.0, neginf=0.0))
             count += array.size
         else:
             topology.update(array.tobytes())
