@@ -81,7 +81,7 @@ thorough: setup-training browser kernels ## what make test leaves out: long test
 	HULLDOWN_NO_SKIPS=1 HULLDOWN_SHAPES=all $(PYTEST) -m thorough
 	HYPOTHESIS_PROFILE=thorough $(PYTEST) --timeout=14400 property_tests
 
-fuzz: setup ## 20,000 configs, plans, datasets and .blend files of any contents for each test: hours
+fuzz: setup-training ## 20,000 configs, plans, datasets and .blend files of any contents for each test: hours
 	HULLDOWN_SHAPES=off HYPOTHESIS_PROFILE=thorough $(BIN)/python -P -m pytest --timeout=14400 --hypothesis-show-statistics \
 	$(wildcard property_tests/test_any_*.py) property_tests/test_blend_files.py
 

@@ -198,7 +198,7 @@ def _opened(path: Path) -> Iterator[Any]:
                 problem = f"its cells have no place: {raster.transform[:6]}"
                 raise AssetError(problem, path=path, remedy="georeference it again")
             yield raster
-    except (RasterioError, CPLE_BaseError) as error:
+    except (RasterioError, CPLE_BaseError, ValueError) as error:  # ValueError: maps, and texts that are no UTF-8
         raise AssetError(f"can't be read as a GeoTIFF ({error})", path=path, remedy="copy it again") from None
 
 
