@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from hulldown.camera.shell import shell_place
+
 INFINITY = math.inf
 SIDES = ("front", "side", "rear")
 Records = Sequence[Mapping[str, Any]]
@@ -74,7 +76,7 @@ def numbers_of(labels: Records, images: Records, image: Int[np.ndarray, " g"]) -
     """
     vehicles = poses_of(labels, "world_from_vehicle")
     cameras = poses_of(images, "world_from_camera")[image]
-    distance, elevation, azimuth = seen_from(vehicles, cameras)
+    distance, elevation, azimuth = seen_from(centers_of(labels, vehicles, cameras), vehicles, cameras)
     length = np.linalg.norm(vehicles[:, :3, 2], axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         slope = np.degrees(np.arccos(np.clip(vehicles[:, 2, 2] / length, -1.0, 1.0)))
@@ -91,19 +93,31 @@ def numbers_of(labels: Records, images: Records, image: Int[np.ndarray, " g"]) -
     }
 
 
-def seen_from(
-    world_from_vehicle: Float[np.ndarray, "n 4 4"], world_from_camera: Float[np.ndarray, "n 4 4"]
-) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Distance in meters, elevation, and azimuth in degrees of cameras, seen from targets.
+def centers_of(
+    labels: Records, world_from_vehicle: Float[np.ndarray, "n 4 4"], world_from_camera: Float[np.ndarray, "n 4 4"]
+) -> Float[np.ndarray, "n 3"]:
+    """Return the centers of labels' 3D boxes in the world; without a ``bbox_3d``, vehicles' origins."""
+    centers = world_from_vehicle[:, :3, 3].copy()
+    for i, label in enumerate(labels):
+        center = box.get("center") if isinstance(box := label.get("bbox_3d"), Mapping) else None
+        if isinstance(center, list) and len(center) == 3 and all(math.isfinite(number(x)) for x in center):
+            centers[i] = world_from_camera[i, :3, :3] @ np.array(center) + world_from_camera[i, :3, 3]
+    return centers
 
-    Measured from the target's origin, the center of its underside, since records don't have its center. Azimuth is 0 in
-    front of the target and positive to its left; elevation is above the horizon.
+
+def seen_from(
+    centers: Float[np.ndarray, "n 3"],
+    world_from_vehicle: Float[np.ndarray, "n 4 4"],
+    world_from_camera: Float[np.ndarray, "n 4 4"],
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Return distance in meters, elevation, and azimuth in degrees of cameras, seen from the centers of targets.
+
+    Azimuth is 0 in front of the target and positive to its left; elevation is above the horizon.
     """
-    toward = world_from_camera[:, :3, 3] - world_from_vehicle[:, :3, 3]
-    distance = np.linalg.norm(toward, axis=1)
+    toward = world_from_camera[:, :3, 3] - centers
+    distance, _, elevation = shell_place(toward)
     forward, left = (np.einsum("ni,ni->n", toward, world_from_vehicle[:, :3, axis]) for axis in (0, 1))
-    elevation = np.degrees(np.arctan2(toward[:, 2], np.hypot(toward[:, 0], toward[:, 1])))
-    return distance, elevation, np.degrees(np.arctan2(left, forward))
+    return distance, np.degrees(elevation), np.degrees(np.arctan2(left, forward))
 
 
 def sides_of(azimuth: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:

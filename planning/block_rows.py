@@ -19,7 +19,7 @@ from hulldown.planning.plan.coats import Coat
 from hulldown.planning.plan.row import Bounds, Box, Followed, Label, OnMap, PlannedVehicle, Row, rounded
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.extras import MOST, Role
-from hulldown.planning.search.instance_table import Instances
+from hulldown.planning.search.instance_table import Instances, boxes_at
 from hulldown.planning.search.positions import Planned
 from hulldown.planning.search.random_streams import Purpose
 from hulldown.planning.search.stage import Site
@@ -203,7 +203,8 @@ def seen_in_rows(views: Views) -> list[dict[str, Any]]:
 
 def bounds_in_rows(instances: Instances) -> list[Bounds]:
     """Return the bounds of each vehicle in its own frame, rounded."""
-    return [Bounds(tuple(low), tuple(high)) for low, high in rounded("bounds", instances.bounds()).tolist()]
+    bounds = boxes_at(instances.fleet, instances.model, instances.angles)
+    return [Bounds(tuple(low), tuple(high)) for low, high in bounds.tolist()]
 
 
 def geo_in_rows(world_from_vehicle: Float[np.ndarray, "n 4 4"], site: Site) -> list[OnMap | None]:

@@ -17,7 +17,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from hulldown.base.files import replacing
+from hulldown.camera.shell import shell_place
 from hulldown.camera.weather.kinds import KINDS
+from hulldown.geometry.transforms import apply
 from hulldown.pictures.sheets import SOFTWARE, refuse_foreign
 from hulldown.placement.rejection import AIMING, BY_KEY, PLACING
 from hulldown.planning.config.paint_section import OWN
@@ -280,10 +282,12 @@ def summarize(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), overcast
         for variable, value in nuisances(row).items():
             nuisance.setdefault(variable, {}).setdefault(category, Counter())[value] += 1
         sizes[category][next(name for name, limit in SIZES.items() if area < limit)] += 1
-        x, y, z = (row.world_from_camera[:3, 3] - target.world_from_vehicle[:3, 3]).tolist()
+        center = np.mean([target.bounds.low, target.bounds.high], axis=0)
+        center = apply(target.world_from_vehicle, center[None])[0]
+        distance, _, elevation = shell_place(row.world_from_camera[:3, 3] - center)
         derived = {
-            "distance_m": math.hypot(x, y, z),
-            "elevation_deg": math.degrees(math.atan2(z, math.hypot(x, y))),
+            "distance_m": float(distance),
+            "elevation_deg": math.degrees(elevation),
             "exposure_ev": row.exposure_ev,
             "box_px": math.sqrt(area),
         }

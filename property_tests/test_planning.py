@@ -8,19 +8,21 @@ import pytest
 from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 
+from hulldown.annotate.attributes import numbers_of
 from hulldown.annotate.boxes import surface_box
 from hulldown.base.errors import ConfigError
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.camera.sensor import LIMITS
 from hulldown.camera.weather.kinds import KINDS
-from hulldown.dataset.rows import label_records
+from hulldown.dataset.rows import image_record, label_records
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.check import relabeled
 from hulldown.planning.config.paint_section import OWN
 from hulldown.planning.planner import Planner
+from hulldown.planning.summary import summarize
 from hulldown.rendering.annotations import Segmenter
 from hulldown.tests.planning_assets import (
     DISTRACTOR_ENTRIES,
@@ -144,6 +146,22 @@ def test_every_row_keeps_every_limit(config):
         labels_are_what_is_seen(row, config)
         labels_follow_from_the_poses(row, relabeled(row, planner.stage))
         guests_keep_their_distance(row, config)
+    shown_angles_are_the_configured_ones(rows, config)
+
+
+def shown_angles_are_the_configured_ones(rows, config):
+    """Summary and labels measure distance and elevation as the config does, from the center of the target's box."""
+    summary, limits = summarize(rows).histograms, config.camera
+    labels = [(row, label_records(row)) for row in rows if not row.background]
+    records = [found[0] for row, found in labels if row.target.label != "none"]
+    images = [image_record(row) for row, _ in labels if row.target.label != "none"]
+    numbers = numbers_of(records, images, np.arange(len(records)))
+    for low, high, shown in (
+        (*limits.elevation_deg, (summary["elevation_deg"].values, numbers["elevation"])),
+        (*limits.distance_m, (summary["distance_m"].values, numbers["distance"])),
+    ):
+        for values in shown:
+            assert ((values >= low - 1e-5) & (values <= high + 1e-5)).all()
 
 
 def budget_is_met(rows, budget):

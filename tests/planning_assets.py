@@ -108,8 +108,9 @@ def small_config(**sections):
 
 
 def to_camera(shape, vehicle, row):
-    """From the center of a vehicle's bounds at rest to the camera, in the world."""
-    center = apply(vehicle.world_from_vehicle, shape.mesh.bounds.mean(axis=0)[None])[0]
+    """From the center of a vehicle's box, parts turned, to the camera, in the world."""
+    vertices = shape.vertices_at(vehicle.articulation)
+    center = apply(vehicle.world_from_vehicle, (vertices.min(axis=0) + vertices.max(axis=0))[None] / 2.0)[0]
     return row.world_from_camera[:3, 3] - center
 
 

@@ -57,8 +57,8 @@ def test_every_value_has_its_bin_and_stored_ones_come_first(field, image, label,
 
 
 def test_distance_elevation_and_side_are_those_of_the_camera_from_the_target():
-    poses = (np.array([one], dtype=float) for one in (OFF["world_from_vehicle"], AWAY["world_from_camera"]))
-    distance, elevation, azimuth = seen_from(*poses)
+    vehicle, camera = (np.array([one], dtype=float) for one in (OFF["world_from_vehicle"], AWAY["world_from_camera"]))
+    distance, elevation, azimuth = seen_from(vehicle[:, :3, 3], vehicle, camera)
     assert distance[0] == pytest.approx(13)
     assert elevation[0] == pytest.approx(math.degrees(math.asin(12 / 13)))
     assert azimuth[0] == pytest.approx(math.degrees(math.atan2(4, 3)) - 30)

@@ -13,7 +13,8 @@ from hulldown.planning.summary import Histogram, summarize
 from hulldown.tests import plan_lines
 from hulldown.tests.plan_lines import VEHICLE, line
 
-CAMERA = [[1.0, 0.0, 0.0, 3.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 4.0], [0.0, 0.0, 0.0, 1.0]]
+# 3 m ahead of the center of the box and 4 m above it.
+CAMERA = [[1.0, 0.0, 0.0, 3.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 5.25], [0.0, 0.0, 0.0, 1.0]]
 TARGET = {"bbox": [0.0, 0.0, 10.0, 20.0], "visible_fraction": 1.0, "slope_deg": 5.0, "air_contrast": 1.0, "paint": []}
 FOG, RAIN = ({"visibility_m": 100.0, "kind": kind} for kind in ("fog", "rain"))
 

@@ -15,7 +15,7 @@ from hulldown.planning.config.schema import Config
 from hulldown.planning.search.budget import Positions
 from hulldown.planning.search.extras import MOST, Extras, Role
 from hulldown.planning.search.given import Given, nothing_given
-from hulldown.planning.search.instance_table import Instances, drawn_angles
+from hulldown.planning.search.instance_table import Instances, boxes_at, drawn_angles
 from hulldown.planning.search.likeness import Likeness
 from hulldown.planning.search.random_streams import Purpose, RandomStreams
 from hulldown.planning.search.stage import PlanStage, Site
@@ -138,5 +138,7 @@ def instances_of(block: Block) -> InstanceTable:
     row, role, number, model = row[order], role[order], number[order], model[order]
     angles = drawn_angles(fleet, model, turns[order]) if block.config.placement.articulate else np.zeros(turns.shape)
     k, settled = len(row), unsettled(len(row))
+    center = boxes_at(fleet, model, angles).mean(axis=1)
     tries, found = np.zeros(k, dtype=np.int64), np.zeros(k, dtype=bool)
-    return InstanceTable(fleet, row, model, settled.world_from_vehicle, angles, role, number, settled, tries, found)
+    poses = settled.world_from_vehicle
+    return InstanceTable(fleet, row, model, poses, angles, center, role, number, settled, tries, found)

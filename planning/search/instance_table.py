@@ -31,6 +31,8 @@ class Instances:
         (k, 4, 4) rigid poses.
     angles
         (k, p) rotations of its parts, radians; 0 for parts that a model lacks.
+    center
+        (k, 3) center of its box with these angles, in its own frame: the mean of the row's ``bounds``.
     """
 
     fleet: Fleet
@@ -38,6 +40,7 @@ class Instances:
     model: Int[np.ndarray, " k"]
     world_from_vehicle: Float[np.ndarray, "k 4 4"]
     angles: Float[np.ndarray, "k p"]
+    center: Float[np.ndarray, "k 3"]
 
     @classmethod
     def of(
@@ -53,7 +56,8 @@ class Instances:
         for i, (which, turned) in enumerate(zip(model.tolist(), articulation, strict=True)):
             shape = fleet.models[which].shape
             angles[i, : len(shape.part_names)] = shape.angles([turned])[0]
-        return cls(fleet, np.arange(len(model)), model, world_from_vehicle, angles)
+        center = boxes_at(fleet, model, angles).mean(axis=1)
+        return cls(fleet, np.arange(len(model)), model, world_from_vehicle, angles, center)
 
     def __len__(self) -> int:
         return len(self.row)
@@ -64,8 +68,8 @@ class Instances:
 
     def at(self, index: Int[np.ndarray, " n"]) -> Instances:
         """Return some of the instances in their rows."""
-        poses = self.world_from_vehicle[index]
-        return Instances(self.fleet, self.row[index], self.model[index], poses, self.angles[index])
+        columns = (self.row, self.model, self.world_from_vehicle, self.angles, self.center)
+        return Instances(self.fleet, *(column[index] for column in columns))
 
     def beside(self, owner: Int[np.ndarray, " n"]) -> tuple[Instances, Int[np.ndarray, " q"]]:
         """Return the instances of row `owner[i]` in row i, for each i, and their indices in this table."""
@@ -99,8 +103,8 @@ class Instances:
 
     @property
     def centers(self) -> Float[np.ndarray, "k 3"]:
-        """Centers of the bounding boxes, in the world."""
-        return apply(self.world_from_vehicle, self.fleet.center[self.model][:, None])[:, 0]
+        """Centers of the boxes with parts turned, in the world; distance and elevation are measured from them."""
+        return apply(self.world_from_vehicle, self.center[:, None])[:, 0]
 
     def world_from_parts(self) -> Float[np.ndarray, "k b 4 4"]:
         """Return the poses of the fleet's boxes of parts, which are given at rest."""
@@ -115,13 +119,18 @@ class Instances:
         corners = apply(self.world_from_parts(), self.fleet.corners[self.model])
         return corners.reshape(len(self), 8 * corners.shape[1], 3)
 
-    def bounds(self) -> Float[np.ndarray, "k 2 3"]:
-        """Return lowest and highest corner of each instance, in the vehicle's frame with its parts turned."""
-        bounds = np.empty((len(self), 2, 3))
-        for model, i in self.by_model():
-            points = hull_of(model, np.broadcast_to(np.eye(4), (len(i), 4, 4)), self.model_angles(model, i))
-            bounds[i] = np.stack([points.min(axis=1), points.max(axis=1)], axis=1)
-        return bounds
+
+def boxes_at(
+    fleet: Fleet, model: Int[np.ndarray, " k"], angles: Float[np.ndarray, "k p"]
+) -> Float[np.ndarray, "k 2 3"]:
+    """Return lowest and highest corner of vehicles in their own frames, with parts turned, rounded as in a plan."""
+    bounds = np.empty((len(model), 2, 3))
+    for i in np.unique(model).tolist():
+        rows, one = np.flatnonzero(model == i), fleet.models[i]
+        own = np.broadcast_to(np.eye(4), (len(rows), 4, 4))
+        points = hull_of(one, own, angles[rows, : len(one.shape.part_names)])
+        bounds[rows] = np.stack([points.min(axis=1), points.max(axis=1)], axis=1)
+    return rounded("bounds", bounds)
 
 
 def hull_of(
