@@ -31,7 +31,7 @@ from hulldown.rendering.process import WORKER, Allowance, Blender, Limits, worke
 from hulldown.rendering.supervisor import render_plan
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
-from hulldown.tests.blender_plans import draw, drawn, job, make_plan, pixels
+from hulldown.tests.blender_plans import draw, drawn, job, make_plan, pixels, run_python
 from hulldown.tests.clusters import digests, wait_for
 from hulldown.tests.plan_lines import altered
 from hulldown.tests.render_plans import moved
@@ -155,6 +155,21 @@ def test_scripts_and_drivers_of_a_file_do_not_run(plan, library, own_worlds, wor
     draw(tmp_path, [(altered(row, sample_seed=n), replace(library, sceneries={"field": evil})) for n in (1, 2)])
     assert not (worlds / "registered").exists()
     assert not (worlds / "driven").exists()
+
+
+NEWER = """
+import sys, bpy
+bpy.data.libraries.write(sys.argv[1], {bpy.data.collections.new("twin")})
+data = open(sys.argv[1], "rb").read()
+open(sys.argv[1], "wb").write(data.replace(data[:17], data[:14] + b"999", 1))
+"""
+
+
+def test_a_twin_by_a_newer_blender_is_refused(plan, library, own_worlds, tmp_path):
+    run_python("-c", NEWER, own_worlds / "newer.blend")
+    newer = replace(library.sceneries["field"], tidy=own_worlds / "newer.blend")
+    with pytest.raises(HulldownError, match=r"newer.blend was written by Blender 9.99, newer than the 5.*--cache"):
+        draw(tmp_path, [(altered(plan[0], scenery="field"), replace(library, sceneries={"field": newer}))])
 
 
 def in_place_of_blender(folder, code):

@@ -22,6 +22,7 @@ from hulldown.reading.blender.frames import pose, world_from_blender_camera
 from hulldown.reading.blender.opening import disarm
 from hulldown.reading.blender.tidy_properties import PART, REST
 from hulldown.rendering.blender.covers import PLANE
+from hulldown.rendering.blender.cycles import Unusable
 from hulldown.rendering.blender.fog import Fog
 from hulldown.rendering.blender.hdri_light import HdriWorld
 from hulldown.rendering.blender.lens import set_lens
@@ -180,8 +181,20 @@ class Stage:
 
 
 def appended(tidy: str) -> tuple[Any, dict[str, Any]]:
-    """Append the collection of a tidy twin, and its materials, by their names in it."""
+    """Append the collection of a tidy twin, and its materials, by their names in it.
+
+    Raises
+    ------
+    Unusable
+        If a newer Blender wrote it, from which this one may leave out something.
+    """
     with bpy.data.libraries.load(tidy, link=False) as (source, target):
+        if source.version[:2] > bpy.app.version[:2]:
+            wrote = ".".join(map(str, source.version[:2]))
+            problem = f"{tidy} was written by Blender {wrote}, newer than the {bpy.app.version_string} that renders"
+            raise Unusable(
+                problem, f"render with Blender {wrote}, or with another --cache, for which files are read again"
+            )
         target.collections = source.collections[:1]
         names = list(source.materials)
         target.materials = list(names)
