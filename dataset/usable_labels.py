@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from hulldown.annotate.attributes import number
 from hulldown.base.errors import DatasetError
+from hulldown.dataset.attributes import number
 from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.seals import changed
 

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from hulldown.annotate.attributes import seen_from
+from hulldown.dataset.attributes import seen_from
 from hulldown.tests.detections import dataset, loaded, matched, random_case, results
 from hulldown.training.evaluation.bins import fields, figures_of, measured_contrast, worst
 from hulldown.training.evaluation.labels import labels_of

@@ -14,13 +14,13 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 from PIL import Image as Pictures
 
-from hulldown.annotate.attributes import SCALES, SIDES, SIZE, bins_of, poses_of
 from hulldown.annotate.outlines import polygons
 from hulldown.annotate.rectangles import rectangle_corners
 from hulldown.assets.photographs import read_photographs
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import make_room, replace_file
 from hulldown.base.terminal import shown
+from hulldown.dataset.attributes import SCALES, SIDES, SIZE, bins_of, poses_of
 from hulldown.dataset.oriented import ground_corners, is_rectangle
 from hulldown.dataset.reports.charts import azimuths, histogram, place_map, places_in_pictures, shares
 from hulldown.dataset.reports.comparison import Comparison, Encoder, compare

@@ -13,9 +13,9 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 from PIL import Image, ImageDraw
 
-from hulldown.annotate.attributes import number
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import replacing
+from hulldown.dataset.attributes import number
 from hulldown.dataset.oriented import visible_corners
 from hulldown.dataset.reports.charts import (
     BLUE,

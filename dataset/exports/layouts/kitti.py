@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hulldown.annotate.attributes import number as number_of
 from hulldown.camera.intrinsics import Intrinsics
+from hulldown.dataset.attributes import number as number_of
 from hulldown.dataset.exports.layouts.shares import VAL_NAMES, Shares
 from hulldown.dataset.store.entries import Record
 

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
-from hulldown.annotate.attributes import number
+from hulldown.dataset.attributes import number
 from hulldown.dataset.exports.layouts.shares import VAL_NAMES, Item, Shares
 
 TRUNCATED, OCCLUDED = 0.0, 0.95  # truncated above the first; occluded below the second
