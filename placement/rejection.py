@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from enum import IntEnum
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int, UInt8
 
 
 class Rejection(IntEnum):
@@ -67,6 +67,27 @@ BY_KEY = {r.key: r for r in Rejection}
 def tally(codes: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"], rows: int) -> Int[np.ndarray, "rows kinds"]:
     """Return how often each code occurs with each row."""
     return np.bincount(row * KINDS + codes, minlength=rows * KINDS).reshape(rows, KINDS)
+
+
+def first_accepted(
+    rejection: UInt8[np.ndarray, "n t"], limit: Int[np.ndarray, " n"] | None = None
+) -> tuple[Bool[np.ndarray, " n"], Int[np.ndarray, " q"], Int[np.ndarray, "n kinds"]]:
+    """Find the first accepted of t tries in each row, of which the first `limit` count.
+
+    Returns
+    -------
+    taken, chosen
+        (n,) whether there is one, and the indices of the q accepted tries among all n * t.
+    counts
+        Rejections of each row before that try.
+    """
+    n, t = rejection.shape
+    number, limits = np.arange(t), np.full(n, t) if limit is None else np.minimum(limit, t)
+    good = (rejection == Rejection.NONE) & (number < limits[:, None])
+    taken, first = good.any(axis=1), good.argmax(axis=1)
+    row, column = np.nonzero(number < np.where(taken, first, limits)[:, None])
+    counts = tally(rejection[row, column].astype(np.int64), row, n)
+    return taken, np.flatnonzero(taken) * t + first[taken], counts
 
 
 def sentence(counts: Mapping[Rejection, int]) -> str:

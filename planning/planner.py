@@ -26,7 +26,7 @@ from hulldown.planning.search.extras import extras_at, framed_on
 from hulldown.planning.search.given import given_of, pose_budget
 from hulldown.planning.search.likeness import Likeness
 from hulldown.planning.search.pairs import Pairs, make_pairs
-from hulldown.planning.search.positions import HopelessPosition, Planned
+from hulldown.planning.search.positions import HopelessPosition, plan_block
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose
 from hulldown.planning.search.stage import make_stage
 
@@ -110,7 +110,7 @@ class Planner:
                 if not len(here):
                     continue
                 movable = weights[here].any(axis=1) & (not self.strict)
-                planned = Planned(self._block(s, take(positions, here), movable))
+                planned = plan_block(self._block(s, take(positions, here), movable))
                 if planned.hopeless:
                     # Another block may hold an earlier one: the error must not depend on blocks.
                     hopeless = planned.hopeless

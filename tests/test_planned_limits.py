@@ -10,9 +10,9 @@ from hulldown.annotate.boxes import surface_box
 from hulldown.annotate.masks import vehicle_mask
 from hulldown.base.errors import ConfigError
 from hulldown.geometry.transforms import apply
+from hulldown.placement.rejection import first_accepted
 from hulldown.planning.plan.row import encode_rows
 from hulldown.planning.planner import Planner
-from hulldown.planning.search.positions import first_accepted
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
 from hulldown.tests.planning_assets import bare, filled_share, hills, plan, small_assets, small_config, vehicle
 

@@ -81,8 +81,8 @@ def rows(path: Path) -> list[list[str]]:
 )
 def test_a_killed_run_ends_like_an_undisturbed_one(pictures, tmp_path, monkeypatch, settings, kills):
     # No network draws numbers by itself; with a loss that does, each step must be seeded.
-    exact = small_detector.center_loss
-    monkeypatch.setattr(small_detector, "center_loss", lambda *given: exact(*given) * (1 + torch.rand(())))
+    exact = fit_small.center_loss
+    monkeypatch.setattr(fit_small, "center_loss", lambda *given: exact(*given) * (1 + torch.rand(())))
     data = {"demo": pictures}
     assert train_and_die(data, tmp_path / "alone", settings, workers=0) == 0
     measured = {"workers": 1, "valid": make_dataset(tmp_path / "valid", 4)}  # which changes no weights

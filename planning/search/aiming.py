@@ -19,7 +19,7 @@ from hulldown.planning.plan.row import rounded
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.given import Given
 from hulldown.planning.search.instance_table import Instances, hull_of
-from hulldown.planning.search.likeness import directions_of, matching_cameras
+from hulldown.planning.search.likeness import Wishes, directions_of, matching_cameras
 from hulldown.planning.search.random_streams import Purpose, RowStreams, between
 from hulldown.planning.search.sizing import image_size, sized_cameras
 
@@ -63,13 +63,16 @@ class Tries:
         return self.free & np.isnan(self.given.look_at[:, 0])
 
 
+@dataclass(frozen=True, eq=False, slots=True)
 class Aims:
     """Cameras of n tries before they're checked: sampled lenses and directions, and solved distances.
 
-    Attributes
+    Parameters
     ----------
     lens
         n intrinsics.
+    roll
+        (n,) about the optical axis, radians.
     distance, azimuth, elevation
         (n,) place around the target's center in meters and radians; nan: no distance gives the size.
     fraction
@@ -82,82 +85,118 @@ class Aims:
         (n, 4, 4) framed poses with the wanted sizes; nan for given cameras, and for distances by the paper's rule.
     """
 
-    def __init__(self, block: Block, tries: Tries) -> None:
-        self._block, self._tries = block, tries
-        config, draws, likeness = block.config, block.draws, block.likeness
-        n, limits, targets, free = len(tries.image), config.camera, tries.targets, tries.free
-        rng = RowStreams(draws, Purpose.CAMERA, tries.image, tries.attempt)
-        uniform = rng.random((n, 3))
-        together = tries.given.sequence >= 0
-        of_sequence = draws.uniform(Purpose.SEQUENCE, np.maximum(tries.given.sequence, 0), 0, count=2)
-        uniform[:, 0] = np.where(together, of_sequence[:, 0], uniform[:, 0])
-        self.lens = drawn_lenses(config, uniform[:, 0])
-        self.fraction = between(*limits.target_fraction, uniform[:, 1])
-        azimuth = draw_azimuth(n, rng=rng)
-        elevation_bounds = (math.radians(limits.elevation_deg[0]), math.radians(limits.elevation_deg[1]))
-        elevation = draw_elevation(n, elevation_bounds, rng=rng, uniform_in=limits.elevation_sampling)
-        roll = np.where(together, of_sequence[:, 1], rng.random((n, 1))[:, 0])
-        self._roll = np.radians(between(*limits.roll_deg, roll))
+    lens: Lenses
+    roll: Float[np.ndarray, " n"]
+    distance: Float[np.ndarray, " n"]
+    azimuth: Float[np.ndarray, " n"]
+    elevation: Float[np.ndarray, " n"]
+    fraction: Float[np.ndarray, " n"]
+    wishes: Wishes | None
+    alike: Bool[np.ndarray, " n"]
+    sized: Float[np.ndarray, "n 4 4"]
 
-        self.wishes, self.alike = None, np.zeros(n, dtype=bool)
-        if likeness is not None:
-            self.wishes = likeness.wishes(
-                draws, targets, image=tries.image, attempt=tries.attempt, quarter=tries.quarter
-            )
-            self.alike = tries.undirected & (self.wishes.box >= 0)
-        measure = limits.size_measure
-        self.sized, distance = np.full((n, 4, 4), np.nan), np.full(n, np.nan)
-        if measure == "paper":
-            smallest = targets.fleet.size.min(axis=1)[targets.model]
-            distance = self.lens.distance_for(smallest, self.fraction)
-            distance *= between(*limits.distance_factor, uniform[:, 2])
-        else:
-            for model, i in targets.by_model():
-                i = i[free[i] & ~self.alike[i]]
-                self.sized[i], distance[i] = sized_cameras(
-                    targets.take(i),
-                    hull_of(model, targets.world_from_vehicle[i], targets.model_angles(model, i)),
-                    lens=self.lens.rows(i),
-                    pixels=self.fraction[i] * image_size(measure, config.render),
-                    measure=measure,
-                    azimuth=azimuth[i],
-                    elevation=elevation[i],
-                    roll=self._roll[i],
-                    framed=partial(self.framed, rows=i),
-                )
-        if self.wishes is not None:
-            i = np.flatnonzero(self.alike)
-            self.sized[i], distance[i] = matching_cameras(
+
+def aims_of(block: Block, tries: Tries) -> Aims:
+    """Sample the cameras of tries, and solve for their distances."""
+    config, draws, likeness = block.config, block.draws, block.likeness
+    n, limits, targets, free = len(tries.image), config.camera, tries.targets, tries.free
+    rng = RowStreams(draws, Purpose.CAMERA, tries.image, tries.attempt)
+    uniform = rng.random((n, 3))
+    together = tries.given.sequence >= 0
+    of_sequence = draws.uniform(Purpose.SEQUENCE, np.maximum(tries.given.sequence, 0), 0, count=2)
+    uniform[:, 0] = np.where(together, of_sequence[:, 0], uniform[:, 0])
+    lens, fraction = drawn_lenses(config, uniform[:, 0]), between(*limits.target_fraction, uniform[:, 1])
+    azimuth = draw_azimuth(n, rng=rng)
+    elevation_bounds = (math.radians(limits.elevation_deg[0]), math.radians(limits.elevation_deg[1]))
+    elevation = draw_elevation(n, elevation_bounds, rng=rng, uniform_in=limits.elevation_sampling)
+    turn = np.where(together, of_sequence[:, 1], rng.random((n, 1))[:, 0])
+    roll = np.radians(between(*limits.roll_deg, turn))
+
+    wishes, alike = None, np.zeros(n, dtype=bool)
+    if likeness is not None:
+        wishes = likeness.wishes(draws, targets, image=tries.image, attempt=tries.attempt, quarter=tries.quarter)
+        alike = tries.undirected & (wishes.box >= 0)
+    measure = limits.size_measure
+    sized, distance = np.full((n, 4, 4), np.nan), np.full(n, np.nan)
+    if measure == "paper":
+        smallest = targets.fleet.size.min(axis=1)[targets.model]
+        distance = lens.distance_for(smallest, fraction)
+        distance *= between(*limits.distance_factor, uniform[:, 2])
+    else:
+        for model, i in targets.by_model():
+            i = i[free[i] & ~alike[i]]
+            sized[i], distance[i] = sized_cameras(
                 targets.take(i),
-                take(self.wishes, i),
-                config,
-                lens=self.lens.rows(i),
-                roll=self._roll[i],
-                rng=directions_of(draws, tries.image[i], tries.attempt[i]),
+                hull_of(model, targets.world_from_vehicle[i], targets.model_angles(model, i)),
+                lens=lens.rows(i),
+                pixels=fraction[i] * image_size(measure, config.render),
+                measure=measure,
+                azimuth=azimuth[i],
+                elevation=elevation[i],
+                roll=roll[i],
+                framed=partial(framed, block, tries, rows=i, lens=lens, roll=roll),
             )
-        place = shell_place(tries.given.camera - targets.centers)
-        self.distance = np.where(free, distance, np.maximum(place[0], NEAREST))
-        self.azimuth = np.where(free, azimuth, place[1])
-        self.elevation = np.where(free, elevation, place[2])
-
-    def framed(self, poses: Float[np.ndarray, "k 4 4"], rows: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k 4 4"]:
-        """Turn the cameras of these rows so that their targets are in frame, or to the given points."""
-        tries, lens, roll, limits = self._tries, self.lens.rows(rows), self._roll[rows], self._block.config.camera
-        aimed = frame_target(
-            poses,
-            tries.targets.take(rows).corners(),
-            lens,
-            roll=roll,
-            rng=RowStreams(self._block.draws, Purpose.FRAMING, tries.image[rows], tries.attempt[rows]),
-            spread=limits.framing,
-            truncated=limits.truncated_fraction,
+    if wishes is not None:
+        i = np.flatnonzero(alike)
+        sized[i], distance[i] = matching_cameras(
+            targets.take(i),
+            take(wishes, i),
+            config,
+            lens=lens.rows(i),
+            roll=roll[i],
+            rng=directions_of(draws, tries.image[i], tries.attempt[i]),
         )
-        points = tries.given.look_at[rows]
-        at = np.flatnonzero(~np.isnan(points[:, 0]))
-        position, own_lens = poses[at, :3, 3], lens.rows(at)
-        axes = shell_axes(*shell_place(position - points[at])[1:])[1]
-        aimed[at] = turned(rigid(axes, position), own_lens, own_lens.center, roll[at])
-        return aimed
+    place = shell_place(tries.given.camera - targets.centers)
+    return Aims(
+        lens=lens,
+        roll=roll,
+        distance=np.where(free, distance, np.maximum(place[0], NEAREST)),
+        azimuth=np.where(free, azimuth, place[1]),
+        elevation=np.where(free, elevation, place[2]),
+        fraction=fraction,
+        wishes=wishes,
+        alike=alike,
+        sized=sized,
+    )
+
+
+def framed(
+    block: Block,
+    tries: Tries,
+    poses: Float[np.ndarray, "k 4 4"],
+    *,
+    rows: Int[np.ndarray, " k"],
+    lens: Lenses,
+    roll: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, "k 4 4"]:
+    """Turn cameras so that their targets are in frame, or to the given points.
+
+    Parameters
+    ----------
+    block, tries
+        The tries.
+    poses, rows
+        Poses of k of the cameras, and their tries.
+    lens, roll
+        Those of all n tries.
+    """
+    limits = block.config.camera
+    lens, roll = lens.rows(rows), roll[rows]
+    aimed = frame_target(
+        poses,
+        tries.targets.take(rows).corners(),
+        lens,
+        roll=roll,
+        rng=RowStreams(block.draws, Purpose.FRAMING, tries.image[rows], tries.attempt[rows]),
+        spread=limits.framing,
+        truncated=limits.truncated_fraction,
+    )
+    points = tries.given.look_at[rows]
+    at = np.flatnonzero(~np.isnan(points[:, 0]))
+    position, own_lens = poses[at, :3, 3], lens.rows(at)
+    axes = shell_axes(*shell_place(position - points[at])[1:])[1]
+    aimed[at] = turned(rigid(axes, position), own_lens, own_lens.center, roll[at])
+    return aimed
 
 
 def drawn_lenses(config: Config, uniform: Float[np.ndarray, " n"]) -> Lenses:

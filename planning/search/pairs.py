@@ -19,7 +19,7 @@ from hulldown.planning.config.schema import Config
 from hulldown.planning.plan.row import LeftOut
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.budget import Budget, Positions
-from hulldown.planning.search.positions import HopelessPosition, Planned
+from hulldown.planning.search.positions import HopelessPosition, plan_block
 from hulldown.planning.search.random_streams import RandomStreams
 from hulldown.planning.search.stage import Model, PlanStage, Site
 
@@ -130,14 +130,14 @@ def _problems(
 
 def _try(
     site: Site, stage: PlanStage, models: Int[np.ndarray, " n"], draws: RandomStreams, *, number: int
-) -> dict[int, HopelessPosition]:
+) -> Mapping[int, HopelessPosition]:
     """Plan a trial position for each of these vehicles, and return the errors of those without a place."""
     n = len(models)
     if not n:
         return {}
     zero, one, trial = np.zeros(n, dtype=np.int64), np.ones(n, dtype=np.int64), np.full(n, number)
     positions = Positions(trial, vehicle=zero, ordinal=zero, shots=one, first_image=trial)
-    return Planned(Block(stage, draws, site, {}, positions, models, movable=one > 0)).problems
+    return plan_block(Block(stage, draws, site, {}, positions, models, movable=one > 0)).problems
 
 
 def _too_large(site: Site, model: Model, config: Config) -> ConfigError | None:

@@ -8,25 +8,27 @@ the first position without tries left. So batches decide when something is tried
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int
 
 from hulldown.base.errors import ConfigError
+from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.arrays import batches, joined, numbered
 from hulldown.geometry.columns import join, put, take
 from hulldown.placement.candidates import candidates
-from hulldown.placement.rejection import AIMING, KINDS, PLACING, Rejection, sentence, tally
+from hulldown.placement.rejection import AIMING, KINDS, PLACING, Rejection, first_accepted, sentence
 from hulldown.placement.settle import Settled, unsettled
 from hulldown.planning.search.aiming import Tries, drawn_lenses
-from hulldown.planning.search.block import Block, instances_of
+from hulldown.planning.search.block import Block, InstanceTable, instances_of
 from hulldown.planning.search.extras import MOST, Role, offsets
 from hulldown.planning.search.likeness import PATIENCE, directions_of
 from hulldown.planning.search.placing import clear_of_vehicles, settle_clear
 from hulldown.planning.search.random_streams import Purpose, RowStreams
-from hulldown.planning.search.views import Seen, no_views, try_cameras, views_of_others
+from hulldown.planning.search.views import Seen, Views, no_views, try_cameras, views_of_others
 from hulldown.planning.search.weather import draw_weathers
 
 # Candidates settled together, and cameras aimed together: they bound a worker's memory.
@@ -52,10 +54,11 @@ class HopelessPosition(ConfigError):
         self.position = position
 
 
+@dataclass(frozen=True, eq=False, slots=True)
 class Planned:
-    """Poses and cameras of a block, which are searched for when it's made.
+    """Poses and cameras of a block.
 
-    Attributes
+    Parameters
     ----------
     block
         The positions.
@@ -77,6 +80,47 @@ class Planned:
         The error of the first position that isn't movable; None without one. With one, other values are incomplete.
     """
 
+    block: Block
+    given_up: Bool[np.ndarray, " n"]
+    table: InstanceTable
+    views: Views
+    seen: Seen
+    rejected: Int[np.ndarray, "m kinds"]
+    weathers: list[Weather | None]
+    problems: Mapping[int, HopelessPosition]
+    hopeless: HopelessPosition | None
+
+
+def plan_block(block: Block) -> Planned:
+    """Search for the poses and cameras of a block."""
+    search, number = _Search(block), block.positions.number
+    early = number.min(initial=BEGINNING) < BEGINNING
+    ranks = np.empty(len(block.model), dtype=np.int64)
+    for model in np.unique(block.model):
+        of_model = np.flatnonzero(block.model == model)
+        ranks[of_model] = np.arange(len(of_model))
+    scouts = early & (ranks < SCOUTS)
+    search.settle(np.flatnonzero(scouts))
+    search.settle(np.flatnonzero(~scouts))
+    fixed = [error for row, error in search.problems.items() if not block.movable[row]]
+    rejected = search.camera_rejections.copy()
+    rejected[block.shot == 0] += search.place_rejections
+    return Planned(
+        block=block,
+        given_up=search.given_up,
+        table=search.table,
+        views=search.views,
+        seen=search.see_extras(),
+        rejected=rejected,
+        weathers=search.weathers,
+        problems=search.problems,
+        hopeless=min(fixed, key=lambda error: error.position, default=None),
+    )
+
+
+class _Search:
+    """What has been found for a block so far; `Planned` has its parts."""
+
     def __init__(self, block: Block) -> None:
         self.block, self.config, self.draws = block, block.config, block.draws
         self.weathers = draw_weathers(block.config.weather, draws=block.draws, image=block.scene)
@@ -92,26 +136,13 @@ class Planned:
         self.views = no_views(len(self.image))
         self.place_rejections = np.zeros((n, KINDS), dtype=np.int64)
         self.camera_rejections = np.zeros((len(self.image), KINDS), dtype=np.int64)
-        early = self.number.min(initial=BEGINNING) < BEGINNING
-        ranks = np.empty(len(block.model), dtype=np.int64)
-        for model in np.unique(block.model):
-            of_model = np.flatnonzero(block.model == model)
-            ranks[of_model] = np.arange(len(of_model))
-        scouts = early & (ranks < SCOUTS)
-        self._settle(np.flatnonzero(scouts))
-        self._settle(np.flatnonzero(~scouts))
-        fixed = [error for row, error in self.problems.items() if not block.movable[row]]
-        self.hopeless = min(fixed, key=lambda error: error.position, default=None)
-        self.seen = self._see_extras()
-        self.rejected = self.camera_rejections.copy()
-        self.rejected[block.shot == 0] += self.place_rejections
 
     @property
     def tries(self) -> Int[np.ndarray, " n"]:
         """Places tried for each position so far."""
         return self.table.tries[self.target]
 
-    def _settle(self, pending: Int[np.ndarray, " p"]) -> None:
+    def settle(self, pending: Int[np.ndarray, " p"]) -> None:
         """Find places, extras, and cameras for these positions."""
         while len(pending := self._hopeful(pending)):
             self._place_targets(pending)
@@ -295,7 +326,7 @@ class Planned:
             ahead = max(1, min(2 * ahead, CAMERAS // max(len(pending), 1)))
         return np.unique(self.owner[pending])
 
-    def _see_extras(self) -> Seen:
+    def see_extras(self) -> Seen:
         """Return the cameras' views of the extras."""
         table, shown = self.table, np.flatnonzero(~self.given_up[self.owner])
         present = np.flatnonzero(table.found & ((table.role != Role.TARGET) | ~self.block.empty[table.row]))
@@ -354,24 +385,3 @@ class Planned:
             )
             if not block.movable[row]:
                 self.given_up |= self.number > position
-
-
-def first_accepted(
-    rejection: UInt8[np.ndarray, "n t"], limit: Int[np.ndarray, " n"] | None = None
-) -> tuple[Bool[np.ndarray, " n"], Int[np.ndarray, " q"], Int[np.ndarray, "n kinds"]]:
-    """Find the first accepted of t tries in each row, of which the first `limit` count.
-
-    Returns
-    -------
-    taken, chosen
-        (n,) whether there is one, and the indices of the q accepted tries among all n * t.
-    counts
-        Rejections of each row before that try.
-    """
-    n, t = rejection.shape
-    number, limits = np.arange(t), np.full(n, t) if limit is None else np.minimum(limit, t)
-    good = (rejection == Rejection.NONE) & (number < limits[:, None])
-    taken, first = good.any(axis=1), good.argmax(axis=1)
-    row, column = np.nonzero(number < np.where(taken, first, limits)[:, None])
-    counts = tally(rejection[row, column].astype(np.int64), row, n)
-    return taken, np.flatnonzero(taken) * t + first[taken], counts

@@ -17,7 +17,7 @@ from hulldown.geometry.columns import put
 from hulldown.placement.rejection import Rejection
 from hulldown.planning.config.schema import Config
 from hulldown.planning.plan.row import rounded
-from hulldown.planning.search.aiming import Aims, Tries
+from hulldown.planning.search.aiming import Aims, Tries, aims_of, framed
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.sizing import boxes_of, fraction_of, no_boxes
@@ -98,7 +98,7 @@ def try_cameras(block: Block, tries: Tries) -> Views:
     Checks are in the order of their cost, and each applies to the rows that passed those before. Limits of distance and
     size don't apply to given cameras.
     """
-    site, limits, aims = block.site, block.config.camera, Aims(block, tries)
+    site, limits, aims = block.site, block.config.camera, aims_of(block, tries)
     views = replace(no_views(len(tries.image)), lens=aims.lens)
     if aims.wishes is not None:
         views.asked[:] = np.where(tries.undirected, aims.wishes.asked, -1)
@@ -120,7 +120,7 @@ def try_cameras(block: Block, tries: Tries) -> Views:
     kept = np.flatnonzero(views.rejection[rows] == Rejection.NONE)
     rows, poses, targets, lens = rows[kept], poses[kept], targets.take(kept), lens.rows(kept)
     level = np.flatnonzero(np.isnan(aims.sized[rows, 0, 0]))
-    poses[level] = aims.framed(poses[level], rows[level])
+    poses[level] = framed(block, tries, poses[level], rows=rows[level], lens=aims.lens, roll=aims.roll)
     poses = rounded("world_from_camera", poses)  # labels follow from rounded poses
     views.world_from_camera[rows] = poses
     views.air_contrast[rows] = air_contrasts(targets, poses, tries.visibility_m[rows])
