@@ -9,7 +9,6 @@ from PIL import Image
 
 from hulldown.annotate.masks import decode, encode
 from hulldown.dataset.verification.verify import verify
-from hulldown.planning.plan.row import PlannedVehicle
 from hulldown.rendering.cycles_masks import compared, verify_masks
 from hulldown.tests.render_plans import CUBES, make_row, write_plan
 
@@ -71,8 +70,7 @@ def test_the_box_of_a_label_without_a_mask_is_measured(rendered):
 def test_a_deleted_label_is_a_warning_and_others_keep_their_masks(rendered, deleted):
     pose = np.eye(4)
     pose[1, 3] = 2.5
-    beside = make_row(0, world_from_vehicle=pose.tolist(), bbox=[2.0, 6.0, 4.0, 4.0])
-    other = {key: beside[key] for key in PlannedVehicle.__struct_fields__ if key in beside}
+    (other,) = make_row(0, world_from_vehicle=pose.tolist(), bbox=[2.0, 6.0, 4.0, 4.0])["planned"]
     plan, path, coco = rendered([make_row(i, companions=[other]) for i in range(2)])
     left = [label for label in coco["annotations"] if label["id"] != deleted]
     by_hand = {**coco["annotations"][0], "id": 99, "image_id": 2}
