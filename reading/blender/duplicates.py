@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,27 +17,14 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.reading.blender.api.buffers import read
+from hulldown.reading.blender.api.buffers import STORED, read
 from hulldown.reading.blender.exact_poses import own_poses
+from hulldown.reading.blender.material_inputs import own_property
+from hulldown.reading.blender.surfaces.input_nodes import names_read
 from hulldown.reading.blender.tidy import look_of
 
 FEWEST = 1000  # so that files of the usual size are read as they are
 HARMLESS = ("Scene", "Collection", "Screen", "WorkSpace", "WindowManager")  # users that objects may have
-# By type of attribute: the property of its elements, how they are stored, how many numbers each.
-STORED = {
-    "FLOAT": ("value", np.float32, 1),
-    "INT": ("value", np.int32, 1),
-    "BOOLEAN": ("value", np.bool_, 1),
-    "INT8": ("value", np.int32, 1),
-    "FLOAT_VECTOR": ("vector", np.float32, 3),
-    "FLOAT2": ("vector", np.float32, 2),
-    "FLOAT_COLOR": ("color", np.float32, 4),
-    "BYTE_COLOR": ("color", np.float32, 4),
-    "QUATERNION": ("value", np.float32, 4),
-    "FLOAT4X4": ("value", np.float32, 16),
-    "INT16_2D": ("value", np.int32, 2),
-    "INT32_2D": ("value", np.int32, 2),
-}
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -91,10 +79,11 @@ def _alike() -> dict[tuple[object, ...], list[Any]]:
     cameras = {scene.camera for scene in bpy.data.scenes}
     cameras.update(marker.camera for scene in bpy.data.scenes for marker in scene.timeline_markers)
     content = _contents({obj.data for obj in plain if not obj.vertex_groups})
+    names = names_read(bpy.data.materials)
     alike: dict[tuple[object, ...], list[Any]] = defaultdict(list)
     for obj in plain:
         if obj not in cameras and ordinary.issuperset(within[obj]):
-            alike[content.get(obj.data, obj.data), tuple(within[obj]), _look(obj)].append(obj)
+            alike[content.get(obj.data, obj.data), tuple(within[obj]), _look(obj, names)].append(obj)
     return alike
 
 
@@ -161,6 +150,7 @@ def _around(collection: Any, users: dict[Any, set[Any]]) -> set[Any]:
     return found
 
 
-def _look(obj: Any) -> tuple[object, ...]:
+def _look(obj: Any, names: Sequence[str]) -> tuple[object, ...]:
+    """What an object adds to its mesh, values of the properties `names` included."""
     slots = tuple((slot.link, slot.material) for slot in obj.material_slots)
-    return (*look_of(obj), obj.is_holdout, obj.is_shadow_catcher, slots)
+    return (*look_of(obj), obj.is_holdout, obj.is_shadow_catcher, slots, *(own_property(obj, name) for name in names))

@@ -19,8 +19,9 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.reading.blender.frames import pose as set_pose
-from hulldown.reading.blender.tidy_properties import PART, REST, UNPAINTED
-from hulldown.reading.pieces.roles import HOLDOUT, SHADOW_CATCHER, Evaluated, Piece, PieceRole, Volume
+from hulldown.reading.blender.surfaces.input_nodes import keep_inputs, reads_places
+from hulldown.reading.blender.tidy_properties import INPUT, PART, REST, ROW, UNPAINTED
+from hulldown.reading.pieces.roles import HOLDOUT, SHADOW_CATCHER, Evaluated, Piece, PieceRole, Value, Volume
 
 CUT = (SHADOW_CATCHER, HOLDOUT)
 MANY = 8  # from so many on, copies are drawn by one object
@@ -38,6 +39,9 @@ def lasting(drawn: Any, data: Any, materials: Sequence[Any]) -> Any:
         return drawn.original.data
     mesh = data.copy()
     mesh.animation_data_clear()
+    if isinstance(data, bpy.types.Mesh):  # generated coordinates are those of the file's mesh
+        mesh.use_auto_texspace = False
+        mesh.texspace_location, mesh.texspace_size = data.texspace_location, data.texspace_size
     for slot, material in enumerate(wanted[: len(mesh.materials)]):
         mesh.materials[slot] = material
     return mesh
@@ -72,6 +76,8 @@ def write_vehicle(
 ) -> None:
     """Write the pieces whose part is not -1; those that are `unpainted` keep the colors of the file."""
     collection = bpy.data.collections.new("hulldown vehicle")
+    placed = reads_places(bpy.data.materials)
+    keep_inputs(bpy.data.materials, drawn.keys, drawn.places, None)
     for i, (piece, part) in enumerate(zip(drawn.pieces, piece_part, strict=True)):
         if part < 0:
             continue
@@ -80,6 +86,8 @@ def write_vehicle(
         obj[PART] = int(part)
         obj[REST] = rest.ravel().tolist()
         obj[UNPAINTED] = unpainted[i]
+        for axis in range(3 if placed else 0):
+            obj[f"{ROW}{axis}"] = piece.pose[axis].tolist()
         collection.objects.link(obj)
     bpy.data.libraries.write(str(path), {collection}, path_remap="ABSOLUTE", compress=True)
 
@@ -89,6 +97,8 @@ def _object(thing: Piece | Volume, block: Any) -> Any:
     obj = bpy.data.objects.new(thing.name, block)
     for name, value in zip(LOOK, thing.look, strict=True):
         setattr(obj, name, value)
+    for number, given in enumerate(thing.inputs if isinstance(thing, Piece) else ()):
+        obj[f"{INPUT}{number}"] = given
     return obj
 
 
@@ -97,6 +107,7 @@ def write_scenery(
 ) -> None:
     """Write everything drawn, except backdrops and removed objects, as one collection."""
     collection = bpy.data.collections.new("hulldown scenery")
+    keep_inputs(bpy.data.materials, drawn.keys, drawn.places, np.linalg.inv(scenery_from_file))
     root = bpy.data.objects.new("hulldown scenery", None)
     collection.objects.link(root)
     alike: dict[tuple[int, str, tuple[Any, ...]], list[Piece]] = defaultdict(list)
@@ -107,7 +118,8 @@ def write_scenery(
     for same in sorted(alike.values(), key=lambda same: same[0].name.lower()):
         poses = scenery_from_file @ np.array([piece.pose for piece in same])
         if len(same) >= MANY:
-            collection.objects.link(_carrier(_object(same[0], drawn.blocks[same[0].mesh]), poses))
+            thing = _object(same[0], drawn.blocks[same[0].mesh])
+            collection.objects.link(_carrier(thing, poses, [piece.inputs for piece in same]))
             continue
         for piece, world_from_mesh in zip(same, poses, strict=True):
             obj = _object(piece, drawn.blocks[piece.mesh])
@@ -122,13 +134,15 @@ def write_scenery(
     bpy.data.libraries.write(str(path), {collection}, path_remap="ABSOLUTE", compress=True)
 
 
-def _carrier(thing: Any, poses: Float[np.ndarray, "k 4 4"]) -> Any:
+def _carrier(thing: Any, poses: Float[np.ndarray, "k 4 4"], inputs: Sequence[Sequence[Value]]) -> Any:
     """One object that draws `thing` in all these poses; ten thousand objects would take minutes."""
     points = bpy.data.meshes.new(thing.name)
     points.vertices.add(len(poses))
     # Blender stores matrices column by column.
     flat = np.ascontiguousarray(np.swapaxes(poses, 1, 2), dtype=np.float32).ravel()
     points.attributes.new(POSE, "FLOAT4X4", "POINT").data.foreach_set("value", flat)
+    for number, given in enumerate(np.array(inputs, np.float32).swapaxes(0, 1)):
+        points.attributes.new(f"{INPUT}{number}", "FLOAT_COLOR", "POINT").data.foreach_set("color", given.ravel())
     group = bpy.data.node_groups.new(f"draw {thing.name}", "GeometryNodeTree")
     for way in ("INPUT", "OUTPUT"):
         group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")

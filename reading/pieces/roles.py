@@ -22,6 +22,9 @@ FLAT = 0.02  # a sheet is thinner than this share of its longer side
 THIN = 0.1  # and so is what may be a stage although it is called "Plane" and nothing else
 REACH = 0.1  # a stage reaches out of the rest by more than this share of the rest's longer side
 UNDERSIDE = 0.05  # "lying under" allows for wheels sunk into the floor by this share of the rest's height
+Key = tuple[str, str]  # of what materials read of an object: see `reading.blender.material_inputs`
+Value = tuple[float, float, float, float]
+
 MUCH_LARGER = 4.0  # times the area of the rest's footprint
 
 
@@ -87,6 +90,8 @@ class Piece:
         That area over the area of its bounds, seen from above; small for a curb around a track.
     look
         Values of `reading.blender.tidy.LOOK`, for the renderer.
+    inputs
+        What materials read of it: a value for each of the file's `keys`.
     """
 
     data: str
@@ -106,6 +111,7 @@ class Piece:
     level: float = 0.0
     filled: float = 1.0
     look: tuple[Any, ...] = ()
+    inputs: tuple[Value, ...] = ()
 
     @property
     def name(self) -> str:
@@ -157,6 +163,10 @@ class Evaluated:
         Every drawn mesh, where it is drawn; `bounds` after `meters_from_file`.
     markers
         Chains of all empties.
+    keys
+        What materials read of objects.
+    places
+        world_from_object of objects whose coordinates materials read, by name.
     volumes
         Every drawn volume, which the renderer needs.
     left
@@ -170,6 +180,8 @@ class Evaluated:
     wet: dict[int, Bool[np.ndarray, " f"]] = field(default_factory=dict)
     pieces: list[Piece] = field(default_factory=list)
     markers: list[tuple[Link, ...]] = field(default_factory=list)
+    keys: tuple[Key, ...] = ()
+    places: dict[str, Float[np.ndarray, "4 4"]] = field(default_factory=dict)
     volumes: list[Volume] = field(default_factory=list)
     left: Counter[ObjectRow] = field(default_factory=Counter)
     doubts: list[str] = field(default_factory=list)

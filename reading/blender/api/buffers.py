@@ -11,6 +11,22 @@ import bpy
 import numpy as np
 from numpy.typing import DTypeLike
 
+# By type of attribute: the property of its elements, how they are stored, how many numbers each.
+STORED = {
+    "FLOAT": ("value", np.float32, 1),
+    "INT": ("value", np.int32, 1),
+    "BOOLEAN": ("value", np.bool_, 1),
+    "INT8": ("value", np.int32, 1),
+    "FLOAT_VECTOR": ("vector", np.float32, 3),
+    "FLOAT2": ("vector", np.float32, 2),
+    "FLOAT_COLOR": ("color", np.float32, 4),
+    "BYTE_COLOR": ("color", np.float32, 4),
+    "QUATERNION": ("value", np.float32, 4),
+    "FLOAT4X4": ("value", np.float32, 16),
+    "INT16_2D": ("value", np.int32, 2),
+    "INT32_2D": ("value", np.int32, 2),
+}
+
 
 def read(elements: Any, name: str, dtype: DTypeLike, width: int = 1) -> np.ndarray:
     """A property of all elements of a collection, `width` numbers each, one after the other."""
