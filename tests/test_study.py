@@ -24,7 +24,7 @@ from hulldown.training.study.manifest import predictions_paths, read_manifest, s
 from hulldown.training.study.run_process import run_one
 from hulldown.training.study.runs import RunOptions, read_failures, run_study
 
-SMALL = {"model": "small", "resolution": 64, "budget": 24, "batch": 4}
+SMALL = {"model": "small", "weights": "none", "resolution": 64, "budget": 24, "batch": 4}
 NANO = {"model": "nano", "resolution": 64, "budget": 4, "batch": 1, "weights": "none", "queries": 8, "groups": 1}
 FAST = {"name": "fast", "base": "mixed", "train": {"warmup": 0.5}}
 
@@ -285,7 +285,7 @@ def test_init_writes_a_config_that_run_accepts(pictures, tmp_path, capsys):
     words = [f"--{key}={pictures / key}" for key in ("real", "synthetic", "test")]
     assert main(["study", "init", *words, "-o", str(tmp_path / "study.toml")]) == 0
     config = load_study(tmp_path / "study.toml")
-    assert (len(study_runs(config)), config.train.model, config.train.budget) == (33, "medium", 25_000)
+    assert (len(study_runs(config)), config.train.model, config.train.budget) == (48, "medium", 25_000)
     assert config.real.samefile(pictures / "real")
     capsys.readouterr()
     assert main(["study", "init", *words, "-o", str(tmp_path / "study.toml")]) == 2
@@ -319,14 +319,14 @@ def test_a_named_arm_draws_like_its_base_with_other_training(pictures, tmp_path)
 def test_a_named_arm_of_another_model_has_that_models_defaults(pictures, tmp_path):
     (tmp_path / "w.pth").write_bytes(b"weights")
     other = {"name": "other", "base": "mixed", "train": {"model": "nano", "weights": "w.pth"}}
-    train = {"model": "small", "budget": 24, "batch": 6}
+    train = {"model": "small", "weights": "none", "budget": 24, "batch": 6}
     study = settled(pictures, tmp_path, arms=["mixed", other], fractions=[1.0], train=train)
     mixed, other = (run.settings for run in study.runs)
-    assert (mixed.resolution, mixed.batch, mixed.learning_rate, mixed.schedule) == (256, 6, 4e-3, "cosine")
+    assert (mixed.resolution, mixed.batch, mixed.learning_rate, mixed.schedule) == (256, 6, 2e-3, "cosine")
     assert (other.resolution, other.batch, other.learning_rate, other.schedule) == (384, 6, 1e-4, "step")
     assert mixed.augmentation
     assert not other.augmentation
-    assert (mixed.weights, other.weights) == (None, str(tmp_path / "w.pth"))
+    assert (mixed.weights, other.weights) == ("none", str(tmp_path / "w.pth"))
 
 
 def test_a_dry_run_warns_of_equal_shares_and_of_arms_without_photographs_or_a_class(pictures, tmp_path):
@@ -336,3 +336,8 @@ def test_a_dry_run_warns_of_equal_shares_and_of_arms_without_photographs_or_a_cl
     assert any("mixed-100-seed" in line and "no photograph" in line for line in warned)
     lacking = [line for line in warned if "photographs show no" in line]
     assert {line.split(":")[0] for line in lacking} == {f"real-5-seed{seed}" for seed in range(4)}
+    drowned = {"fractions": [0.05], "seeds": [0], "train": SMALL | {"budget": 100}}
+    for arms, advice in ((["real", "mixed"], True), (["real", "mixed", "balanced"], False)):
+        (line,) = (line for line in settled(pictures, tmp_path, arms=arms, **drowned).warnings if "drown" in line)
+        assert line.startswith("mixed: renders drown few photographs: 1 photographs have ")
+        assert ("the arm balanced has half" in line) == advice

@@ -150,7 +150,7 @@ def test_an_unfinished_study_lists_what_is_missing(pictures, study, tmp_path):
     }  # fmt: skip
     assert "mixed-25-seed1: ended by <signal> 9" in page(report, {}, layout="page.md")
     assert "mixed-25-seed1: ended by &lt;signal&gt; 9" in page(report, {})
-    with pytest.raises(HulldownError, match=r"no study\.json here; name a folder of `hulldown study run`"):
+    with pytest.raises(HulldownError, match=r"study\.json: no such file; name a folder of `hulldown study run`"):
         compared_runs(tmp_path)
 
 

@@ -52,8 +52,9 @@ class Threshold:
     value
         Detections with at least this score count.
     source
-        ``"given"``, ``"validation"`` (the best F1 on another set), or ``"test"``: the best F1 on the set itself, which
-        makes every figure at the threshold too good. Each resample then chooses its own.
+        ``"given"``, ``"validation"`` (the best F1 on another set), ``"count"`` (`equal_count`), or ``"test"``: the
+        best F1 on the set itself, which makes every figure at the threshold too good. Each resample then chooses its
+        own.
     """
 
     value: float
@@ -175,6 +176,12 @@ def best_threshold(labels: Labels, predictions: Predictions, *, iou: float = 0.5
     """The highest confidence with the highest F1 over all classes; None without detections."""
     curve = curves(match(labels, predictions, overlapping(labels, predictions, at_least=iou), iou=iou))
     return float(curve["threshold"][np.argmax(curve["f1"])]) if len(curve["f1"]) else None
+
+
+def equal_count(labels: Labels, predictions: Predictions) -> float:
+    """The confidence that as many detections have as there are labels; 0 if there are fewer."""
+    wanted = int((~labels.crowd).sum())
+    return float(np.sort(predictions.score)[-wanted]) if 0 < wanted <= len(predictions.score) else 0.0
 
 
 def compare(first: Evaluation, second: Evaluation) -> DetectorComparison:

@@ -16,7 +16,7 @@ from hulldown.training.inputs.settings import Settings
 from hulldown.training.subset import FRACTIONS
 
 Arm = Literal["real", "mixed", "synthetic", "matched", "balanced", "pretrain"]
-ARMS: tuple[Arm, ...] = ("real", "mixed", "synthetic")  # the paper's
+ARMS: tuple[Arm, ...] = ("real", "mixed", "balanced", "synthetic")  # the paper's, and one that renders can't drown
 Share = Annotated[float, Field(gt=0.0, le=1.0)]
 
 
@@ -47,7 +47,12 @@ class StudyConfig(BaseModel):
     fractions: tuple[Share, ...] = Field(FRACTIONS, min_length=1, description="shares of the photographs")
     seeds: tuple[Annotated[int, Field(ge=0, lt=2**32)], ...] = Field((0, 1, 2), min_length=1)
     stratified: bool = Field(False, description="whether each share keeps the proportion of classes")
-    threshold: float = Field(0.5, ge=0.0, le=1.0, description="confidence of a detection, without `valid`")
+    threshold: float | None = Field(
+        None,
+        ge=0.0,
+        le=1.0,
+        description="confidence of a detection; default: by valid, or as many as labels",
+    )
     iou: float = Field(0.5, gt=0.0, le=1.0, description="overlap of a find")
     train: Settings = Field(
         default_factory=lambda: Settings.model_validate({}), description="as of `hulldown train --config`"
@@ -132,9 +137,9 @@ def write_study(path: Path, *, real: Path, synthetic: Path, test: Path, valid: P
     # JSON and TOML write these values in the same way.
     named = {key: json.dumps(_seen_from(path.parent, folder), ensure_ascii=False) for key, folder in folders.items()}
     if valid:
-        named |= {"valid": f"valid = {named['valid']}", "threshold": "# threshold = 0.5"}
+        named |= {"valid": f"valid = {named['valid']}"}
     else:
-        named |= {"valid": '# valid = "photographs/valid"', "threshold": "threshold = 0.5"}
+        named |= {"valid": '# valid = "photographs/valid"'}
     with replacing(path) as file:
         file.write(_TEXT.format(**named).encode())
 
@@ -153,13 +158,13 @@ real = {real}            # photographs to train on
 synthetic = {synthetic}  # rendered images to train on
 test = {test}            # photographs that every detector is judged by; none of them may be in real
 {valid}  # photographs that choose each detector's threshold of confidence, by the best F1
-{threshold}  # where valid is not given: detections of at least this confidence count
+# threshold = 0.5  # detections of at least this confidence count; default: valid's, or as many as the test has labels
 iou = 0.5        # overlap from which a detection has found a label
 
 # "real": photographs alone. "mixed": with all synthetic images, every image as likely as any other. "synthetic": these
-# alone. Beyond the paper: "balanced": mixed, half of the draws real. "matched": the draws of "real", and as many
+# alone. "balanced": half of the draws real. Beyond: "matched": the draws of "real", and as many
 # synthetic ones between them, so twice the budget. "pretrain": half of the budget synthetic, then half of it real.
-arms = ["real", "mixed", "synthetic"]
+arms = ["real", "mixed", "balanced", "synthetic"]
 fractions = [1.0, 0.5, 0.25, 0.1, 0.05]  # shares of the photographs, each within the larger ones
 seeds = [0, 1, 2]   # each is one training of every arm, on other photographs at shares below 1
 stratified = false  # whether each share keeps the proportion of classes

@@ -27,7 +27,7 @@ from hulldown.training.evaluation.bootstrap import (
     share_interval,
     standard_error,
 )
-from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold
+from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, equal_count
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.metrics import SHARES, SUMS, ratio, sums_by
 from hulldown.training.evaluation.predictions import read_predictions
@@ -123,7 +123,7 @@ def judge(
     labels: Mapping[str, Labels],
     detections: Mapping[str, Path],
     *,
-    threshold: float = 0.5,
+    threshold: float | None = None,
     iou: float = 0.5,
 ) -> Judged:
     """Evaluate a run on the test pictures.
@@ -136,16 +136,20 @@ def judge(
         Ground truth, and the run's file of detections, in ``test`` and, if there is one, ``valid``, on which the best
         F1 chooses the threshold.
     threshold
-        The confidence threshold without ``valid``.
+        The confidence threshold without ``valid``; None: that at which there are as many detections as labels, so
+        that precision and recall are about equal. It's the only one that needs no matches to choose.
     iou
         Least IoU of a match.
     """
-    chosen = Threshold(threshold, "given")
-    if "valid" in labels:
+    predictions = read_predictions(detections["test"], labels["test"], name=run.name)
+    if threshold is not None:
+        chosen = Threshold(threshold, "given")
+    elif "valid" not in labels:
+        chosen = Threshold(equal_count(labels["test"], predictions), "count")
+    else:
         best = best_threshold(labels["valid"], read_predictions(detections["valid"], labels["valid"]), iou=iou)
         # A detector without any detection there is given the highest threshold.
         chosen = Threshold(1.0 if best is None else best, "validation")
-    predictions = read_predictions(detections["test"], labels["test"], name=run.name)
     evaluation = Evaluation(labels["test"], predictions, threshold=chosen, iou=iou)
     values, resampled = evaluation.values(), evaluation.resampled()
     return Judged(run, evaluation, {key: values[key] for key in TITLES}, {key: resampled[key] for key in MEASURES})

@@ -18,7 +18,7 @@ from hulldown.dataset.reports.page import number, ranged, render
 from hulldown.training.study.results import COUNTS, ENOUGH, MEASURES, TITLES
 from hulldown.training.subset import subset_name
 
-OVER = ("f1", "recall", "precision", "ap50")
+OVER = ("ap50", "f1", "recall", "precision")
 MOST_BARS = 30  # of a chart of bins
 Record = Mapping[str, Any]
 # The paper's precision, recall, and F1 (sections 3 and 4) by fraction and arm.
@@ -53,7 +53,7 @@ def charts_of(report: Record) -> dict[str, tuple[str, Figure]]:
         words = f"{', '.join(cell['arm'] for cell in cells)} at {100 * fraction:g} % of the photographs"
         found[f"real_{subset_name(fraction)}"] = words, beside(title, cells)
     if report["cells"]:
-        words = "F1, recall, precision and AP50 of each arm over the number of photographs, with bands"
+        words = "AP50, F1, recall and precision of each arm over the number of photographs, with bands"
         found["over_photographs"] = words, over_photographs(report["cells"], OVER)
     for name, one in report["bins"].items():
         rows = [row for row in one["rows"] if row["interval"] is not None and row["labels"] >= ENOUGH][:MOST_BARS]

@@ -39,7 +39,7 @@ from hulldown.training.study.results import (
 from hulldown.training.study.runs import is_finished, read_failures
 from hulldown.training.study.study_page import charts_of, page, png
 
-WORTH_BY = ("f1", "recall", "ap50")
+WORTH_BY = ("ap50", "f1", "recall")
 MOST_BINS = 3  # reported bins of each sign
 
 
@@ -98,7 +98,7 @@ def _compared(manifest: Manifest, runs: Sequence[Judged]) -> dict[str, Any]:
     found = cells(runs)
     compared, real = pairs(found), [cell for cell in found if cell.arm == "real"]
     records = [_pair_record(first, second) for first, second in compared]
-    summary = [record["measures"]["f1"]["words"] for record in records]
+    summary = [record["measures"]["ap50"]["words"] for record in records]
     largest = max(real, key=lambda cell: cell.photographs, default=None)
     if largest is not None and (reached := estimate(largest, "ap50").value) < 0.5:
         summary.append(
@@ -108,7 +108,7 @@ def _compared(manifest: Manifest, runs: Sequence[Judged]) -> dict[str, Any]:
     bins = {
         f"{second.name} minus {first.name}": bin_differences(first, second)
         for first, second in compared
-        if first.arm == "real" and second.arm == "mixed"
+        if first.arm == "real" and second.arm in ("mixed", "balanced")
     }
     return plain({
         "study": _described(manifest),
@@ -146,7 +146,7 @@ def _described(manifest: Manifest) -> dict[str, Any]:
         "datasets": {name: one.model_dump(mode="json", exclude={"folder"}) for name, one in manifest.datasets.items()},
         "arms": [arm.name for arm in config.named_arms],
         **config.model_dump(include={"fractions", "seeds", "iou"}),
-        "threshold": "validation" if config.valid is not None else config.threshold,
+        "threshold": config.threshold or ("count" if config.valid is None else "validation"),
         "train": config.train.model_dump(mode="json", exclude={"seed", "weights"}),
         "runs": len(manifest.runs),
     }
