@@ -13,6 +13,8 @@ from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.cli import main
 from hulldown.tests.editing import edit, write_dataset
 from hulldown.tests.networks import small_weights
+from hulldown.training.detectors.detector import Detections
+from hulldown.training.detectors.tiled import TiledDetector
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.evaluation.predictions import read_predictions
 from hulldown.training.input_pictures import find_pictures
@@ -191,3 +193,36 @@ def test_the_command_counts_and_draws_detections(run, data, tmp_path, capsys):
     assert json.loads(answer.out)["images"] == 5
     assert "truck" in answer.err
     assert len(list((tmp_path / "drawn").iterdir())) == 5
+
+
+class BrightSquares:
+    """Finds the bright pixels of a picture as one object, as a network that sees small pictures alone."""
+
+    classes = ("lamp",)
+
+    def detect(self, images):
+        found = []
+        for image in images:
+            assert image.shape[:2] == (48, 64)
+            rows, columns = np.nonzero(image[..., 0] > 200)
+            box = [[columns.min(), rows.min(), np.ptp(columns) + 1, np.ptp(rows) + 1]] if len(rows) else []
+            score = np.minimum(1.0, np.array([len(rows) / 100] if len(rows) else []))
+            found.append(Detections(np.array(box, dtype=float).reshape(-1, 4), score, np.zeros(len(box), dtype=int)))
+        return found
+
+
+def test_tiles_find_an_object_once_and_whole_although_edges_cut_it():
+    picture = np.zeros((150, 201, 3), dtype=np.uint8)
+    boxes = [[180, 140, 10, 10], [44, 30, 10, 10], [5, 100, 8, 8]]  # the second is cut by two tiles' edges
+    for x, y, width, height in boxes:
+        picture[y : y + height, x : x + width] = 255
+    found, nothing = TiledDetector(BrightSquares(), (64, 48), batch=4).detect([picture, 0 * picture])
+    assert sorted(found.xywh.tolist()) == sorted(boxes)
+    assert (np.diff(found.score) <= 0).all()
+    assert nothing.xywh.shape == (0, 4)
+
+
+def test_tiles_are_part_of_the_key_of_results(run, data, tmp_path):
+    words = ["predict", str(run), str(data), "-o", str(tmp_path / "tiles.json"), "--device", "cpu"]
+    assert main([*words, "--tile", "64x48"]) == 0
+    assert json.loads((tmp_path / "tiles.json").read_text())

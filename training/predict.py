@@ -99,6 +99,7 @@ def predict(
     threshold: float = THRESHOLD,
     device: str = "auto",
     batch: int = BATCH,
+    tile: tuple[int, int] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Predicted:
     """Detect objects in pictures, and write COCO results with a list of the pictures.
@@ -119,7 +120,9 @@ def predict(
     device
         See `load_detector`.
     batch
-        Images that go through the network at once.
+        Images, or tiles, that go through the network at once.
+    tile
+        Width and height of the overlapping tiles to detect in, see `training.detectors.tiled`; None: whole pictures.
     progress
         Called with (done, all) after each batch; None: a bar in a terminal or notebook.
 
@@ -140,7 +143,11 @@ def predict(
     found = find_pictures([pictures] if isinstance(pictures, str | os.PathLike) else list(pictures))
     detector = load_detector(Path(run), device)
     ids, unknown = _category_ids(detector.classes, found)
-    key = _key(Path(run), found, detector.classes)
+    key = _key(Path(run), found, detector.classes, tile)
+    if tile is not None:
+        from hulldown.training.detectors.tiled import TiledDetector
+
+        detector = TiledDetector(detector, tile, batch=batch)
     unfinished = output.with_name(output.name + UNFINISHED_SUFFIX)
     done = _resumed(unfinished, key)
     already = len(done)
@@ -249,11 +256,11 @@ def _draw(
             picture.save(file, format="PNG" if target.suffix.lower() == ".png" else "JPEG", quality=90)
 
 
-def _key(run: Path, pictures: Pictures, classes: Sequence[str]) -> str:
-    """A key of the results: weights, classes, and images."""
+def _key(run: Path, pictures: Pictures, classes: Sequence[str], tile: tuple[int, int] | None) -> str:
+    """A key of the results: weights, classes, images, and tiles."""
     digest = hashlib.sha256(sha256_of(weights_of(run)).encode())
     images = [[record["id"], record["file_name"], record["width"], record["height"]] for record in pictures.records]
-    digest.update(orjson.dumps([list(classes), images, sorted(pictures.categories.items())]))
+    digest.update(orjson.dumps([list(classes), images, sorted(pictures.categories.items()), tile]))
     return digest.hexdigest()
 
 

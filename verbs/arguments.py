@@ -82,6 +82,11 @@ def _share(text: str) -> tuple[int, int]:
     return int(which), int(of)
 
 
+def _size(text: str) -> tuple[int, int]:
+    width, height = text.lower().split("x")
+    return int(width), int(height)
+
+
 def _named_folder(text: str) -> tuple[str, Path]:
     name, _, folder = text.partition("=")
     if not (name and folder):
@@ -103,6 +108,7 @@ three_shares = argument(
     lambda shares: len(shares) == 3 and all(share >= 0 for share in shares) and abs(sum(shares) - 1.0) <= 1e-6,
 )  # fmt: skip
 one_of_shares = argument("K/N with K from 1 to N, such as 3/8", _share, lambda share: 1 <= share[0] <= share[1])
+tile_size = argument("WxH, such as 640x480", _size, lambda size: min(size) >= 32)
 named_folder = argument("NAME=DIR, such as real=photographs", _named_folder)
 
 

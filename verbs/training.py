@@ -16,6 +16,7 @@ from hulldown.verbs.arguments import (
     overlap,
     picture_name,
     threshold_or_best,
+    tile_size,
 )
 from hulldown.verbs.output import show_result
 
@@ -67,6 +68,7 @@ def _predict(arguments: argparse.Namespace) -> None:
     done = predict(
         arguments.detector, arguments.pictures, arguments.output, drawn=arguments.draw,
         threshold=arguments.threshold, device=arguments.device, batch=arguments.batch,
+        tile=arguments.tile,
     )  # fmt: skip
     pictures = arguments.pictures[0]
     if done.unknown:
@@ -185,6 +187,10 @@ def add(verbs: Subparsers) -> None:
     sub.add_argument("-o", "--output", type=Path, metavar="PREDICTIONS", required=True, help="a .json file")
     sub.add_argument("--device", default="auto", help="a device of PyTorch (default: auto, a GPU if there is one)")
     sub.add_argument("--batch", type=at_least_one, default=8, help="images at once (default: 8)")
+    sub.add_argument(
+        "--tile", type=tile_size, metavar="WxH",
+        help="detect in overlapping tiles of this size in pixels, that of the training pictures: for large pictures",
+    )  # fmt: skip
     sub.add_argument("--draw", type=Path, metavar="DIR", help="also write the pictures with their detections")
     sub.add_argument(
         "--threshold", type=overlap, default=0.5, metavar="T",

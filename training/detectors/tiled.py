@@ -1,0 +1,66 @@
+"""Detect in overlapping tiles of large pictures, whose objects would be too small at a network's input size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+import supervision as sv
+from jaxtyping import UInt8
+
+from hulldown.training.detectors.detector import Detections, Detector
+
+OVERLAP = 0.25  # share of a tile's sides
+SAME = 0.6  # share of the smaller of two boxes inside the other from which they're one object, which an edge may cut
+
+
+class TiledDetector:
+    """A detector that sees pictures as tiles; see `training.detectors.detector.Detector`.
+
+    Parameters
+    ----------
+    detector
+        The detector of a tile.
+    size
+        Width and height of a tile, pixels: those of its training pictures. Smaller pictures are one tile.
+    batch
+        Tiles that go through the network at once.
+    """
+
+    def __init__(self, detector: Detector, size: tuple[int, int], *, batch: int) -> None:
+        self.classes = detector.classes
+        self._slicer = sv.InferenceSlicer(
+            partial(_found, detector),
+            slice_wh=size,
+            overlap_wh=(int(OVERLAP * size[0]), int(OVERLAP * size[1])),
+            iou_threshold=SAME,
+            overlap_metric=sv.OverlapMetric.IOS,
+            batch_size=max(2, batch),  # from 2 on, the slicer passes lists
+        )
+
+    def detect(self, images: Sequence[UInt8[np.ndarray, "_ _ 3"]]) -> list[Detections]:
+        """Detect objects in RGB pictures of any sizes."""
+        found = []
+        for image in images:
+            merged = self._slicer(np.ascontiguousarray(image))
+            if merged.confidence is None or merged.class_id is None:  # nothing in any tile
+                found.append(Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0, dtype=np.int64)))
+                continue
+            order = np.argsort(-merged.confidence, kind="stable")
+            low, high = merged.xyxy[order, :2].astype(np.float64), merged.xyxy[order, 2:].astype(np.float64)
+            xywh = np.concatenate((low, high - low), axis=1)
+            found.append(Detections(xywh, merged.confidence[order], merged.class_id[order]))
+        return found
+
+
+def _found(detector: Detector, tiles: list[UInt8[np.ndarray, "_ _ 3"]]) -> list[sv.Detections]:
+    """The detections in some tiles, in their pixels."""
+    return [
+        sv.Detections(
+            np.concatenate((one.xywh[:, :2], one.xywh[:, :2] + one.xywh[:, 2:]), axis=1),
+            confidence=one.score,
+            class_id=one.label,
+        )
+        for one in detector.detect(tiles)
+    ]
