@@ -7,6 +7,9 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 DEMO ?= hulldown-demo
 STUDY ?= hulldown-study
+# COCO folders `train` and `dev` of photographs of tanks, which aren't part of the project; a file for the backbone, if not torchvision's.
+PHOTOGRAPHS ?= ../shared/photographs/tanks
+WEIGHTS ?=
 STAMP := $(VENV)/.installed
 TRAINING_STAMP := $(VENV)/.installed-training
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt --editable
@@ -19,7 +22,7 @@ PYTEST = $(BIN)/python -P -m pytest -n $(WORKERS) --dist loadfile
 KERNEL_TESTS = $(addprefix tests/test_,$(addsuffix .py,portable transforms hulls instances settle rest \
 	footprint camera clearance boxes))
 
-.PHONY: help setup setup-training browser demo study test test-blender kernels check bench thorough fuzz clean
+.PHONY: help setup setup-training browser demo study photographs test test-blender kernels check bench thorough fuzz clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -49,6 +52,13 @@ study: setup-training ## what rendered images are worth beside stand-ins for pho
 	$(BIN)/python -m hulldown.benchmarks.stand_ins $(STUDY)
 	$(BIN)/hulldown study run $(STUDY)/study.toml -o $(STUDY)/study
 	$(BIN)/hulldown study report $(STUDY)/study
+
+photographs: setup-training ## what renders are worth beside photographs of tanks (PHOTOGRAPHS=folder, WEIGHTS=file): ends in a report below STUDY
+	$(BIN)/python -m hulldown.benchmarks.photographs $(STUDY) $(PHOTOGRAPHS) $(if $(WEIGHTS),--weights $(WEIGHTS))
+	test -e $(STUDY)/renders.jsonl || $(BIN)/hulldown plan $(STUDY)/renders.toml -o $(STUDY)/renders.jsonl
+	$(BIN)/hulldown render $(STUDY)/renders.jsonl -o $(STUDY)/renders
+	$(BIN)/hulldown study run $(STUDY)/study.toml -o $(STUDY)/photographs
+	$(BIN)/hulldown study report $(STUDY)/photographs
 
 browser: ## install Chromium and its driver, which tests of pages need: on Debian and Ubuntu, as root
 	@command -v chromedriver >/dev/null && command -v chromium >/dev/null || \
