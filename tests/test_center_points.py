@@ -107,7 +107,15 @@ def test_maps_cover_the_picture(width, height):
 def test_it_can_memorize_a_few_pictures(tmp_path):
     pictures = make_dataset(tmp_path / "set", 8)
     still = {name: {"probability": 0.0} for name in TABLE}
-    keys = {"model": "small", "resolution": 96, "budget": 480, "batch": 8, "augmentation": still}
+    keys = {
+        "model": "small",
+        "weights": "none",
+        "resolution": 96,
+        "budget": 320,
+        "batch": 8,
+        "learning_rate": 4e-3,
+        "augmentation": still,
+    }
     run = train({"demo": pictures}, tmp_path / "run", settings=keys, valid=pictures, workers=0, device="cpu")
     assert run["figures"]["valid"]["ap50"] == pytest.approx(1.0)
     losses = np.loadtxt(tmp_path / "run" / "metrics.csv", delimiter=",", skiprows=1)[:, 1]

@@ -115,8 +115,8 @@ def test_a_full_disk_is_a_one_line_error_and_leaves_no_weights(pictures, tmp_pat
     def limited():
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
-        words = ["train", "--data", f"demo={pictures}", "-o", str(run), "--model", "small", "--budget", "8"]
-        os._exit(main([*words, "--resolution", "64", "--workers", "0", "--device", "cpu"]))
+        words = ["train", "--data", f"demo={pictures}", "-o", str(run), "--model", "small", "--weights", "none"]
+        os._exit(main([*words, "--budget", "8", "--resolution", "64", "--workers", "0", "--device", "cpu"]))
 
     assert in_child(limited) == 2
     assert capfd.readouterr().err.strip().endswith("weights.pt: File too large")

@@ -45,7 +45,7 @@ def test_training_evaluation_and_export_accept_them(pictures, tmp_path):
     export(pictures, tmp_path / "yolo", layout="rfdetr-yolo", fractions=(1.0, 0.0, 0.0))
     train = str(tmp_path / "yolo" / "train")
     run = str(tmp_path / "run")
-    arguments = ["--model", "small", "--resolution", "64", "--budget", "6", "--workers", "0"]
+    arguments = ["--model", "small", "--weights", "none", "--resolution", "64", "--budget", "6", "--workers", "0"]
     assert main(["train", "--data", f"demo={train}", "-o", run, *arguments]) == 0
     assert main(["predict", run, train, "-o", str(tmp_path / "found.json")]) == 0
     assert main(["evaluate", train, str(tmp_path / "found.json"), "-o", str(tmp_path / "report")]) == 0

@@ -119,7 +119,7 @@ def test_a_record_that_training_cannot_use_is_named(tmp_path, change, message):
     ],
 )
 def test_a_wrong_picture_or_setting_is_named_before_anything_is_written(tmp_path, mistake, message):
-    dataset, settings = make_dataset(tmp_path / "set", 4), {"model": "small", "budget": 4}
+    dataset, settings = make_dataset(tmp_path / "set", 4), {"model": "small", "weights": "none", "budget": 4}
     if isinstance(mistake, dict):
         settings |= mistake
     else:
@@ -132,7 +132,7 @@ def test_a_wrong_picture_or_setting_is_named_before_anything_is_written(tmp_path
 def test_a_folder_with_other_content_is_not_trained_in(tmp_path):
     dataset = make_dataset(tmp_path / "set", 4)
     with pytest.raises(HulldownError, match=r"holds .* and no run; name a new or empty folder"):
-        train({"real": dataset}, dataset, settings={"model": "small", "budget": 4}, device="cpu")
+        train({"real": dataset}, dataset, settings={"model": "small", "weights": "none", "budget": 4}, device="cpu")
 
 
 def test_a_config_file_is_read_and_its_mistakes_are_named(tmp_path):
@@ -161,6 +161,11 @@ def test_each_model_has_its_augmentation_and_the_users_lines_override_it():
     assert changed == own.augmentation | asked | {
         "shift_scale_rotate": own.augmentation["shift_scale_rotate"] | {"rotate_deg": 9}
     }
+    aerial = load_settings(None, {"model": "small", "augmentation": {"preset": "aerial"} | asked}).augmentation
+    assert aerial["shift_scale_rotate"] == {"probability": 1.0, "shift": 0.1, "scale": [0.7, 1.4], "rotate_deg": 9}
+    assert aerial["vertical_flip"] == {"probability": 0.5}
+    with pytest.raises(ConfigError, match=r"augmentation\.preset = 'sideways': expected 'aerial'"):
+        load_settings(None, {"augmentation": {"preset": "sideways"}})
 
 
 def test_the_learning_rate_follows_the_steps_of_the_budget():
@@ -216,12 +221,12 @@ def test_a_subset_needs_no_extra():
 
 def test_run_json_describes_the_run(tmp_path):
     dataset = make_dataset(tmp_path / "set", 8)
-    settings = {"model": "small", "resolution": 64, "budget": 9, "batch": 4}
+    settings = {"model": "small", "weights": "none", "resolution": 64, "budget": 9, "batch": 4}
     told = []
     keys = {"settings": settings, "valid": dataset, "workers": 0, "device": "cpu", "say": told.append}
     run = train({"real": dataset, "made": dataset}, tmp_path / "run", **keys)
     assert run == json.loads((tmp_path / "run" / "run.json").read_text())
-    assert (run["status"], run["steps"], run["effective_batch"], run["resolution"]) == ("finished", 3, 4, [64, 32])
+    assert (run["status"], run["steps"], run["effective_batch"], run["resolution"]) == ("finished", 3, 4, [64, 48])
     assert run["sources"]["real"]["drawn"] + run["sources"]["made"]["drawn"] == 9
     assert set(valid := run["figures"]["valid"]) == {"ap", "ap50", "ap75"}
     curve = (tmp_path / "run" / "validation.csv").read_text().splitlines()

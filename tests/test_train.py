@@ -4,15 +4,18 @@ import os
 import signal
 import traceback
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from torchvision.models import shufflenet_v2_x1_0
 
 from hulldown.base.errors import HulldownError
 from hulldown.tests.networks import CLASSES, nano_module, small_weights
 from hulldown.tests.training_pictures import make_dataset
+from hulldown.training import fit_detr, fit_small
 from hulldown.training.detectors import small as small_detector
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.fitting import seed_weights
@@ -28,7 +31,7 @@ def pictures(tmp_path_factory):
 
 
 def small(**changes):
-    base = {"model": "small", "resolution": 64, "budget": 47, "batch": 4, "accumulate": 2}
+    base = {"model": "small", "weights": "none", "resolution": 64, "budget": 47, "batch": 4, "accumulate": 2}
     return load_settings(None, base | changes)
 
 
@@ -133,7 +136,34 @@ def test_training_starts_from_given_weights(pictures, tmp_path):
     still = small(weights=str(tmp_path / "weights.pt"), budget=8, learning_rate=1e-9)
     train({"demo": pictures}, tmp_path / "run", settings=still, workers=0, device="cpu")
     given, made = weights(tmp_path)["model"], weights(tmp_path / "run")["model"]
-    torch.testing.assert_close(made["stem.0.weight"], given["stem.0.weight"], rtol=0, atol=1e-7)
+    torch.testing.assert_close(made["head.0.weight"], given["head.0.weight"], rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("freeze", ["none", "encoder"])
+def test_small_starts_from_a_pretrained_backbone_that_can_be_frozen(pictures, tmp_path, freeze):
+    torch.manual_seed(1)
+    backbone = shufflenet_v2_x1_0().state_dict()
+    torch.save(backbone, tmp_path / "weights.pt")
+    pretrained = small(weights=str(tmp_path / "weights.pt"), budget=8, freeze=freeze)
+    train({"demo": pictures}, tmp_path / "run", settings=pretrained, workers=0, device="cpu")
+    made = {key.removeprefix("backbone."): value for key, value in weights(tmp_path / "run")["model"].items()}
+    kept = {key for key, value in backbone.items() if key in made and torch.equal(value, made[key])}
+    convolutions = {key for key, value in backbone.items() if key in made and value.ndim == 4}
+    assert len(convolutions) > 50
+    assert kept >= backbone.keys() & made.keys() if freeze == "encoder" else not kept & convolutions
+    near = [(backbone[key] - made[key]).abs().max() for key in convolutions]
+    assert max(near) < 1e-3  # it started from there, and has a tenth of the learning rate
+
+
+def test_a_backbone_that_cannot_be_downloaded_is_a_one_line_error(pictures, tmp_path, monkeypatch):
+    monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path / "hub"))
+    monkeypatch.setattr(torch.hub, "download_url_to_file", Mock(side_effect=OSError("no network")))
+    with pytest.raises(HulldownError, match=r"\(no network\); put shufflenetv2_x1-.*\.pth into .*hub/checkpoints"):
+        train({"demo": pictures}, tmp_path / "run", settings=small(weights=None), workers=0, device="cpu")
+    torch.save({"conv1.0.weight": torch.zeros(1)}, tmp_path / "weights.pt")
+    with pytest.raises(HulldownError, match=r"weights\.pt: has no backbone of the small model"):
+        train({"demo": pictures}, tmp_path / "run", settings=small(weights=str(tmp_path / "weights.pt")), workers=0)
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_finished_run_is_extended(pictures, tmp_path):
@@ -187,8 +217,6 @@ def test_a_frozen_encoder_does_not_change(pictures, tmp_path):
     assert len(start["encoder"]) > 50
     assert moved["encoder"] == 0
     assert moved["none"] > 50
-    with pytest.raises(HulldownError, match="small has no encoder"):
-        train({"demo": pictures}, tmp_path / "small", settings=small(freeze="encoder"), workers=0)
 
 
 def test_rf_detr_gets_boxes_as_centers_and_sizes_in_shares_of_the_picture():

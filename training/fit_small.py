@@ -19,15 +19,17 @@ from hulldown.training.inputs.data import Example
 from hulldown.training.inputs.settings import Settings, rate_factor
 
 AVERAGE_DECAY = 0.998
+BACKBONE_RATE = 0.1  # learning rate of a pretrained backbone as a share of the rest's
 
 
 class SmallModule(pl.LightningModule):
     """The small network as a LightningModule, with the number of steps in the whole run."""
 
-    def __init__(self, network: CenterNetwork, settings: Settings, steps: int) -> None:
+    def __init__(self, network: CenterNetwork, settings: Settings, steps: int, *, pretrained: bool) -> None:
         super().__init__()
         self.model = network.to(memory_format=torch.channels_last)
         self._settings, self._steps = settings, steps
+        self._backbone_rate = settings.learning_rate * (BACKBONE_RATE if pretrained else 1.0)
 
     def training_step(self, batch: tuple[Tensor, list[Tensor], list[Tensor]], batch_idx: int) -> Tensor:
         """The loss of a batch."""
@@ -37,7 +39,13 @@ class SmallModule(pl.LightningModule):
     def configure_optimizers(self) -> dict[str, object]:
         """AdamW with the run's schedule."""
         settings = self._settings
-        optimizer = torch.optim.AdamW(self.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
+        body = list(self.model.backbone.parameters())
+        of_body = set(map(id, body))
+        groups = [
+            {"params": [one for one in self.model.parameters() if id(one) not in of_body]},
+            {"params": body, "lr": self._backbone_rate},
+        ]
+        optimizer = torch.optim.AdamW(groups, lr=settings.learning_rate, weight_decay=settings.weight_decay)
         rates = LambdaLR(optimizer, partial(rate_factor, settings=settings, steps=self._steps))
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": rates, "interval": "step"}}
 
@@ -57,7 +65,7 @@ class AveragedWeights(WeightAveraging):
 def _averaged(average: torch.Tensor, weights: torch.Tensor, steps: int | torch.Tensor) -> torch.Tensor:
     """The average after another step; `steps` is the number before it."""
     decay = min(AVERAGE_DECAY, (2 + int(steps)) / (11 + int(steps)))
-    return decay * average + (1.0 - decay) * weights
+    return average + (1.0 - decay) * (weights - average)  # exactly the same where weights don't change
 
 
 def collated(batch: Sequence[Example]) -> tuple[Tensor, list[Tensor], list[Tensor]]:
@@ -67,10 +75,25 @@ def collated(batch: Sequence[Example]) -> tuple[Tensor, list[Tensor], list[Tenso
 
 
 def fit_small(training: Training) -> dict[str, object]:
-    """Train the small network; returns figures of run.json."""
+    """Train the small network; returns figures of run.json.
+
+    On a CPU one thread computes: several cost up to four times as much where others work too, and weights depend on
+    their number.
+    """
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        return _fitted(training)
+    finally:
+        torch.set_num_threads(threads)
+
+
+def _fitted(training: Training) -> dict[str, object]:
     classes, size, device = training.classes, training.examples.size, training.device
     seed_weights(training.settings)
-    module = SmallModule(starting_network(classes, training.weights), training.settings, training.batches.steps)
+    frozen, pretrained = training.settings.freeze == "encoder", training.weights is not None
+    network = starting_network(classes, training.weights, frozen=frozen)
+    module = SmallModule(network, training.settings, training.batches.steps, pretrained=pretrained)
     cuda = device.type == "cuda"
     return training.fit(
         module, AveragedWeights(),

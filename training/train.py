@@ -195,18 +195,13 @@ def usable_weights(settings: Settings) -> Path | None:
     HulldownError
         If it doesn't exist or can't be downloaded, or the network can't be built.
     """
-    if settings.model != "small":
-        from hulldown.training.detectors.detr import starting_weights
+    if settings.model == "small":
+        from hulldown.training.detectors import small
 
-        return starting_weights(settings)
-    if settings.freeze != "none":
-        raise ConfigError("freeze: small has no encoder of its own to freeze", remedy="leave it out, or name a model")
-    if settings.weights in (None, "none"):
-        return None
-    from hulldown.training.detectors.small import load_small
+        return small.starting_weights(settings)
+    from hulldown.training.detectors import detr
 
-    load_small(path := Path(str(settings.weights)), device=chosen_device("cpu"))
-    return path
+    return detr.starting_weights(settings)
 
 
 def _workers() -> int:

@@ -14,21 +14,18 @@ Feature pyramid networks for object detection, CVPR 2017.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import torch
 from jaxtyping import Float, Int, UInt8
 from torch import Tensor, nn
 from torch.nn import functional
-from torchvision.models.resnet import BasicBlock, conv1x1
+from torchvision.models import shufflenet_v2_x1_0
 from torchvision.ops import Conv2dNormActivation
 
-STEM = 16  # channels at stride 2
-WIDTHS = (24, 48, 96, 128)  # channels at strides 4, 8, 16, 32
-BLOCKS = (1, 1, 2, 2)  # residual blocks there
-STRIDE = 8  # pixels between cells of the maps; 4 is slower without better results
-SKIPPED = 1  # stages finer than the maps
-NECK = 48  # channels on the way back to the maps; the head has twice as many
+STRIDE = 8  # pixels between cells of the maps, that of the first stage
+WIDTHS = (116, 232, 464)  # channels of the backbone's stages, at strides 8, 16, 32
+NECK = 64  # channels on the way back to the maps; the head has twice as many
 MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet's colors, from 0 to 1
 RARE = 0.01  # initial probability of a center in a cell
 USUAL = (32.0, 16.0)  # pixels: initial width and height of a box
@@ -54,15 +51,21 @@ class CenterMaps(NamedTuple):
 
 
 class CenterNetwork(nn.Module):
-    """Residual blocks down to stride 32, a pyramid back to the maps' stride, and the maps of each class."""
+    """ShuffleNet down to stride 32, a pyramid back to the maps' stride, and the maps of each class.
 
-    def __init__(self, classes: int) -> None:
+    Parameters
+    ----------
+    classes
+        Their number.
+    frozen
+        Whether the backbone stays as it is, normalization included.
+    """
+
+    def __init__(self, classes: int, *, frozen: bool = False) -> None:
         super().__init__()
-        self.stem = Conv2dNormActivation(3, STEM, stride=2)
-        sides = zip((STEM, *WIDTHS[:-1]), WIDTHS, BLOCKS, strict=True)
-        self.stages = nn.ModuleList(_stage(before, after, blocks) for before, after, blocks in sides)
-        self.across = nn.ModuleList(nn.Conv2d(width, NECK, 1) for width in WIDTHS[SKIPPED:])
-        self.merged = nn.ModuleList(Conv2dNormActivation(NECK, NECK) for _ in WIDTHS[SKIPPED:-1])
+        self.backbone, self.frozen = Backbone().requires_grad_(not frozen), frozen
+        self.across = nn.ModuleList(nn.Conv2d(width, NECK, 1) for width in WIDTHS)
+        self.merged = nn.ModuleList(Conv2dNormActivation(NECK, NECK) for _ in WIDTHS[:-1])
         self.head = Conv2dNormActivation(NECK, 2 * NECK)
         self.heat, self.box = nn.Conv2d(2 * NECK, classes, 1), nn.Conv2d(2 * NECK, 4, 1)
         nn.init.constant_(self.heat.bias, float(torch.logit(torch.tensor(RARE))))
@@ -70,17 +73,21 @@ class CenterNetwork(nn.Module):
         nn.init.zeros_(self.box.bias)
         for name, values in (("mean", MEAN), ("deviation", DEVIATION)):
             self.register_buffer(name, 255 * torch.tensor(values).view(1, 3, 1, 1), persistent=False)
+        self.train()  # Lightning doesn't call it
+
+    def train(self, mode: bool = True) -> Self:
+        """Switch between training and use; a frozen backbone stays in use."""
+        super().train(mode)
+        if self.frozen:
+            self.backbone.eval()
+        return self
 
     def forward(self, pictures: UInt8[Tensor, "n 3 h w"]) -> CenterMaps:
         """Maps of RGB pictures."""
         x = ((pictures.float() - self.mean) / self.deviation).contiguous(memory_format=torch.channels_last)
-        x = self.stem(x)
-        levels = []
-        for stage in self.stages:
-            x = stage(x)
-            levels.append(x)
+        levels = self.backbone(x)
         found = self.across[-1](levels[-1])
-        finer = zip(levels[SKIPPED:-1], self.across[:-1], self.merged, strict=True)
+        finer = zip(levels[:-1], self.across[:-1], self.merged, strict=True)
         for level, across, merged in reversed(list(finer)):
             height, width = level.shape[-2:]
             found = merged(across(level) + functional.interpolate(found, scale_factor=2.0)[..., :height, :width])
@@ -88,14 +95,28 @@ class CenterNetwork(nn.Module):
         return CenterMaps(self.heat(found).float(), self.box(found).float())
 
 
-def _stage(before: int, after: int, blocks: int) -> nn.Module:
-    shortcut = nn.Sequential(conv1x1(before, after, 2), nn.BatchNorm2d(after))
-    stage = nn.Sequential(
-        BasicBlock(before, after, 2, shortcut), *(BasicBlock(after, after) for _ in range(blocks - 1))
-    )
-    for block in stage:
-        nn.init.zeros_(block.bn2.weight)  # each block begins as its shortcut, which trains faster
-    return stage
+class Backbone(nn.Module):
+    """Torchvision's `shufflenet_v2_x1_0` without its last convolution and classifier, under the same names.
+
+    References
+    ----------
+    Ma, Zhang, Zheng, Sun, ShuffleNet V2: practical guidelines for efficient CNN architecture design, ECCV 2018.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        whole = shufflenet_v2_x1_0()
+        self.conv1, self.maxpool = whole.conv1, whole.maxpool
+        self.stage2, self.stage3, self.stage4 = whole.stage2, whole.stage3, whole.stage4
+
+    def forward(self, x: Float[Tensor, "n 3 h w"]) -> list[Tensor]:
+        """Return features at strides 8, 16, and 32."""
+        x = self.maxpool(self.conv1(x))
+        found = []
+        for stage in (self.stage2, self.stage3, self.stage4):
+            x = stage(x)
+            found.append(x)
+        return found
 
 
 def center_bumps(xyxy: Float[Tensor, "k 4"], height: int, width: int) -> Float[Tensor, "k h w"]:

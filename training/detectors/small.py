@@ -1,7 +1,4 @@
-"""A small detector that learns from random weights on a CPU in minutes: a center-point network of our own layers.
-
-Tests, demos, and studies use it without pretrained weights and a GPU.
-"""
+"""A small detector that learns on a CPU in minutes: a center-point network on a pretrained ShuffleNet."""
 
 from __future__ import annotations
 
@@ -13,6 +10,7 @@ import numpy as np
 import torch
 from jaxtyping import UInt8
 from msgspec import Meta
+from torchvision.models import ShuffleNet_V2_X1_0_Weights
 from torchvision.ops import box_convert
 
 from hulldown.base.errors import HulldownError
@@ -20,14 +18,15 @@ from hulldown.base.outside import typed
 from hulldown.training.detectors.center_points import CenterNetwork, peaks
 from hulldown.training.detectors.detector import DAMAGED, Detections, first_line, read_weights, refuse_odd_numbers
 from hulldown.training.inputs.data import network_pictures
+from hulldown.training.inputs.settings import Settings
 
-ASPECT = 9 / 16
+ASPECT = 3 / 4  # height over width of most photographs
 STEP = 16  # pixels: sides are multiples of it
 MOST = 100  # objects found in a picture
 MIN_SCORE = 0.01
 _Side = Annotated[int, Meta(ge=STEP, le=8192)]
 _Names = Annotated[list[str], Meta(min_length=1, max_length=10_000)]
-WEIGHTS_KIND = "center points"  # kind of weights in a file
+WEIGHTS_KIND = "center points on ShuffleNet"  # kind of weights in a file
 
 
 def small_size(resolution: int) -> tuple[int, int]:
@@ -36,7 +35,7 @@ def small_size(resolution: int) -> tuple[int, int]:
     Examples
     --------
     >>> small_size(256)
-    (256, 144)
+    (256, 192)
     """
     return resolution, max(STEP, round(resolution * ASPECT / STEP) * STEP)
 
@@ -67,16 +66,57 @@ class SmallDetector:
         return detections
 
 
-def starting_network(classes: Sequence[str], weights: Path | None) -> CenterNetwork:
-    """A network with random weights, or with a file's; outputs of classes that the file lacks stay random.
+def starting_weights(settings: Settings) -> Path | None:
+    """The file that training starts from; torchvision's own is downloaded if necessary.
 
     Raises
     ------
     HulldownError
-        If the file has no small model.
+        If there is no such file, or it can't be downloaded, with the path where it belongs.
     """
-    network = CenterNetwork(len(classes))
+    if settings.weights == "none":
+        return None
+    if settings.weights is not None:
+        path = Path(settings.weights)
+        starting_network(("object",), path)
+        return path
+    url = ShuffleNet_V2_X1_0_Weights.IMAGENET1K_V1.url
+    path = Path(torch.hub.get_dir()) / "checkpoints" / url.rpartition("/")[2]
+    if not path.is_file():
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            torch.hub.download_url_to_file(url, str(path), progress=False)
+        except (OSError, ValueError, RuntimeError) as error:
+            raise HulldownError(
+                f"the pretrained weights of small cannot be downloaded ({first_line(error)[:100]})",
+                remedy=f"put {path.name} into {path.parent}, or give --weights FILE or --weights none",
+            ) from None
+    return path
+
+
+def starting_network(classes: Sequence[str], weights: Path | None, *, frozen: bool = False) -> CenterNetwork:
+    """A network with random weights, those of a small model, or a backbone's; what the file lacks stays random.
+
+    Raises
+    ------
+    HulldownError
+        If the file has neither.
+    """
+    network = CenterNetwork(len(classes), frozen=frozen)
     if weights is None:
+        return network
+    found = read_weights(weights)
+    if "hulldown" not in found:
+        state = {key: value for key, value in found.items() if key.partition(".")[0] not in ("conv5", "fc")}
+        try:
+            network.backbone.load_state_dict(state)
+        except DAMAGED as error:
+            raise HulldownError(
+                f"has no backbone of the small model ({first_line(error)})",
+                path=weights,
+                remedy="name a weights.pt of `hulldown train`, or a state dict of torchvision's shufflenet_v2_x1_0",
+            ) from None
+        refuse_odd_numbers(network.backbone, weights)
         return network
     given = load_small(weights, device=torch.device("cpu"))
     old, new = given.network.state_dict(), network.state_dict()

@@ -61,6 +61,7 @@ Table: TypeAlias = Mapping[str, Change]
 TABLE: Table = {
     # geometric
     "horizontal_flip": Change(0.5),
+    "vertical_flip": Change(0.0),  # beyond the paper: of pictures from above
     "shift_scale_rotate": Change(0.6, {"shift": 0.05, "scale": (0.8, 1.2), "rotate_deg": 15}),
     "shear": Change(0.3, {"shear_deg": 10}),
     # photometric
@@ -217,6 +218,8 @@ def _transform(name: str, line: Change, height: int) -> Any:
     match name:
         case "horizontal_flip":
             return A.HorizontalFlip(p=p)
+        case "vertical_flip":
+            return A.VerticalFlip(p=p)
         case "shift_scale_rotate":
             shift = {"x": o["shift"], "y": o["shift"]}
             return A.Affine(

@@ -16,16 +16,20 @@ Model = Literal["small", "nano", "rf-small", "medium", "large"]
 FLAGS = ("model", "budget", "seed", "resolution", "weights", "freeze", "keep", "logger")
 
 
-# Off, since a network with random weights learns faster without them in a short run.
+# Off, since a network learns faster without them in a short run.
 _OFF = ("shear", "channel_shuffle", "blur", "gaussian_noise", "compression", "downscale", "shadow", "flare")
 _MILDER = {
     "shift_scale_rotate": {"probability": 0.8, "shift": 0.1, "scale": [0.7, 1.4], "rotate_deg": 5},
     **{name: {"probability": 0.0} for name in _OFF},
 }
+PRESETS: Mapping[str, Mapping[str, Any]] = {
+    # Pictures from above have no up: any turn is as likely as any other.
+    "aerial": {"vertical_flip": {"probability": 0.5}, "shift_scale_rotate": {"probability": 1.0, "rotate_deg": 180}},
+}
 # Set here because RF-DETR's default of batches per step changed from 4 to 1 between versions.
 _RF_DETR = {"batch": 4, "accumulate": 4, "learning_rate": 1e-4, "schedule": "step", "augmentation": {}}
 _DEFAULTS: Mapping[str, Mapping[str, Any]] = {
-    "small": {"resolution": 256, "batch": 12, "accumulate": 1, "learning_rate": 4e-3, "schedule": "cosine",
+    "small": {"resolution": 256, "batch": 12, "accumulate": 1, "learning_rate": 2e-3, "schedule": "cosine",
               "augmentation": _MILDER},
     "nano": {"resolution": 384, **_RF_DETR},
     "rf-small": {"resolution": 512, **_RF_DETR},
@@ -39,7 +43,7 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    model: Model = Field("medium", description="small for a CPU without weights; nano to large are RF-DETR's")
+    model: Model = Field("medium", description="small for a CPU; nano to large are RF-DETR's")
     budget: int = Field(25_000, ge=1, description="pictures drawn, with replacement")
     seed: int = Field(0, ge=0, lt=2**63, description="of draws, augmentation and weights")
     resolution: int = Field(ge=32, le=4096, description="pixels: of a side, of small the width")
@@ -69,13 +73,24 @@ class Settings(BaseModel):
         defaults = _DEFAULTS.get(str(data.get("model")), _DEFAULTS["medium"])
         lines, asked = defaults["augmentation"], data.get("augmentation", {})
         if isinstance(asked, dict):
-            asked = lines | asked | {key: lines[key] | asked[key] for key in lines if isinstance(asked.get(key), dict)}
+            asked = dict(asked)
+            if (name := asked.pop("preset", None)) is not None:
+                if name not in PRESETS:
+                    raise ValueError(f"augmentation.preset = {name!r}: expected {' or '.join(map(repr, PRESETS))}")
+                lines = _changed(lines, PRESETS[name])
+            asked = _changed(lines, asked)
         return {**defaults, **data, "augmentation": asked}
 
     @property
     def effective_batch(self) -> int:
         """Pictures per step."""
         return self.batch * self.accumulate
+
+
+def _changed(lines: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Lines of an augmentation with changes; keys of a line that the changes leave out stay."""
+    both = {key: {**lines[key], **changes[key]} for key in lines if isinstance(changes.get(key), Mapping)}
+    return {**lines, **changes, **both}
 
 
 def load_settings(path: Path | None, changes: Mapping[str, Any]) -> Settings:
