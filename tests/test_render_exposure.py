@@ -1,6 +1,7 @@
 """Cycles renders a gray card with the requested brightness under any sky."""
 
 import numpy as np
+import psutil
 import pytest
 
 from hulldown.assets.skylight import level_irradiance
@@ -41,8 +42,8 @@ def sky(kind):
     return (pixels + disc[..., None] * radiance * np.array(sun)).astype(np.float32)
 
 
-def rendered(folder, jobs):
-    """The mean color, from 0 to 255, of a picture that shows only a gray card, for each job."""
+def rendered(folder, jobs, *, samples=4096, watch=lambda pid: None):
+    """The mean color, from 0 to 255, of a picture that shows only a gray card, for each job; `watch` after each."""
     run_script("gray_cards.py", folder)
     levels = []
     with Blender(folder / "log", device="cpu") as blender:
@@ -54,10 +55,11 @@ def rendered(folder, jobs):
                 light=LightInput(str(folder / f"{sky}.exr"), 0.7, strength, horizon),
                 weather=weather,
                 seed=0,
-                settings=CyclesSettings(4096, denoise=False, adaptive_threshold=0.0, bounces=4),
+                settings=CyclesSettings(samples, denoise=False, adaptive_threshold=0.0, bounces=4),
                 output=str(folder / f"{number}.png"),
             )
             levels.append(drawn(blender, job).mean(axis=(0, 1)))
+            watch(blender.pid)
     return np.array(levels)
 
 
@@ -88,3 +90,12 @@ def test_a_gray_card_has_the_requested_brightness(tmp_path):
     np.testing.assert_allclose(levels[n + 1], balanced, atol=4.0)
     np.testing.assert_allclose(levels[n + 2], levels[0], atol=0.5)  # the visible horizon doesn't change the light
     np.testing.assert_allclose(levels[n + 3], levels[0], atol=0.5)
+
+
+def test_memory_does_not_grow_with_exposures_and_white_balances(tmp_path):
+    """OpenColorIO kept 3 MB of each exposure."""
+    np.save(tmp_path / "sky.npy", sky("overcast"))
+    held = []
+    jobs = [("sky", 1.0, None, i / 4, 4000.0 + 400 * i, None) for i in range(8)]
+    rendered(tmp_path, jobs, samples=1, watch=lambda pid: held.append(psutil.Process(pid).memory_info().rss))
+    assert max(held) - held[0] < 8 << 20
