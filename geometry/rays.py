@@ -151,6 +151,19 @@ class RayCaster:
         """The topmost face under each point, or -1, in float32; neither checked nor sorted nor threaded."""
         return self._scene.run(self._above(x, y), _DOWN)
 
+    def below(
+        self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], z: Float[np.ndarray, " k"]
+    ) -> Int[np.ndarray, " k"]:
+        """As `down`, for points of any height: the first face under each."""
+        origins = self._above(x, y)
+        np.subtract(z, self._center[2], out=origins[:, 2], casting="same_kind")
+        return self._scene.run(origins, _DOWN)
+
+    @property
+    def resolution(self) -> float:
+        """Twice the largest rounding error of a coordinate, in meters."""
+        return float(np.spacing(np.float32(self._radius)))
+
     def down_in_full(
         self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]
     ) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"], Float[np.ndarray, "k 3"]]:

@@ -2,7 +2,8 @@
 
 Of the faces that contain a point, those with the same corners under it (a shared edge or vertex) are equally high, and
 the lowest index represents them. Sheets that differ by more than the error of both are ordered in float64, the rest by
-cross-multiplied integers, so equal heights of different triangulations tie exactly.
+cross-multiplied integers, so equal heights of different triangulations tie exactly. A face that is known to contain a
+point spares those whose boxes or planes are certainly lower there.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ class _Over:
 class ExactGround:
     """Top hits in exact arithmetic wherever float64 can't decide; slower than Embree, and correct on every input."""
 
-    def __init__(self, ground: Ground, low: Float[np.ndarray, "2 f"], high: Float[np.ndarray, "2 f"]) -> None:
+    def __init__(self, ground: Ground, low: Float[np.ndarray, "3 f"], high: Float[np.ndarray, "3 f"]) -> None:
         self._ground = ground
         self._boxes = BoxTree(np.stack([low.T, high.T], axis=1))
 
@@ -47,17 +48,25 @@ class ExactGround:
     ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
         """How many faces contain each point, and whether it is strictly inside all of them."""
         faces, on_edge = np.zeros(len(x), dtype=np.intp), np.zeros(len(x), dtype=bool)
-        for batch, over in self._containing(x, y):
+        for batch, over in self._containing(x, y, np.full(len(x), -np.inf)):
             n = batch.stop - batch.start
             faces[batch] = np.bincount(over.point, minlength=n)
             on_edge[batch] = np.bincount(over.point[(over.sides == 0).any(axis=1)], minlength=n) > 0
         return faces, ~on_edge
 
-    def tops(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> Hits:
-        """The highest ground face at each point; ties go to the lowest face."""
+    def tops(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], proposal: Int[np.ndarray, " n"]) -> Hits:
+        """The highest ground face at each point; ties go to the lowest face.
+
+        Parameters
+        ----------
+        x, y
+            The points.
+        proposal
+            A face that may contain each point, or -1: faces certainly below it aren't looked at.
+        """
         n = len(x)
         tops = Hits(np.full(n, np.nan), np.full((n, 3), np.nan), np.full(n, -1, np.int32))
-        for batch, over in self._containing(x, y):
+        for batch, over in self._containing(x, y, self._least(x, y, proposal)):
             here = x[batch], y[batch]
             over = self._highest(here, over)
             row = over.point + batch.start
@@ -66,19 +75,49 @@ class ExactGround:
             tops.normal[row] = self._normals(over.face)
         return tops
 
-    def _containing(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> Iterator[tuple[slice, _Over]]:
-        """Batches of points, and the faces that contain them."""
+    def _least(
+        self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], proposal: Int[np.ndarray, " n"]
+    ) -> Float[np.ndarray, " n"]:
+        """A height that the top of each point certainly reaches: that of the proposed face if it contains the point."""
+        g = self._ground
+        least = np.full(len(x), -np.inf)
+        row = np.flatnonzero(proposal >= 0)
+        over = self._inside(x, y, row, proposal[row])
+        least[over.point] = g.height_bounds(over.face, x[over.point], y[over.point])[0]
+        return least
+
+    def _containing(
+        self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], least: Float[np.ndarray, " n"]
+    ) -> Iterator[tuple[slice, _Over]]:
+        """Batches of points, and the faces that contain them and may be as high as `least` there."""
         g = self._ground
         for begin in range(0, len(x), _POINTS):
             batch = slice(begin, min(begin + _POINTS, len(x)))
-            at = np.stack([x[batch], y[batch]], axis=1)
-            point, face = self._boxes.overlapping(at, at)
-            over = _Over(point, face, np.empty((len(point), 3), dtype=np.int8))
-            for i in range(3):
-                a, b = g.corners[(i + 1) % 3][over.face], g.corners[(i + 2) % 3][over.face]
-                over.sides[:, i] = orient(g.x[a], g.y[a], g.x[b], g.y[b], *at[over.point].T)
-                over = over[np.flatnonzero(over.sides[:, i] >= 0)]
+            low = np.stack([x[batch], y[batch], least[batch]], axis=1)
+            high = np.stack([x[batch], y[batch], np.full(len(low), np.inf)], axis=1)
+            point, face = self._boxes.overlapping(low, high)
+            if len(face) > 2 * len(low):  # else looking at heights doesn't pay
+                _, highest = g.height_bounds(face, low[point, 0], low[point, 1])
+                kept = np.flatnonzero(highest >= low[point, 2])
+                point, face = point[kept], face[kept]
+            over = self._inside(x[batch], y[batch], point, face)
             yield batch, over[np.lexsort((over.face, over.point))]
+
+    def _inside(
+        self,
+        x: Float[np.ndarray, " n"],
+        y: Float[np.ndarray, " n"],
+        point: Int[np.ndarray, " k"],
+        face: Int[np.ndarray, " k"],
+    ) -> _Over:
+        """Those pairs of a point and a face that contains it."""
+        g = self._ground
+        over = _Over(point, face, np.empty((len(point), 3), dtype=np.int8))
+        for i in range(3):
+            a, b = g.corners[(i + 1) % 3][over.face], g.corners[(i + 2) % 3][over.face]
+            over.sides[:, i] = orient(g.x[a], g.y[a], g.x[b], g.y[b], x[over.point], y[over.point])
+            over = over[np.flatnonzero(over.sides[:, i] >= 0)]
+        return over
 
     def _highest(self, at: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]], over: _Over) -> _Over:
         """One pair a point."""
@@ -100,12 +139,7 @@ class ExactGround:
         return _Over(*(np.concatenate([getattr(d, f) for d in done]) for f in ("point", "face", "sides")))
 
     def _not_certainly_lower(self, at: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]], over: _Over) -> _Over:
-        g = self._ground
-        x, y = at[0][over.point], at[1][over.point]
-        z = g.heights(over.face, x, y)
-        well_conditioned = g.well_conditioned[over.face]
-        low = np.where(well_conditioned, z - 2 * g.height_error, -np.inf)
-        high = np.where(well_conditioned, z + 2 * g.height_error, np.inf)
+        low, high = self._ground.height_bounds(over.face, at[0][over.point], at[1][over.point])
         starts = np.flatnonzero(np.concatenate([[True], over.point[1:] != over.point[:-1]]))
         bar = np.repeat(np.maximum.reduceat(low, starts), np.diff(np.append(starts, len(low))))
         return over[np.flatnonzero(high >= bar)]

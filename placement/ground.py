@@ -62,7 +62,7 @@ class Ground:
     well_conditioned
         (f,) whether `heights` and `upward` are within their guaranteed errors on the face.
     height_error
-        The largest error of a height on a well-conditioned face, in meters.
+        (f,) bound of the error of a height on each face, in meters; infinite where there is none.
     """
 
     x: Float[np.ndarray, " v"]
@@ -72,7 +72,7 @@ class Ground:
     mesh_face: Int[np.ndarray, " f"]
     slope: Complex[np.ndarray, " f"]
     well_conditioned: Bool[np.ndarray, " f"]
-    height_error: float
+    height_error: Float[np.ndarray, " f"]
 
     @classmethod
     def of(cls, mesh: Mesh) -> Ground:
@@ -82,26 +82,28 @@ class Ground:
         largest = max(-low, high)
         n, error = len(mesh.faces), HEIGHT_ULPS * float(np.spacing(largest))
         corners, turn = np.empty((3, n), dtype=np.int32), np.empty(n, dtype=np.int8)
-        slope, well_conditioned = np.empty(n, dtype=np.complex128), np.empty(n, dtype=bool)
+        slope, well_conditioned, bound = np.empty(n, dtype=np.complex128), np.empty(n, dtype=bool), np.empty(n)
         for begin in range(0, n, _CHUNK):
             part = slice(begin, begin + _CHUNK)
             a, b, c = (np.ascontiguousarray(corner) for corner in mesh.faces[part].T)
-            turn[part], slope.real[part], slope.imag[part], well_conditioned[part] = _prepare(x, y, z, (a, b, c), error)
+            turn[part], slope.real[part], slope.imag[part], well_conditioned[part], bound[part] = _prepare(
+                x, y, z, (a, b, c), error
+            )
             corners[0, part] = a
             corners[1, part], corners[2, part] = np.where(turn[part] < 0, (c, b), (b, c))
         if largest and largest < _SMALLEST:
-            well_conditioned[:] = False
+            well_conditioned[:], bound[:] = False, np.inf
         kept = np.flatnonzero(turn).astype(np.int32)
         if len(kept) < n:
-            corners, slope, well_conditioned = corners[:, kept], slope[kept], well_conditioned[kept]
-        return cls(x, y, z, corners, kept, slope, well_conditioned, error)
+            corners, slope, well_conditioned, bound = (a[..., kept] for a in (corners, slope, well_conditioned, bound))
+        return cls(x, y, z, corners, kept, slope, well_conditioned, bound)
 
-    def boxes(self) -> tuple[Float[np.ndarray, "2 f"], Float[np.ndarray, "2 f"]]:
-        """Lowest and highest x and y of every face."""
-        low, high = np.empty(self.corners[:2].shape), np.empty(self.corners[:2].shape)
+    def boxes(self) -> tuple[Float[np.ndarray, "3 f"], Float[np.ndarray, "3 f"]]:
+        """Lowest and highest corner of every face's box."""
+        low, high = np.empty(self.corners.shape), np.empty(self.corners.shape)
         for begin in range(0, self.corners.shape[1], _CHUNK):
             part = slice(begin, begin + _CHUNK)
-            for axis, values in enumerate((self.x, self.y)):
+            for axis, values in enumerate((self.x, self.y, self.z)):
                 a, b, c = (values[corner[part]] for corner in self.corners)
                 np.minimum(np.minimum(a, b), c, out=low[axis, part])
                 np.maximum(np.maximum(a, b), c, out=high[axis, part])
@@ -113,6 +115,14 @@ class Ground:
         """Height in float64 of each face's plane at each point."""
         first = self.corners[0][face]
         return plane_heights(self.slope[face], x - self.x[first], y - self.y[first], self.z[first])
+
+    def height_bounds(
+        self, face: Int[np.ndarray, " n"], x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Two heights between which each face is at a point in it; the rounding of these sums is counted, too."""
+        error = 2.0 * self.height_error[face]
+        z = np.where(error < np.inf, self.heights(face, x, y), 0.0)
+        return z - error, z + error
 
 
 def plane_heights(
@@ -150,8 +160,14 @@ def _prepare(
     z: Float[np.ndarray, " v"],
     corners: tuple[Int[np.ndarray, " f"], Int[np.ndarray, " f"], Int[np.ndarray, " f"]],
     error: float,
-) -> tuple[Int[np.ndarray, " f"], Float[np.ndarray, " f"], Float[np.ndarray, " f"], Bool[np.ndarray, " f"]]:
-    """Which way each face turns, its slopes dz/dx and dz/dy, and whether float64 can keep the promises on it.
+) -> tuple[
+    Int[np.ndarray, " f"],
+    Float[np.ndarray, " f"],
+    Float[np.ndarray, " f"],
+    Bool[np.ndarray, " f"],
+    Float[np.ndarray, " f"],
+]:
+    """Which way each face turns, its slopes dz/dx and dz/dy, whether float64 can keep the promises, its heights' error.
 
     For a face with corner a and differences d₁, d₂ to the others, let W = dx₁dy₂ − dy₁dx₂, p and q the sizes of its
     two products, κ = (p + q)/|W|, α = (|dy₁dz₂| + |dz₁dy₂|)/|W|, β = (|dz₁dx₂| + |dx₁dz₂|)/|W|, X and Y the largest
@@ -160,8 +176,8 @@ def _prepare(
 
         |W̃ − W| ≤ 4u(p + q) = 4uκ|W̃|,   |Ñ − N| ≤ 4uα|W̃|   for the numerator N of the slope g = ∂z/∂x,
 
-    up to second order in u, which the constants below cover (well-conditioned faces have κ ≤ 2⁴⁰, so that uκ <
-    2⁻¹²). Dividing,
+    up to second order in u, which the constants below cover (where κ ≤ 2⁴⁰, so that uκ < 2⁻¹²; other faces are
+    not well-conditioned and have no bound). Dividing,
 
         |g̃ − g| ≤ u(4α + 4κα + α) ≤ 9uκα,      since |g̃| ≤ α and κ ≥ 1,
 
@@ -198,7 +214,9 @@ def _prepare(
         rounded = EPS * ((10.0 * kappa + 4.0) * (alpha * reach_x + beta * reach_y))
         highest = np.maximum(np.maximum(np.abs(az), np.abs(bz)), np.abs(cz))
         steepness = np.sqrt(1.0 + slope_x**2 + slope_y**2)
-        well_conditioned = rounded + 2.0 * EPS * highest <= error
+        bound = rounded + 2.0 * EPS * highest
+        bound[~((kappa <= _MOST_CANCELLED) & (size > 1e-150) & (bound < np.inf))] = np.inf
+        well_conditioned = bound <= error
         well_conditioned &= 10.0 * EPS * kappa * (alpha + beta) <= 0.5 * NORMAL_ERROR * steepness
-        well_conditioned &= (kappa <= _MOST_CANCELLED) & (size > 1e-150)
-    return turn, slope_x, slope_y, well_conditioned
+        bound += EPS * _SMALLEST  # underflow of a slope's numerator
+    return turn, slope_x, slope_y, well_conditioned, bound

@@ -1,4 +1,4 @@
-"""A raster of the places where the ground is proven to be a single sheet.
+"""A raster of the places where the number of sheets of the ground is proven.
 
 Take every ground face, seen from above, counter-clockwise. N(p), the number of faces over a point p, changes only
 across edges that faces have on their left more often, or less often, than on their right; where faces meet as they
@@ -33,16 +33,13 @@ column between theirs. Hence:
 - An unmarked cell is convex and free of B, and the union of two unmarked cells that share a side is a rectangle free
   of B. So a 4-connected region of unmarked cells is in one component, and one exact count at a point on no edge gives
   N for all of it. Points are taken strictly inside every face that contains them. If three attempts find no such
-  point, or N is above 1, the region is unknown.
+  point, or N is above `MOST_SHEETS`, the region is unknown.
 
-Single. Let N = 1 around a cell, and let p in the cell be strictly inside the face T. If another face's closed
-projection contained p, points of its interior would be arbitrarily close to p, all inside T as well, and there N
-would be 2 or more. (p has a neighborhood free of B, since B is closed and p isn't in it; the neighborhood meets the
-cell's component.) So T is the only face over p, and the top.
-
-Empty. Let N = 0 around a cell and p in it. A face whose closed projection contains p has interior points arbitrarily
-close to p, where N would be at least 1. So there is no face, and the answer is a miss. Outside the bounds the same
-follows from comparing coordinates.
+Sheets. Let N = k around a cell, and let p in the cell be strictly inside k different faces. If another face's closed
+projection contained p, points of its interior would be arbitrarily close to p, all inside the k faces as well, and
+there N would be above k. (p has a neighborhood free of B, since B is closed and p isn't in it; the neighborhood meets
+the cell's component.) So these are all faces over p, and the highest of them is the top. With k = 0 this means that
+there is no face, and the answer is a miss. Outside the bounds the same follows from comparing coordinates.
 """
 
 from __future__ import annotations
@@ -56,7 +53,8 @@ from scipy import ndimage
 from hulldown.geometry.arrays import numbered
 from hulldown.geometry.meshes import first_alike
 
-EMPTY, SINGLE, UNKNOWN = 0, 1, 2
+UNKNOWN = 255
+MOST_SHEETS = 16  # that are worth tracing one after the other
 _LEAST_CELLS, _MOST_CELLS = 1 << 14, 1 << 22
 _MOST_PIECES = 1 << 21
 _MOST_REGIONS = 1 << 12
@@ -68,7 +66,7 @@ Count = Callable[
 
 
 class SheetMap:
-    """For each cell of a raster over the ground: no sheet, a single one, or unknown.
+    """For each cell of a raster over the ground: the number of sheets, or unknown.
 
     Parameters
     ----------
@@ -97,16 +95,16 @@ class SheetMap:
         shape = np.clip(extent / np.maximum(side, finest), 1, 4096).astype(int)
         self._columns, self._rows = int(shape[0]), int(shape[1])
         self._per_meter = np.minimum(shape / extent, 1e300)
-        self._states = self._sheets(xy[unbalanced(corners, xy)], count).ravel()
+        self._counts = self._sheets(xy[unbalanced(corners, xy)], count).ravel()
 
-    def state(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> UInt8[np.ndarray, " n"]:
-        """EMPTY, SINGLE or UNKNOWN at each point; EMPTY outside the bounds."""
+    def count(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> UInt8[np.ndarray, " n"]:
+        """The number of sheets at each point, or UNKNOWN; 0 outside the bounds."""
         column, row = self._cells(x, 0), self._cells(y, 1)
         row *= self._columns
         row += column
-        state = self._states[row]
+        count = self._counts[row]
         inside = (x >= self._low[0]) & (x <= self._high[0]) & (y >= self._low[1]) & (y <= self._high[1])
-        return state * inside  # EMPTY is 0
+        return count * inside
 
     def _cells(self, values: Float[np.ndarray, "..."], axis: int) -> Int[np.ndarray, "..."]:
         # Monotone in each coordinate: what lies between two points lies in a cell between theirs.
@@ -115,7 +113,7 @@ class SheetMap:
 
     def _sheets(self, edges: Float[np.ndarray, "e 2 2"], count: Count) -> UInt8[np.ndarray, "r c"]:
         regions, n = ndimage.label(~self._touched(edges))
-        states = np.full(n + 1, UNKNOWN, dtype=np.uint8)
+        counts = np.full(n + 1, UNKNOWN, dtype=np.uint8)
         if n:
             size = np.bincount(regions.ravel(), minlength=n + 1)
             size[0] = 0
@@ -125,16 +123,16 @@ class SheetMap:
             first = np.cumsum(size) - size
             # The counting point must lie on no edge: try a few.
             for share in (0.5, 0.31, 0.83):
-                open_ = largest[states[largest] == UNKNOWN]
+                open_ = largest[counts[largest] == UNKNOWN]
                 if not len(open_):
                     break
                 row, column = np.divmod(by_region[first[open_] + (share * size[open_]).astype(int)], self._columns)
                 at = self._low + np.stack([column + 0.5119, row + 0.4877], axis=1) / self._per_meter
                 same = (self._cells(at[:, 0].copy(), 0) == column) & (self._cells(at[:, 1].copy(), 1) == row)
                 sheets, strictly = count(at[:, 0].copy(), at[:, 1].copy())
-                known = same & strictly & (sheets <= SINGLE)
-                states[open_[known]] = sheets[known]
-        return states[regions]
+                known = same & strictly & (sheets <= MOST_SHEETS)
+                counts[open_[known]] = sheets[known]
+        return counts[regions]
 
     def _touched(self, edges: Float[np.ndarray, "e 2 2"]) -> Bool[np.ndarray, "r c"]:
         ends = np.stack([self._cells(edges[:, :, 0], 0), self._cells(edges[:, :, 1], 1)], axis=2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal, get_args
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Complex, Float, Int, UInt8
 from numpy.typing import ArrayLike
 
 from hulldown.geometry.arrays import checked
@@ -13,8 +13,8 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.predicates import ORIENT_BOUND, TINY
 from hulldown.geometry.rays import BLOCK, RayCaster, bounds_within_reach, coherent_blocks, in_threads
 from hulldown.placement.exact import ExactGround
-from hulldown.placement.ground import Ground, Hits, plane_heights, upward
-from hulldown.placement.sheet_map import EMPTY, SINGLE, SheetMap
+from hulldown.placement.ground import HEIGHT_ULPS, Ground, Hits, plane_heights, upward
+from hulldown.placement.sheet_map import UNKNOWN, SheetMap
 
 Method = Literal["certified", "refined", "float32"]
 
@@ -57,7 +57,7 @@ class Terrain:
             return
         low, high = top.boxes()
         self._exact = ExactGround(top, low, high)
-        bounds = np.stack([low.min(axis=1), high.max(axis=1)])
+        bounds = np.stack([low[:2].min(axis=1), high[:2].max(axis=1)])
         del low, high
         self._sheets = SheetMap(mesh.vertices[:, :2], top.corners, bounds, self._exact.count)
         # Faces without XY area would slow Embree down, and could only mislead it.
@@ -132,26 +132,63 @@ class Terrain:
         self._write(hits, i, face, z, normal)
 
     def _certified(self, points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"], hits: Hits) -> None:
-        """Accept Embree's face if the sheet is single and the point certainly inside; else compute exactly."""
-        g = self._ground
+        """Accept Embree's face if all sheets are found, and the point is certainly inside; else compute exactly."""
         x, y = _columns(points, i)
-        face = self._caster.down(x, y).astype(np.intp)  # -1 reads the last face, and is accepted nowhere
-        corners = [corner[face].astype(np.intp) for corner in g.corners]
-        dx, dy = [g.x[c] - x for c in corners], [g.y[c] - y for c in corners]
-        accepted = _strictly_inside(dx, dy)
-        state = self._sheets.state(x, y)
-        accepted &= state == SINGLE
-        accepted &= face >= 0
-        accepted &= g.well_conditioned[face]
-        slope = g.slope[face]
-        z, normal = plane_heights(slope, -dx[0], -dy[0], g.z[corners[0]]), upward(slope)
+        proposal = self._caster.down(x, y).astype(np.intp)
+        accepted, z, slope = self._inside(proposal, x, y)
+        sheets = self._sheets.count(x, y)
+        accepted &= (sheets > 0) & (sheets < UNKNOWN)
+        several = np.flatnonzero(accepted & (sheets > 1))
+        if len(several):
+            here = x[several], y[several]
+            accepted[several] = self._finds_all(sheets[several], *here, z[several], slope[several])
+        face, normal = proposal, upward(slope)
         rest = np.flatnonzero(~accepted)
         if len(rest):
+            proposed = proposal[rest]
             face[rest], z[rest], normal[rest] = -1, np.nan, np.nan
-            rest = rest[state[rest] != EMPTY]
-            tops = self._exact.tops(x[rest], y[rest])
+            somewhere = sheets[rest] > 0
+            rest = rest[somewhere]
+            tops = self._exact.tops(x[rest], y[rest], proposed[somewhere])
             face[rest], z[rest], normal[rest] = tops.face, tops.z, tops.normal
         self._write(hits, i, face, z, normal)
+
+    def _finds_all(
+        self,
+        sheets: UInt8[np.ndarray, " k"],
+        x: Float[np.ndarray, " k"],
+        y: Float[np.ndarray, " k"],
+        z: Float[np.ndarray, " k"],
+        slope: Complex[np.ndarray, " k"],
+    ) -> Bool[np.ndarray, " k"]:
+        """Whether so many sheets less one are found under a face, each certainly lower than the one before."""
+        found = np.zeros(len(x), dtype=bool)
+        row, n = np.arange(len(x)), 1
+        apart = 4.0 * HEIGHT_ULPS * np.spacing(np.abs(self._bounds[:, 2]).max())
+        while len(row):
+            # Below what float32 makes of the face above.
+            gap = 4 * self._caster.resolution * (1.0 + np.abs(slope.real) + np.abs(slope.imag))
+            face = self._caster.below(x, y, z - gap).astype(np.intp)
+            lower, z_lower, slope = self._inside(face, x, y)
+            lower &= z_lower < z - apart
+            n += 1
+            found[row[lower & (sheets == n)]] = True
+            more = np.flatnonzero(lower & (sheets > n))
+            row, sheets, x, y, z, slope = row[more], sheets[more], x[more], y[more], z_lower[more], slope[more]
+        return found
+
+    def _inside(
+        self, face: Int[np.ndarray, " k"], x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]
+    ) -> tuple[Bool[np.ndarray, " k"], Float[np.ndarray, " k"], Complex[np.ndarray, " k"]]:
+        """Whether each point is certainly inside its well-conditioned face; the face's height there, and its slope."""
+        g = self._ground
+        corners = [corner[face].astype(np.intp) for corner in g.corners]  # -1 reads the last face
+        dx, dy = [g.x[c] - x for c in corners], [g.y[c] - y for c in corners]
+        inside = _strictly_inside(dx, dy)
+        inside &= face >= 0
+        inside &= g.well_conditioned[face]
+        slope = g.slope[face]
+        return inside, plane_heights(slope, -dx[0], -dy[0], g.z[corners[0]]), slope
 
     def _write(
         self,

@@ -4,7 +4,7 @@ import pytest
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.placement.exact import ExactGround
 from hulldown.placement.ground import Ground
-from hulldown.placement.sheet_map import EMPTY, SINGLE, UNKNOWN, SheetMap
+from hulldown.placement.sheet_map import UNKNOWN, SheetMap
 from hulldown.placement.terrain import Terrain
 from hulldown.tests.oracles.top_hits import exact_tops
 from hulldown.tests.shapes import sheet, surface
@@ -29,13 +29,13 @@ def test_points_at_the_limits_of_float64_miss_without_a_warning(method):
     assert hits.hit.tolist() == [False] * 8000 + [True]
 
 
-def states(mesh, xy):
-    """What is certified at each point."""
+def counts(mesh, xy):
+    """The certified number of sheets at each point."""
     ground = Ground.of(mesh)
     low, high = ground.boxes()
-    bounds = np.stack([low.min(axis=1), high.max(axis=1)])
+    bounds = np.stack([low[:2].min(axis=1), high[:2].max(axis=1)])
     sheets = SheetMap(mesh.vertices[:, :2], ground.corners, bounds, ExactGround(ground, low, high).count)
-    return sheets.state(*np.array(xy, dtype=float).T.copy())
+    return sheets.count(*np.array(xy, dtype=float).T.copy())
 
 
 def test_clean_ground_is_certified_as_one_sheet_and_holes_as_empty():
@@ -43,17 +43,26 @@ def test_clean_ground_is_certified_as_one_sheet_and_holes_as_empty():
     kept = np.abs(ground.triangles[:, :, :2] - 10).max(axis=(1, 2)) > 4
     holed = Mesh(ground.vertices, ground.faces[kept])
     xy = np.random.default_rng(0).uniform(1, 19, (2000, 2))
-    assert (states(ground, xy) == SINGLE).all()
-    assert (states(holed, xy[np.abs(xy - 10).max(axis=1) > 6]) == SINGLE).all()
+    assert (counts(ground, xy) == 1).all()
+    assert (counts(holed, xy[np.abs(xy - 10).max(axis=1) > 6]) == 1).all()
     at = [[10, 10], [0, 10], [-9, 10], [40, 1e9]]  # in the hole, on the border, and outside
-    assert states(holed, at).tolist() == [EMPTY, UNKNOWN, EMPTY, EMPTY]
+    assert counts(holed, at).tolist() == [0, UNKNOWN, 0, 0]
+
+
+def test_sheets_over_each_other_are_counted():
+    ground = hills(20)
+    lower = Mesh(ground.vertices - [0, 0, 0.01], ground.faces[:, ::-1])
+    xy = np.random.default_rng(0).uniform(1, 19, (2000, 2))
+    assert (counts(merge([lower, ground, ground])[0], xy) == 3).all()
+    both, alone = (Terrain(mesh).top_hits(xy) for mesh in (merge([lower, ground])[0], ground))
+    assert np.array_equal(both.face, alone.face + len(ground.faces))
 
 
 def test_a_long_border_across_many_cells_is_marked_along_its_length():
     large = sheet((0, 0), (1000, 1000))  # its diagonal is no border; a strip placed across it has two
     strip = Mesh(np.array([[100.0, 0, 1], [103.0, 0, 1], [900.0, 1000, 1]]), np.array([[0, 1, 2]]))
     xy = np.column_stack([np.linspace(101, 899, 300), np.linspace(0.1, 999, 300)])
-    assert not (states(merge([large, hills(40), strip])[0], xy) == SINGLE).any()
+    assert not (counts(merge([large, hills(40), strip])[0], xy) == 1).any()
 
 
 def test_threads_and_batches_change_nothing():
