@@ -95,7 +95,8 @@ class Ground:
             well_conditioned[:], bound[:] = False, np.inf
         kept = np.flatnonzero(turn).astype(np.int32)
         if len(kept) < n:
-            corners, slope, well_conditioned, bound = (a[..., kept] for a in (corners, slope, well_conditioned, bound))
+            corners, slope, well_conditioned = corners[:, kept], slope[kept], well_conditioned[kept]
+            bound = bound[kept]
         return cls(x, y, z, corners, kept, slope, well_conditioned, bound)
 
     def boxes(self) -> tuple[Float[np.ndarray, "3 f"], Float[np.ndarray, "3 f"]]:
