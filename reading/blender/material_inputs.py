@@ -32,6 +32,7 @@ from hulldown.reading.blender.surfaces.input_nodes import (
 from hulldown.reading.pieces.roles import Key, Value
 
 NONE: Value = (0.0, 0.0, 0.0, 0.0)
+NODED = ("MESH", "CURVE", "SURFACE", "FONT", "CURVES", "POINTCLOUD", "VOLUME")  # may have geometry nodes
 TURN = 1.0 / 0xFFFFFFFF
 CLOSE = 1e-4  # between a pose that Blender draws an instance at and that of its points
 
@@ -198,6 +199,8 @@ def _vector(given: Sequence[float]) -> Value:
 
 def _instances_of(parent: Any) -> tuple[KDTree, dict[str, np.ndarray]] | None:
     """Poses in the file of the instances that geometry nodes give an object, and their attributes; None if none."""
+    if parent.type not in NODED:  # Blender 5.2 refuses others
+        return None
     geometry = parent.evaluated_geometry()  # which has the points for as long as it exists
     points = geometry.instances_pointcloud()
     if points is None or not len(points.points):
