@@ -19,6 +19,7 @@ from hulldown.geometry.transforms import apply
 from hulldown.reading.build import build_vehicle
 from hulldown.reading.doubts import vehicle_doubts
 from hulldown.reading.pieces.asset_report import FileReport, ObjectRow, xyz
+from hulldown.reading.pieces.doubt import Doubt
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.vehicle.stance import stand_upright
 from hulldown.reading.vehicle_or_scenery import refuse_wrong_kind
@@ -36,7 +37,7 @@ class Verdict:
     """The keys to set for what is wrong with a file as it was read; the doubts; errors of pivots in meters."""
 
     wrong: set[str] = field(default_factory=set)
-    doubts: list[str] = field(default_factory=list)
+    doubts: list[Doubt] = field(default_factory=list)
     pivots: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -44,7 +45,7 @@ class Verdict:
         """One of "right", "doubted" (each wrong thing is named by a doubt with its key) and "silent"."""
         if not self.wrong:
             return "right"
-        named = {key for key in KEYS if any(re.search(rf"(?<![\w'\"]){key}(?![\w'\"])", d) for d in self.doubts)}
+        named = {key for key in KEYS if any(re.search(rf"(?<![\w'\"]){key}(?![\w'\"])", d.text) for d in self.doubts)}
         # A gun that is not found as such, or a wrong part, moves the pivot: the part's own key is the one to set.
         return "doubted" if all({key, key.removesuffix("_pivot")} & named for key in self.wrong) else "silent"
 

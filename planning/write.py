@@ -91,7 +91,7 @@ def plan(
     from hulldown.pictures.sheets import make_room_for_picture
     from hulldown.planning.appearance.hdri_land import land_above_horizon
     from hulldown.planning.inputs.loading import load_library
-    from hulldown.reading.pieces.wording import warnings_of
+    from hulldown.reading.pieces.doubt import warnings_of
 
     config = config if isinstance(config, Config) else Config.read(config)
     given = read_poses(Path(poses)) if poses else None

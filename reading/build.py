@@ -16,6 +16,7 @@ from hulldown.geometry.meshes import Mesh, merge
 from hulldown.geometry.transforms import apply
 from hulldown.placement.footprint import contact_footprint, underside
 from hulldown.reading.pieces.asset_report import PartRow, xyz
+from hulldown.reading.pieces.doubt import Doubt
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, is_wanted, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import NARROWEST, unmatched
@@ -46,7 +47,7 @@ class BuiltVehicle:
     piece_part: list[int]
     parts: tuple[PartRow, ...]
     axes: str
-    doubts: tuple[str, ...]
+    doubts: tuple[Doubt, ...]
 
 
 def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle:
@@ -65,7 +66,7 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
         raise AssetError(f"nothing is left after clean-up; it contains {there}", remedy="name what to `keep`")
     if len(upright.solids) == MOST:
         upright = with_solids_of(upright, kept)
-    left_out: list[str] = []
+    left_out: list[Doubt] = []
     while True:
         forward, solids, wheels = heading(upright, kept, options)
         ahead = vehicle_from_upright(forward.value)

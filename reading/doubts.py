@@ -1,4 +1,4 @@
-"""Doubts: sentences for the user about things in a file that look unintended."""
+"""Doubts about vehicles and sceneries as they were read."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 
 from hulldown.reading.pieces.asset_report import FileReport, Missing, ObjectRow
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.paintable import CLEAR, MaterialRow
 from hulldown.reading.pieces.roles import Piece, PieceRole
@@ -26,40 +27,65 @@ USUAL_LENGTH = 7.0
 USUAL_UNITS = (1.0, 0.01, 0.001, 0.0254, 0.3048, 100.0, 10.0, 0.1)
 
 
-def vehicle_doubts(report: FileReport, options: Options, *, pictures: Sequence[str] = ()) -> tuple[str, ...]:
+def vehicle_doubts(report: FileReport, options: Options, *, pictures: Sequence[str] = ()) -> tuple[Doubt, ...]:
     """Doubts about a vehicle's size, look, dropped pieces, and unused `pictures` next to its file."""
     doubts = []
     length, width, height = report.size
     longest, rows, materials = max(report.size), report.rows, report.materials
     if not SHORTEST_VEHICLE <= longest <= LONGEST_VEHICLE:
         hint = likely_scale(longest, report.unit)
-        doubts.append(f"the vehicle is {length_said(longest)} long; set scale{hint} if that is wrong")
+        doubts.append(
+            Doubt(DoubtKind.SCALE, f"the vehicle is {length_said(longest)} long; set scale{hint} if that is wrong")
+        )
     if width > 1.2 * length and height <= width:
         across, along = length_said(width), length_said(length)
-        doubts.append(f"it is longer across ({across}) than along x ({along}); set forward to +y or -y")
+        doubts.append(
+            Doubt(DoubtKind.FORWARD, f"it is longer across ({across}) than along x ({along}); set forward to +y or -y")
+        )
     elif height > 1.5 * max(length, width) and options.up is None:
         doubts.append(
-            f"it is {length_said(height)} high and {length_said(max(length, width))} long; "
-            'set up = "y" if it lies on its side'
+            Doubt(
+                DoubtKind.UP,
+                f"it is {length_said(height)} high and {length_said(max(length, width))} long; "
+                'set up = "y" if it lies on its side',
+            )
         )
     dropped = [row for row in rows if row.use == "dropped" and row.triangles and "config" not in row.why]
     kept = [row for row in rows if row.use != "dropped"]
     if sum(row.triangles * row.count for row in dropped) > sum(row.triangles * row.count for row in kept):
         those = quoted([row.name for row in dropped])
-        doubts.append(f"more triangles are dropped than kept; name the vehicle's objects in `keep`: {those}")
+        doubts.append(
+            Doubt(
+                DoubtKind.MOST_DROPPED,
+                f"more triangles are dropped than kept; name the vehicle's objects in `keep`: {those}",
+            )
+        )
     asked = [row for row in rows if row.use == "dropped" and "config" in row.why]
     most = max(asked, key=_volume, default=None)
     if most and _volume(most) > max(map(_volume, kept), default=0.0):
-        doubts.append(f"the config drops {most.name!r}, the largest piece; take it out of drop if it's the hull")
+        doubts.append(
+            Doubt(
+                DoubtKind.LARGEST_DROPPED,
+                f"the config drops {most.name!r}, the largest piece; take it out of drop if it's the hull",
+            )
+        )
     clear = [row for row in materials if row.left_alone == CLEAR]
     if sum(row.share for row in clear) > 0.5:
-        doubts.append(f"most of its surface is transparent ({quoted(row.name for row in clear)}), like glass")
+        doubts.append(
+            Doubt(
+                DoubtKind.TRANSPARENT,
+                f"most of its surface is transparent ({quoted(row.name for row in clear)}), like glass",
+            )
+        )
     if is_pale(materials):
         those = quoted(row.name for row in materials if _pale(row))
         beside = f"; pictures beside it aren't used: {quoted(pictures, most=4)}" if pictures else ""
         doubts.append(
-            f"nearly all of it is white or light gray ({those}), as if without its textures{beside}; put them on its "
-            "materials in Blender, or set paint"
+            Doubt(
+                DoubtKind.PALE,
+                f"nearly all of it is white or light gray ({those}), as if without its textures{beside}; put them on "
+                "its materials in Blender, or set paint",
+            )
         )
     return (*doubts, *_missing(report.missing))
 
@@ -84,72 +110,116 @@ def scenery_doubts(
     options: Options,
     *,
     wet: Sequence[str] = (),
-) -> tuple[str, ...]:
+) -> tuple[Doubt, ...]:
     """Doubts about a scenery, missing ground first. Ground named in `wet` is partly water."""
     doubts = []
     used = [(piece, role) for piece, role in zip(pieces, roles, strict=True) if role.use not in ("dropped", "removed")]
     if not any(role.use == "ground" for _, role in used):
         doubts.append(
-            "NO GROUND: no object is ground by name or by shape, so vehicles are placed on the plane z = "
-            f"ground.fallback_z; {_proposed_ground([p for p, r in used if r.use == 'obstacle'])}; in the file is "
-            + quoted([piece.name for piece, _ in used])
+            Doubt(
+                DoubtKind.NO_GROUND,
+                "NO GROUND: no object is ground by name or by shape, so vehicles are placed on the plane z = "
+                f"ground.fallback_z; {_proposed_ground([p for p, r in used if r.use == 'obstacle'])}; in the file is "
+                + quoted([piece.name for piece, _ in used]),
+            )
         )
     for use, keys in (("ground", "if it isn't, name it in not_ground"), ("water", "if it isn't, set water = []")):
         if found := [piece.name for piece, role in used if role.use == use and role.why.startswith("by shape")]:
-            doubts.append(f"taken as {use}: {quoted(found)}, by shape; {keys}")
+            doubts.append(Doubt(DoubtKind(use), f"taken as {use}: {quoted(found)}, by shape; {keys}"))
     if wet:
-        doubts.append(f"taken as water: the faces of {quoted(wet)} that wear water; if they are ground, set water = []")
+        doubts.append(
+            Doubt(
+                DoubtKind.WATER,
+                f"taken as water: the faces of {quoted(wet)} that wear water; if they are ground, set water = []",
+            )
+        )
     doubts += _perhaps_water(used, wet) if options.water is None else []
     for piece, role in used:
         if role.use == "obstacle" and role.why.startswith("by shape"):
-            doubts.append(f"{piece.name!r} isn't used as ground: it's {role.why.removeprefix('by shape: ')}")
+            doubts.append(
+                Doubt(
+                    DoubtKind.NOT_GROUND,
+                    f"{piece.name!r} isn't used as ground: it's {role.why.removeprefix('by shape: ')}",
+                )
+            )
     grounds = [piece for piece, role in used if role.use == "ground"]
     if grounds and 0 < (main := max(grounds, key=lambda p: p.area)).level < LEVEL:
         doubts.append(
-            f"{main.name!r} is ground, and {100 * (1 - main.level):.0f} % of it is steep: if buildings are part of it, "
-            "vehicles are placed on their roofs; make them objects of their own in Blender"
+            Doubt(
+                DoubtKind.STEEP_GROUND,
+                f"{main.name!r} is ground, and {100 * (1 - main.level):.0f} % of it is steep: if buildings are part of "
+                "it, vehicles are placed on their roofs; make them objects of their own in Blender",
+            )
         )
     solid = [piece for piece, role in used if role.use == "obstacle" and not piece.hair]
     for sheet, above in canopies(solid, [piece.bounds for piece in grounds]):
         name = as_key([sheet.name])
         doubts.append(
-            f"{sheet.name!r} is a level sheet {above:.1f} m above the ground, and nothing is placed under it; if "
-            f"it's ground, set ground = {name}, if it's water, set water = {name}, else drop = {name}"
+            Doubt(
+                DoubtKind.SHEET_ABOVE,
+                f"{sheet.name!r} is a level sheet {above:.1f} m above the ground, and nothing is placed under it; if "
+                f"it's ground, set ground = {name}, if it's water, set water = {name}, else drop = {name}",
+            )
         )
     if around := enclosing([piece for piece, role in used if role.use in ("obstacle", "ground")]):
         doubts.append(
-            f"{around.name!r} is around everything else and hides the HDRI; if it is a sky, set "
-            f"drop = {as_key([around.name])}"
+            Doubt(
+                DoubtKind.AROUND_ALL,
+                f"{around.name!r} is around everything else and hides the HDRI; if it is a sky, set "
+                f"drop = {as_key([around.name])}",
+            )
         )
     *sides, height = report.size
     across = max(sides)
     if not SMALLEST_SCENERY <= across <= LARGEST_SCENERY:
         doubts.append(
-            f"the scenery is {length_said(across)} across; set scale if that is wrong (1 unit is {report.unit:g} m)"
+            Doubt(
+                DoubtKind.SCALE,
+                f"the scenery is {length_said(across)} across; set scale if that is wrong (1 unit is "
+                f"{report.unit:g} m)",
+            )
         )
     other = "z" if report.up == "y" else "y"
     if height > across and options.up is None:
-        doubts.append(f'it is {height:.0f} m high and {across:.0f} m across; set up = "{other}" if it lies on its side')
+        doubts.append(
+            Doubt(
+                DoubtKind.UP,
+                f'it is {height:.0f} m high and {across:.0f} m across; set up = "{other}" if it lies on its side',
+            )
+        )
     elif min(sides) < EDGE * min(across, height) and options.up is None:
         seen = " x ".join(map(length_said, sides))
-        doubts.append(f'it stands on its edge: {seen} seen from above, {length_said(height)} high; set up = "{other}"')
+        doubts.append(
+            Doubt(
+                DoubtKind.UP,
+                f'it stands on its edge: {seen} seen from above, {length_said(height)} high; set up = "{other}"',
+            )
+        )
     return (*doubts, *_missing(report.missing))
 
 
-def _perhaps_water(used: Sequence[tuple[Piece, PieceRole]], wet: Sequence[str]) -> list[str]:
+def _perhaps_water(used: Sequence[tuple[Piece, PieceRole]], wet: Sequence[str]) -> list[Doubt]:
     """Doubts about possible water: parts of the ground's mesh, and small sheets without a name."""
     ground = [piece for piece, role in used if role.use == "ground"]
     dressed = [(p.name, m) for p in ground if p.name not in wet for m in p.materials if is_water_name(m)]
     doubts = [
-        f"{name!r} is ground and wears {material!r}; if a part of it is water, make that an object of its own in "
-        "Blender and name it in water"
+        Doubt(
+            DoubtKind.WATER,
+            f"{name!r} is ground and wears {material!r}; if a part of it is water, make that an object of its own in "
+            "Blender and name it in water",
+        )
         for name, material in list(dict.fromkeys(dressed))[:MOST]
     ]
     open_ = [i for i, (_, role) in enumerate(used) if role == PieceRole("obstacle", "by default")]
     found = sheets_between([piece for piece, _ in used], open_, [piece.bounds for piece in ground], least=PUDDLE)
     if found:
         names = quoted([used[i][0].name for i in found])
-        doubts.append(f"perhaps water: {names}, flat sheets that ground rises above; if so, name them in water")
+        doubts.append(
+            Doubt(
+                DoubtKind.PERHAPS_WATER,
+                f"perhaps water: {names}, flat sheets that ground rises above; if so, name them in water",
+            )
+        )
     return doubts
 
 
@@ -173,8 +243,14 @@ def _level_area(pieces: Sequence[Piece]) -> float:
     return sum(piece.level * piece.area for piece in pieces)
 
 
-def _missing(missing: Sequence[Missing]) -> list[str]:
-    return [f"{m.problem}: {m.path}, used by {quoted(m.wanted_by) if m.wanted_by else 'the file'}" for m in missing]
+def _missing(missing: Sequence[Missing]) -> list[Doubt]:
+    return [
+        Doubt(
+            DoubtKind.MISSING,
+            f"{m.problem}: {m.path}, used by {quoted(m.wanted_by) if m.wanted_by else 'the file'}",
+        )
+        for m in missing
+    ]
 
 
 def likely_scale(longest: float, unit: float) -> str:

@@ -16,6 +16,7 @@ from hulldown.camera.response import off_daylight
 from hulldown.geometry.color import LUMINANCE
 from hulldown.reading.cache import entry_name, make_cache, new_folder, seal, unseal
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.formats import first_bytes
 from hulldown.reading.reader_process import Job, ask_reader, found_by
 
@@ -70,19 +71,20 @@ class Hdri:
     notes: tuple[str, ...] = ()
 
     @property
-    def misfits(self) -> tuple[str, ...]:
-        """Sentences for the user about why it doesn't fit open land, with a remedy."""
-        return tuple(f"{misfit}; {REMEDY}" for misfit in self.light.misfits)
+    def misfits(self) -> tuple[Doubt, ...]:
+        """Doubts about whether it fits open land, with a remedy."""
+        return tuple(Doubt(DoubtKind.NO_OPEN_LAND, f"{misfit}; {REMEDY}") for misfit in self.light.misfits)
 
     @property
-    def doubts(self) -> tuple[str, ...]:
-        """Sentences for the user about light far from daylight's color."""
+    def doubts(self) -> tuple[Doubt, ...]:
+        """A doubt about light far from daylight's color."""
         light = np.array(self.light.irradiance)
         if not light.any() or off_daylight(light) <= TINTED:
             return ()
         red, green, blue = (light / light.max()).tolist()
         card = f"a gray card in it is ({red:.2f}, {green:.2f}, {blue:.2f})"
-        return (f"its light is tinted: {card}, and so is every image; leave it out unless that's meant",)
+        text = f"its light is tinted: {card}, and so is every image; leave it out unless that's meant"
+        return (Doubt(DoubtKind.TINTED, text),)
 
 
 def mend(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:

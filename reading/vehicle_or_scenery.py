@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hulldown.base.errors import AssetError
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.naming import VEHICLE, first_match
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import FLAT, Piece, vehicle_roles
@@ -40,8 +41,8 @@ def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
     return "scenery" if not kept or max(_extent(kept)) > BIGGEST_VEHICLE else "vehicle"
 
 
-def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> str:
-    """Refuse a scenery listed as a vehicle, or a vehicle as a scenery; return a doubt if it may be intended, or "".
+def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> Doubt | None:
+    """Refuse a scenery listed as a vehicle, or a vehicle as a scenery; return a doubt if it may be intended, or None.
 
     Options that describe the file (a scale, what to keep, what is ground) override names and sizes.
     Arguments are those of `likely_kind`.
@@ -52,13 +53,13 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> s
         If the entry is probably a mistake.
     """
     if not pieces:
-        return ""
+        return None
     if kind == "vehicle":
         if options.scale or options.keep or options.drop or likely_kind(pieces, options) == "vehicle":
-            return ""
+            return None
         kept = _vehicle(pieces)
         if any(first_match(p.name, VEHICLE) for p in kept):
-            return ""  # a tank in centimeters has tracks, which are called like ground: `doubts` names the scale
+            return None  # a tank in centimeters has tracks, which are called like ground: `doubts` names the scale
         ground = _ground(pieces, options)
         has = f"ground ({ground[0].name!r})" if ground else "one flat sheet"
         raise AssetError(
@@ -68,19 +69,20 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> s
         )
     overrides = (options.scale, options.include, options.exclude, options.ground, options.not_ground, options.drop)
     if any(overrides) or likely_kind(pieces, options) == "scenery":
-        return ""
+        return None
     telling = next((p.name for p in pieces if first_match(p.name, VEHICLE)), None)
     longest = max(_extent(_vehicle(pieces) or pieces))
     if longest > BIGGEST_VEHICLE:
-        return ""
+        return None
     if telling:
         raise AssetError(
             f"looks like a vehicle but is listed as a scenery: it contains {telling!r}, and it is {longest:.1f} m long",
             remedy="list it under [[assets.vehicles]], or name its ground by `ground`",
         )
     if not _ground(pieces, options):
-        return f"it is {longest:.1f} m long, as a vehicle is; list it under [[assets.vehicles]] if it is one"
-    return ""
+        text = f"it is {longest:.1f} m long, as a vehicle is; list it under [[assets.vehicles]] if it is one"
+        return Doubt(DoubtKind.OTHER_KIND, text)
+    return None
 
 
 def _ground(pieces: Sequence[Piece], options: Options) -> list[Piece]:

@@ -99,7 +99,7 @@ def test_a_file_with_all_attacks_reads_and_writes_nothing_outside(attack: Path, 
 def test_texts_and_tables_next_to_an_asset_are_not_imported(attack: Path, tmp_path: Path) -> None:
     report = export(attack / "mine/assets/all/neighbors.blend", tmp_path, kind="vehicle").report
     assert report.triangles == 3 * 12, "three cubes, and nothing imported"
-    assert sum("is left out, since it isn't a model or picture" in doubt for doubt in report.doubts) == 3
+    assert sum("is left out, since it isn't a model or picture" in doubt.text for doubt in report.doubts) == 3
 
 
 @needs_landlock
@@ -128,7 +128,7 @@ def test_the_list_of_risky_features_alone_stops_them_when_read(
     before = cleaned(attack)
     exported = export(attack / f"mine/assets/{case}.blend", tmp_path, kind="vehicle")
     assert written(attack) == before
-    lost = [doubt for doubt in exported.report.doubts if "is left out, since its cache isn't in the file" in doubt]
+    lost = [doubt.text for doubt in exported.report.doubts if "since its cache isn't in the file" in doubt.text]
     assert len(lost) == (case in ("fluid", "paint"))
     assert {p.name for p in tmp_path.iterdir()} == {"bundle.npz", "tidy.blend", "answer.json"}
 

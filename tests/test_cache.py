@@ -28,9 +28,12 @@ from hulldown.reading.cache import cached
 from hulldown.reading.confinement.landlock import abi
 from hulldown.reading.hdri import FoundSky
 from hulldown.reading.pieces.asset_report import FileReport, Missing
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import Exported
 from hulldown.tests.shapes import scenery_of, vehicle_of
+
+ODD = Doubt(DoubtKind.SCALE, "odd")
 
 BLEND = b"BLENDER17-01v0500"
 MESH = Mesh(np.eye(3), np.array([[0, 1, 2]]))
@@ -51,7 +54,7 @@ class Exporter:
         made = vehicle_of(*[MESH] * self.parts, name=path.stem) if kind == "vehicle" else scenery_of(path.stem, MESH)
         save(folder / "bundle.npz", made)
         (folder / "tidy.blend").write_bytes(BLEND)
-        report = FileReport(kind, str(path), (1.0, 1.0, 1.0), 1, 1.0, "z", missing=self.missing, doubts=("odd",))
+        report = FileReport(kind, str(path), (1.0, 1.0, 1.0), 1, 1.0, "z", missing=self.missing, doubts=(ODD,))
         return Exported(report, folder / "bundle.npz", folder / "tidy.blend", self.files)
 
 
@@ -254,7 +257,7 @@ def test_the_assets_of_a_config(exporter: Exporter, tmp_path: Path) -> None:
     assert assets.files["vehicles"]["T"].path == "a.blend"
     assert assets.files["hdris"]["sky"].path == "sky.exr"
     assert len(assets.files["hdris"]["sky"].sha256) == 64
-    odd = {str(tmp_path / file): ["odd"] for file in ("b.blend", "a.blend", "field.blend")}
+    odd = {str(tmp_path / file): [ODD] for file in ("b.blend", "a.blend", "field.blend")}
     assert library.doubts(backdrop=False) == odd
     load_library(config_in(tmp_path))
     assert sorted(exporter.read) == ["a.blend", "b.blend", "field.blend"]

@@ -11,6 +11,7 @@ import pytest
 from hulldown.assets.bundle import load_scenery
 from hulldown.geometry.instances import InstancedScene
 from hulldown.reading.pieces.asset_report import FileReport
+from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.reading.reader_process import export
 
 SCRIPT = "cutout_blends.py"
@@ -64,7 +65,7 @@ def test_planned_transmittance_equals_cycles(cards):
 def test_opacity_that_depends_on_the_view_is_reported_and_counts_as_opaque(cards):
     by_material, report = cards
     assert (by_material["by angle"][1] == 0.0).all()
-    about = [doubt for doubt in report.doubts if "transparency" in doubt]
+    about = [doubt.text for doubt in report.doubts if doubt.kind == DoubtKind.OPACITY]
     assert about == ["the material 'by angle' counts as opaque: its transparency depends on the node 'Layer Weight'"]
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.tests.messy_export import Messy
 
 pytestmark = pytest.mark.blender
@@ -44,7 +45,7 @@ def test_origins_at_zero_are_not_used_as_pivots(messy: Messy) -> None:
     inside = shape.mesh.vertices[shape.vertex_part == 1]
     assert ((shape.part_pivot[1] >= inside.min(axis=0)) & (shape.part_pivot[1] <= inside.max(axis=0))).all()
     assert all("is not where" in part.why for part in reports.parts)
-    assert sum("turns about" in doubt for doubt in reports.doubts) == 2
+    assert sum(doubt.kind == DoubtKind.PIVOT for doubt in reports.doubts) == 2
 
 
 def test_a_turret_can_be_a_collection_or_a_bone(messy: Messy) -> None:

@@ -22,7 +22,7 @@ def test_missing_files_are_listed_with_their_users(messy: Messy) -> None:
     pictureless = "the picture of the material 'Turret'"
     assert missing == {"gone.png": ("Turret",), "nested_gone.exr": ("Turret",), pictureless: ("Turret",)}
     assert [Path(m.path).name for m in messy.exported["lost_library"].report.missing] == ["soon_gone.blend"]
-    assert any("gone.png, used by 'Turret'" in doubt for doubt in messy.exported["textured"].report.doubts)
+    assert any("gone.png, used by 'Turret'" in doubt.text for doubt in messy.exported["textured"].report.doubts)
     files = {Path(f).name for f in messy.exported["textured"].files}
     assert {"there.png", "gone.png"} <= files
     assert {Path(f).name for f in messy.exported["linked"].files} == {"library_vehicle.blend"}
@@ -47,7 +47,7 @@ def test_the_error_of_a_file_without_visible_objects_names_what_hides_them(messy
 
 
 def test_differences_from_the_render_are_reported(messy: Messy) -> None:
-    doubts = "\n".join(messy.exported["odd_ones"].report.doubts)
+    doubts = "\n".join(map(str, messy.exported["odd_ones"].report.doubts))
     for words in (
         "only the scene 'Scene' is read, not 'Other'",
         "only the view layer 'ViewLayer' is read, not 'Second'",

@@ -126,7 +126,7 @@ def test_a_file_is_inspected(project: Path) -> None:
     ]
     assert [Path(m.path).name for m in found.missing] == ["gone.png"]
     assert found.missing[0].wanted_by == ("Hull",)
-    assert any("5.5 cm long; set scale = 1 (now 0.01)" in doubt for doubt in found.doubts)
+    assert any("5.5 cm long; set scale = 1 (now 0.01)" in doubt.text for doubt in found.doubts)
     write_pictures([inspected], folder / "tiny.png")
     with Image.open(folder / "tiny.png") as image:
         assert image.size == (960, 960)

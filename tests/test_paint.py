@@ -11,6 +11,7 @@ from hulldown.planning.pictures.preview import caption
 from hulldown.planning.plan.coats import Coat
 from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
+from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.reading.pieces.paintable import MaterialRow, left_alone_by_name, painted
 from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, VEHICLE_ENTRIES, small_assets, small_config
 
@@ -46,7 +47,9 @@ def test_a_material_gets_the_first_matching_coat():
 
 def test_doubts_name_patterns_without_effect():
     def doubts(*materials):
-        return paint_doubts([PaintEntry(materials=(m,), colors=(GREEN,)) for m in materials], MATERIALS)
+        found = paint_doubts([PaintEntry(materials=(m,), colors=(GREEN,)) for m in materials], MATERIALS)
+        assert {doubt.kind for doubt in found} <= {DoubtKind.PAINT}
+        return [doubt.text for doubt in found]
 
     assert doubts("camo*", "canvas") == []
     assert doubts("camuflage") == [

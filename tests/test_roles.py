@@ -8,6 +8,7 @@ import pytest
 from hulldown.base.errors import AssetError
 from hulldown.reading.doubts import vehicle_doubts
 from hulldown.reading.pieces.asset_report import FileReport
+from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.reading.pieces.naming import GROUND, GUN, GUN_HINTS, HELPERS, TURRET_HINTS, first_match, hints
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Link, Piece, vehicle_roles
@@ -148,17 +149,18 @@ def test_a_scenery_listed_as_a_vehicle_is_refused_unless_options_are_given() -> 
     for pieces in files:
         with pytest.raises(AssetError, match=r"looks like a scenery but is listed as a vehicle: .* \[\[assets.scener"):
             refuse_wrong_kind("vehicle", pieces, Options())
-        assert refuse_wrong_kind("scenery", pieces, Options()) == ""
+        assert refuse_wrong_kind("scenery", pieces, Options()) is None
         for options in (Options(scale=0.01), Options(keep=("house",)), Options(drop=("ground",))):
-            assert refuse_wrong_kind("vehicle", pieces, options) == ""
+            assert refuse_wrong_kind("vehicle", pieces, options) is None
 
 
 def test_a_tank_in_centimeters_is_not_a_scenery() -> None:
     tank = [piece("Hull", size=(600, 300, 100), at=(0, 0, 100)), piece("Track_L", size=(600, 60, 90), at=(0, 150, 45))]
     assert scenery_uses(*tank) == ["obstacle", "ground"]
-    assert refuse_wrong_kind("vehicle", tank, Options()) == ""
+    assert refuse_wrong_kind("vehicle", tank, Options()) is None
     (doubt,) = vehicle_doubts(FileReport("vehicle", "", (600.0, 360.0, 150.0), 0, 1.0, "z"), Options())
-    assert doubt == "the vehicle is 600 m long; set scale = 0.01 (now 1) if that is wrong"
+    assert doubt.kind == DoubtKind.SCALE
+    assert "600 m long; set scale = 0.01 (now 1)" in doubt.text
     with pytest.raises(AssetError, match=r"it contains ground \('Track_L'\)"):
         refuse_wrong_kind("vehicle", [piece("Slope", size=(600, 300, 100)), tank[1]], Options())
 
@@ -168,13 +170,13 @@ def test_a_vehicle_listed_as_a_scenery_is_refused_by_its_names() -> None:
     for pieces in ([HULL], [floor, HULL]):
         with pytest.raises(AssetError, match=r"looks like a vehicle but is listed as a scenery: it contains 'Hull'"):
             refuse_wrong_kind("scenery", pieces, Options())
-        assert refuse_wrong_kind("vehicle", pieces, Options()) == ""
-        assert refuse_wrong_kind("scenery", pieces, Options(include=("floor",))) == ""
+        assert refuse_wrong_kind("vehicle", pieces, Options()) is None
+        assert refuse_wrong_kind("scenery", pieces, Options(include=("floor",))) is None
     rocks = [piece("Rock", size=(6, 3, 1))]
     assert "list it under [[assets.vehicles]] if it is one" in refuse_wrong_kind("scenery", rocks, Options())
-    assert refuse_wrong_kind("scenery", [floor, *rocks], Options()) == ""
+    assert refuse_wrong_kind("scenery", [floor, *rocks], Options()) is None
     town = [piece("House", size=(9, 9, 9)), piece("Cartwheel", at=(90, 0, 0)), piece("wheel", at=(90, 0, 0))]
-    assert refuse_wrong_kind("scenery", town, Options()) == ""
+    assert refuse_wrong_kind("scenery", town, Options()) is None
 
 
 def parts_in(pieces: list[Piece], points: list[np.ndarray], *, markers: tuple = (), **options: str) -> Parts:

@@ -7,6 +7,7 @@ from hulldown.base.errors import AssetError
 from hulldown.reading.build import build_scenery
 from hulldown.reading.doubts import scenery_doubts
 from hulldown.reading.pieces.asset_report import FileReport
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Evaluated, Piece
 from hulldown.reading.scenery.scenery_roles import VOLUME, matching, scenery_roles, unmatched
@@ -18,7 +19,7 @@ HILLS = piece("Plane.003", size=(200, 200, 12), level=0.98)
 HOUSES = [piece(f"House.{i:03}", size=(9, 9, 6), at=(20 * i - 60, 30, 3), level=0.4) for i in range(7)]
 
 
-def doubts_about(*pieces: Piece, size: tuple = (200.0, 200.0, 30.0)) -> tuple[str, ...]:
+def doubts_about(*pieces: Piece, size: tuple = (200.0, 200.0, 30.0)) -> tuple[Doubt, ...]:
     report = FileReport("scenery", "", size, 0, 1.0, "z")
     return scenery_doubts(report, pieces, scenery_roles(pieces, Options()), Options())
 
@@ -87,7 +88,8 @@ def test_a_flat_sheet_among_hills_is_water_by_shape_and_reported() -> None:
     terrain, sheet = piece("Terrain", size=(200, 200, 30), level=0.9), lake("Object_7", at=(0, 0, -5))
     assert uses(terrain, sheet) == ["ground", "water"]
     (doubt,) = doubts_about(terrain, sheet)
-    assert doubt == "taken as water: 'Object_7', by shape; if it isn't, set water = []"
+    assert doubt.kind == DoubtKind.WATER
+    assert "'Object_7', by shape" in doubt.text
     for other in (
         lake("Object_7", at=(0, 0, 16)),
         lake("Object_7", size=(9, 9, 0)),
@@ -103,8 +105,8 @@ def test_ground_with_a_water_material_and_a_small_unnamed_sheet_are_doubts() -> 
     puddle = lake("Plane.003", size=(8, 6, 0), at=(0, 0, -5))
     assert uses(terrain, puddle) == ["ground", "obstacle"]
     doubts = doubts_about(terrain, puddle)
-    assert any("'Terrain' is ground and wears 'Lake water'" in doubt for doubt in doubts)
-    assert any("perhaps water: 'Plane.003'" in doubt for doubt in doubts)
+    assert any("'Terrain' is ground and wears 'Lake water'" in doubt.text for doubt in doubts)
+    assert any(d.kind == DoubtKind.PERHAPS_WATER and "'Plane.003'" in d.text for d in doubts)
 
 
 @pytest.mark.parametrize(
@@ -180,9 +182,8 @@ def test_the_proposed_pattern_works_and_matches_nothing_else() -> None:
     crate = piece("Crate", data="Plane.003", size=(2, 2, 2), at=(0, 0, 50))
     pieces = [slope, piece("Plane.004", size=(9, 9, 9)), crate]
     first, second = doubts_about(*pieces, size=(5.0, 5.0, 1.0))
-    assert first.startswith("NO GROUND")
-    assert second.startswith("the scenery is 5 m across; set scale")
-    assert "if it is 'Plane.003', give this scenery ground = [\"Plane.003\"]" in first
+    assert (first.kind, second.kind) == (DoubtKind.NO_GROUND, DoubtKind.SCALE)
+    assert "if it is 'Plane.003', give this scenery ground = [\"Plane.003\"]" in first.text
     assert uses(*pieces, ground=("Plane.003",)) == ["ground", "obstacle", "obstacle"]
 
 
@@ -190,7 +191,7 @@ def test_a_dome_around_everything_is_a_doubt_with_a_drop_pattern() -> None:
     dome = piece("Sphere", size=(900, 900, 900), level=0.13)
     pieces = [dome, HILLS, *HOUSES]
     doubts = doubts_about(*pieces, size=(9e2, 9e2, 9e2))
-    assert any("'Sphere' is around everything else" in d and 'drop = ["Sphere"]' in d for d in doubts)
+    assert any(d.kind == DoubtKind.AROUND_ALL and 'drop = ["Sphere"]' in d.text for d in doubts)
     assert uses(*pieces, drop=("Sphere",))[0] == "removed"
 
 

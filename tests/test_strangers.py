@@ -22,10 +22,10 @@ from hulldown.planning.write import write_plan
 from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
 from hulldown.reading.hdri import read_hdris
 from hulldown.reading.pieces.asset_report import FileReport, ObjectRow, refuse_missing
+from hulldown.reading.pieces.doubt import DoubtKind, warnings_of
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.paintable import SEVERAL, parts_left_alone
 from hulldown.reading.pieces.roles import PieceRole
-from hulldown.reading.pieces.wording import warnings_of
 from hulldown.reading.reader_process import ask_reader, exported_by, job_for
 from hulldown.reading.surroundings import shows_land
 from hulldown.reading.vehicle.parts import unnamed
@@ -133,19 +133,19 @@ def test_only_materials_that_an_mtl_names_glass_are_glass(read):
 
 
 @pytest.mark.parametrize(
-    ("name", "doubt", "sound", "topic"),
+    ("name", "doubt", "sound", "kind"),
     [
-        pytest.param("clear", "of its surface is transparent", ("max",), "surface is transparent", id="made of glass"),
-        pytest.param("sheet", "'Grass' is a level sheet 6.0 m above", ("pit",), "level sheet", id="a sheet over all"),
-        pytest.param("village", "'Ground' is ground, and 5", ("sheet", "pit"), "roofs", id="ground with houses"),
+        pytest.param("clear", "of its surface is transparent", ("max",), DoubtKind.TRANSPARENT, id="made of glass"),
+        pytest.param("sheet", "'Grass' is a level sheet", ("pit",), DoubtKind.SHEET_ABOVE, id="a sheet"),
+        pytest.param("village", "'Ground' is ground, and 5", ("sheet", "pit"), DoubtKind.STEEP_GROUND, id="houses"),
         # Robot simulators write .obj files with z up.
-        pytest.param("upright", 'set up = "z"', ("sheet", "pit"), "stands on its edge", id="an upright terrain"),
+        pytest.param("upright", 'set up = "z"', ("sheet", "pit"), DoubtKind.UP, id="an upright terrain"),
     ],
 )
-def test_a_file_that_looks_wrong_has_a_doubt_about_it(read, name, doubt, sound, topic):
-    (found,) = (one for one in read[name].report.doubts if topic in one)
-    assert doubt in found
-    assert not any(topic in one for other in sound for one in read[other].report.doubts)
+def test_a_file_that_looks_wrong_has_a_doubt_about_it(read, name, doubt, sound, kind):
+    (found,) = (one for one in read[name].report.doubts if one.kind == kind)
+    assert doubt in found.text
+    assert not any(one.kind == kind for other in sound for one in read[other].report.doubts)
 
 
 def test_a_picture_that_cannot_be_read_is_named(read):
@@ -156,14 +156,14 @@ def test_a_picture_that_cannot_be_read_is_named(read):
 
 
 def test_a_white_vehicle_is_a_doubt_about_lost_textures(read):
-    doubts = {name: [d for d in read[name].report.doubts if "white or light gray" in d] for name in read}
+    doubts = {name: [d.text for d in read[name].report.doubts if d.kind == DoubtKind.PALE] for name in read}
     assert [len(doubts[name]) for name in ("max", "plain", "atlas", "bare", "white")] == [0, 0, 0, 1, 1]
     assert "'Diffuse.png'" in doubts["white"][0]
     assert "beside it" not in doubts["bare"][0]
 
 
 def test_an_unambiguous_texture_near_the_file_is_found(read):
-    doubts = read["moved"].report.doubts
+    doubts = [doubt.text for doubt in read["moved"].report.doubts]
     assert any(
         "skin.png" in doubt and "'../materials/textures/skin.png' is used in its place" in doubt for doubt in doubts
     )
@@ -177,7 +177,7 @@ def test_ground_far_below_the_main_ground_is_dropped(read):
     uses = {row.name: row.use for row in read["pit"].report.rows}
     assert uses == {"Terrain": "ground", "Terrain_low": "obstacle", "tree": "obstacle"}
     assert load_scenery(read["pit"].bundle).ground.vertices[:, 2].min() > -3.0
-    assert any("'Terrain_low' isn't used as ground" in doubt for doubt in read["pit"].report.doubts)
+    assert any("'Terrain_low' isn't used as ground" in doubt.text for doubt in read["pit"].report.doubts)
 
 
 def test_an_hdri_with_a_one_colored_sun_is_a_doubt(tmp_path):
@@ -187,8 +187,7 @@ def test_an_hdri_with_a_one_colored_sun_is_a_doubt(tmp_path):
         (tmp_path / f"{name}.hdr").write_bytes(HDR + pixels.tobytes())
     white, blue = read_hdris([tmp_path / "white.hdr", tmp_path / "blue.hdr"], tmp_path / "cache")
     assert white.doubts == ()
-    assert len(blue.doubts) == 1
-    assert "tinted" in blue.doubts[0]
+    assert [doubt.kind for doubt in blue.doubts] == [DoubtKind.TINTED]
 
 
 def test_serious_doubts_come_first_in_one_warning_per_file(read):
@@ -232,7 +231,7 @@ def test_a_material_is_painted_only_if_it_is_one_color_and_leaves_out_tires(read
     assert rows["atlas"].left_alone == rows["glass"].left_alone == SEVERAL
     assert "nothing tells" in rows["plain"].left_alone
     (doubt,) = paint_doubts([PaintEntry(colors=("#4b5320",))], [rows["plain"]])
-    assert "give its whole name" in doubt
+    assert "give its whole name" in doubt.text
 
 
 @pytest.mark.parametrize(
@@ -272,13 +271,13 @@ def test_dropping_the_hull_is_a_doubt_and_many_pieces_get_a_pattern():
     rows = base, ObjectRow("turret", "MESH", "hull", "", 1, 500, (2.0, 1.0, 1.0))
     report = FileReport("vehicle", "", (2.0, 1.0, 1.0), 512, 1.0, "z", rows=rows)
     doubts = vehicle_doubts(report, Options(drop=("base",)))
-    assert any("drops 'base', the largest piece" in doubt for doubt in doubts)
+    assert any("drops 'base', the largest piece" in doubt.text for doubt in doubts)
     tiles = [piece(f"TERR{i:04d}", size=(100, 100, 3), at=(100 * i, 0, 0), level=0.9) for i in range(40)]
     posts = [piece(f"POST{i}", size=(1, 1, 9), at=(50 * i, 0, 5)) for i in range(9)]
     roles = [PieceRole("obstacle", "by default")] * 49
     report = FileReport("scenery", "", (4000.0, 100.0, 9.0), 0, 1.0, "z")
     doubts = scenery_doubts(report, [*tiles, *posts], roles, Options())
-    assert 'ground = ["TERR*"]' in doubts[0]
+    assert 'ground = ["TERR*"]' in doubts[0].text
 
 
 def test_a_curb_around_a_track_is_not_water(read):
@@ -289,7 +288,7 @@ def test_a_curb_around_a_track_is_not_water(read):
 def test_a_lawn_as_wide_as_the_scenery_is_ground(read):
     uses = {row.name: row.use for row in read["lawn"].report.rows}
     assert uses == {"stadium_dirt": "ground", "stadium_grass": "ground"}
-    assert any("taken as ground: 'stadium_grass'" in doubt for doubt in read["lawn"].report.doubts)
+    assert any("taken as ground: 'stadium_grass'" in doubt.text for doubt in read["lawn"].report.doubts)
     assert {row.name: row.use for row in read["sheet"].report.rows}["Grass"] == "obstacle"
 
 
@@ -298,4 +297,4 @@ def test_a_group_can_turn_unless_its_name_excludes_it(group, asked):
     pieces = [piece("lower", size=(6, 3, 1), at=(0, 0, 0.5))]
     pieces += [piece(name, group, size=(1, 1, 1), at=(0, 0, 2)) for name in ("left", "right")]
     doubts = unnamed(PlacedPieces(pieces, [one.bounds for one in pieces], find_solids((), ()), (), np.eye(4)))
-    assert sum(f"hang from {group!r}" in doubt for doubt in doubts) == asked
+    assert sum(f"hang from {group!r}" in doubt.text for doubt in doubts) == asked

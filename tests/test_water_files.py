@@ -50,7 +50,7 @@ def assert_what_is_planned_is_rendered(exported: Exported, scenery: Scenery) -> 
 def test_ground_by_shape_and_water_by_name_also_in_instances(written: Path) -> None:
     exported, scenery = read(written, "named.blend")
     assert scenery.ground_names == ("Plane.003",)
-    assert any(doubt.startswith("taken as ground: 'Plane.003', by shape") for doubt in exported.report.doubts)
+    assert any(doubt.text.startswith("taken as ground: 'Plane.003', by shape") for doubt in exported.report.doubts)
     assert water_of(scenery) == ["Teich", "Wasserfläche"]
     water = scenery.water()
     assert water is not None
@@ -79,7 +79,7 @@ def test_faces_of_the_ground_with_a_water_material_are_water(written: Path) -> N
     assert np.isfinite(Terrain(water).top_hits(xy).z).tolist() == [True, False, False]
     assert np.isfinite(Terrain(ground).top_hits(xy).z).tolist() == [False, True, True]
     assert scenery.ground_names == ("Terrain", "North terrain")
-    doubts = exported.report.doubts
+    doubts = [doubt.text for doubt in exported.report.doubts]
     assert "taken as water: the faces of 'Terrain' that wear water; if they are ground, set water = []" in doubts
     assert any(doubt.startswith("'North terrain' is ground and wears 'Falling water'") for doubt in doubts)
     _, dry = read(written, "worn.blend", water=())

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field, model_validator
 
 from hulldown.planning.config.section import Pair, Section, ranged
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.paintable import MaterialRow, matches, painted
 
 OWN = "own"
@@ -48,21 +49,32 @@ class PaintEntry(Section):
 Paint = Annotated[tuple[PaintEntry, ...], BeforeValidator(_several), Field(strict=False)]
 
 
-def paint_doubts(paint: Sequence[PaintEntry], materials: Sequence[MaterialRow]) -> list[str]:
-    """Return a sentence for each part of a vehicle's `paint` without effect."""
+def paint_doubts(paint: Sequence[PaintEntry], materials: Sequence[MaterialRow]) -> list[Doubt]:
+    """Return a doubt for each part of a vehicle's `paint` without effect."""
     names = ", ".join(repr(row.name) for row in materials if not row.left_alone) or "none"
-    doubts = []
+    doubts: list[Doubt] = []
     coat_of = painted(materials, [entry.materials for entry in paint])
     for k, entry in enumerate(paint):
         for pattern in entry.materials:
             alike = [row for row in materials if matches(row.name, pattern)]
             if not alike:
-                doubts.append(f"paint: {pattern!r} matches no material; those that can be painted: {names}")
+                doubts.append(
+                    Doubt(
+                        DoubtKind.PAINT, f"paint: {pattern!r} matches no material; those that can be painted: {names}"
+                    )
+                )
             elif not any(row.name in coat_of for row in alike):
                 why = f"{alike[0].name!r} is left alone, {alike[0].left_alone}"
-                doubts.append(f"paint: {pattern!r} paints nothing: {why}; give its whole name if it is to be painted")
-        if entry.materials and k not in coat_of.values() and not any("paint:" in doubt for doubt in doubts):
-            doubts.append(f"paint: an earlier entry has all materials of {list(entry.materials)}")
+                doubts.append(
+                    Doubt(
+                        DoubtKind.PAINT,
+                        f"paint: {pattern!r} paints nothing: {why}; give its whole name if it is to be painted",
+                    )
+                )
+        if entry.materials and k not in coat_of.values() and not doubts:
+            doubts.append(
+                Doubt(DoubtKind.PAINT, f"paint: an earlier entry has all materials of {list(entry.materials)}")
+            )
     return doubts
 
 

@@ -123,7 +123,7 @@ def _hdri(folder: Path, path: Path, limits: ReadLimits) -> FoundFile:
     if sky.misfits:
         return FoundFile(path, "", (f"shows no open land: {sky.misfits[0]}",))
     if sky.doubts:
-        return FoundFile(path, "", sky.doubts)
+        return FoundFile(path, "", tuple(map(str, sky.doubts)))
     return FoundFile(path, "hdri", sky.notes)
 
 

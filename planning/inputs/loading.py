@@ -27,6 +27,7 @@ from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.doubts import length_said, likely_scale
 from hulldown.reading.hdri import Hdri, read_hdris, refuse_no_hdri
 from hulldown.reading.pieces.asset_report import FileReport, refuse_missing
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.formats import HDRI_SUFFIXES
 from hulldown.reading.pieces.naming import first_match
 from hulldown.reading.pieces.options import Options
@@ -65,12 +66,13 @@ class Library:
         """Vehicles and distractors."""
         return {**self.assets.vehicles, **self.assets.distractors}
 
-    def doubts(self, *, backdrop: bool) -> dict[str, list[str]]:
+    def doubts(self, *, backdrop: bool) -> dict[str, list[Doubt]]:
         """Return doubts by the file's path; `backdrop` tells whether pictures show all of an HDRI, with its land."""
         files = self.assets.files["hdris"]
         doubts = [(e.report.path, e.report.doubts) for e in (*self.models.values(), *self.sceneries.values())]
         for name, hdri in self.hdris.items():
-            doubts.append((files[name].path, (*hdri.notes, *hdri.doubts, *hdri.misfits[:backdrop])))
+            notes = (Doubt(DoubtKind.REPAIRED, note) for note in hdri.notes)
+            doubts.append((files[name].path, (*notes, *hdri.doubts, *hdri.misfits[:backdrop])))
         return {path: list(lines) for path, lines in doubts if lines}
 
 

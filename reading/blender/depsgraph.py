@@ -29,6 +29,7 @@ from hulldown.reading.blender.surfaces.alpha_faces import CutoutReader
 from hulldown.reading.blender.surfaces.shaders import is_clear, is_displaced, is_volume
 from hulldown.reading.blender.tidy import lasting, look_of
 from hulldown.reading.pieces.asset_report import ObjectRow
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.roles import HOLDOUT, SHADOW_CATCHER, Evaluated, Link, Piece, Volume
 from hulldown.reading.pieces.wording import quoted
 from hulldown.reading.scenery.scenery_roles import VOLUME, is_water_name
@@ -73,7 +74,9 @@ def evaluate(
     reader = _Reader(meters_from_file, duplicates, cutouts, inputs)
     visit_render(scene, reader.read)
     reader.result.doubts += cutouts.doubts
-    reader.result.doubts += [f"{quoted(names)}: {why}" for why, names in reader.following.items()]
+    reader.result.doubts += [
+        Doubt(DoubtKind.NOT_READ, f"{quoted(names)}: {why}") for why, names in reader.following.items()
+    ]
     list_hidden(scene, reader.result, duplicates)
     return reader.result
 
@@ -166,7 +169,11 @@ class _Reader:
             block = lasting(drawn, drawn.data, [slot.material for slot in drawn.material_slots])
             self.result.volumes.append(Volume(drawn.name, block, pose, look_of(drawn)))
         else:
-            self.result.doubts.append(f"the volume {drawn.name!r} isn't rendered, since nodes make it; use a VDB file")
+            self.result.doubts.append(
+                Doubt(
+                    DoubtKind.NOT_READ, f"the volume {drawn.name!r} isn't rendered, since nodes make it; use a VDB file"
+                )
+            )
         self._leave(instance, "a volume hides nothing as a surface")
 
     def _read_strands(self, instance: Any) -> None:
@@ -271,11 +278,16 @@ class _Reader:
                 and modifier.show_render
                 and getattr(modifier, "use_adaptive_subdivision", False)
             ):
-                self.result.doubts.append(f"{name!r} is subdivided adaptively, which is left out")
+                self.result.doubts.append(
+                    Doubt(DoubtKind.NOT_READ, f"{name!r} is subdivided adaptively, which is left out")
+                )
         for slot in drawn.material_slots:
             if slot.material and slot.material.displacement_method != "BUMP" and is_displaced(slot.material):
                 self.result.doubts.append(
-                    f"{name!r} is displaced by its material {slot.material.name!r}, unlike its mesh"
+                    Doubt(
+                        DoubtKind.NOT_READ,
+                        f"{name!r} is displaced by its material {slot.material.name!r}, unlike its mesh",
+                    )
                 )
 
     def _why_unseen(self, drawn: Any) -> str | None:

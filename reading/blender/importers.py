@@ -18,6 +18,7 @@ from hulldown.reading.blender.surfaces.shaders import surface_shaders
 from hulldown.reading.blender.surfaces.textures import find_moved
 from hulldown.reading.confinement.blocks import refuse_special_files
 from hulldown.reading.confinement.references import compression, directives, material_libraries
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.wording import quoted
 from hulldown.reading.scenery.geotiff import Elevations
@@ -53,7 +54,7 @@ class Opened:
     unit: float
     up: str
     written_by: str
-    doubts: tuple[str, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
     duplicates: Mapping[str, Sequence[Duplicate]] = field(default_factory=dict)
     terrain: Elevations | None = None
     files: Sequence[str] = ()
@@ -165,9 +166,10 @@ def _open_blend(path: Path) -> Opened:
     refuse_special_files(path)
     duplicates: dict[str, list[Duplicate]] = {}
     try:
-        doubts = open_blend(str(path), then=lambda: duplicates.update(take_duplicates()))
+        left_out = open_blend(str(path), then=lambda: duplicates.update(take_duplicates()))
     except RuntimeError as error:
         raise AssetError(f"Blender cannot read it ({_one_line(error)})", remedy=AGAIN) from None
+    doubts = [Doubt(DoubtKind.NOT_READ, text) for text in left_out]
     version = ".".join(map(str, bpy.data.version[:2]))
     if tuple(bpy.data.version[:2]) > bpy.app.version[:2]:
         raise AssetError(
@@ -185,14 +187,17 @@ def _open_blend(path: Path) -> Opened:
                 f"its active scene {scene.name!r} is empty, beside {others}",
                 remedy="choose a scene with objects in Blender and save",
             )
-        doubts.append(f"only the scene {scene.name!r} is read, not {others}")
+        doubts.append(Doubt(DoubtKind.NOT_READ, f"only the scene {scene.name!r} is read, not {others}"))
     layers = [layer.name for layer in scene.view_layers if layer.use]
     if len(layers) > 1:
-        doubts.append(f"only the view layer {layers[0]!r} is read, not {quoted(layers[1:])}")
+        doubts.append(Doubt(DoubtKind.NOT_READ, f"only the view layer {layers[0]!r} is read, not {quoted(layers[1:])}"))
     if lost := _lost_pictures():
         doubts.append(
-            f"{len(lost)} of its pictures, such as {lost[0]!r}, belong to textures from before Blender 2.80, so their "
-            "objects are rendered in one color; give the materials image nodes"
+            Doubt(
+                DoubtKind.NOT_READ,
+                f"{len(lost)} of its pictures, such as {lost[0]!r}, belong to textures from before Blender 2.80, so "
+                "their objects are rendered in one color; give the materials image nodes",
+            )
         )
     return Opened(unit, "z", f"Blender {version}", (*doubts, *find_moved(path)), duplicates)
 

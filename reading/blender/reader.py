@@ -31,6 +31,7 @@ from hulldown.reading.blender.tidy import write_scenery, write_vehicle
 from hulldown.reading.build import build_scenery, build_vehicle
 from hulldown.reading.doubts import is_pale, scenery_doubts, vehicle_doubts
 from hulldown.reading.pieces.asset_report import FileReport, Missing, ObjectRow, gathered, xyz
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole
 from hulldown.reading.reader_process import ANSWER, FoundAsset, Job
 from hulldown.reading.scenery.scenery_roles import scenery_roles
@@ -71,14 +72,14 @@ def read(job: Job) -> FoundAsset:
         drawn.meshes[ground] = drawn.meshes[ground].at(opened.terrain.mesh.vertices)  # Blender has float32
     _refuse_nothing(drawn, job.kind)
     if not any(material for block in drawn.blocks for material in block.materials):
-        drawn.doubts.append(BARE)
+        drawn.doubts.append(Doubt(DoubtKind.NO_MATERIAL, BARE))
     upright, judged = None, drawn.pieces
     kind = job.kind or likely_kind(judged, options)
     if kind == "vehicle":  # of a scenery, every solid would be looked at
         upright = stand_upright(drawn, unit=unit, stated_up=opened.up, up=options.up)
         judged = upright.drawn.pieces
         kind = job.kind or likely_kind(judged, options)
-    odd = refuse_wrong_kind(job.kind, judged, options) if job.kind else ""
+    odd = refuse_wrong_kind(job.kind, judged, options) if job.kind else None
     if kind == "vehicle":
         assert upright is not None, "a vehicle is stood upright first"
         report = _write_vehicle(job, upright, unit=unit)

@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from hulldown.base.errors import AssetError
+from hulldown.reading.pieces.doubt import Doubt
 from hulldown.reading.pieces.paintable import MaterialRow
 
 FAMILY = 6  # numbered copies from so many on share a row
@@ -147,7 +148,7 @@ class FileReport:
     missing
         Missing textures and libraries.
     doubts
-        Sentences for the user.
+        Things that look unintended.
     written_by
         The version of Blender that wrote the file, or the format.
     axes
@@ -168,7 +169,7 @@ class FileReport:
     rows: tuple[ObjectRow, ...] = ()
     parts: tuple[PartRow, ...] = ()
     missing: tuple[Missing, ...] = ()
-    doubts: tuple[str, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
     written_by: str = ""
     axes: str = ""
     materials: tuple[MaterialRow, ...] = ()
@@ -218,7 +219,7 @@ class SkyReport:
     notes
         Repairs, a sentence each.
     doubts
-        Sentences about why it doesn't fit open land or has odd light, and what to do.
+        Why it doesn't fit open land or has odd light, and what to do.
     kind
         "hdri", beside those of `FileReport`.
     """
@@ -228,7 +229,7 @@ class SkyReport:
     exposure_ev: float
     horizon_deg: float
     notes: tuple[str, ...]
-    doubts: tuple[str, ...]
+    doubts: tuple[Doubt, ...]
     kind: str = "hdri"
 
     def table(self) -> Table:

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 
 from hulldown.geometry.meshes import Mesh
 from hulldown.reading.pieces.asset_report import ObjectRow
+from hulldown.reading.pieces.doubt import Doubt
 from hulldown.reading.pieces.naming import FIGURES, HELPERS, PRIMITIVES, STAGES, first_match, words
 
 SHADOW_CATCHER, HOLDOUT = "a shadow catcher", "a holdout"  # reasons why pieces are cut out of pictures
@@ -184,7 +185,7 @@ class Evaluated:
     places: dict[str, Float[np.ndarray, "4 4"]] = field(default_factory=dict)
     volumes: list[Volume] = field(default_factory=list)
     left: Counter[ObjectRow] = field(default_factory=Counter)
-    doubts: list[str] = field(default_factory=list)
+    doubts: list[Doubt] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)

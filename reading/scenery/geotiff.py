@@ -17,6 +17,7 @@ from jaxtyping import Float, UInt8
 
 from hulldown.base.errors import AssetError, HulldownError
 from hulldown.geometry.meshes import Mesh
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 
 MOST_PIXELS = 1 << 28  # of an orthophoto, of which a band is read at a time
 MOST_CELLS = 9_000_000  # reading takes about 0.7 KB of memory for each; docs/terrain.md
@@ -46,7 +47,7 @@ class Elevations:
     mesh: Mesh
     anchor: Float[np.ndarray, "3"]
     crs: str
-    doubts: tuple[str, ...]
+    doubts: tuple[Doubt, ...]
 
 
 def read_elevations(path: Path, *, area: Sequence[float] | None, scale: float | None) -> Elevations:
@@ -83,7 +84,7 @@ def read_elevations(path: Path, *, area: Sequence[float] | None, scale: float | 
         x, y = raster.transform * (column, row)
         south_up = raster.transform.determinant > 0
         wkt, unit = raster.crs.to_wkt() if raster.crs else "", raster.units[band - 1]
-    doubts: list[str] = []
+    doubts: list[Doubt] = []
     x, y, crs = _in_meters(x, y, wkt, path, doubts)
     z = z * (scale or _meters(unit, wkt, path))
     with np.errstate(invalid="ignore"):
@@ -222,7 +223,7 @@ def _window(raster: Any, area: Sequence[float] | None, path: Path) -> tuple[tupl
 
 
 def _in_meters(
-    x: Float[np.ndarray, "h w"], y: Float[np.ndarray, "h w"], wkt: str, path: Path, doubts: list[str]
+    x: Float[np.ndarray, "h w"], y: Float[np.ndarray, "h w"], wkt: str, path: Path, doubts: list[Doubt]
 ) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"], str]:
     """Coordinates on a map in meters, and that map: the raster's own if it's true to scale, or UTM."""
     import pyproj
@@ -230,13 +231,20 @@ def _in_meters(
     from pyproj.database import query_utm_crs_info
 
     if not wkt:
-        doubts.append("has no coordinate reference system; its coordinates are taken for meters")
+        doubts.append(
+            Doubt(DoubtKind.COORDINATES, "has no coordinate reference system; its coordinates are taken for meters")
+        )
         return x, y, ""
     crs = pyproj.CRS.from_wkt(wkt).to_2d()
     try:
         to_degrees = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
     except pyproj.exceptions.ProjError:
-        doubts.append(f"has the local coordinate system {crs.name!r}; its coordinates are taken for meters")
+        doubts.append(
+            Doubt(
+                DoubtKind.COORDINATES,
+                f"has the local coordinate system {crs.name!r}; its coordinates are taken for meters",
+            )
+        )
         return x, y, ""
     middle = tuple(side.shape[i] // 2 for i, side in enumerate((x, y)))
     longitude, latitude = to_degrees.transform(x[middle], y[middle])

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.naming import FRONT, REAR, first_match
 from hulldown.reading.vehicle.solids import PARALLEL, Solids, Wheels
 
@@ -41,14 +42,14 @@ NOT_FOUND = "which end is its nose was not found"
 
 @dataclass(frozen=True, slots=True)
 class Direction(Generic[Value]):
-    """A direction of a vehicle, the reason, and a sentence for the user; empty if it's sure.
+    """A direction of a vehicle, the reason, and a doubt; None if it's sure.
 
     `value` is the file's up axis ("z", "-y", ...), or the nose's angle: radians counterclockwise from +x, with z up.
     """
 
     value: Value
     why: str
-    doubt: str = ""
+    doubt: Doubt | None = None
 
 
 def find_forward(
@@ -106,14 +107,15 @@ def find_forward(
         (float(np.sign(total)), "its shape", BY_SHAPE if alone else ""),
         (1.0 if np.cos(line) >= 0 else -1.0, NOT_FOUND, NOT_FOUND),
     )
-    toward, why_sign, doubt = next(clue for clue in clues if clue[0])
+    toward, why_sign, problem = next(clue for clue in clues if clue[0])
     angle = line if toward > 0 else line + np.pi
     angle = snapped(float(np.arctan2(np.sin(angle), np.cos(angle))))
     stated = forward_said(angle)
-    if doubt:
-        doubt = (
-            f"{doubt}; taken as forward = {stated}, set forward = {forward_said(angle + np.pi)} if it faces backwards"
-        )
+    doubt = None
+    if problem:
+        back = forward_said(angle + np.pi)
+        text = f"{problem}; taken as forward = {stated}, set forward = {back} if it faces backwards"
+        doubt = Doubt(DoubtKind.FORWARD, text)
     return Direction(angle, f"{why}, {why_sign}", doubt)
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from scipy.sparse.csgraph import connected_components
 
 from hulldown.reading.pieces.asset_report import PartRow, xyz
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.naming import ARMED, BODY, FRONT, NO_TURRET, REAR, TURRET, VEHICLE, first_match
 from hulldown.reading.pieces.options import DEFAULTS, Options
 from hulldown.reading.pieces.roles import Link, Piece
@@ -61,7 +62,7 @@ class Parts:
     moving: tuple[PartRow, ...]
     piece_part: tuple[int, ...]
     piece_why: tuple[str, ...]
-    doubts: tuple[str, ...]
+    doubts: tuple[Doubt, ...]
 
 
 def find_parts(whole: PlacedPieces, options: Options = DEFAULTS) -> Parts:
@@ -86,7 +87,9 @@ def find_parts(whole: PlacedPieces, options: Options = DEFAULTS) -> Parts:
             continue
         pivot = find_pivot(whole, by_part, name, naming=naming, behind=behind, options=options)
         if pivot.guessed:
-            doubts.append(f"the {name} turns about {pivot.why}; set {PIVOT_KEYS[name]} if that is wrong")
+            doubts.append(
+                Doubt(DoubtKind.PIVOT, f"the {name} turns about {pivot.why}; set {PIVOT_KEYS[name]} if that is wrong")
+            )
         behind = pivot.at
         axis = np.array([0.0, 0.0, 1.0])
         if name == GUN_PART:
@@ -110,9 +113,9 @@ def find_parts(whole: PlacedPieces, options: Options = DEFAULTS) -> Parts:
     )
 
 
-def _named(whole: PlacedPieces, options: Options) -> tuple[Naming, list[str]]:
+def _named(whole: PlacedPieces, options: Options) -> tuple[Naming, list[Doubt]]:
     """What names each piece's part, and doubts."""
-    naming, doubts = screened(whole, options), list[str]()
+    naming, doubts = screened(whole, options), list[Doubt]()
     for find in (riding, by_shape):
         marked, more = find(whole, [naming.part_of(piece.chain) for piece in whole.pieces], options)
         naming = replace(naming, marked={**naming.marked, **marked})
@@ -120,13 +123,13 @@ def _named(whole: PlacedPieces, options: Options) -> tuple[Naming, list[str]]:
     return naming, doubts
 
 
-def _missing_parts(names: Sequence[str], options: Options, no_guns: Collection[str]) -> list[str]:
+def _missing_parts(names: Sequence[str], options: Options, no_guns: Collection[str]) -> list[Doubt]:
     """Doubts about a turret without a gun, or a gun without a turret, unless the config confirms it."""
     if TURRET_PART in names and GUN_PART not in names and options.gun is None:
         those = f" ({quoted(sorted(no_guns), most=3)} are shaped like drums)" if no_guns else ""
-        return [f'it has a turret but no gun was found{those}; set gun to its name, or to "" if it has none']
+        return [_parts(f'it has a turret but no gun was found{those}; set gun to its name, or to "" if it has none')]
     if GUN_PART in names and TURRET_PART not in names and options.turret is None:
-        return ['it has a gun but no turret was found; set turret to its name, or to "" if it has none']
+        return [_parts('it has a gun but no turret was found; set turret to its name, or to "" if it has none')]
     return []
 
 
@@ -183,7 +186,7 @@ def _is_drum(own: Float[np.ndarray, "n 3"], body: Float[np.ndarray, "m 3"]) -> b
     )
 
 
-def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Options) -> tuple[Marked, list[str]]:
+def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Options) -> tuple[Marked, list[Doubt]]:
     """The gun, and the turret if none is named, by a barrel's shape and its parents; and doubts."""
     if options.gun is not None or GUN_PART in part_of:
         return {}, []
@@ -200,7 +203,7 @@ def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Option
     one = float(np.ptp(whole.points[piece], axis=0).max()) * WHOLE < float(solids.size[barrel, 0])
     if not one:
         doubt = f'{name!r} has a long barrel in it that cannot be raised; make it an object of its own, or set gun = ""'
-        return {}, [doubt + ("" if TURRET_PART in part_of else ' and turret = ""')]
+        return {}, [_parts(doubt + ("" if TURRET_PART in part_of else ' and turret = ""'))]
     carried = _carried(pieces)
 
     def extent(link: Link) -> Float[np.ndarray, "2 3"]:
@@ -219,10 +222,11 @@ def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Option
             if extent(k)[0, 2] > low[2] + LOW * (high - low)[2] and len(carried[key_of(k)]) > len(carried[key_of(gun)])
         ]
         if not upper:
-            return {}, [f'{name!r} looks like a gun; set gun, and turret, to what turns, or both to "" if nothing does']
+            doubt = f'{name!r} looks like a gun; set gun, and turret, to what turns, or both to "" if nothing does'
+            return {}, [_parts(doubt)]
         marks[key_of(upper[-1])] = (TURRET_PART, f"by its gun {name!r}")
         taken += f", and {upper[-1].name!r} for the turret, which it hangs from"
-    return marks, [f"{taken}; set gun and turret if that is wrong"]
+    return marks, [_parts(f"{taken}; set gun and turret if that is wrong")]
 
 
 def _carried(pieces: Sequence[Piece]) -> dict[Key, list[int]]:
@@ -234,7 +238,7 @@ def _carried(pieces: Sequence[Piece]) -> dict[Key, list[int]]:
     return carried
 
 
-def riding(whole: PlacedPieces, part_of: Sequence[str | None], options: Options) -> tuple[Marked, list[str]]:
+def riding(whole: PlacedPieces, part_of: Sequence[str | None], options: Options) -> tuple[Marked, list[Doubt]]:
     """Pieces on a turret without children, for files without a hierarchy; and a doubt about them."""
     chains = [piece.chain for piece in whole.pieces]
     members = [i for i, part in enumerate(part_of) if part == TURRET_PART and options.turret is None]
@@ -263,10 +267,10 @@ def riding(whole: PlacedPieces, part_of: Sequence[str | None], options: Options)
         f"{quoted((link.name for link in aboard), most=NAMES)} are on the turret and turn with it; if that is wrong, "
         "set turret and gun to the parts that turn and rise"
     )
-    return {key_of(link): (TURRET_PART, "by its place on the turret") for link in aboard}, [doubt]
+    return {key_of(link): (TURRET_PART, "by its place on the turret") for link in aboard}, [_parts(doubt)]
 
 
-def unnamed(whole: PlacedPieces) -> list[str]:
+def unnamed(whole: PlacedPieces) -> list[Doubt]:
     """A doubt about possible aiming parts: by parents, by a name, or by shape if names are meaningless.
 
     The shapes are a ring and rising tubes; a truck of numbered objects has neither, so there is no doubt.
@@ -284,14 +288,17 @@ def unnamed(whole: PlacedPieces) -> list[str]:
     if upper:
         most = max(upper, key=lambda key: len(carried[key]))
         return [
-            f"{len(carried[most])} objects hang from {most[0]!r} above the rest; if it turns, set turret to it, "
-            f'and gun to what rises; if nothing does, set turret = ""'
+            _parts(
+                f"{len(carried[most])} objects hang from {most[0]!r} above the rest; if it turns, set turret to it, "
+                f'and gun to what rises; if nothing does, set turret = ""'
+            )
         ]
     if armed := next((p.name for p in pieces if first_match(p.name, ARMED)), None):
-        return [f'{armed!r} is there, but nothing named turret or gun; set turret and gun, or turret = "" and gun = ""']
+        doubt = f'{armed!r} is there, but nothing named turret or gun; set turret and gun, or turret = "" and gun = ""'
+        return [_parts(doubt)]
     known = any(first_match(n, KNOWN) for p in pieces for n in (p.name, p.data))
     if len(pieces) > 1 and not known and _may_aim(whole.solids, low, high):
-        return ['its names name no part; set turret and gun if it has any, or turret = ""']
+        return [_parts('its names name no part; set turret and gun if it has any, or turret = ""')]
     return []
 
 
@@ -301,3 +308,7 @@ def _may_aim(solids: Solids, low: Float[np.ndarray, "3"], high: Float[np.ndarray
     ring = (solids.round_about >= 0) & (np.abs(solids.axle[:, 2]) > 0.99) & (2 * solids.radius > RING * size[1])
     ring &= solids.center[:, 2] > low[2] + LOW * size[2]
     return bool(ring.any() or rising(solids, np.array([1.0, 0, 0]), size[0]))
+
+
+def _parts(text: str) -> Doubt:
+    return Doubt(DoubtKind.PARTS, text)

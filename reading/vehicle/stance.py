@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.geometry.transforms import apply, rotation_z
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.naming import GUN, GUN_HINTS, NOT_GUN, first_match, hints
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Evaluated, Piece
@@ -88,14 +89,14 @@ def find_up(wheels: Wheels | None, stated: str) -> Direction[str]:
     up = up_matrix(stated)[:3, :3].T @ wheels.up
     axis = next((axis for axis in UPS if float(up_matrix(axis)[2, :3] @ up) > UPRIGHT), None)
     if axis is None:
-        doubt = "its wheels stand askew to the axes; set up, or turn it upright in Blender"
+        doubt = Doubt(DoubtKind.UP, "its wheels stand askew to the axes; set up, or turn it upright in Blender")
         return Direction(stated, "as the file states", doubt)
     if axis == stated:
         return Direction(stated, f"as the file states, and {wheels.places} wheels")
     why = f"{wheels.places} wheels lie below the rest of it"
-    doubt = f'{axis} is taken to be up, since {why}; set up = "{stated}" if that is wrong'
+    doubt = Doubt(DoubtKind.UP, f'{axis} is taken to be up, since {why}; set up = "{stated}" if that is wrong')
     sure = stated != "z" or (wheels.places >= CERTAIN and axis != f"-{stated}")
-    return Direction(axis, f"{why}, not {stated} as the file states", "" if sure else doubt)
+    return Direction(axis, f"{why}, not {stated} as the file states", None if sure else doubt)
 
 
 def with_solids_of(upright: Upright, kept: Sequence[int]) -> Upright:

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.geometry.meshes import Mesh
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.naming import FIGURES, STAGES, first_match, words
 from hulldown.reading.pieces.roles import MUCH_LARGER, UNDERSIDE, Piece
 from hulldown.reading.pieces.wording import as_key, quoted
@@ -26,7 +27,7 @@ NAMES = 6  # that a sentence lists
 
 def find_strays(
     whole: PlacedPieces, meshes: Sequence[Mesh], wheels: Wheels | None, *, wanted: Collection[int]
-) -> tuple[dict[int, str], list[str], list[str]]:
+) -> tuple[dict[int, str], list[Doubt], list[Doubt]]:
     """Find pieces that don't belong to the vehicle, and pieces that might not.
 
     One sign is a doubt, since parts of vehicles may have it. Two independent signs drop a piece:
@@ -103,7 +104,10 @@ def find_strays(
     )
     out = {i: why for mask, why in reasons for i in np.flatnonzero(mask).tolist() if i not in wanted}
     out_doubts = [
-        f"{pieces[i].name!r}: {why}; left out, set keep = {as_key([pieces[i].name])} if it is part of it"
+        Doubt(
+            DoubtKind.LEFT_OUT,
+            f"{pieces[i].name!r}: {why}; left out, set keep = {as_key([pieces[i].name])} if it is part of it",
+        )
         for i, why in out.items()
         if not sure[i]
     ]
@@ -113,7 +117,12 @@ def find_strays(
         if (mask & ~seen).any():
             names = [pieces[i].name for i in np.flatnonzero(mask & ~seen)]
             listed = as_key(names, most=NAMES)
-            doubts.append(f"{quoted(names, most=NAMES)}: {what}; set drop = {listed} if that isn't part of it")
+            doubts.append(
+                Doubt(
+                    DoubtKind.STRAY,
+                    f"{quoted(names, most=NAMES)}: {what}; set drop = {listed} if that isn't part of it",
+                )
+            )
         seen |= mask
     return out, out_doubts, doubts
 

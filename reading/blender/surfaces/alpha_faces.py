@@ -14,6 +14,7 @@ from hulldown.reading.blender.api.buffers import coordinates, read
 from hulldown.reading.blender.surfaces.bake import baked, opacities
 from hulldown.reading.blender.surfaces.opacity import IDENTITY, Cutter, Lookup, NotUnderstoodError, is_opaque
 from hulldown.reading.blender.surfaces.texels import texels
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 
 
 class CutoutReader:
@@ -30,7 +31,7 @@ class CutoutReader:
         self._opacities: dict[int, Lookup | float] = {}
         self._cutters: dict[int, Cutter | None] = {}
         self._texels: dict[Any, np.ndarray] = {}
-        self.doubts: list[str] = []
+        self.doubts: list[Doubt] = []
 
     def bake(self, materials: Iterable[Any]) -> None:
         """Bake the opacity of materials; call it while nothing is evaluated."""
@@ -42,7 +43,10 @@ class CutoutReader:
                     self._cutters[material.as_pointer()] = baked(material, self._longest)
                 except NotUnderstoodError as reason:
                     self.doubts.append(
-                        f"the material {material.name!r} counts as opaque: its transparency depends on {reason}"
+                        Doubt(
+                            DoubtKind.OPACITY,
+                            f"the material {material.name!r} counts as opaque: its transparency depends on {reason}",
+                        )
                     )
 
     def cutouts(self, data: Any, materials: list[Any]) -> Cutouts | None:

@@ -15,6 +15,7 @@ from hulldown.reading.blender.surfaces.nodes import source
 from hulldown.reading.blender.surfaces.shaders import BASE_COLORS, surface_shaders
 from hulldown.reading.confinement.landlock import asset_folders, is_inside
 from hulldown.reading.pieces.asset_report import Missing
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 
 TILES = "<UDIM>"
 DEPTH = 2  # levels of folders below an asset's that are searched for missing textures
@@ -30,7 +31,7 @@ def used_files() -> list[str]:
     return sorted(paths)
 
 
-def find_moved(path: Path) -> list[str]:
+def find_moved(path: Path) -> list[Doubt]:
     """Point images whose files are missing to files of the same name near the asset.
 
     Parameters
@@ -41,7 +42,7 @@ def find_moved(path: Path) -> list[str]:
 
     Returns
     -------
-    A sentence for each image that was found, or that several different files match.
+    A doubt for each image that was found, or that several different files match.
     """
     images = [block for block in _referring() if isinstance(block, bpy.types.Image) and TILES not in block.filepath]
     gone = [image for image in images if (wanted := _path(image)) and not _is_there(wanted)]
@@ -56,11 +57,18 @@ def find_moved(path: Path) -> list[str]:
         files = found[name]
         if len({Path(file).read_bytes() for file in files}) == 1:
             near = os.path.relpath(min(files), path.parent)
-            doubts.append(f"{image.filepath!r} isn't there; {near!r} is used in its place")
+            doubts.append(
+                Doubt(DoubtKind.MOVED_PICTURE, f"{image.filepath!r} isn't there; {near!r} is used in its place")
+            )
             _replace(image, min(files))
         elif files:
             several = " and ".join(repr(os.path.relpath(file, path.parent)) for file in sorted(files)[:2])
-            doubts.append(f"{image.filepath!r} isn't there, and {several} differ; put the right one in its place")
+            doubts.append(
+                Doubt(
+                    DoubtKind.SEVERAL_PICTURES,
+                    f"{image.filepath!r} isn't there, and {several} differ; put the right one in its place",
+                )
+            )
     return doubts
 
 
