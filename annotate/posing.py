@@ -16,7 +16,7 @@ NEAR_VERTEX = 1e-9  # of a part's size: points this close to a hull vertex may b
 
 
 class PosedParts:
-    """The used vertices of a vehicle by rigid part, and those that can be extreme in an image.
+    """The used vertices of what can be seen of a vehicle by rigid part, and those that can be extreme in an image.
 
     Parameters
     ----------
@@ -42,15 +42,16 @@ class PosedParts:
         def part_slices(part: Int[np.ndarray, " n"]) -> list[slice]:
             return slices(np.searchsorted(part, np.arange(len(shape.part_names) + 1)))
 
-        used = np.unique(shape.mesh.faces)
-        order = used[np.argsort(shape.vertex_part[used], kind="stable")]
-        number = np.empty(len(shape.mesh.vertices), dtype=np.int64)
+        surface, vertex_part = shape.surface
+        used = np.unique(surface.faces)
+        order = used[np.argsort(vertex_part[used], kind="stable")]
+        number = np.empty(len(surface.vertices), dtype=np.int64)
         number[order] = np.arange(len(order))
-        self.vertices: Float[np.ndarray, "3 v"] = np.ascontiguousarray(shape.mesh.vertices[order].T)
-        self.vertex_slices = part_slices(shape.vertex_part[order])
-        face_part = shape.vertex_part[shape.mesh.faces[:, 0]]
+        self.vertices: Float[np.ndarray, "3 v"] = np.ascontiguousarray(surface.vertices[order].T)
+        self.vertex_slices = part_slices(vertex_part[order])
+        face_part = vertex_part[surface.faces[:, 0]]
         by_part = np.argsort(face_part, kind="stable")
-        self.faces: Int[np.ndarray, "f 3"] = number[shape.mesh.faces[by_part]]
+        self.faces: Int[np.ndarray, "f 3"] = number[surface.faces[by_part]]
         self.face_slices = part_slices(face_part[by_part])
         hulls = [s.start + extreme_points(self.vertices[:, s].T, near=NEAR_VERTEX) for s in self.vertex_slices]
         self.extreme: Float[np.ndarray, "3 h"] = np.ascontiguousarray(self.vertices[:, np.concatenate(hulls)])

@@ -21,7 +21,7 @@ from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError
 from hulldown.base.files import open_regular, replacing
 
-FORMAT = 11  # also raised when undersides or extreme vertices are computed in another way
+FORMAT = 12  # also raised when undersides, surfaces, or extreme vertices are computed in another way
 KINDS = {VehicleShape: "vehicle", Scenery: "scenery"}
 # RuntimeError: zipfile takes damaged flags for encryption. MemoryError: a header may claim any shape.
 _DAMAGE = (

@@ -47,6 +47,9 @@ class VehicleShape:
         (a, b) heights of the mesh's underside, as `placement.footprint.underside` finds them; empty: not known.
     keypoint_names, keypoints, keypoint_part
         Name, (k, 3) place in the vehicle frame at rest, and (k,) index of the part of each keypoint.
+    seen, seen_part
+        What can be seen of the mesh, as `geometry.seen_surface` finds it, and the part of each of its vertices. None:
+        the whole mesh.
     """
 
     name: str
@@ -62,11 +65,18 @@ class VehicleShape:
     keypoint_names: tuple[str, ...] = ()
     keypoints: Float[np.ndarray, "k 3"] = field(default_factory=lambda: np.zeros((0, 3)))
     keypoint_part: Int[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    seen: Mesh | None = None
+    seen_part: Int[np.ndarray, " s"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    @property
+    def surface(self) -> tuple[Mesh, Int[np.ndarray, " s"]]:
+        """What can be seen, which boxes and sizes are of, and the part of each of its vertices."""
+        return (self.mesh, self.vertex_part) if self.seen is None else (self.seen, self.seen_part)
 
     @property
     def size_xyz(self) -> Float[np.ndarray, "3"]:
-        """Length, width, height of the bounding box at rest."""
-        low, high = self.mesh.bounds
+        """Length, width, height of the bounding box of what can be seen, at rest."""
+        low, high = self.surface[0].bounds
         return high - low
 
     def angles(self, articulations: Sequence[Articulation]) -> Float[np.ndarray, "n p"]:

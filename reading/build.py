@@ -13,6 +13,7 @@ from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError
 from hulldown.geometry.meshes import Mesh, merge
+from hulldown.geometry.seen_surface import seen_surface
 from hulldown.geometry.transforms import apply
 from hulldown.placement.footprint import contact_footprint, underside
 from hulldown.reading.pieces.asset_report import PartRow, xyz
@@ -96,7 +97,12 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
     order = np.argsort(parts.piece_part, kind="stable")
     placed = [_compact(meshes[whole.pieces[j].mesh], points[j], whole.pieces[j].name) for j in order]
     mesh, _ = merge(placed, name=name)
-    low, high = mesh.bounds
+    seen = seen_surface(mesh)
+    if seen is None:
+        remedy = "raise its materials' alpha to 0.5 or more, or name what else to `keep`"
+        raise AssetError("is transparent everywhere: labels are of what hides at least half", remedy=remedy)
+    surface, face = seen
+    low, high = surface.bounds
     if not (np.ptp(contact_footprint(mesh.vertices), axis=0) > 0).all():
         raise AssetError("is a sheet on its edge, with no length or no width to stand on", remedy="set its `up`")
     base = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
@@ -107,10 +113,13 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
     for i, number, why in zip(kept, parts.piece_part, parts.piece_why, strict=True):
         piece_part[i], roles[i] = number, PieceRole(names[number], why or roles[i].why)
     moving = [replace(row, pivot=xyz(np.array(row.pivot) - base)) for row in parts.moving]
+    vertex_part = np.repeat([parts.piece_part[j] for j in order], [len(m.vertices) for m in placed])
+    seen_part = np.empty(len(surface.vertices), dtype=vertex_part.dtype)
+    seen_part[surface.faces] = vertex_part[mesh.faces[face, :1]]
     shape = VehicleShape(
         name=name,
         mesh=standing,
-        vertex_part=np.repeat([parts.piece_part[j] for j in order], [len(m.vertices) for m in placed]),
+        vertex_part=vertex_part,
         part_names=names,
         part_parent=np.array([-1, *(names.index(row.parent) for row in moving)]),
         part_pivot=np.array([np.zeros(3), *(row.pivot for row in moving)]),
@@ -118,6 +127,8 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
         part_limits=np.array([(0.0, 0.0), *(row.limits for row in moving)]),
         vehicle_from_file=to_base @ vehicle_from_file,
         underside=underside(standing).heights,
+        seen=None if surface is mesh else surface.at(surface.vertices - base),
+        seen_part=seen_part,
     )
     shape = shape.with_keypoints(known_points(shape, whole.solids, wheels, base))
     marked = marked_points(markers, [piece.chain for piece in whole.pieces], parts.piece_part)

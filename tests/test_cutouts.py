@@ -10,6 +10,7 @@ from hulldown.geometry.cutouts import caster_of
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.geometry.overlap import Obstacles
+from hulldown.geometry.seen_surface import faces_with_area, seen_surface
 from hulldown.geometry.transforms import rigid, rotation_z
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
@@ -164,3 +165,21 @@ def test_downsampled_textures_keep_their_mean_opacity(longest: int, shape: tuple
     texels = fewer_texels(alpha, longest)
     assert texels.shape == shape
     assert AlphaMap(texels).graded_texels().mean() == pytest.approx(alpha.graded_texels().mean(), abs=1 / 255)
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_the_seen_surface_ends_where_texels_do_and_lacks_what_draws_nothing(smooth):
+    texels = np.zeros((16, 16), dtype=np.uint8)
+    texels[4:8, 2:12] = 255
+    corners = np.array([[0.0, 0, 0], [4, 0, 0], [4, 2, 0], [0, 2, 0], [9, 9, 9], [5, 5, 5]])
+    faces = np.array([[0, 1, 2], [0, 2, 3], [0, 5, 4]])  # the last is a line
+    uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)[faces[:2]]
+    alpha = AlphaMap(texels, smooth=smooth)
+    sheet = Mesh(corners, faces, "net", Cutouts(np.arange(2), uv, np.zeros(2, dtype=int), (alpha,)))
+    assert faces_with_area(sheet).tolist() == [0, 1]
+    surface, face = seen_surface(sheet.of_faces(np.array([0, 1])))
+    np.testing.assert_allclose(surface.bounds, [[0.5, 0.5, 0], [3.0, 1.0, 0]], atol=4 / 16 / 8)
+    assert set(face.tolist()) == {0, 1}
+    clear = AlphaMap(np.full((1, 1), 100, dtype=np.uint8))
+    ghost = Mesh(corners, faces[:2], "ghost", Cutouts(np.arange(2), uv, np.zeros(2, dtype=int), (clear,)))
+    assert seen_surface(ghost) is None

@@ -111,7 +111,7 @@ class Fleet:
         self.index = {model.shape.name: i for i, model in enumerate(self.models)}
         self.classed = np.array([model.category is not None for model in self.models])
         self.size = np.array([model.shape.size_xyz for model in self.models])
-        self.center = np.array([model.shape.mesh.bounds.mean(axis=0) for model in self.models])
+        self.center = np.array([model.shape.surface[0].bounds.mean(axis=0) for model in self.models])
         self.footings = tuple(model.footing for model in self.models)
         self.contacts = stacked([footing.contact for footing in self.footings])
         self.parts = max(len(model.shape.part_names) for model in self.models)

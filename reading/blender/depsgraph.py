@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float
 
 from hulldown.base.errors import AssetError
 from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.seen_surface import faces_with_area
 from hulldown.geometry.transforms import apply
 from hulldown.reading.blender.api.buffers import read
 from hulldown.reading.blender.camera_followers import follows_camera
@@ -40,6 +41,7 @@ REPAIR = "repair or delete it in Blender"
 SIGN_OF_LIFE_S = 5.0
 NARROWEST = 1.0  # meters; narrower pieces aren't ground or water by their shape
 NOTHING = {"MESH": "has no faces", "CURVES": "has no hair", "POINTCLOUD": "has no points"}
+NOT_SEEN = "its faces have no area"
 STRANDS = "strands of "  # in the place of a material: the key of a particle system's strands
 
 
@@ -146,13 +148,18 @@ class _Reader:
             if mesh is None:
                 self._leave(instance, NOTHING[drawn.type])
                 return
+            seen = faces_with_area(mesh)
+            if not len(seen):
+                self._leave(instance, NOT_SEEN)
+                return
             self._doubt(drawn)
             self.clear[len(self.result.meshes)] = _is_clear(drawn)
             slots = [slot for slot, name in enumerate(materials) if is_water_name(name)]
             if drawn.type == "MESH" and slots:
-                wet = _wearing(drawn.data, slots, len(materials))
+                wet = _wearing(drawn.data, slots, len(materials))[seen]
                 if wet.any() and not wet.all():
                     self.result.wet[len(self.result.meshes)] = wet
+            mesh = mesh if len(seen) == len(mesh.faces) else mesh.of_faces(seen)
             self._add_mesh(key, mesh, drawn, drawn.data, [slot.material for slot in drawn.material_slots])
         self._add_piece(instance, key, drawn.data.name, hair=drawn.type == "CURVES")
 
