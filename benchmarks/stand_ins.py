@@ -181,17 +181,6 @@ model = "small"
 budget = 12000
 resolution = 160
 """,
-    "larger.toml": f"""\
-# The same data, every arm of the paper, three seeds and a longer training: over an hour on two cores.
-{DATA}arms = ["real", "mixed", "synthetic"]
-fractions = [1.0, 0.5, 0.25, 0.1, 0.05]
-seeds = [0, 1, 2]
-
-[train]
-model = "small"
-budget = 18000
-resolution = 160
-""",
 }
 
 
