@@ -20,7 +20,7 @@ from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.portable import sin_cos
 from hulldown.geometry.transforms import apply, compose, invert_rigid, rotate
 
-ROOM = 100.0  # meters; surfaces farther away, such as a sky dome, shut nothing in
+ROOM = 100.0  # meters; a sky dome is farther away
 PAIRS = 1 << 14  # pairs of box and triangle tested at a time
 _CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
@@ -128,10 +128,23 @@ class Obstacles:
         Everything but ground and vehicles.
     solid
         (k,) which instances count; by default all. Grass gives way.
+    extent
+        (2, 2) lowest and highest (x, y) of the ground. An instance around all of it, such as a sky dome, lets light in
+        unless it's nearer than `ROOM`; one around a part of it, such as a hollow hill, doesn't. None: all are around.
     """
 
-    def __init__(self, scene: InstancedScene, *, solid: Bool[np.ndarray, " k"] | None = None) -> None:
+    def __init__(
+        self,
+        scene: InstancedScene,
+        *,
+        solid: Bool[np.ndarray, " k"] | None = None,
+        extent: Float[np.ndarray, "2 2"] | None = None,
+    ) -> None:
         self._scene = scene
+        low, high = scene.bounds[:, 0, :2], scene.bounds[:, 1, :2]
+        self._around = np.ones(len(scene.bounds), dtype=bool)
+        if extent is not None:
+            self._around = ((low <= extent[0]) & (high >= extent[1])).all(axis=1)
         self._solid = np.ones(len(scene.bounds), dtype=bool) if solid is None else solid
         self._triangles: dict[int, tuple[BoxTree, Float[np.ndarray, "3 3 f"], Solidity | None]] = {}
 
@@ -163,7 +176,7 @@ class Obstacles:
         return touched
 
     def open_above(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Whether light reaches each point: the ray upwards, or `OPEN` others, meet no obstacle within `ROOM` meters.
+        """Whether light reaches each point: the ray upwards, or `OPEN` others, meet no obstacle.
 
         Parameters
         ----------
@@ -176,7 +189,10 @@ class Obstacles:
             left = np.flatnonzero(~is_open)
             origins = np.repeat(point[left], end - begin, axis=0)
             directions = np.tile(SKYWARD[begin:end], (len(left), 1))
-            blocked = self._scene.occluded(origins, directions, max_distance=ROOM)
+            blocked = self._scene.occluded(origins, directions)
+            rows = np.flatnonzero(blocked)
+            met = self._scene.cast(origins[rows], directions[rows])
+            blocked[rows] = (met.distance <= ROOM) | ~self._around[met.instance]
             free[left] += (~blocked).reshape(len(left), end - begin).sum(axis=1)
             is_open |= free >= (1 if begin == 0 else OPEN)
         return is_open

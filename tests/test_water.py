@@ -156,6 +156,14 @@ def test_a_vehicle_under_a_roof_is_lit_unless_it_is_enclosed(mesh, lit):
     assert room.open_above(np.array([[0.0, 0.0, 2.5]])).tolist() == [lit]
 
 
+@pytest.mark.parametrize(("ground", "lit"), [(400.0, False), (150.0, True)])
+def test_a_hollow_hill_is_dark_inside_and_a_dome_around_the_ground_is_not(ground, lit):
+    """Their roof and walls are 150 m from the vehicle."""
+    extent = np.array([[-ground, -ground], [ground, ground]])
+    hill = Obstacles(InstancedScene([house(size=300.0)], [0], [np.eye(4)]), extent=extent)
+    assert hill.open_above(np.array([[0.0, 0.0, 2.5]])).tolist() == [lit]
+
+
 def test_a_house_of_many_objects_encloses():
     walls = house()
     parts = [Mesh(walls.vertices, walls.faces[2 * k : 2 * k + 2], "wall") for k in range(6)]

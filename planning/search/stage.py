@@ -174,13 +174,14 @@ def _site(scenery: Scenery, fallback_z: float) -> Site:
     ground, scene = world.ground, world.obstacles
     assert ground is not None
     terrain = Terrain(ground.z) if isinstance(ground, Plane) else Terrain(ground.mesh, caster=ground)
-    surface, obstacles = scenery.water(), Obstacles(scene, solid=scenery.solid)
+    surface = scenery.water()
     water = Terrain(surface) if surface else None
     bounds = terrain.bounds[:, :2]
     if not np.isfinite(bounds).all():
         bounds = np.array([[-_BARE_EXTENT] * 2, [_BARE_EXTENT] * 2])
         if len(scene.bounds):
             bounds = np.stack([scene.bounds[:, 0, :2].min(axis=0), scene.bounds[:, 1, :2].max(axis=0)])
+    obstacles = Obstacles(scene, solid=scenery.solid, extent=bounds)
     return Site(
         name=scenery.name,
         terrain=terrain,
