@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 
-from hulldown.annotate.attributes import numbers_of
+from hulldown.dataset.attributes import numbers_of
 from hulldown.annotate.boxes import surface_box
 from hulldown.base.errors import ConfigError
 from hulldown.camera.intrinsics import Intrinsics
