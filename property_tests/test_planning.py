@@ -8,13 +8,13 @@ import pytest
 from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 
-from hulldown.dataset.attributes import numbers_of
 from hulldown.annotate.boxes import surface_box
 from hulldown.base.errors import ConfigError
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.camera.sensor import LIMITS
 from hulldown.camera.weather.kinds import KINDS
+from hulldown.dataset.attributes import numbers_of
 from hulldown.dataset.rows import image_record, label_records
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply
