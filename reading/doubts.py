@@ -17,6 +17,8 @@ from hulldown.reading.scenery.shape import LEVEL, PUDDLE, canopies, enclosing, s
 
 PALE = 0.55  # linear light; 0.588 and 0.8 are what exporters and importers give where there is no color
 TINT = 0.05
+OPAQUE = 0.99  # alpha that lets nothing through that one sees
+GHOSTLY = 0.3  # of a vehicle's surface; windows have less
 MOSTLY = 0.9  # of a vehicle's surface
 LONGEST_VEHICLE = 60.0  # meters; the longest road trains
 SHORTEST_VEHICLE = 0.8
@@ -75,6 +77,15 @@ def vehicle_doubts(report: FileReport, options: Options, *, pictures: Sequence[s
             Doubt(
                 DoubtKind.TRANSPARENT,
                 f"most of its surface is transparent ({quoted(row.name for row in clear)}), like glass",
+            )
+        )
+    thin = [row for row in materials if row.alpha < OPAQUE and row.left_alone != CLEAR]
+    if sum(row.share for row in thin) > GHOSTLY:
+        named = ", ".join(f"{row.name!r} has alpha {row.alpha:.3g}" for row in thin[:MOST])
+        doubts.append(
+            Doubt(
+                DoubtKind.TRANSPARENT,
+                f"one sees through it: {named} (`d` in an .mtl, BLEND in glTF); set alpha to 1 if it's no ghost",
             )
         )
     if is_pale(materials):

@@ -93,6 +93,7 @@ def read(tmp_path_factory):
     made = {
         "max": (CAR, {"*": "body", "cabin": "window"}, MAX_MATERIAL + GLASS),
         "clear": (CAR, {"*": "window"}, GLASS),
+        "ghost": (CAR, {"*": "body"}, "newmtl body\nKd 0.5 0.5 0.5\nillum 2\nd 0.502\n"),
         "atlas": (NAMELESS, {"*": "m"}, ATLAS, ON_ATLAS),
         "pointer": (NAMELESS, {"*": "m"}, ATLAS, ON_ATLAS),
         "glass": (NAMELESS, {"*": "m"}, ATLAS, ON_ATLAS),
@@ -136,6 +137,7 @@ def test_only_materials_that_an_mtl_names_glass_are_glass(read):
     ("name", "doubt", "sound", "kind"),
     [
         pytest.param("clear", "of its surface is transparent", ("max",), DoubtKind.TRANSPARENT, id="made of glass"),
+        pytest.param("ghost", "'body' has alpha 0.502", ("max",), DoubtKind.TRANSPARENT, id="half transparent"),
         pytest.param("sheet", "'Grass' is a level sheet", ("pit",), DoubtKind.SHEET_ABOVE, id="a sheet"),
         pytest.param("village", "'Ground' is ground, and 5", ("sheet", "pit"), DoubtKind.STEEP_GROUND, id="houses"),
         # Robot simulators write .obj files with z up.

@@ -36,12 +36,15 @@ class MaterialRow:
         Mean of its base color, linear light: of an image's texels on the vehicle, estimated for other nodes.
     left_alone
         Reason why it isn't painted; empty if it can be.
+    alpha
+        The least alpha of its shaders that isn't a texture's; 1 if it's opaque.
     """
 
     name: str
     share: float
     color: tuple[float, float, float]
     left_alone: str = ""
+    alpha: float = 1.0
 
 
 def is_one_color(texels: Float[np.ndarray, "k 3"], weight: Float[np.ndarray, " k"]) -> bool:

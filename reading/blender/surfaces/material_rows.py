@@ -73,7 +73,7 @@ def material_rows(
     for material, one in areas.items():
         color, several = colors.of_material(material)
         why = why_left_alone(material) or (SEVERAL if several else "")
-        rows.append(MaterialRow(material.name, one / total, color, why))
+        rows.append(MaterialRow(material.name, one / total, color, why, _alpha(material)))
     rows = told_apart(rows, parts=bool(kept))
     return tuple(sorted(rows, key=lambda row: (-row.share, row.name))), [i in kept for i in range(len(pieces))]
 
@@ -104,6 +104,12 @@ def why_left_alone(material: Any) -> str:
     if any(_glows(shader) for shader in shaders):
         return "it glows"
     return left_alone_by_name(material.name)
+
+
+def _alpha(material: Any) -> float:
+    """The least alpha of a material's shaders that isn't linked to anything."""
+    sockets = [shader.inputs["Alpha"] for shader, _ in surface_shaders(material) if "Alpha" in shader.inputs]
+    return min((float(socket.default_value) for socket in sockets if not socket.is_linked), default=1.0)
 
 
 def _least(shader: Any, name: str) -> float:
