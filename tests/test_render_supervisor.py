@@ -3,6 +3,7 @@
 import json
 import multiprocessing
 import os
+import platform
 import random
 import signal
 
@@ -70,7 +71,7 @@ def test_provenance_lists_versions_and_devices_from_the_first_image_on(tmp_path,
     render(plan, tmp_path / "d", progress=look)
     assert there == {0: False, 1: True, 2: True, 3: True}
     (entry,) = json.loads((tmp_path / "d" / "provenance.json").read_text())["plans"].values()
-    assert entry["blender"] == ["fake"]
+    assert entry["blender"] == [f"fake, Python {platform.python_version()}, NumPy {np.__version__}"]
     assert entry["devices"] == ["CPU"]
     assert entry["confinement"] == [confinement()]
     assert entry["plan"]["vehicles"]["cube"]["category"] == "box"
