@@ -7,6 +7,7 @@ one picture, which the next run renders again under the same name and id.
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -134,7 +135,11 @@ class Session:
         """Render the remaining rows; errors as of `rendering.pool.Pool.results`."""
         if self.unfinished.is_symlink() or self.unfinished.is_file():
             self.unfinished.unlink()  # not a link's target
-        shutil.rmtree(self.unfinished, ignore_errors=True)
+        for wait in (0.1, 0.5, 2.0, 0.0):
+            shutil.rmtree(self.unfinished, ignore_errors=True)
+            if not wait or not self.unfinished.exists():
+                break
+            time.sleep(wait)  # the Blender of a run that was just killed may write a picture before it ends, too
         self.unfinished.mkdir()
         self._pool = pool
         self.say("")

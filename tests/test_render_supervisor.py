@@ -1,11 +1,14 @@
 """Rendering a plan into a dataset: kills, failures, resuming, appending; with a stand-in for Blender."""
 
+import contextlib
 import json
 import multiprocessing
 import os
 import platform
 import random
 import signal
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -58,6 +61,22 @@ def test_pillows_size_limit_does_not_apply_to_blenders_pictures(tmp_path, render
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 100)  # Pillow refuses pictures of twice as many; a row has 256
     plan = write_plan(tmp_path, [make_row(0)])
     assert render(plan, tmp_path / "d").complete
+
+
+def test_a_killed_runs_blender_that_still_writes_does_not_stop_the_next_run(tmp_path, render):
+    folder = tmp_path / "d" / ".unfinished"
+    folder.mkdir(parents=True)
+
+    def write_on():
+        for number in range(1500):
+            with contextlib.suppress(OSError):
+                (folder / f"late {number}.png").write_bytes(b"")
+            time.sleep(0.001)
+
+    late = threading.Thread(target=write_on)
+    late.start()
+    assert render(write_plan(tmp_path, [make_row(0)]), tmp_path / "d").complete
+    late.join()
 
 
 def test_provenance_lists_versions_and_devices_from_the_first_image_on(tmp_path, render):
