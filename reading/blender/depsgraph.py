@@ -23,15 +23,15 @@ from hulldown.reading.blender.camera_followers import follows_camera
 from hulldown.reading.blender.capture import OUR_CAMERA, visit_render
 from hulldown.reading.blender.duplicates import Duplicate
 from hulldown.reading.blender.exact_poses import Poses
-from hulldown.reading.blender.hidden_objects import SOLID, SURFACES, UNDRAWN, list_hidden
+from hulldown.reading.blender.hidden_objects import SOLID, SURFACES, UNDRAWN, is_hidden, list_hidden, why_unseen
 from hulldown.reading.blender.material_inputs import ObjectInputs
 from hulldown.reading.blender.strands import curves_mesh, points_mesh, strand_curves, strand_systems
 from hulldown.reading.blender.surfaces.alpha_faces import CutoutReader
-from hulldown.reading.blender.surfaces.shaders import is_clear, is_displaced, is_volume
+from hulldown.reading.blender.surfaces.shaders import is_clear, is_displaced
 from hulldown.reading.blender.tidy import lasting, look_of
 from hulldown.reading.pieces.asset_report import ObjectRow
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.roles import HOLDOUT, SHADOW_CATCHER, Evaluated, Link, Piece, Volume
+from hulldown.reading.pieces.roles import Evaluated, Link, Piece, Volume
 from hulldown.reading.pieces.wording import quoted
 from hulldown.reading.scenery.scenery_roles import VOLUME, is_water_name
 from hulldown.reading.scenery.shape import level_share
@@ -227,7 +227,7 @@ class _Reader:
                 anonymous=scattered and _carries_itself(instance),
                 hair=hair,
                 unseen=unseen,
-                hidden=not instance.is_instance and _is_hidden(drawn.original),
+                hidden=not instance.is_instance and is_hidden(drawn.original),
                 carrier=instance.parent.name if instance.is_instance else "",
                 materials=key[1] if not hair else (),
                 clear=self.clear.get(number, False),
@@ -377,25 +377,3 @@ def _faces(drawn: Any, cutouts: CutoutReader) -> Mesh | None:
 def _wearing(data: Any, slots: Sequence[int], count: int) -> Bool[np.ndarray, " f"]:
     """Triangles of a mesh of `count` materials that use these slots."""
     return np.isin(np.minimum(read(data.loop_triangles, "material_index", np.int32), count - 1), slots)
-
-
-def why_unseen(drawn: Any, depsgraph: Any) -> str | None:
-    """Reason why the camera doesn't see an object although it's drawn; None if it does."""
-    original = drawn.original
-    if not drawn.visible_camera:
-        return "invisible to the camera (ray visibility)"
-    if drawn.is_shadow_catcher:
-        return SHADOW_CATCHER
-    if drawn.is_holdout or original.holdout_get(view_layer=depsgraph.view_layer):
-        return HOLDOUT
-    if original.indirect_only_get(view_layer=depsgraph.view_layer):
-        return "invisible to the camera (its collection is indirect only)"
-    materials = [s.material for s in drawn.material_slots]
-    if materials and all(m is not None and is_volume(m) for m in materials):
-        return VOLUME
-    return None
-
-
-def _is_hidden(original: Any) -> bool:
-    """Whether its own or its collection's eye or monitor icon hides it."""
-    return bool(original.hide_viewport or not original.visible_get())

@@ -1,4 +1,4 @@
-"""List a file's objects that aren't rendered, with reasons."""
+"""Tell why objects of a file are hidden: from the viewport, the camera, or the render."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from hulldown.reading.blender.duplicates import Duplicate
+from hulldown.reading.blender.surfaces.shaders import is_volume
 from hulldown.reading.pieces.asset_report import ObjectRow
-from hulldown.reading.pieces.roles import Evaluated
+from hulldown.reading.pieces.roles import HOLDOUT, SHADOW_CATCHER, Evaluated
+from hulldown.reading.scenery.scenery_roles import VOLUME
 
 HIDDEN = "hidden from render"
 SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
@@ -42,3 +44,25 @@ def _why_hidden(obj: Any, off: Mapping[str, bool]) -> str:
     if around and all(off[name] for name in around):
         return f"{HIDDEN} with its collection {around[0]!r}"
     return "not in the render, or without a surface"
+
+
+def why_unseen(drawn: Any, depsgraph: Any) -> str | None:
+    """Reason why the camera doesn't see an object although it's drawn; None if it does."""
+    original = drawn.original
+    if not drawn.visible_camera:
+        return "invisible to the camera (ray visibility)"
+    if drawn.is_shadow_catcher:
+        return SHADOW_CATCHER
+    if drawn.is_holdout or original.holdout_get(view_layer=depsgraph.view_layer):
+        return HOLDOUT
+    if original.indirect_only_get(view_layer=depsgraph.view_layer):
+        return "invisible to the camera (its collection is indirect only)"
+    materials = [s.material for s in drawn.material_slots]
+    if materials and all(m is not None and is_volume(m) for m in materials):
+        return VOLUME
+    return None
+
+
+def is_hidden(original: Any) -> bool:
+    """Whether its own or its collection's eye or monitor icon hides it."""
+    return bool(original.hide_viewport or not original.visible_get())
