@@ -87,6 +87,8 @@ class PlacementSection(Section):
     """meters of water above the underside, at most"""
     obstacle_clearance: AtLeastZero = 0.5
     """meters between vehicles and obstacles, at least"""
+    indoors: bool = False
+    """also places that no light of the sky reaches: halls and caves"""
     vehicle_clearance: AtLeastZero = 2.0
     """meters between vehicles, at least"""
     vehicles_per_image: Annotated[tuple[int, int], ranged(1.0, 64.0, int)] = (1, 1)

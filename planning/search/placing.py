@@ -58,7 +58,8 @@ def settle_clear(
     clear = clear_of_obstacles(site, placed.take(rows), limits.obstacle_clearance)
     rejection[rows[~clear]] = Rejection.OBSTACLE
     rows = rows[clear]
-    rejection[rows[~sees_sky(site, placed.take(rows))]] = Rejection.DARK
+    if not limits.indoors:
+        rejection[rows[~sees_sky(site, placed.take(rows))]] = Rejection.DARK
     return replace(settled, world_from_vehicle=poses, rejection=rejection)
 
 
