@@ -24,6 +24,7 @@ from hulldown.planning.plan.row import Label, PlannedVehicle, Row, encode, field
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.planner import BLOCK, Planner
 from hulldown.planning.search.instance_table import Instances
+from hulldown.planning.search.placing import sees_sky
 from hulldown.planning.search.stage import PlanStage, Site
 from hulldown.planning.search.views import no_views, views_of_others
 
@@ -84,6 +85,8 @@ def _findings(row: Row, planned: Row, planner: Planner) -> Iterator[str]:
     """Yield the differences of a row from the planned one."""
     new = relabeled(row, planner.stage)
     inconsistent = dict(_differences(row, new)) if new else {}
+    for k in _in_the_dark(row, planner.stage) if new else ():
+        yield f"image {row.index}: planned[{k}], {row.planned[k].vehicle}, is where no light of the sky reaches it"
     for key, (value, wanted) in inconsistent.items():
         yield f"image {row.index}: {key} is {value}, its poses give {wanted}"
     for key, (value, wanted) in _differences(row, planned):
@@ -143,16 +146,27 @@ def relabeled(row: Row, stage: PlanStage) -> Row | None:
     return replace(row, planned=[replace(target, label=label), *extras])
 
 
+def _in_the_dark(row: Row, stage: PlanStage) -> list[int]:
+    """Return which vehicles stand where the config allows none: in a closed hall, or in a hollow hill."""
+    site = next(site for site in stage.sites if site.name == row.scenery)
+    if stage.config.placement.indoors:
+        return []
+    return np.flatnonzero(~sees_sky(site, _instances(row, stage))).tolist()
+
+
+def _instances(row: Row, stage: PlanStage) -> Instances:
+    return Instances.of(
+        stage.fleet,
+        [vehicle.vehicle for vehicle in row.planned],
+        np.array([vehicle.world_from_vehicle for vehicle in row.planned]),
+        [vehicle.articulation for vehicle in row.planned],
+    )
+
+
 def _labels(row: Row, site: Site, stage: PlanStage) -> list[dict[str, object]]:
     """Return the fields of each vehicle that follow from poses."""
     planned, config, fleet = row.planned, stage.config, stage.fleet
-    k = len(planned)
-    vehicles = Instances.of(
-        fleet,
-        [vehicle.vehicle for vehicle in planned],
-        np.array([vehicle.world_from_vehicle for vehicle in planned]),
-        [vehicle.articulation for vehicle in planned],
-    )
+    k, vehicles = len(planned), _instances(row, stage)
     # Pairs of each vehicle and another one, which isn't the target if that is left out of the picture.
     subject, other = np.nonzero(~np.eye(k, dtype=bool) & ~(row.empty & (np.arange(k) == 0)))
     cameras = dataclasses.replace(no_views(k), lens=lenses(row.intrinsics).spread(k))

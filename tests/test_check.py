@@ -1,6 +1,7 @@
 """`hulldown check`: a plan compared with one made from its config, and labels with poses."""
 
 import json
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -13,7 +14,8 @@ from hulldown.planning.plan.row import PlannedVehicle, Row, fields
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.planner import Planner
 from hulldown.planning.write import write_plan
-from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, VEHICLE_ENTRIES, small_assets, small_config
+from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, VEHICLE_ENTRIES, hills, small_assets, small_config
+from hulldown.tests.shapes import surface
 
 ASSETS = small_assets(distractors=True)
 PAINT = [{"materials": ["*"], "hue_deg": [-9, 9]}]
@@ -144,3 +146,16 @@ def test_an_unknown_part_is_a_one_line_error(made, planner, tmp_path, whose):
     assert finding.startswith(f"image {number}: planned[{place}].articulation is")
     with pytest.raises(ConfigError, match=rf"plan\.jsonl: image {number}: part 'crane' is not known to the plan"):
         Artist(plan, ASSETS).picture(list(plan)[number], width=8)
+
+
+def test_a_place_in_the_dark_is_found(tmp_path):
+    """The second scenery is the first one under a roof over everything, where nothing is planned."""
+    open_air, at = hills("hills", height=0.0, trees=1), np.array([-300.0, 300.0])
+    roof = surface(at, at, np.full((2, 2), 6.0), "roof")
+    cave = replace(open_air, name="cave", obstacle_meshes=(roof, roof), world_from_instance=np.eye(4)[None])
+    assets = small_assets(open_air, cave)
+    made = write_plan(small_config(budget={"images_per_class": 2}), assets, tmp_path / "made.jsonl")
+    assert {row.scenery for row in made} == {"hills"}
+    plan = edited(made, tmp_path / "plan.jsonl", lambda _, rows: rows[1].update(scenery="cave"))
+    findings = check_plan(plan, assets)
+    assert f"image 1: planned[0], {made[1].planned[0].vehicle}, is where no light of the sky reaches it" in findings
