@@ -19,7 +19,7 @@ from hulldown.geometry.transforms import apply
 from hulldown.reading.build import build_vehicle
 from hulldown.reading.doubts import vehicle_doubts
 from hulldown.reading.pieces.asset_report import FileReport, ObjectRow, xyz
-from hulldown.reading.pieces.doubt import Doubt
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.vehicle.stance import stand_upright
 from hulldown.reading.vehicle_or_scenery import refuse_wrong_kind
@@ -56,7 +56,7 @@ def verdict(case: Case, truth: Truth, opened: Any, drawn: Any) -> Verdict:
     try:
         shape, uses, found.doubts = _judged(opened, drawn)
     except AssetError as error:
-        return Verdict({"scale" if case.scale != 1 else "keep"}, [str(error)])
+        return Verdict({"scale" if case.scale != 1 else "keep"}, [Doubt(DoubtKind.OTHER_KIND, str(error))])
     size = shape.size_xyz / (case.scale * opened.unit)
     vehicle_from_true = shape.vehicle_from_file @ truth.file_from_vehicle
     axes = vehicle_from_true[:3, :3] / case.scale / opened.unit
@@ -86,7 +86,7 @@ def _angle(a: Any, b: Any) -> float:
     return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
-def _judged(opened: Any, drawn: Any) -> tuple[Any, list[str], list[str]]:
+def _judged(opened: Any, drawn: Any) -> tuple[Any, list[str], list[Doubt]]:
     options = Options()
     upright = stand_upright(drawn, unit=opened.unit, stated_up=opened.up, up=None)
     refuse_wrong_kind("vehicle", upright.drawn.pieces, options)
