@@ -16,7 +16,7 @@ from hulldown.geometry.meshes import Mesh, merge
 from hulldown.geometry.seen_surface import seen_surface
 from hulldown.geometry.transforms import apply
 from hulldown.placement.footprint import contact_footprint, underside
-from hulldown.reading.pieces.asset_report import PartRow, xyz
+from hulldown.reading.pieces.asset_report import PartRow, Thing, xyz
 from hulldown.reading.pieces.doubt import Doubt
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, is_wanted, vehicle_roles
@@ -29,6 +29,7 @@ from hulldown.reading.vehicle.parts import find_parts
 from hulldown.reading.vehicle.solids import MOST, PlacedPieces
 from hulldown.reading.vehicle.stance import Upright, heading, vehicle_from_upright, with_solids_of
 from hulldown.reading.vehicle.strays import find_strays
+from hulldown.reading.vehicle.things import find_things
 
 KILOMETER = 1000.0
 NAMES = (
@@ -38,7 +39,7 @@ NAMES = (
 
 @dataclass(frozen=True, eq=False, slots=True)
 class BuiltVehicle:
-    """A vehicle with the role and part (-1: none) of each piece, the moving parts, the axes, and the doubts.
+    """A vehicle with the role and part (-1: none) of each piece, the moving parts, axes, doubts, and things in it.
 
     A role's use is the part's name, or "dropped".
     """
@@ -49,6 +50,7 @@ class BuiltVehicle:
     parts: tuple[PartRow, ...]
     axes: str
     doubts: tuple[Doubt, ...]
+    things: tuple[Thing, ...]
 
 
 def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle:
@@ -134,9 +136,13 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
     marked = marked_points(markers, [piece.chain for piece in whole.pieces], parts.piece_part)
     from_file = shape.vehicle_from_file
     shape = shape.with_keypoints({key: (apply(from_file, at[None])[0], part) for key, (at, part) in marked.items()})
-    doubts = [doubt for doubt in (upright.up.doubt, forward.doubt, *parts.doubts, *left_out, *doubts) if doubt]
+    others = [pieces[i] for i, role in enumerate(roles) if role.use == "dropped"]
+    things, several = ((), list[Doubt]()) if options.keep else find_things(whole, meshes, others)
+    doubts = [
+        doubt for doubt in (upright.up.doubt, forward.doubt, *several, *parts.doubts, *left_out, *doubts) if doubt
+    ]
     axes = f"up is {upright.up.value}, {upright.up.why}; ahead is {forward_said(forward.value)}, {forward.why}"
-    return BuiltVehicle(shape, roles, piece_part.tolist(), tuple(moving), axes, tuple(doubts))
+    return BuiltVehicle(shape, roles, piece_part.tolist(), tuple(moving), axes, tuple(doubts), things)
 
 
 def _compact(mesh: Mesh, points: Float[np.ndarray, "v 3"], name: str) -> Mesh:

@@ -136,6 +136,34 @@ def test_ground_by_shape_is_large_level_lowest_and_carries_other_objects(
         assert sorted(p.name for p, role in zip(order, roles, strict=True) if role.use == "ground") == expected
 
 
+PLAIN = piece("OuterGround", size=(2000, 2000, 0), at=(0, 0, -0.3), level=1.0)
+ROAD = piece("Road", size=(110, 6, 0.1), at=(0, 0, 4.2), level=1.0)
+WALLS = piece("Hall", size=(60, 60, 8), at=(0, 0, 3.7), level=0.0)
+FAN = piece("Fan", size=(4, 4, 2), at=(5, 5, 9), level=0.4)
+
+
+@pytest.mark.parametrize(
+    ("wide", "others", "use"),
+    [
+        (piece("GrassMesh", size=(120, 120, 4), at=(0, 0, 2), level=0.98), [ROAD], "ground"),
+        (piece("q17", size=(120, 120, 4), at=(0, 0, 2), level=0.98), [ROAD], "ground"),
+        (piece("Leaves.003", size=(120, 90, 4), at=(0, 0, 2), level=0.98), HOUSES[3:4], "ground"),
+        (piece("moss", size=(1900, 1900, 8), level=0.9), [], "ground"),
+        (piece("Grass", size=(120, 120, 0.8), at=(0, 0, 0.1), level=0.1), [ROAD], "obstacle"),
+        (piece("Leaves", size=(120, 90, 4), at=(0, 0, 2), level=0.98), [], "obstacle"),
+        (piece("Leaves", size=(120, 90, 4), at=(0, 0, 2), level=0.98, scattered=True), [ROAD], "obstacle"),
+        (piece("Roof", size=(60, 60, 0.5), at=(0, 0, 8), level=0.98), [WALLS, FAN], "obstacle"),
+        (piece("House_7", size=(60, 60, 8), at=(0, 0, 3.7), level=0.7, filled=2.0), [FAN], "obstacle"),
+        (piece("Canopy", size=(1900, 1900, 1), at=(0, 0, 40), level=0.98), [], "obstacle"),
+    ],
+)  # fmt: skip
+def test_a_wide_mesh_under_roads_or_all_over_the_scenery_is_ground_by_any_name(
+    wide: Piece, others: list[Piece], use: str
+) -> None:
+    assert uses(wide, PLAIN, *others)[0] == use
+    assert uses(wide, PLAIN, *others, not_ground=(wide.name,))[0] == "obstacle"
+
+
 def test_houses_on_a_floor_are_not_a_vehicle() -> None:
     floor = piece("Object_1", size=(300, 300, 0.2), level=1.0)
     town = [piece(f"Object_{i + 2}", size=(12, 12, 9), at=(40 * i - 120, 0, 4.5), level=0.4) for i in range(7)]

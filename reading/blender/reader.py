@@ -109,7 +109,10 @@ def _write_vehicle(job: Job, upright: Upright, *, unit: float) -> FileReport:
         missing=_missing(drawn, vehicle.roles),
         axes=vehicle.axes,
         materials=materials,
+        things=vehicle.things,
     )
+    if len(report.things) > 1:  # what else is odd about all of them together is of no use
+        return replace(report, doubts=tuple(d for d in vehicle.doubts if d.kind == DoubtKind.SEVERAL))
     near = pictures_near(Path(job.path).resolve()) if is_pale(materials) else []
     return replace(report, doubts=(*vehicle.doubts, *vehicle_doubts(report, job.options, pictures=near)))
 

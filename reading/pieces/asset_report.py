@@ -122,6 +122,26 @@ class Missing:
 
 
 @dataclass(frozen=True, slots=True)
+class Thing:
+    """A vehicle among several things in a file, as an entry of a config.
+
+    Parameters
+    ----------
+    name
+        Name of the entry; "" for the file's own.
+    keep, drop
+        Patterns that leave nothing else.
+    size
+        Extents in meters.
+    """
+
+    name: str
+    size: tuple[float, float, float]
+    keep: tuple[str, ...] = ()
+    drop: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class FileReport:
     """The report about a file.
 
@@ -157,6 +177,8 @@ class FileReport:
         Materials of a vehicle's surface, largest share first.
     painted
         Parts that the config paints, one line each.
+    things
+        Entries to list a vehicle's file by, if several things are in it.
     """
 
     kind: str
@@ -174,6 +196,7 @@ class FileReport:
     axes: str = ""
     materials: tuple[MaterialRow, ...] = ()
     painted: tuple[str, ...] = ()
+    things: tuple[Thing, ...] = ()
 
     def table(self) -> Table:
         """A table of every object and its use, for a terminal."""

@@ -14,6 +14,7 @@ class DoubtKind(StrEnum):
 
     NO_GROUND = "no_ground"
     MISSING = "missing"
+    SEVERAL = "several"
     SEVERAL_PICTURES = "several_pictures"
     TRANSPARENT = "transparent"
     SHEET_ABOVE = "sheet_above"

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
+import numpy as np
+
 from hulldown.reading.pieces.naming import BACKDROPS, GROUND, NOT_GROUND, NOT_WATER, WATER, WATERS, first_match
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Piece, PieceRole
-from hulldown.reading.scenery.shape import ground_by_shape, is_wide_and_level, lawns, sheets_between, sunken
+from hulldown.reading.scenery.shape import carpets, ground_by_shape, is_wide_and_level, sheets_between, sunken
 
+DEFAULT = "by default"
 VOLUME = "has volume shaders only"
 NARROWEST = 1.0  # meters, of water by its name or material
 # The scenery's own keys in the order in which they are asked, then those of the table [ground] for all sceneries.
@@ -57,16 +60,22 @@ def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[PieceRole]:
         solid = [p for p, role in zip(pieces, roles, strict=True) if role.use == "obstacle" and not p.hair]
         for i in ground_by_shape(pieces, open_, solid):
             roles[i] = PieceRole("ground", "by shape: large, level, and under the rest")
-    level = [p.bounds for p, role in zip(pieces, roles, strict=True) if role.use == "ground"]
-    for i in lawns([i for i, role in enumerate(roles) if role.use == "obstacle" and role.by_name], pieces, level):
-        roles[i] = PieceRole("ground", f"by shape: a level sheet as wide as the scenery, though its {roles[i].why}")
+    used = {
+        use: [p for p, role in zip(pieces, roles, strict=True) if role.use == use] for use in ("ground", "obstacle")
+    }
+    unsure = [role.use == "obstacle" and (role.by_name or role.why == DEFAULT) for role in roles]
+    open_ = [i for i in np.flatnonzero(unsure).tolist() if not is_water_name(pieces[i].name)]
+    solid = [piece for piece in used["obstacle"] if not piece.hair]
+    for i in carpets(open_, pieces, used["ground"], solid):
+        named = f", though its {roles[i].why}" if roles[i].by_name else ""
+        roles[i] = PieceRole("ground", f"by shape: wide, level, and under other things{named}")
     for i, depth in sunken([i for i, role in enumerate(roles) if role.use == "ground"], pieces):
         if "config" not in roles[i].why:
             why = f"by shape: {depth:.0f} m below the main ground and under it; to use it, name it in ground"
             roles[i] = PieceRole("obstacle", why)
     if options.water is None:
         ground = [p.bounds for p, role in zip(pieces, roles, strict=True) if role.use == "ground"]
-        open_ = [i for i, role in enumerate(roles) if role == PieceRole("obstacle", "by default")]
+        open_ = [i for i, role in enumerate(roles) if role == PieceRole("obstacle", DEFAULT)]
         for i in sheets_between(pieces, open_, ground):
             roles[i] = PieceRole("water", "by shape: a flat sheet with ground below it and above it")
     return roles
@@ -140,7 +149,7 @@ def _role(piece: Piece, options: Options) -> PieceRole:
             return PieceRole("obstacle", f"{level} {name!r} matches {pattern!r}", by_name=True)
         if pattern := first_match(name, GROUND):
             return PieceRole("ground", f"{level} {name!r} matches {pattern!r}")
-    return PieceRole("obstacle", "by default")
+    return PieceRole("obstacle", DEFAULT)
 
 
 def _by_config(piece: Piece, options: Options) -> PieceRole | None:

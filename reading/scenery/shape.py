@@ -21,6 +21,7 @@ CARRIED = 0.7  # least share of what is above a piece of ground that does not re
 SMALLEST = 20.0  # meters; a scenery is at least this wide
 SHEET = 20.0  # meters; narrower sheets without a name don't count as water
 FILLED = 0.1  # of its bounds seen from above; a barrier or a curb around a track is as wide and level, and a loop
+ONE_SIDE = 1.5  # its level area over that of its bounds: a closed box has 2
 PUDDLE = 3.0  # meters; down to this width, a doubt names the sheet
 FAR_BELOW = 30.0  # meters that a pit's highest point is below the main ground's lowest
 DROWNED = 0.5  # meters of ground below such a sheet
@@ -142,18 +143,53 @@ def canopies(pieces: Sequence[Piece], ground: Sequence[Float[np.ndarray, "2 3"]]
     return [(piece, above) for piece, above in heights if above > 0.0]
 
 
-def lawns(among: Sequence[int], pieces: Sequence[Piece], ground: Sequence[Float[np.ndarray, "2 3"]]) -> list[int]:
-    """Find level sheets as wide as the scenery at the height of its flat ground: ground by any name."""
+def carpets(
+    among: Sequence[int], pieces: Sequence[Piece], ground: Sequence[Piece], obstacles: Sequence[Piece]
+) -> list[int]:
+    """Find wide level meshes that are ground by any name: as wide as the scenery, or under its roads and houses.
+
+    Parameters
+    ----------
+    among
+        Which of the pieces may be.
+    pieces
+        All.
+    ground, obstacles
+        The ground that was found, and what isn't ground yet.
+    """
     if not ground:
         return []
-    lowest, highest = min(b[0, 2] for b in ground), max(b[1, 2] for b in ground)
-    if highest - lowest > 2 * DROWNED:
-        return []
-    whole = np.array([piece.bounds for piece in pieces])
+    highest = max(piece.bounds[1, 2] for piece in ground)
+    whole = np.array([piece.bounds for piece in (*ground, *obstacles)])
     extent = np.ptp(np.stack([whole[:, 0].min(axis=0), whole[:, 1].max(axis=0)]), axis=0)
-    wide = [i for i in among if _is_sheet(pieces[i], SHEET) and pieces[i].area > COVERED * extent[0] * extent[1]]
-    heights = {i: pieces[i].bounds[:, 2] for i in wide}
-    return [i for i, (low, high) in heights.items() if lowest - DROWNED <= low and high <= highest + DROWNED]
+    between = sheets_between(pieces, among, [piece.bounds for piece in ground])
+    found = []
+    for i in among:
+        piece, least = pieces[i], COVERED * extent[0] * extent[1]
+        flat = piece.size[2] <= FLAT * max(piece.size[:2])
+        open_below = COVERED <= piece.filled <= ONE_SIDE or (flat and piece.filled >= COVERED)
+        wide = _may_be_ground(piece, SHEET**2) and min(piece.size[:2]) >= SHEET and open_below
+        if not wide or i in between or piece.bounds[0, 2] > highest + DROWNED:
+            continue
+        held = [p for p in obstacles if p is not piece and _is_under(p, piece)]
+        if not held and (piece.area > least or any(_stands_on(p, piece) for p in (*ground, *obstacles))):
+            found.append(i)
+    return found
+
+
+def _is_under(piece: Piece, wide: Piece) -> bool:
+    """Whether a piece is under most of a wide one, as walls are under a roof."""
+    return bool(
+        piece.bounds[0, 2] < wide.bounds[0, 2] - DROWNED and _overlap(piece.bounds, wide.bounds) > COVERED * wide.area
+    )
+
+
+def _stands_on(piece: Piece, wide: Piece) -> bool:
+    """Whether a piece is smaller than a wide one, larger than what is on roofs, and on it."""
+    size, (low, high) = piece.size, wide.bounds
+    on_it = _overlap(piece.bounds, wide.bounds) > 0.9 * piece.area
+    bottom = low[2] - DROWNED <= piece.bounds[0, 2] <= high[2] + DROWNED
+    return bool(max(size[:2]) > PUDDLE and piece.area < COVERED * wide.area and on_it and bottom)
 
 
 def enclosing(pieces: Sequence[Piece]) -> Piece | None:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse.csgraph import connected_components
 
 from hulldown.reading.pieces.asset_report import PartRow, xyz
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
@@ -27,11 +26,12 @@ from hulldown.reading.vehicle.part_names import (
     names_of_parts,
 )
 from hulldown.reading.vehicle.pivots import PIVOT_KEYS, RING, find_pivot
-from hulldown.reading.vehicle.solids import PlacedPieces, Solids
+from hulldown.reading.vehicle.solids import PlacedPieces, Solids, touching
 
 LIMITS = {TURRET_PART: (-np.pi, np.pi), GUN_PART: (float(np.radians(-5.0)), float(np.radians(20.0)))}
 STRAIGHT = np.radians(15.0)  # a gun that points this close to an axis of the vehicle points along it
 
+GAP = 0.05  # of the longer of two pieces: closer ones are one thing
 STUBBY = 2.5  # times its width; shorter pieces have no direction
 SMALL = 0.2  # of the vehicle's length: a drum, not a gun
 NARROW = 0.45  # of the vehicle's width: what a gun with all that hangs on it is
@@ -162,12 +162,10 @@ def screened(whole: PlacedPieces, options: Options) -> Naming:
 
 def _clusters(bounds: Float[np.ndarray, "k 2 3"], among: Int[np.ndarray, " n"]) -> list[list[int]]:
     """Clusters of pieces whose boxes come close to each other."""
-    low, high = bounds[among, 0], bounds[among, 1]
-    longest = (high - low).max(axis=1)
-    slack = 0.05 * np.maximum.outer(longest, longest)[..., None]
-    near = ((low[:, None] < high + slack) & (high[:, None] > low - slack)).all(axis=2)
-    count, label = connected_components(near, directed=False)
-    return [among[label == k].tolist() for k in range(count)]
+    own = bounds[among]
+    longest = np.ptp(own, axis=1).max(axis=1)
+    label = touching(own, GAP * np.maximum.outer(longest, longest))
+    return [among[label == k].tolist() for k in np.unique(label)]
 
 
 def _is_drum(own: Float[np.ndarray, "n 3"], body: Float[np.ndarray, "m 3"]) -> bool:

@@ -213,6 +213,15 @@ def _shape(cloud: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, np.
     return vectors.T[order], (high - low)[order], middle, about
 
 
+def touching(bounds: Float[np.ndarray, "k 2 3"], slack: Float[np.ndarray, "*k k"] | float) -> Int[np.ndarray, " k"]:
+    """The number of the cluster of each box; boxes of a cluster come closer to each other than the slack of two."""
+    near = np.ones((len(bounds), len(bounds)), bool)
+    for low, high in zip(bounds[:, 0].T, bounds[:, 1].T, strict=True):
+        near &= low[:, None] < high + slack
+    _, label = connected_components(near & near.T, directed=False)
+    return label
+
+
 def find_wheels(solids: Solids) -> Wheels | None:
     """The largest set of similar discs side by side on one plane, or None."""
     discs = np.flatnonzero(

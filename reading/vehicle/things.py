@@ -1,0 +1,265 @@
+"""Find several things in one vehicle file: vehicles side by side, and copies of a vehicle drawn over each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from glob import escape
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.spatial import ConvexHull, QhullError, cKDTree
+
+from hulldown.geometry.meshes import Mesh
+from hulldown.reading.pieces.asset_report import Thing, xyz
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
+from hulldown.reading.pieces.naming import words
+from hulldown.reading.pieces.roles import Piece, is_wanted
+from hulldown.reading.pieces.wording import MOST, as_key, quoted
+from hulldown.reading.vehicle.solids import PlacedPieces, touching
+
+NEAR = 0.02  # of the longest piece: pieces closer than this are one thing
+LIKE = 0.5  # of the largest thing's diagonal: smaller ones belong to the nearest thing
+BULK = 0.15  # the same of its volume
+COUPLED = 0.15  # of their length: things this close in line are a truck and its trailer
+IN_LINE = 0.8  # of the narrower one's width that faces the other
+SAME = 0.04  # of the longest side: bounds of copies agree within this
+CLOSE = 0.04  # of the diagonal: surfaces of copies are this close to each other ...
+MOSTLY = 0.85  # ... for this share of their area
+COPIED = 0.6  # of the surface has copies, if the vehicle is drawn several times
+COARSE = 0.5  # a hull for collisions or shadows has at most this share of the triangles that it encloses
+CONVEX = 0.95  # share of a convex hull's area that such a mesh has at least
+SAMPLES, TARGETS = 400, 4000  # points of a surface
+PIECES = 2000  # more are one thing
+NAMES = 6  # that a sentence lists
+
+
+def find_things(
+    whole: PlacedPieces, meshes: Sequence[Mesh], rest: Sequence[Piece]
+) -> tuple[tuple[Thing, ...], list[Doubt]]:
+    """Find what should be read by itself, as entries of a config, and doubts that propose their keys.
+
+    Parameters
+    ----------
+    whole
+        The vehicle's pieces.
+    meshes
+        The file's unique meshes.
+    rest
+        The file's other pieces.
+    """
+    pieces = [*whole.pieces, *rest]
+    groups = side_by_side(whole.bounds) if len(whole.pieces) <= PIECES else []
+    if groups:
+        things = [_thing(whole, group, keep=patterns_of(group, pieces)) for group in groups]
+        head = f"it holds {len(things)} things side by side, which share one label; if they're vehicles of their own,"
+        if not all(thing.keep for thing in things):
+            return (), [_several(f"{head} give the objects of each a name in common, and list the file once for each")]
+        listed = ", ".join(f"keep = {as_key(thing.keep)} ({_said(thing)})" for thing in things[:NAMES])
+        more = f" and {len(things) - NAMES} more" if len(things) > NAMES else ""
+        text = f'{head} list the file once for each, with drop = ["*"] and {listed}{more}'
+        return tuple(things), [_several(text)]
+    if joined := side_by_side(whole.solids.bounds):
+        text = f"{len(joined)} things side by side share an object, and a label; make each a file of its own in Blender"
+        return (), [_several(text)]
+    spare = copies(whole, meshes) if 1 < len(whole.pieces) <= PIECES else []
+    if not spare:
+        return (), []
+    drop = patterns_of(spare, pieces)
+    names = quoted((whole.pieces[i].name for i in spare), most=NAMES)
+    what = "other levels of detail, or meshes for collisions or shadows"
+    key = f"set drop = {as_key(drop)}" if drop else "rename and drop them"
+    text = f"{names}: drawn over the rest, and nearly as large; {key} if that's {what}"
+    left = np.delete(np.arange(len(whole.pieces)), spare).tolist()
+    return ((_thing(whole, left, drop=drop),) if drop else ()), [_several(text)]
+
+
+def _several(text: str) -> Doubt:
+    return Doubt(DoubtKind.SEVERAL, text)
+
+
+def _thing(whole: PlacedPieces, group: list[int], *, keep: tuple[str, ...] = (), drop: tuple[str, ...] = ()) -> Thing:
+    box = whole.bounds[group]
+    size = xyz(box[:, 1].max(axis=0) - box[:, 0].min(axis=0))
+    if drop:
+        return Thing("", size, drop=drop)
+    return Thing(keep[0].strip("*[]_-. ") if len(keep) == 1 else whole.pieces[group[0]].name, size, keep, ("*",))
+
+
+def _said(thing: Thing) -> str:
+    return " x ".join(f"{length:.1f}" for length in thing.size) + " m"
+
+
+def side_by_side(bounds: Float[np.ndarray, "k 2 3"]) -> list[list[int]]:
+    """Groups of pieces that are things of comparable size apart from each other; empty if it's one thing."""
+    if len(bounds) < 2:
+        return []
+    label = touching(bounds, NEAR * float(np.ptp(bounds, axis=1).max()))
+    boxes = np.array([[bounds[label == k, 0].min(axis=0), bounds[label == k, 1].max(axis=0)] for k in np.unique(label)])
+    size = np.ptp(boxes, axis=1)
+    diagonal, volume = np.linalg.norm(size, axis=1), size.prod(axis=1)
+    large = np.flatnonzero((diagonal >= LIKE * diagonal.max()) & (volume >= BULK * volume.max()))
+    if len(large) < 2:
+        return []
+    gaps = np.maximum(boxes[:, None, 0] - boxes[None, large, 1], boxes[None, large, 0] - boxes[:, None, 1]).max(axis=2)
+    owner = gaps.argmin(axis=1)
+    owner[large] = np.arange(len(large))
+    if len(large) == 2 and _coupled(*boxes[large]):
+        return []
+    return [np.flatnonzero(owner[label] == k).tolist() for k in range(len(large))]
+
+
+def _coupled(a: Float[np.ndarray, "2 3"], b: Float[np.ndarray, "2 3"]) -> bool:
+    """Whether one follows the other in line and close, like a trailer, or is above it."""
+    gap = np.maximum(a[0] - b[1], b[0] - a[1])
+    shared = (np.minimum(a[1], b[1]) - np.maximum(a[0], b[0])) / np.minimum(a[1] - a[0], b[1] - b[0])
+    length = max(float(np.ptp(a, axis=0)[:2].max()), float(np.ptp(b, axis=0)[:2].max()))
+    along = int(gap.argmax())
+    if along == 2:
+        return True
+    both = np.maximum(a[1], b[1])[:2] - np.minimum(a[0], b[0])[:2]
+    return bool(both[along] > 1.5 * both[1 - along] and gap[along] < COUPLED * length and shared[1 - along] > IN_LINE)
+
+
+def copies(whole: PlacedPieces, meshes: Sequence[Mesh]) -> list[int]:
+    """Pieces that repeat the surface of others in place, the coarser ones; empty if most of it is drawn once."""
+    if spare := _levels(whole):
+        return spare
+    pieces, bounds = whole.pieces, whole.bounds
+    faces = np.array([piece.faces for piece in pieces])
+    triangles = [points[meshes[p.mesh].faces] for p, points in zip(pieces, whole.points, strict=True)]
+    area = np.array([_areas(corners).sum() for corners in triangles])
+    samples = cache(lambda i: _samples(triangles[i]))
+    kept, spare, doubled = list[int](), list[int](), np.zeros(len(pieces), bool)
+    for i in np.argsort(-faces, kind="stable").tolist():
+        near = np.flatnonzero(_agree(bounds[kept], bounds[i])).tolist()
+        twin = next((kept[j] for j in near if _alike(samples(i), samples(kept[j]))), None)
+        if twin is None:
+            kept.append(i)
+        else:
+            spare.append(i)
+            doubled[[i, twin]] = True
+    if area[doubled].sum() >= COPIED * area.sum():
+        return sorted(spare)
+    around = np.array([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
+    for i in np.flatnonzero(_agree(bounds, around)).tolist():
+        others = np.delete(np.arange(len(pieces)), i)
+        if not _agree(bounds[i], np.array([bounds[others, 0].min(axis=0), bounds[others, 1].max(axis=0)])):
+            continue
+        cloud = _samples(np.concatenate([triangles[j] for j in others]))
+        finer, much_finer = (faces[i] <= share * faces[others].sum() for share in (1.0, COARSE))
+        if (finer and _alike(samples(i), cloud)) or (much_finer and _encloses(whole.points[i], float(area[i]), cloud)):
+            return [i]
+    return []
+
+
+def _levels(whole: PlacedPieces) -> list[int]:
+    """Pieces whose names, or their parents', give a level of detail beside a finer one of nearly the same extent."""
+    level = np.array([_level(piece) for piece in whole.pieces])
+    found = np.unique(level[level >= 0])
+    boxes = [whole.bounds[level == k] for k in found]
+    boxes = [np.array([box[:, 0].min(axis=0), box[:, 1].max(axis=0)]) for box in boxes]
+    coarse = [k for k, box in zip(found[1:], boxes[1:], strict=True) if _agree(box, boxes[0], within=3 * SAME)]
+    return np.flatnonzero(np.isin(level, coarse)).tolist()
+
+
+def _level(piece: Piece) -> int:
+    for link in piece.chain:
+        for name in (link.name, *link.collections):
+            parts = words(name)
+            for before, number in pairwise(parts):
+                if before == "lod" and number.isdigit():
+                    return int(number)
+    return -1
+
+
+def _agree(
+    a: Float[np.ndarray, "*n 2 3"], b: Float[np.ndarray, "2 3"], *, within: float = SAME
+) -> Bool[np.ndarray, "*n"]:
+    return np.abs(a - b).max(axis=(-1, -2)) <= within * float(np.ptp(b, axis=0).max())
+
+
+def _areas(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, " f"]:
+    return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+
+
+def _samples(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "n 3"]:
+    """Points all over triangles, always the same."""
+    area = _areas(corners)
+    if not area.sum() > 0:
+        return corners[0, :1]
+    rng = np.random.default_rng(0)
+    a, b, c = np.moveaxis(corners[rng.choice(len(area), TARGETS, p=area / area.sum())], 1, 0)
+    u, v = np.sort(rng.random((2, TARGETS, 1)), axis=0)
+    return u * a + (v - u) * b + (1 - v) * c
+
+
+def _alike(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "m 3"]) -> bool:
+    """Whether two surfaces are close to each other nearly everywhere."""
+    close = CLOSE * float(np.linalg.norm(np.ptp(a, axis=0)))
+    return all((cKDTree(to).query(of[:SAMPLES])[0] <= close).mean() >= MOSTLY for of, to in ((a, b), (b, a)))
+
+
+def _encloses(points: Float[np.ndarray, "v 3"], area: float, cloud: Float[np.ndarray, "n 3"]) -> bool:
+    """Whether a mesh of this area is convex and around nearly all of the cloud."""
+    try:
+        hull = ConvexHull(points)
+    except QhullError:
+        return False
+    slack = CLOSE * float(np.ptp(points, axis=0).max())
+    inside = (cloud[:SAMPLES] @ hull.equations[:, :3].T + hull.equations[:, 3] <= slack).all(axis=1)
+    return bool(area >= CONVEX * hull.area and inside.mean() >= MOSTLY)
+
+
+def patterns_of(members: Sequence[int], pieces: Sequence[Piece]) -> tuple[str, ...]:
+    """Patterns for `keep` or `drop` that match these pieces and no others, a few; empty if that's impossible.
+
+    Parameters
+    ----------
+    members
+        Indices of the pieces.
+    pieces
+        All of the file.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> def piece(name):
+    ...     return SimpleNamespace(name=name, data="", chain=[SimpleNamespace(name=name, collections=())])
+    >>> patterns_of([0, 1], [piece("hull_LOD1"), piece("gun_LOD1"), piece("hull_LOD0"), piece("gun_LOD0")])
+    ('*_LOD1',)
+    """
+    inside = np.isin(np.arange(len(pieces)), members)
+    found: list[str] = []
+    open_ = inside.copy()
+    while open_.any() and len(found) < MOST:
+        best, most = "", 0
+        for candidate in _candidates([pieces[i] for i in np.flatnonzero(open_)]):
+            matched = np.array([is_wanted(piece, (candidate,)) for piece in pieces])
+            if not (matched & ~inside).any() and (count := int((matched & open_).sum())) > most:
+                best, most, covered = candidate, count, matched
+        if not best:
+            return ()
+        found.append(best)
+        open_ &= ~covered
+    return () if open_.any() else tuple(found)
+
+
+def _candidates(pieces: Sequence[Piece]) -> list[str]:
+    """Patterns that may match the first of these pieces and others: names around them, words, and globs."""
+    first, names = pieces[0], [piece.name for piece in pieces]
+    own = words(first.name)
+    around = [name for link in first.chain[::-1] for name in (*link.collections[::-1], link.name)]
+    prefix, suffix = _common(names), _common([name[::-1] for name in names])[::-1]
+    joined = ["".join(own[i:k]) for i in range(len(own)) for k in range(i + 1, len(own) + 1)]
+    globs = [f"{escape(prefix)}*", f"*{escape(suffix)}"]
+    whole = escape(first.name[:1]) if first.name[:1] in "*?[" else f"[{first.name[:1]}]"
+    literal = f"{whole}{escape(first.name[1:])}"  # a glob matches the whole name
+    return [one for one in (*around[:-1], *globs, *joined, first.name, literal) if one.strip("*") and not one.isdigit()]
+
+
+def _common(names: Sequence[str]) -> str:
+    """The longest common beginning."""
+    low, high = min(names), max(names)
+    return low[: next((i for i, (x, y) in enumerate(zip(low, high, strict=False)) if x != y), len(low))]

@@ -1,0 +1,71 @@
+"""Several things in one vehicle file: vehicles side by side, and copies drawn over each other."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from hulldown.geometry.meshes import Mesh, merge
+from hulldown.reading.pieces.doubt import DoubtKind
+from hulldown.tests.test_axes import CAR, TANK, TRUCK, box, read, tube, turned
+
+SEVERAL = DoubtKind.SEVERAL
+
+
+def moved(parts, by, names="{}", size=1.0):
+    return {names.format(name): mesh.at(mesh.vertices * size + by) for name, mesh in parts.items()}
+
+
+def coarser(mesh, size=1.0):
+    hull = trimesh.Trimesh(mesh.vertices * size, mesh.faces).convex_hull
+    return Mesh(hull.vertices, hull.faces)
+
+
+PAIR = moved(TANK, (0, -3, 0), "a_{}") | moved(TANK, (0, 3, 0), "b_{}")
+ROW = {k: m for i in range(4) for k, m in moved(CAR, (0, 3.2 * i, 0), f"{{}}.{i:03}" if i else "{}").items()}
+CONVOY = moved(TRUCK, (0, 0, 0), "qx_{}") | moved(CAR, (14, 0.7, 0), "zz_{}")
+SPREAD = TANK | {"Antenna": tube((-2, 0.5, 2.6), (-2, 0.5, 5), 0.02), "Plate": box((1, 0.1, 0.5), (0, 2.0, 1))}
+TRAILER = {"cab": box((5, 2.5, 3), (0, 0, 2)), "box": box((12, 2.5, 3.5), (9, 0, 2.5))}
+LEVELS = {k: m for i in range(3) for k, m in moved(TANK, (0, 0, 0), f"{{}}_LOD{i}", 1 + 0.02 * i).items()}
+UNNAMED = moved(TANK, (0, 0, 0), "obj{}x") | moved(TANK, (0, 0, 0), "o2{}y", 1.01)
+MERGED = TANK | {"shape7": merge(list(TANK.values()), name="it")[0]}
+COLLIDER = CAR | {"mesh9": coarser(merge(list(CAR.values()), name="it")[0], 1.01)}
+SHELLS = TANK | {"Inner": box((5.4, 2.1, 0.8), (0, 0, 1))}
+PAINTED = {
+    "Body": box((6, 2.4, 1), (0, 0, 1)),
+    "Trim": merge([box((0.1, 2.4, 1), (x, 0, 1)) for x in (-2.95, 2.95)], name="t")[0],
+    **{k: TANK[k] for k in TANK if k[0] == "W"},
+}
+
+
+@pytest.mark.parametrize("yaw", [0.0, 33.0])
+@pytest.mark.parametrize(("parts", "count"), [(PAIR, 2), (ROW, 4), (CONVOY, 2)])
+def test_vehicles_side_by_side_are_proposed_as_entries_that_leave_one_each(parts, count, yaw):
+    built = read(parts, turned(yaw))
+    assert len(built.things) == count
+    assert [kind for kind in (d.kind for d in built.doubts) if kind == SEVERAL] == [SEVERAL]
+    for thing in built.things:
+        alone = read(parts, turned(yaw), keep=thing.keep, drop=thing.drop)
+        assert not alone.things
+        assert len([r for r in alone.roles if r.use != "dropped"]) * count == len(parts) or count == 2
+        assert max(alone.shape.size_xyz) < 10
+
+
+def test_a_joined_row_is_a_doubt_without_a_key():
+    built = read({"row": merge(list(ROW.values()), name="row")[0]})
+    assert next(d.text for d in built.doubts if d.kind == SEVERAL).startswith("4 things")
+    assert not built.things
+
+
+@pytest.mark.parametrize("parts", [LEVELS, UNNAMED, MERGED, COLLIDER])
+def test_copies_over_each_other_are_proposed_to_be_dropped(parts):
+    built = read(parts)
+    (thing,) = built.things
+    left = read(parts, drop=thing.drop)
+    assert not left.things
+    assert len([r for r in left.roles if r.use != "dropped"]) == len(CAR if parts is COLLIDER else TANK)
+    assert np.allclose(left.shape.size_xyz, read(CAR if parts is COLLIDER else TANK).shape.size_xyz)
+
+
+@pytest.mark.parametrize("parts", [TANK, CAR, SPREAD, TRAILER, SHELLS, PAINTED])
+def test_one_vehicle_is_one_thing(parts):
+    assert SEVERAL not in [d.kind for d in read(parts).doubts]
