@@ -95,7 +95,8 @@ def frames_of(path: Path, indices: Sequence[int]) -> Iterator[UInt8[np.ndarray, 
 def _opened(path: Path) -> Iterator[cv2.VideoCapture]:
     import cv2
 
-    cv2.setLogLevel(0)
+    quiet = vars(cv2).get("setLogLevel") or vars(cv2.utils)["logging"].setLogLevel  # moved in OpenCV 4.14
+    quiet(0)
     with DatasetError.explaining("cannot be read", path=path, remedy="name a video"), open_regular(path) as file:
         start = file.read(64)
         if not any(start.startswith(begins, at) for at, begins in CONTAINERS):
