@@ -31,9 +31,9 @@ from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.formats import format_of
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.reader_process import Exported, export
+from hulldown.reading.reader_process import Exported, export, export_in
 
-EXPORTER = 27
+EXPORTER = 28
 NOTE_NAME = "entry.json"
 LARGEST_NOTE = 1 << 26  # bytes
 KEY_BYTES = 32
@@ -112,7 +112,7 @@ def _entry(entry: Path, path: Path) -> Exported | None:
         return None
     if not all(_unchanged(Path(file), was, path) for file, was in note.files.items()):
         return None
-    return Exported(replace(note.report, path=str(path)), entry / "bundle.npz", entry / "tidy.blend", tuple(note.files))
+    return export_in(entry, replace(note.report, path=str(path)), note.files)
 
 
 def make_cache(cache: Path) -> None:

@@ -9,17 +9,11 @@ from collections.abc import Sequence
 from hulldown.reading.pieces.asset_report import FileReport, Missing, ObjectRow
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.pieces.paintable import CLEAR, MaterialRow
 from hulldown.reading.pieces.roles import Piece, PieceRole
 from hulldown.reading.pieces.wording import MOST, as_key, quoted
 from hulldown.reading.scenery.scenery_roles import is_water_name
 from hulldown.reading.scenery.shape import LEVEL, PUDDLE, canopies, enclosing, sheets_between
 
-PALE = 0.55  # linear light; 0.588 and 0.8 are what exporters and importers give where there is no color
-TINT = 0.05
-OPAQUE = 0.99  # alpha that lets nothing through that one sees
-GHOSTLY = 0.3  # of a vehicle's surface; windows have less
-MOSTLY = 0.9  # of a vehicle's surface
 LONGEST_VEHICLE = 60.0  # meters; the longest road trains
 SHORTEST_VEHICLE = 0.8
 SMALLEST_SCENERY = 20.0
@@ -29,11 +23,11 @@ USUAL_LENGTH = 7.0
 USUAL_UNITS = (1.0, 0.01, 0.001, 0.0254, 0.3048, 100.0, 10.0, 0.1)
 
 
-def vehicle_doubts(report: FileReport, options: Options, *, pictures: Sequence[str] = ()) -> tuple[Doubt, ...]:
-    """Doubts about a vehicle's size, look, dropped pieces, and unused `pictures` next to its file."""
+def vehicle_doubts(report: FileReport, options: Options) -> tuple[Doubt, ...]:
+    """Doubts about a vehicle's size and dropped pieces."""
     doubts = []
     length, width, height = report.size
-    longest, rows, materials = max(report.size), report.rows, report.materials
+    longest, rows = max(report.size), report.rows
     if not SHORTEST_VEHICLE <= longest <= LONGEST_VEHICLE:
         hint = likely_scale(longest, report.unit)
         doubts.append(
@@ -71,47 +65,11 @@ def vehicle_doubts(report: FileReport, options: Options, *, pictures: Sequence[s
                 f"the config drops {most.name!r}, the largest piece; take it out of drop if it's the hull",
             )
         )
-    clear = [row for row in materials if row.left_alone == CLEAR]
-    if sum(row.share for row in clear) > 0.5:
-        doubts.append(
-            Doubt(
-                DoubtKind.TRANSPARENT,
-                f"most of its surface is transparent ({quoted(row.name for row in clear)}), like glass",
-            )
-        )
-    thin = [row for row in materials if row.alpha < OPAQUE and row.left_alone != CLEAR]
-    if sum(row.share for row in thin) > GHOSTLY:
-        named = ", ".join(f"{row.name!r} has alpha {row.alpha:.3g}" for row in thin[:MOST])
-        doubts.append(
-            Doubt(
-                DoubtKind.TRANSPARENT,
-                f"one sees through it: {named} (`d` in an .mtl, BLEND in glTF); set alpha to 1 if it's no ghost",
-            )
-        )
-    if is_pale(materials):
-        those = quoted(row.name for row in materials if _pale(row))
-        beside = f"; pictures beside it aren't used: {quoted(pictures, most=4)}" if pictures else ""
-        doubts.append(
-            Doubt(
-                DoubtKind.PALE,
-                f"nearly all of it is white or light gray ({those}), as if without its textures{beside}; put them on "
-                "its materials in Blender, or set paint",
-            )
-        )
     return (*doubts, *_missing(report.missing))
 
 
 def _volume(row: ObjectRow) -> float:
     return math.prod(row.size)
-
-
-def is_pale(materials: Sequence[MaterialRow]) -> bool:
-    """Whether nearly all of a vehicle's surface has the light gray of new materials."""
-    return sum(row.share for row in materials if _pale(row)) > MOSTLY
-
-
-def _pale(row: MaterialRow) -> bool:
-    return min(row.color) > PALE and max(row.color) - min(row.color) < TINT
 
 
 def scenery_doubts(

@@ -26,11 +26,12 @@ COLORS = np.array([(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (2
 OBSTACLE = np.array([150.0, 150.0, 150.0])
 PAPER = 250.0
 PAGE = 12  # assets in one picture: three in a row
+FRONT_LEFT = "from the front left"
 # Name, direction of sight, direction that is up in the picture.
 VIEWS = (
     ("from the left", (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)),
     ("from the front", (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
-    ("from the front left", (-1.0, -1.0, -0.7), (0.0, 0.0, 1.0)),
+    (FRONT_LEFT, (-1.0, -1.0, -0.7), (0.0, 0.0, 1.0)),
     ("from above, nose up", (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)),
 )
 
@@ -97,13 +98,15 @@ def write_pictures(inspected: Sequence[Inspected], path: Path) -> list[Path]:
     return written
 
 
-def draw(asset: VehicleShape | Scenery, *, size: int = 480) -> Image.Image:
+def draw(asset: VehicleShape | Scenery, picture: Path | None = None, *, size: int = 480) -> Image.Image:
     """A vehicle or scenery shaded from four sides; parts, or ground and obstacles, in colors; pivots marked.
 
     Parameters
     ----------
     asset
         The vehicle or scenery.
+    picture
+        Of the vehicle in its own colors, which takes the place of the view from its front left.
     size
         Width and height of each of the four views in pixels.
     """
@@ -124,6 +127,14 @@ def draw(asset: VehicleShape | Scenery, *, size: int = 480) -> Image.Image:
 
     sheet = Image.new("RGB", (2 * size, 2 * size), (int(PAPER),) * 3)
     for i, (title, sight, up) in enumerate(VIEWS):
+        at = (i % 2 * size, i // 2 * size)
+        if title == FRONT_LEFT and picture is not None:
+            seen = Image.open(picture).resize((size, size), Image.Resampling.BICUBIC)
+            sheet.paste(seen, at, seen)
+            ImageDraw.Draw(sheet).text(
+                (at[0] + 10, at[1] + 8), f"{title}, as rendered", fill=(0, 0, 0), font=lettering(14)
+            )
+            continue
         view = _View(np.array(sight), np.array(up), bounds, size)
         hits, light = view.look(world)
         shaded = np.array(list(colors.values()))[number(hits)] * light[:, None]
@@ -132,7 +143,7 @@ def draw(asset: VehicleShape | Scenery, *, size: int = 480) -> Image.Image:
         if isinstance(asset, VehicleShape):
             _mark_pivots(tile, view, asset)
         _caption(tile, view, title if isinstance(asset, VehicleShape) else title.partition(",")[0])
-        sheet.paste(tile, (i % 2 * size, i // 2 * size))
+        sheet.paste(tile, at)
     pen, font = ImageDraw.Draw(sheet), lettering(14)
     for i, (name, color) in enumerate(colors.items()):
         pen.rectangle((10, 34 + 20 * i, 22, 46 + 20 * i), fill=tuple(int(c) for c in color))

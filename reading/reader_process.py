@@ -6,7 +6,7 @@ import json
 import os
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
@@ -23,6 +23,7 @@ from hulldown.reading.pieces.formats import format_of
 from hulldown.reading.pieces.options import DEFAULTS, Options
 
 ANSWER = "answer.json"
+PICTURE = "picture.png"
 LAST_WORDS = 2000  # characters of Blender's last output before a crash
 Found = TypeVar("Found")
 
@@ -74,6 +75,8 @@ class Exported:
         The geometry, for `assets.bundle.load_vehicle` or `load_scenery`.
     tidy
         A .blend with only the rendered objects; see `reading.blender.tidy`.
+    picture
+        Of a vehicle, see `reading.blender.vehicle_picture`; None for a scenery.
     files
         Absolute path of every file that the asset refers to: textures, libraries.
     """
@@ -81,6 +84,7 @@ class Exported:
     report: FileReport
     bundle: Path
     tidy: Path
+    picture: Path | None
     files: tuple[str, ...]
 
 
@@ -141,7 +145,13 @@ def exported_by(job: Job) -> Exported:
         If it failed.
     """
     found = found_by(job, FoundAsset)
-    return Exported(found.report, job.file("bundle.npz"), job.file("tidy.blend"), found.files)
+    return export_in(Path(job.folder), found.report, found.files)
+
+
+def export_in(folder: Path, report: FileReport, files: Iterable[str]) -> Exported:
+    """The export whose files are in a folder."""
+    picture = folder / PICTURE if report.kind == "vehicle" else None
+    return Exported(report, folder / "bundle.npz", folder / "tidy.blend", picture, tuple(files))
 
 
 def ask_reader(jobs: Sequence[Job], *, limits: ReadLimits = DEFAULT_LIMITS) -> None:

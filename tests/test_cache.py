@@ -30,7 +30,7 @@ from hulldown.reading.hdri import FoundSky
 from hulldown.reading.pieces.asset_report import FileReport, Missing
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.reader_process import Exported
+from hulldown.reading.reader_process import Exported, export_in
 from hulldown.tests.shapes import scenery_of, vehicle_of
 
 ODD = Doubt(DoubtKind.SCALE, "odd")
@@ -55,7 +55,7 @@ class Exporter:
         save(folder / "bundle.npz", made)
         (folder / "tidy.blend").write_bytes(BLEND)
         report = FileReport(kind, str(path), (1.0, 1.0, 1.0), 1, 1.0, "z", missing=self.missing, doubts=(ODD,))
-        return Exported(report, folder / "bundle.npz", folder / "tidy.blend", self.files)
+        return export_in(folder, report, self.files)
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.write import write_plan
 from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
 from hulldown.reading.hdri import read_hdris
-from hulldown.reading.pieces.asset_report import FileReport, ObjectRow, refuse_missing
+from hulldown.reading.pieces.asset_report import FileReport, Missing, ObjectRow, refuse_missing
 from hulldown.reading.pieces.doubt import DoubtKind, warnings_of
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.paintable import SEVERAL, parts_left_alone
@@ -29,6 +29,7 @@ from hulldown.reading.pieces.roles import PieceRole
 from hulldown.reading.reader_process import ask_reader, exported_by, job_for
 from hulldown.reading.surroundings import shows_land
 from hulldown.reading.vehicle.parts import unnamed
+from hulldown.reading.vehicle.seen_colors import color_doubts
 from hulldown.reading.vehicle.solids import PlacedPieces, find_solids
 from hulldown.tests.planning_assets import small_assets, small_config
 from hulldown.tests.shapes import surface
@@ -94,6 +95,8 @@ def read(tmp_path_factory):
         "max": (CAR, {"*": "body", "cabin": "window"}, MAX_MATERIAL + GLASS),
         "clear": (CAR, {"*": "window"}, GLASS),
         "ghost": (CAR, {"*": "body"}, "newmtl body\nKd 0.5 0.5 0.5\nillum 2\nd 0.502\n"),
+        "doubled": ({**CAR, "hull_copy": CAR["hull"]}, {"*": "body"}, "newmtl body\nKd 0.5 0.5 0.5\n"),
+        "outlined": (CAR, {"*": "body"}, "newmtl body\nKd 0 0 0\n"),
         "atlas": (NAMELESS, {"*": "m"}, ATLAS, ON_ATLAS),
         "pointer": (NAMELESS, {"*": "m"}, ATLAS, ON_ATLAS),
         "glass": (NAMELESS, {"*": "m"}, ATLAS, ON_ATLAS),
@@ -138,6 +141,8 @@ def test_only_materials_that_an_mtl_names_glass_are_glass(read):
     [
         pytest.param("clear", "of its surface is transparent", ("max",), DoubtKind.TRANSPARENT, id="made of glass"),
         pytest.param("ghost", "'body' has alpha 0.502", ("max",), DoubtKind.TRANSPARENT, id="half transparent"),
+        pytest.param("doubled", "faces on top of each other", ("max",), DoubtKind.BLACK, id="doubled faces"),
+        pytest.param("outlined", "a shell for an outline", ("max", "ghost"), DoubtKind.BLACK, id="an outline's shell"),
         pytest.param("sheet", "'Grass' is a level sheet", ("pit",), DoubtKind.SHEET_ABOVE, id="a sheet"),
         pytest.param("village", "'Ground' is ground, and 5", ("sheet", "pit"), DoubtKind.STEEP_GROUND, id="houses"),
         # Robot simulators write .obj files with z up.
@@ -148,6 +153,19 @@ def test_a_file_that_looks_wrong_has_a_doubt_about_it(read, name, doubt, sound, 
     (found,) = (one for one in read[name].report.doubts if one.kind == kind)
     assert doubt in found.text
     assert not any(one.kind == kind for other in sound for one in read[other].report.doubts)
+
+
+@pytest.mark.parametrize(
+    ("share", "missing", "found"), [(0.05, False, True), (0.01, False, False), (0.05, True, False)]
+)
+def test_magenta_in_a_vehicles_picture_is_a_doubt_unless_its_missing_file_is_named(share, missing, found):
+    picture = np.zeros((102, 102, 4))
+    picture[1:-1, 1:-1] = (0.2, 0.3, 0.1, 1.0)
+    picture[1 : 1 + round(100 * share), 1:-1, :3] = (0.9, 0.02, 0.9)
+    lost = (Missing("a.png", "missing", ("hull",)),) if missing else ()
+    report = FileReport("vehicle", "", (6.0, 3.0, 2.0), 0, 1.0, "z", missing=lost)
+    kinds = [doubt.kind for doubt in color_doubts(picture, report, beside=list)]
+    assert kinds == [DoubtKind.MAGENTA] * found
 
 
 def test_a_picture_that_cannot_be_read_is_named(read):

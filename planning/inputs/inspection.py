@@ -17,7 +17,7 @@ from hulldown.reading.hdri import read_hdris
 from hulldown.reading.inspect import Inspected, draw, sky_report
 from hulldown.reading.pieces.asset_report import FileReport, refuse_missing
 from hulldown.reading.pieces.formats import HDRI_SUFFIXES
-from hulldown.reading.reader_process import export
+from hulldown.reading.reader_process import Exported, export
 
 
 def drawn_assets(path: Path) -> int:
@@ -67,10 +67,11 @@ def inspect_file(
     if _is_config(path):
         library = load_library(Config.read(path), strict=strict, progress=progress, limits=limits)
         models = library.shapes
-        listed: list[tuple[FileReport, VehicleShape | Scenery]]
-        listed = [(_with_limits(file.report, models[name]), models[name]) for name, file in library.models.items()]
-        listed += [(file.report, library.assets.sceneries[name]) for name, file in library.sceneries.items()]
-        return [Inspected(asset.name, report, draw(asset) if pictures else None) for report, asset in listed]
+        listed: list[tuple[Exported, VehicleShape | Scenery]] = []
+        for name, file in library.models.items():
+            listed.append((replace(file, report=_with_limits(file.report, models[name])), models[name]))
+        listed += [(file, library.assets.sceneries[name]) for name, file in library.sceneries.items()]
+        return [_inspected(file, asset, pictures=pictures) for file, asset in listed]
     with tempfile.TemporaryDirectory(prefix="hulldown-") as name:
         folder = Path(name)
         if path.suffix.lower() in HDRI_SUFFIXES:
@@ -82,7 +83,11 @@ def inspect_file(
         if strict:
             refuse_missing([exported.report], strict=True)
         load = load_vehicle if exported.report.kind == "vehicle" else load_scenery
-        return [Inspected(path.stem, exported.report, draw(load(exported.bundle)) if pictures else None)]
+        return [_inspected(exported, replace(load(exported.bundle), name=path.stem), pictures=pictures)]
+
+
+def _inspected(file: Exported, asset: VehicleShape | Scenery, *, pictures: bool) -> Inspected:
+    return Inspected(asset.name, file.report, draw(asset, file.picture) if pictures else None)
 
 
 def _with_limits(report: FileReport, shape: VehicleShape) -> FileReport:

@@ -11,6 +11,7 @@ import sys
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import bpy
@@ -28,13 +29,15 @@ from hulldown.reading.blender.importers import open_file
 from hulldown.reading.blender.surfaces.material_rows import material_rows
 from hulldown.reading.blender.surfaces.textures import missing_files, pictures_near, used_files
 from hulldown.reading.blender.tidy import write_scenery, write_vehicle
+from hulldown.reading.blender.vehicle_picture import vehicle_picture
 from hulldown.reading.build import build_scenery, build_vehicle
-from hulldown.reading.doubts import is_pale, scenery_doubts, vehicle_doubts
+from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
 from hulldown.reading.pieces.asset_report import FileReport, Missing, ObjectRow, gathered, xyz
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole
-from hulldown.reading.reader_process import ANSWER, FoundAsset, Job
+from hulldown.reading.reader_process import ANSWER, PICTURE, FoundAsset, Job
 from hulldown.reading.scenery.scenery_roles import scenery_roles
+from hulldown.reading.vehicle.seen_colors import color_doubts, save_picture
 from hulldown.reading.vehicle.stance import Upright, meters_from_file, stand_upright
 from hulldown.reading.vehicle_or_scenery import likely_kind, refuse_wrong_kind
 
@@ -96,7 +99,9 @@ def _write_vehicle(job: Job, upright: Upright, *, unit: float) -> FileReport:
     save(job.file("bundle.npz"), shape)
     materials, unpainted = material_rows(drawn.blocks, drawn.pieces, vehicle.piece_part)
     tidy = job.file("tidy.blend")
-    write_vehicle(tidy, drawn, vehicle.piece_part, shape.vehicle_from_file, unpainted=unpainted)
+    twin = write_vehicle(tidy, drawn, vehicle.piece_part, shape.vehicle_from_file, unpainted=unpainted)
+    picture = vehicle_picture(twin, shape.mesh.bounds)
+    save_picture(picture, job.file(PICTURE))
     report = FileReport(
         kind="vehicle",
         path=job.path,
@@ -113,8 +118,9 @@ def _write_vehicle(job: Job, upright: Upright, *, unit: float) -> FileReport:
     )
     if len(report.things) > 1:  # what else is odd about all of them together is of no use
         return replace(report, doubts=tuple(d for d in vehicle.doubts if d.kind == DoubtKind.SEVERAL))
-    near = pictures_near(Path(job.path).resolve()) if is_pale(materials) else []
-    return replace(report, doubts=(*vehicle.doubts, *vehicle_doubts(report, job.options, pictures=near)))
+    beside = partial(pictures_near, Path(job.path).resolve())
+    doubts = (*vehicle.doubts, *vehicle_doubts(report, job.options), *color_doubts(picture, report, beside=beside))
+    return replace(report, doubts=doubts)
 
 
 def _write_scenery(job: Job, drawn: Evaluated, *, unit: float, up: str, crs: str) -> FileReport:

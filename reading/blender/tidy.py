@@ -73,8 +73,13 @@ def write_vehicle(
     vehicle_from_file: Float[np.ndarray, "4 4"],
     *,
     unpainted: Sequence[bool],
-) -> None:
-    """Write the pieces whose part is not -1; those that are `unpainted` keep the colors of the file."""
+) -> Any:
+    """Write the pieces whose part is not -1; those that are `unpainted` keep the colors of the file.
+
+    Returns
+    -------
+    The written collection.
+    """
     collection = bpy.data.collections.new("hulldown vehicle")
     placed = reads_places(bpy.data.materials)
     keep_inputs(bpy.data.materials, drawn.keys, drawn.places, None)
@@ -90,6 +95,7 @@ def write_vehicle(
             obj[f"{ROW}{axis}"] = piece.pose[axis].tolist()
         collection.objects.link(obj)
     bpy.data.libraries.write(str(path), {collection}, path_remap="ABSOLUTE", compress=True)
+    return collection
 
 
 def _object(thing: Piece | Volume, block: Any) -> Any:

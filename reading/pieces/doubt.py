@@ -16,6 +16,8 @@ class DoubtKind(StrEnum):
     MISSING = "missing"
     SEVERAL = "several"
     SEVERAL_PICTURES = "several_pictures"
+    MAGENTA = "magenta"
+    BLACK = "black"
     TRANSPARENT = "transparent"
     SHEET_ABOVE = "sheet_above"
     AROUND_ALL = "around_all"

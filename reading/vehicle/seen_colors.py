@@ -1,0 +1,88 @@
+"""What is wrong with the colors of a vehicle's picture: magenta, black, white, or see-through."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from PIL import Image
+from scipy.ndimage import minimum_filter
+
+from hulldown.geometry.color import srgb_from_linear
+from hulldown.reading.pieces.asset_report import FileReport
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
+from hulldown.reading.pieces.paintable import CLEAR
+from hulldown.reading.pieces.wording import MOST, quoted
+
+MAGENTA = 0.02  # of the pixels that have Blender's color of missing pictures
+BLACK = 0.003  # linear light; soot has 0.02, and only what no light reaches has less
+BLACKENED = 0.15  # of the pixels; between wheels and in hatches it's 0.04
+NEARLY_BLACK, COLORLESS = 0.1, 0.01  # linear light: the lines around drawings, whose gloss has 0.05
+WHITE = 0.5  # linear light; 0.588 and 0.8 are what exporters and importers give where there is no color
+TINT = 0.05
+ALL = 0.9  # of the pixels
+OPAQUE = 0.95  # alpha that lets nothing through that one sees
+GHOSTLY = 0.3  # of the pixels; windows have less
+
+
+def color_doubts(
+    picture: Float[np.ndarray, "h w 4"], report: FileReport, *, beside: Callable[[], Sequence[str]]
+) -> list[Doubt]:
+    """Return doubts about the colors of a vehicle.
+
+    Parameters
+    ----------
+    picture
+        Light and alpha, see `reading.blender.vehicle_picture`.
+    report
+        About the vehicle's file.
+    beside
+        Finds pictures next to the file.
+    """
+    inside = minimum_filter(picture[..., 3], 3) > 0.0  # without the pixels of its outline
+    if not inside.any():
+        return []
+    alpha = picture[inside, 3]
+    light = picture[inside, :3] / alpha[:, None]
+    low, high, (red, green, blue) = light.min(axis=1), light.max(axis=1), light.T
+    magenta = np.mean((green < 0.1 * red) & (np.abs(red - blue) < 0.1 * red) & (red > WHITE))
+    black = np.mean((high < BLACK) & (alpha >= OPAQUE))
+    nearly_black = np.mean((high < NEARLY_BLACK) & (high - low < COLORLESS))
+    white, ghostly = np.mean((low > WHITE) & (high - low < TINT)), np.mean(alpha < OPAQUE)
+    clear = [row for row in report.materials if row.left_alone == CLEAR]
+    doubts = []
+
+    def doubt(kind: DoubtKind, share: np.floating, text: str) -> None:
+        doubts.append(Doubt(kind, f"{100.0 * share:.0f} % of its picture is {text}"))
+
+    if magenta > MAGENTA and not report.missing:
+        doubt(DoubtKind.MAGENTA, magenta, "magenta, Blender's color of missing pictures; look for them in Blender")
+    if black > BLACKENED or nearly_black > ALL:
+        text = (
+            "black in light from everywhere: faces on top of each other (merge them by distance in Blender) or a shell "
+            "for an outline (name it in `drop`), since Cycles draws both sides of faces"
+        )
+        doubt(DoubtKind.BLACK, max(black, nearly_black), text)
+    if sum(row.share for row in clear) > 0.5:
+        text = f"most of its surface is transparent ({quoted(row.name for row in clear)}), like glass"
+        doubts.append(Doubt(DoubtKind.TRANSPARENT, text))
+    elif ghostly > GHOSTLY:
+        thin = [f"{row.name!r} has alpha {row.alpha:.3g}" for row in report.materials if row.alpha < OPAQUE]
+        why = ", ".join(thin[:MOST]) or "its textures have alpha"
+        text = f"see-through: {why} (`d` in an .mtl, BLEND in glTF); set alpha to 1 if it's no ghost"
+        doubt(DoubtKind.TRANSPARENT, ghostly, text)
+    elif white > ALL:
+        named, unused = quoted(row.name for row in report.materials), beside()
+        hint = f"; pictures beside it aren't used: {quoted(unused, most=4)}" if unused else ""
+        text = f"white or light gray ({named}), as if without its textures{hint}; put them on its materials in Blender"
+        doubt(DoubtKind.PALE, white, f"{text}, or set paint")
+    return doubts
+
+
+def save_picture(picture: Float[np.ndarray, "h w 4"], path: Path) -> None:
+    """Write a picture, see `reading.blender.vehicle_picture`, with its alpha, as PNG."""
+    alpha = picture[..., 3:].clip(0.0, 1.0)
+    color = srgb_from_linear(np.where(alpha > 0.0, picture[..., :3] / np.maximum(alpha, 1e-6), 0.0).clip(0.0, 1.0))
+    Image.fromarray((255.0 * np.concatenate([color, alpha], axis=2) + 0.5).astype(np.uint8)).save(path)
