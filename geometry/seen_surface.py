@@ -69,7 +69,8 @@ def seen_surface(mesh: Mesh) -> tuple[Mesh, Int[np.ndarray, " f"]] | None:
     triangles = np.concatenate(faces)
     if not len(triangles):
         return None
-    return Mesh(np.concatenate(vertices), triangles, mesh.name), np.concatenate(origin)
+    seen = Mesh(np.concatenate(vertices), triangles, mesh.name)
+    return seen.of_faces(np.arange(len(triangles))), np.concatenate(origin)
 
 
 def _steps(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:

@@ -105,10 +105,10 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
         raise AssetError("is transparent everywhere: labels are of what hides at least half", remedy=remedy)
     surface, face = seen
     low, high = surface.bounds
-    if not (np.ptp(contact_footprint(mesh.vertices), axis=0) > 0).all():
+    if not (np.ptp(contact_footprint(surface.vertices), axis=0) > 0).all():
         raise AssetError("is a sheet on its edge, with no length or no width to stand on", remedy="set its `up`")
     base = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
-    standing = mesh.at(mesh.vertices - base)
+    standing = surface.at(surface.vertices - base)
     to_base = np.eye(4)
     to_base[:3, 3] = -base
     piece_part = np.full(len(pieces), -1)
@@ -120,7 +120,7 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
     seen_part[surface.faces] = vertex_part[mesh.faces[face, :1]]
     shape = VehicleShape(
         name=name,
-        mesh=standing,
+        mesh=standing if surface is mesh else mesh.at(mesh.vertices - base),
         vertex_part=vertex_part,
         part_names=names,
         part_parent=np.array([-1, *(names.index(row.parent) for row in moving)]),
@@ -129,7 +129,7 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
         part_limits=np.array([(0.0, 0.0), *(row.limits for row in moving)]),
         vehicle_from_file=to_base @ vehicle_from_file,
         underside=underside(standing).heights,
-        seen=None if surface is mesh else surface.at(surface.vertices - base),
+        seen=None if surface is mesh else standing,
         seen_part=seen_part,
     )
     shape = shape.with_keypoints(known_points(shape, whole.solids, wheels, base))

@@ -111,7 +111,10 @@ def draw(asset: VehicleShape | Scenery, picture: Path | None = None, *, size: in
         Width and height of each of the four views in pixels.
     """
     if isinstance(asset, VehicleShape):
-        world, bounds = Scene(vehicles=[PosedVehicle(VehicleTarget(asset), np.eye(4)[None], {})]), asset.mesh.bounds
+        world, bounds = (
+            Scene(vehicles=[PosedVehicle(VehicleTarget(asset), np.eye(4)[None], {})]),
+            asset.surface[0].bounds,
+        )
         colors = dict(zip(asset.part_names, COLORS, strict=False))
     else:
         world = Scene.of(asset)

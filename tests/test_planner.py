@@ -7,11 +7,14 @@ import pytest
 
 from hulldown.assets.library import HdriSource, Source
 from hulldown.base.errors import ConfigError
+from hulldown.geometry.meshes import merge
 from hulldown.planning.plan.lines import PlanWriter
 from hulldown.planning.plan.row import ModelSource, encode, encode_rows
 from hulldown.planning.planner import Planner
+from hulldown.planning.search.stage import make_stage
 from hulldown.planning.write import make_header, write_plan
-from hulldown.tests.planning_assets import bare, hills, plan, small_assets, small_config
+from hulldown.tests.planning_assets import bare, hills, plan, small_assets, small_config, vehicle
+from hulldown.tests.shapes import box
 
 ASSETS = small_assets()
 
@@ -121,3 +124,18 @@ def test_errors_of_workers_are_raised(tmp_path, monkeypatch):
     with pytest.raises(ConfigError, match="finds no place to stand"):
         write_plan(config, small_assets(hills("hills")), tmp_path / "p.jsonl", workers=2)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unseen_plate_neither_carries_a_vehicle_nor_needs_room():
+    """It's below the tracks and wider than the vehicle."""
+    shape, plate = vehicle("t72"), box((-9.0, -9.0, -1.0), (9.0, 9.0, -0.9))
+    part = np.append(shape.vertex_part, np.zeros(len(plate.vertices), dtype=int))
+    mesh, _ = merge([shape.mesh, plate])
+    hidden = replace(shape, mesh=mesh, vertex_part=part, seen=shape.mesh, seen_part=shape.vertex_part)
+    assets = small_assets(vehicles=("t72",))
+    wanted, got = (make_stage(small_config(), replace(assets, vehicles={"t72": one})).fleet for one in (shape, hidden))
+    for name in ("size", "center", "half", "box_center", "reach"):
+        np.testing.assert_array_equal(getattr(got, name), getattr(wanted, name), err_msg=name)
+    for name in ("xy", "height"):
+        pair = (getattr(fleet.footings[0].contact, name) for fleet in (got, wanted))
+        np.testing.assert_array_equal(*pair, err_msg=name)

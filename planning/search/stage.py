@@ -21,7 +21,7 @@ from hulldown.placement.terrain import Terrain
 from hulldown.planning.config.schema import Config, PlacementSection
 from hulldown.scene.clearance import CameraRoom
 from hulldown.scene.posed_scene import Plane, Scene
-from hulldown.scene.posed_vehicle import VehicleTarget
+from hulldown.scene.posed_vehicle import TargetPart, VehicleTarget
 
 _BARE_EXTENT = 50.0  # meters to each side of the origin, for a scenery without ground and obstacles
 _BOUNDS = (np.min, np.max)
@@ -119,17 +119,27 @@ class Fleet:
         self.boxes = np.array([len(of_model) for of_model in parts])
         padded = [[*of_model, *[of_model[0]] * (self.boxes.max() - len(of_model))] for of_model in parts]
         self.box_part = np.array([[part.index for part in of_model] for of_model in padded])
-        low, high = (np.array([[bound(p.hull, axis=0) for p in of_model] for of_model in padded]) for bound in _BOUNDS)
+        seen = [[_seen(model.shape, p) for p in of_model] for model, of_model in zip(models, padded, strict=True)]
+        low, high = (
+            np.array([[bound(points, axis=0) for points in of_model] for of_model in seen]) for bound in _BOUNDS
+        )
         self.half, self.box_center = (high - low) / 2, (low + high) / 2
         self.corners = np.where(_CORNERS, high[..., None, :], low[..., None, :])
         self.reach = np.array([_reach(model.shape) for model in self.models])
 
 
+def _seen(shape: VehicleShape, part: TargetPart) -> Float[np.ndarray, "v 3"]:
+    """Vertices of what can be seen of a part; all of a part that can't be seen."""
+    surface, vertex_part = shape.surface
+    points = surface.vertices[vertex_part == part.index]
+    return points if len(points) else part.hull
+
+
 def _reach(shape: VehicleShape) -> float:
     """Radius of a sphere about the origin that contains all parts in any articulation."""
-    reach = 0.0
+    reach, (surface, vertex_part) = 0.0, shape.surface
     for part in range(len(shape.part_names)):
-        part_vertices = shape.mesh.vertices[shape.vertex_part == part]
+        part_vertices = surface.vertices[vertex_part == part]
         if len(part_vertices):
             low, high = part_vertices.min(axis=0), part_vertices.max(axis=0)
             points = np.array(list(product(*np.stack([low, high]).T)))
@@ -210,7 +220,7 @@ def settle_rules(limits: PlacementSection) -> SettleRules:
 def _model(shape: VehicleShape, category: str | None, config: Config) -> Model:
     target, limits = VehicleTarget(shape), config.placement
     plate = np.stack([-shape.size_xyz[:2], shape.size_xyz[:2]]) / 2
-    under = underside(shape.mesh, known=shape.underside) if limits.contact == "footprint" else plate
+    under = underside(shape.surface[0], known=shape.underside) if limits.contact == "footprint" else plate
     return Model(
         shape=shape,
         category=category,

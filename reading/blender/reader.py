@@ -100,7 +100,7 @@ def _write_vehicle(job: Job, upright: Upright, *, unit: float) -> FileReport:
     materials, unpainted = material_rows(drawn.blocks, drawn.pieces, vehicle.piece_part)
     tidy = job.file("tidy.blend")
     twin = write_vehicle(tidy, drawn, vehicle.piece_part, shape.vehicle_from_file, unpainted=unpainted)
-    picture = vehicle_picture(twin, shape.mesh.bounds)
+    picture = vehicle_picture(twin, shape.surface[0].bounds)
     save_picture(picture, job.file(PICTURE))
     report = FileReport(
         kind="vehicle",
