@@ -10,7 +10,7 @@ import sys
 import threading
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -27,6 +27,7 @@ from hulldown.base.code import version_of
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import make_room
 from hulldown.planning.config.schema import Config
+from hulldown.planning.config.template import as_comment, comments_above_paths
 from hulldown.planning.inputs.poses import read_poses
 from hulldown.planning.plan.given_poses import GivenPoses
 from hulldown.planning.plan.lines import PlanWriter, picture_of
@@ -35,6 +36,7 @@ from hulldown.planning.plan_file import Plan, read_plan
 from hulldown.planning.planner import BLOCK, Planner
 from hulldown.planning.search.likeness import Likeness
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.reading.pieces.doubt import Doubt, warnings_of
 
 Progress = Callable[[int, int], None]
 PACKAGES = ("hulldown", "bpy", "numpy", "scipy", "embreex")  # whose versions a header has
@@ -91,7 +93,6 @@ def plan(
     from hulldown.pictures.sheets import make_room_for_picture
     from hulldown.planning.appearance.hdri_land import land_above_horizon
     from hulldown.planning.inputs.loading import load_library
-    from hulldown.reading.pieces.doubt import warnings_of
 
     config = config if isinstance(config, Config) else Config.read(config)
     given = read_poses(Path(poses)) if poses else None
@@ -107,8 +108,12 @@ def plan(
             warnings.warn(note, stacklevel=2)
     with reading_status() as reading:
         library = load_library(config, strict=strict, cache=cache, progress=reading, limits=limits)
-    for line in warnings_of(library.doubts(backdrop=config.light.backdrop == "hdri")):
+    doubts = library.doubts(backdrop=config.light.backdrop == "hdri")
+    unsaid = _unsaid(doubts, config)
+    for line in warnings_of(unsaid):
         warnings.warn(line, stacklevel=2)
+    if said := sum(map(len, doubts.values())) - sum(map(len, unsaid.values())):
+        warnings.warn(f"{said} doubts aren't repeated, since the comments of {config.path} state them", stacklevel=2)
     assets = replace(library.assets, photographs=photographs)
     with shown("planning", progress) as advance:
         made = write_plan(
@@ -128,6 +133,16 @@ def plan(
         )
     made.summary.draw(picture_of(path, "summary"))
     return made
+
+
+def _unsaid(doubts: Mapping[str, Sequence[Doubt]], config: Config) -> dict[str, list[Doubt]]:
+    """Return doubts by path without those that the config's comments on their file state."""
+    text = config.path.read_text(encoding="utf-8") if config.path and config.path.is_file() else ""
+    said = {str(config.folder / path): set(lines) for path, lines in comments_above_paths(text).items()}
+    return {
+        path: [doubt for doubt in some if as_comment(f"doubt: {doubt}") not in said.get(path, ())]
+        for path, some in doubts.items()
+    }
 
 
 def write_plan(

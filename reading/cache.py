@@ -54,7 +54,7 @@ def cached(
     path: Path | str,
     cache: Path | str,
     *,
-    kind: str,
+    kind: str | None,
     options: Options,
     limits: ReadLimits = DEFAULT_LIMITS,
     progress: Callable[[str], None] | None = None,
@@ -71,7 +71,7 @@ def cached(
     cache
         Folder; made if missing.
     kind
-        "vehicle" or "scenery".
+        "vehicle" or "scenery"; None: by its contents.
     options
         How to read it.
     limits
@@ -87,17 +87,21 @@ def cached(
     path, cache = Path(path), Path(cache)
     format_of(path)  # before it is hashed: a folder or nothing at all has no content
     digest = sha256_of(path)
-    entry = cache / entry_name(EXPORTER, FORMAT, kind, asdict(options), digest)
+    entries = {
+        each: cache / entry_name(EXPORTER, FORMAT, each, asdict(options), digest)
+        for each in ([kind] if kind else ["vehicle", "scenery"])
+    }
     make_cache(cache)
     # Two plans must not export the same file at once.
-    with _locked(entry):
-        exported = _entry(entry, path)
+    with _locked(next(iter(entries.values()))):
+        exported = next((found for entry in entries.values() if (found := _entry(entry, path))), None)
         if exported is None:
             if progress:
                 progress(str(path))
             with new_folder(cache) as folder:
                 made = export(path, folder, kind=kind, options=options, limits=limits)
                 files = {file: _print_of(Path(file), path) for file in made.files}
+                entry = entries[made.report.kind]
                 seal(Path(folder), entry, _Note(str(path.resolve()), made.report, files))
             exported = _entry(entry, path)
             assert exported is not None, f"{entry}: an export just written cannot be read back"

@@ -8,7 +8,8 @@ from hulldown import cli
 from hulldown.base.errors import AssetError
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.found_assets import FoundFile, asset_files, found_config, missing_kinds, read_found
-from hulldown.planning.inputs.loading import hdri_paths
+from hulldown.planning.inputs.loading import hdri_paths, load_library
+from hulldown.planning.write import _unsaid
 from hulldown.tests.blender_plans import run_python
 
 FILES = """
@@ -23,6 +24,10 @@ cuboid("Ground", (100, 100, 1), (0, 0, 0))
 for x in (-40, 40):
     cuboid("Rock", (2, 2, 2), (x, 0, 1))
 save("mine/outside/park.blend")
+fresh()
+for name, y in (("a", -4), ("b", 4)):
+    cuboid(f"{name}_Hull", (6, 3, 1), (0, y, 0.5))
+save("mine/pair/pair.blend")
 """
 # Two rows of four pixels, in Radiance's format without run lengths.
 SKY = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n" + bytes([128, 130, 140, 129]) * 7 + bytes([9, 9, 9, 128])
@@ -43,13 +48,20 @@ def test_a_folder_becomes_a_config_with_findings_as_comments(
     (tmp_path / "mine/.cache").mkdir()
     (tmp_path / "mine/.cache/tidy.blend").write_bytes(b"")
     assert cli.main(["init", "project", "--from", "mine"]) == 0
-    assert [path.name for path in Path("project").iterdir()] == ["hulldown.toml"]
+    assert {path.name for path in Path("project").iterdir()} == {".hulldown-cache", "hulldown.toml"}
     told = " ".join(capsys.readouterr().err.split())
-    assert "with 3 of 6 files" in told
+    assert "with 4 of 7 files" in told
     config = Config.read("project/hulldown.toml")
     assert [(v.path, v.category, v.name) for v in config.assets.vehicles] == [
-        ("../mine/tanks/one/scene.blend", "tanks", "scene")
+        ("../mine/pair/pair.blend", "pair", "pair_a_Hull"),
+        ("../mine/pair/pair.blend", "pair", "pair_b_Hull"),
+        ("../mine/tanks/one/scene.blend", "tanks", "scene"),
     ]
+    assert [v.keep for v in config.assets.vehicles] == [("a_Hull",), ("b_Hull",), ()]
+    read_again: list[str] = []
+    library = load_library(config, progress=read_again.append)
+    assert not read_again
+    assert all(max(library.assets.vehicles[name].size_xyz) < 6.01 for name in ("pair_a_Hull", "pair_b_Hull"))
     assert [s.path for s in config.assets.sceneries] == ["../mine/outside/park.blend"]
     assert list(hdri_paths(config)) == ["sky [1]"]
     text = Path("project/hulldown.toml").read_text(encoding="utf-8")
@@ -62,6 +74,9 @@ def test_a_folder_becomes_a_config_with_findings_as_comments(
     assert "# not used: ../mine/tanks/one/scene.obj: is called as scene.blend is" in text
     assert "# not used: ../mine/tanks/normal.hdr: is 2 x 2 pixels" in text
     assert "tidy" not in text
+    listed = library.doubts(backdrop=True)
+    assert any(listed.values())
+    assert not any(_unsaid(listed, config).values())  # they're in its comments
     assert cli.main(["inspect", "project/hulldown.toml"]) == 0
     assert cli.main(["init", "project", "--from", "mine"]) == 2  # and existing files stay
     assert text == Path("project/hulldown.toml").read_text(encoding="utf-8")
@@ -119,7 +134,7 @@ def test_files_with_equal_names_get_different_asset_names(tmp_path: Path) -> Non
 def test_a_name_that_a_config_cannot_hold_is_not_listed(tmp_path: Path) -> None:
     (tmp_path / "tank\n\udcff.glb").write_bytes(b"glTF")
     with pytest.raises(AssetError, match=r"(?s)none of its 1 files can be used.*rename it"):
-        read_found(tmp_path, asset_files(tmp_path))
+        read_found(tmp_path, asset_files(tmp_path), tmp_path / "cache")
 
 
 def test_init_bare_writes_only_the_config(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -213,9 +213,9 @@ def test_an_hdri_with_a_one_colored_sun_is_a_doubt(tmp_path):
 def test_serious_doubts_come_first_in_one_warning_per_file(read):
     doubts = {name: read[name].report.doubts for name in ("max", "moved", "clear", "sheet", "pit")}
     lines = warnings_of(doubts)
-    assert [line.partition("\n")[0] for line in lines] == ["moved", "clear", "sheet", "max", "pit"]
+    assert [line.partition("\n")[0] for line in lines] == ["sheet", "moved", "clear", "max", "pit"]
     assert all(line.count("\n") <= 4 for line in lines)
-    assert "missing: " in lines[0].splitlines()[1]
+    assert "missing: " in lines[1].splitlines()[1]
 
 
 def test_land_in_an_hdri_is_hidden_or_reported_where_the_terrain_ends(tmp_path):

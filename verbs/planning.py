@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -46,17 +47,25 @@ def _init(arguments: argparse.Namespace) -> None:
 
 def _init_from(arguments: argparse.Namespace, values: Mapping[str, Any]) -> None:
     from hulldown.demo.project import CONFIG, refuse_config, write_config
+    from hulldown.planning.config.asset_sections import CACHE_NAME
     from hulldown.planning.inputs.found_assets import asset_files, found_config, missing_kinds, read_found
 
     refuse_config(arguments.folder / CONFIG)
     files = asset_files(arguments.source)
-    found = read_found(arguments.source, files, limits=read_limits(arguments))
+    cache, new = arguments.folder / CACHE_NAME, not arguments.folder.exists()
+    try:
+        found = read_found(arguments.source, files, cache, limits=read_limits(arguments))
+    except AssetError:
+        if new and cache.is_dir():
+            shutil.rmtree(cache)
+            arguments.folder.rmdir()
+        raise
     make_room(arguments.folder / CONFIG)
     config = write_config(arguments.folder, found_config(arguments.source, found, arguments.folder, values))
     for word in missing_kinds(found):
         warn(f"no {word} was found in {arguments.source}; name one in {config}")
-    used = sum(bool(file.kind) for file in found)
-    say(f"wrote {config} with {used} of {len(found)} files; next: look at its comments, and hulldown inspect {config}")
+    used = len({file.path for file in found if file.kind})
+    say(f"wrote {config} with {used} of {len(files)} files; next: look at its comments, and hulldown inspect {config}")
 
 
 def _inspect(arguments: argparse.Namespace) -> int:

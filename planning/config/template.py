@@ -43,7 +43,7 @@ def config_text(
     values
         "section.key", or "seed" -> the value that replaces the default: numbers, strings, or lists and tables of them.
     notes
-        Path of an entry, or pattern of HDRIs -> lines of comments on it.
+        Name of an entry, or its path if it has none, or pattern of HDRIs -> lines of comments on it.
     remarks
         Lines of comments below the entries.
     """
@@ -57,7 +57,7 @@ def config_text(
         + f"hdris = {_patterns(hdris, notes)}  # patterns of .exr or .hdr files: light and backdrop\n",
         *(_comment_on(kind) for kind in ENTRIES),
         *(
-            _comments(notes.get(entry["path"], ())) + _table(f"assets.{kind}", entry)
+            _comments(notes.get(entry.get("name", entry["path"]), ())) + _table(f"assets.{kind}", entry)
             for kind, listed in (("vehicles", vehicles), ("distractors", distractors), ("sceneries", sceneries))
             for entry in listed
         ),
@@ -110,11 +110,32 @@ def _comment_on(kind: str) -> str:
 
 
 def _comments(lines: Sequence[str], indent: str = "") -> str:
-    """Return each line as a comment, with unprintable characters escaped."""
-    return "".join(f"{indent}# {_printable(line)}\n" for line in lines)
+    """Return each line as a comment."""
+    return "".join(f"{indent}# {as_comment(line)}\n" for line in lines)
 
 
-def _printable(text: str) -> str:
+def comments_above_paths(text: str) -> dict[str, list[str]]:
+    r"""Return the lines of comments above the table or line of each path in a config's text.
+
+    Examples
+    --------
+    >>> comments_above_paths('# doubt: too long\n[[assets.vehicles]]\npath = "a.obj"\n')
+    {'a.obj': ['doubt: too long']}
+    """
+    found: dict[str, list[str]] = {}
+    above: list[str] = []
+    for line in text.splitlines():
+        if line.strip().startswith("# "):
+            above.append(line.strip()[2:])
+        elif line.startswith("path = "):
+            found.setdefault(line.removeprefix("path = ").strip().strip("\"'"), []).extend(above)
+        elif not line.strip():
+            above = []
+    return found
+
+
+def as_comment(text: str) -> str:
+    """Return a text as a config's comment has it, with unprintable characters escaped."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-import tempfile
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from glob import escape
 from pathlib import Path
 from types import MappingProxyType
@@ -16,11 +16,13 @@ from typing import Any
 from hulldown.base.errors import AssetError
 from hulldown.base.terminal import tracked
 from hulldown.planning.config.template import config_text
+from hulldown.reading.cache import cached
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.hdri import read_hdris
 from hulldown.reading.pieces.asset_report import FileReport
+from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.reading.pieces.formats import HDRI_SUFFIXES, SUFFIXES
-from hulldown.reading.reader_process import export
+from hulldown.reading.pieces.options import DEFAULTS, Options
 
 # Folder names that tell the kind of the files in them; in other folders, the contents decide.
 KINDS = {
@@ -41,12 +43,14 @@ class FoundFile:
     """A file of the folder, its kind, and lines of notes on it.
 
     `path` is relative to the folder. `kind` is "vehicle", "scenery", "distractor", "hdri", or "" for an unusable file,
-    whose notes begin with the reason.
+    whose notes begin with the reason. A file with several vehicles is found once for each, with its entry's `keys`
+    keep and drop, and what its name ends in.
     """
 
     path: Path
     kind: str
     notes: tuple[str, ...]
+    keys: Mapping[str, Any] = field(default_factory=dict)
 
 
 def asset_files(folder: Path) -> list[Path]:
@@ -71,6 +75,7 @@ def asset_files(folder: Path) -> list[Path]:
 def read_found(
     folder: Path,
     files: Sequence[Path],
+    cache: Path,
     *,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> list[FoundFile]:
@@ -80,6 +85,8 @@ def read_found(
     ----------
     folder, files
         See `asset_files`.
+    cache
+        Folder for what is read, which a plan finds there.
     limits
         Time and memory for reading a file.
 
@@ -94,32 +101,31 @@ def read_found(
     for path in sorted(files, key=lambda path: _PREFERENCE.index(path.suffix.lower())):
         taken.setdefault(path.with_suffix(""), path)
 
-    def read(path: Path) -> FoundFile:
+    def read(path: Path) -> list[FoundFile]:
         if not str(path).isprintable():
-            return FoundFile(path, "", ("its name cannot be written; rename it",))
+            return [FoundFile(path, "", ("its name cannot be written; rename it",))]
         if (same := taken[path.with_suffix("")]) != path:
-            return FoundFile(path, "", (f"is called as {same.name} is, which is used",))
+            return [FoundFile(path, "", (f"is called as {same.name} is, which is used",))]
         try:
-            return _hdri(folder, path, shared) if path.suffix.lower() in HDRI_SUFFIXES else _model(folder, path, shared)
+            if path.suffix.lower() in HDRI_SUFFIXES:
+                return [_hdri(folder, path, cache, shared)]
+            return _models(folder, path, cache, shared)
         except AssetError as error:
-            return FoundFile(path, "", (error.problem + (f"; {error.remedy}" if error.remedy else ""),))
+            return [FoundFile(path, "", (error.problem + (f"; {error.remedy}" if error.remedy else ""),))]
 
     with ThreadPoolExecutor(at_once) as pool:
         reading = [pool.submit(read, path) for path in files]
         for _ in tracked("reading files", as_completed(reading), len(files)):
             pass
-    read_files = [each.result() for each in reading]
+    read_files = [found for each in reading for found in each.result()]
     if not any(file.kind for file in read_files):
         first = next((file for file in read_files if taken[file.path.with_suffix("")] == file.path), read_files[0])
-        raise AssetError(
-            f"none of its {len(read_files)} files can be used; {first.path}: {first.notes[0]}", path=folder
-        )
+        raise AssetError(f"none of its {len(files)} files can be used; {first.path}: {first.notes[0]}", path=folder)
     return read_files
 
 
-def _hdri(folder: Path, path: Path, limits: ReadLimits) -> FoundFile:
-    with tempfile.TemporaryDirectory(prefix="hulldown-") as cache:
-        sky = read_hdris([folder / path], Path(cache), limits=limits)[0]
+def _hdri(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> FoundFile:
+    sky = read_hdris([folder / path], cache, limits=limits)[0]
     if sky.misfits:
         return FoundFile(path, "", (f"shows no open land: {sky.misfits[0]}",))
     if sky.doubts:
@@ -127,12 +133,26 @@ def _hdri(folder: Path, path: Path, limits: ReadLimits) -> FoundFile:
     return FoundFile(path, "hdri", sky.notes)
 
 
-def _model(folder: Path, path: Path, limits: ReadLimits) -> FoundFile:
+def _models(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> list[FoundFile]:
+    """A file's vehicles, as it's read by the keys that it needs, or its scenery."""
     folder_kind = next((KINDS[name.lower()] for name in reversed(path.parent.parts) if name.lower() in KINDS), None)
     kind = "vehicle" if folder_kind == "distractor" else folder_kind
-    with tempfile.TemporaryDirectory(prefix="hulldown-") as out:
-        report = export(folder / path, out, kind=kind, limits=limits).report
-    return FoundFile(path, folder_kind or report.kind, (*report.lines(), *_ground(report)))
+
+    def read(options: Options = DEFAULTS) -> FileReport:
+        return cached(folder / path, cache, kind=kind, options=options, limits=limits)[0].report
+
+    whole = read()
+    if not whole.things:
+        return [FoundFile(path, folder_kind or whole.kind, (*whole.lines(), *_ground(whole)))]
+    why = [f"without keep and drop: {doubt}" for doubt in whole.doubts if doubt.kind == DoubtKind.SEVERAL]
+    names = [re.sub(r"\W+", "_", thing.name) for thing in whole.things]
+    found = []
+    for number, (thing, name) in enumerate(zip(whole.things, names, strict=True), start=1):
+        keys = {key: list(value) for key, value in (("keep", thing.keep), ("drop", thing.drop)) if value}
+        unique = {"name": name if names.count(name) == 1 else str(number)} if name else {}
+        report = read(Options(keep=thing.keep, drop=thing.drop))
+        found.append(FoundFile(path, folder_kind or "vehicle", (*why, *report.lines()), {**unique, **keys}))
+    return found
 
 
 def _ground(report: FileReport) -> list[str]:
@@ -155,7 +175,7 @@ def found_config(
     """
     base = os.path.relpath(folder.resolve(), config_folder.resolve())
     listed = {file.path: Path(base, file.path).as_posix() for file in found}
-    models = [file.path for file in found if file.kind not in ("hdri", "")]
+    models = {file.path for file in found if file.kind not in ("hdri", "")}
     stems = Counter(path.stem for path in models)
     skies: dict[str, Path] = {}
     unused = [file for file in found if not file.kind]
@@ -163,24 +183,23 @@ def found_config(
         if file.kind == "hdri" and (first := skies.setdefault(file.path.stem, file.path)) != file.path:
             unused.append(replace(file, kind="", notes=(f"is called as {first.as_posix()} is; rename it to use it",)))
 
-    def entries(kind: str) -> list[dict[str, str]]:
-        tables = []
-        for path in (file.path for file in found if file.kind == kind):
-            entry = {"path": listed[path]}
-            if stems[path.stem] > 1:
-                entry["name"] = "_".join((*path.parent.parts, path.stem))
-            if kind == "vehicle":
-                entry["category"] = _category(folder, path)
-            tables.append(entry)
-        return tables
+    def entry_of(file: FoundFile) -> dict[str, Any]:
+        path, entry = file.path, {"path": listed[file.path]}
+        name = "_".join((*path.parent.parts, path.stem)) if stems[path.stem] > 1 else path.stem
+        name += f"_{file.keys['name']}" if "name" in file.keys else ""
+        named = {"name": name} if name != path.stem else {}
+        category = {"category": _category(folder, path)} if file.kind == "vehicle" else {}
+        return {**entry, **named, **category, **{key: file.keys[key] for key in ("keep", "drop") if key in file.keys}}
 
+    entries = {kind: [(entry_of(file), file) for file in found if file.kind == kind] for kind in set(KINDS.values())}
     patterns = {path: escape(listed[path]) for path in skies.values()}
-    notes = {patterns.get(file.path, listed[file.path]): file.notes for file in found if file.kind}
+    notes = {patterns[file.path]: file.notes for file in found if file.kind == "hdri" and file.path in patterns}
+    notes |= {entry.get("name", entry["path"]): file.notes for some in entries.values() for entry, file in some}
     missing = [f"no {word} was found in {folder}, and at least one is needed" for word in missing_kinds(found)]
     return config_text(
-        vehicles=entries("vehicle"),
-        sceneries=entries("scenery"),
-        distractors=entries("distractor"),
+        vehicles=[entry for entry, _ in entries["vehicle"]],
+        sceneries=[entry for entry, _ in entries["scenery"]],
+        distractors=[entry for entry, _ in entries["distractor"]],
         hdris=list(patterns.values()),
         values=values,
         notes=notes,

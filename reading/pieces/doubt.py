@@ -6,45 +6,46 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-SHOWN = 3  # doubts that a warning lists
+SHOWN = 3  # kinds of doubts that a warning lists, one each
 
 
 class DoubtKind(StrEnum):
-    """Kinds of doubts, those first that make pictures or labels wrong, and last those that only report a decision."""
+    """Kinds of doubts by consequence: wrong labels, wrong pictures, wrong sizes, wrong directions; then decisions."""
 
     NO_GROUND = "no_ground"
-    MISSING = "missing"
     SEVERAL = "several"
+    UNLABELED = "unlabeled"
+    MOST_DROPPED = "most_dropped"
+    LARGEST_DROPPED = "largest_dropped"
+    UP = "up"
+    STEEP_GROUND = "steep_ground"
+    SHEET_ABOVE = "sheet_above"
+    OTHER_KIND = "other_kind"
+    LEFT_OUT = "left_out"
+    STRAY = "stray"
+    MISSING = "missing"
     SEVERAL_PICTURES = "several_pictures"
     MAGENTA = "magenta"
     BLACK = "black"
     TRANSPARENT = "transparent"
-    SHEET_ABOVE = "sheet_above"
     AROUND_ALL = "around_all"
     NO_MATERIAL = "no_material"
     PALE = "pale"
-    STEEP_GROUND = "steep_ground"
-    SCALE = "scale"
-    MOST_DROPPED = "most_dropped"
-    UP = "up"
-    FORWARD = "forward"
+    OPACITY = "opacity"
+    NOT_READ = "not_read"
     TINTED = "tinted"
-    PAINT = "paint"
     NO_OPEN_LAND = "no_open_land"
-    OTHER_KIND = "other_kind"
-    LARGEST_DROPPED = "largest_dropped"
+    PAINT = "paint"
+    SCALE = "scale"
+    COORDINATES = "coordinates"
+    FORWARD = "forward"
+    PARTS = "parts"
     GROUND = "ground"
     WATER = "water"
-    PARTS = "parts"
-    LEFT_OUT = "left_out"
-    STRAY = "stray"
-    NOT_READ = "not_read"
-    OPACITY = "opacity"
-    COORDINATES = "coordinates"
-    MOVED_PICTURE = "moved_picture"
     PIVOT = "pivot"
     NOT_GROUND = "not_ground"
     PERHAPS_WATER = "perhaps_water"
+    MOVED_PICTURE = "moved_picture"
     REPAIRED = "repaired"
 
 
@@ -76,7 +77,7 @@ class Doubt:
 
 
 def warnings_of(doubts: Mapping[str, Sequence[Doubt]]) -> list[str]:
-    """Return one warning for each file, those with the worst doubts first, each with its worst `SHOWN` doubts.
+    """Return one warning for each file, those with the worst doubts first, each with its worst doubts of `SHOWN` kinds.
 
     Parameters
     ----------
@@ -86,11 +87,10 @@ def warnings_of(doubts: Mapping[str, Sequence[Doubt]]) -> list[str]:
     Examples
     --------
     >>> odd, worse = Doubt(DoubtKind.PARTS, "odd"), Doubt(DoubtKind.MISSING, "missing: b.png")
-    >>> for warning in warnings_of({"a.obj": [odd], "b.obj": [odd, odd, worse, odd]}):
+    >>> for warning in warnings_of({"a.obj": [odd], "b.obj": [odd, worse, odd]}):
     ...     print(warning)
     b.obj
       missing: b.png
-      odd
       odd
       and 1 more, which `hulldown inspect` lists
     a.obj
@@ -99,8 +99,11 @@ def warnings_of(doubts: Mapping[str, Sequence[Doubt]]) -> list[str]:
     ranked = {path: sorted(found, key=_rank) for path, found in doubts.items() if found}
     warnings = []
     for path, found in sorted(ranked.items(), key=lambda item: _rank(item[1][0])):
-        shown = [doubt.text.replace("\n", "\\n") for doubt in found[:SHOWN]]
-        more = [f"and {len(found) - SHOWN} more, which `hulldown inspect` lists"] if len(found) > SHOWN else []
+        first = list({doubt.kind: doubt for doubt in reversed(found)}.values())[::-1]  # of each kind
+        shown = [doubt.text.replace("\n", "\\n") for doubt in first[:SHOWN]]
+        more = (
+            [f"and {len(found) - len(shown)} more, which `hulldown inspect` lists"] if len(found) > len(shown) else []
+        )
         warnings.append("\n  ".join([path, *shown, *more]))
     return warnings
 

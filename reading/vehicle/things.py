@@ -253,10 +253,10 @@ def _candidates(pieces: Sequence[Piece]) -> list[str]:
     around = [name for link in first.chain[::-1] for name in (*link.collections[::-1], link.name)]
     prefix, suffix = _common(names), _common([name[::-1] for name in names])[::-1]
     joined = ["".join(own[i:k]) for i in range(len(own)) for k in range(i + 1, len(own) + 1)]
-    globs = [f"{escape(prefix)}*", f"*{escape(suffix)}"]
+    globs = [f"{escape(prefix)}*", f"*{escape(suffix)}"] if len(pieces) > 1 else [first.name]
     whole = escape(first.name[:1]) if first.name[:1] in "*?[" else f"[{first.name[:1]}]"
     literal = f"{whole}{escape(first.name[1:])}"  # a glob matches the whole name
-    return [one for one in (*around[:-1], *globs, *joined, first.name, literal) if one.strip("*") and not one.isdigit()]
+    return [one for one in (*around[:-1], *globs, *joined, literal) if one.strip("*") and not one.isdigit()]
 
 
 def _common(names: Sequence[str]) -> str:
