@@ -171,12 +171,14 @@ def place_boxes(
     *,
     corners: Float[np.ndarray, "n 4"],
     cut: Bool[np.ndarray, "n 4"],
+    kept: ArrayLike = 0.0,
     roll: ArrayLike = 0.0,
 ) -> Float[np.ndarray, "n 4 4"]:
     """Turn each camera so that the target's box is where another box is, for boxes of any sizes.
 
     Along an axis on which neither side of the frame cuts the other box off, their centers agree as far as the target
-    fits into the frame. Where one side does, it cuts the target off as well, and their sides within the frame agree.
+    fits into the frame. Where one side does, it cuts the target off as well, and their sides within the frame agree, as
+    far as that leaves enough of the target.
 
     Parameters
     ----------
@@ -186,19 +188,23 @@ def place_boxes(
         (n, 4) left, top, right, and bottom side of the other box in the frame, pixels.
     cut
         (n, 4) whether the frame cuts it off there.
+    kept
+        () or (n, 2) least share of the target's width and height in the frame.
     """
     poses = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
     points = checked(points_world, "points_world", ("n", "k", 3))
     lens = lenses(intrinsics)
+    least = np.broadcast_to(kept, (len(poses), 2))
     rolls = np.broadcast_to(np.asarray(roll, dtype=np.float64), (len(poses),))
     first = turned(poses, lens, lens.center, rolls) if rolls.any() else poses
     size = np.broadcast_to(lens.size, (len(poses), 2))
     (low, high), (cut_low, cut_high) = (np.split(each, 2, axis=1) for each in (corners, cut))
 
     def corner(rows: Int[np.ndarray, " r"], extent: Float[np.ndarray, "r 2"]) -> Float[np.ndarray, "r 2"]:
-        room = size[rows] - extent
+        room, inside = size[rows] - extent, least[rows] * extent
         middle = (low[rows] + high[rows] - extent) / 2.0
-        places = [middle, np.minimum(high[rows] - extent, 0.0), np.maximum(low[rows], room)]
+        at_low = np.clip(high[rows], inside, extent) - extent
+        places = [middle, at_low, np.maximum(np.minimum(low[rows], size[rows] - inside), room)]
         kinds = [cut_low[rows] & cut_high[rows], cut_low[rows], cut_high[rows]]
         return np.select(kinds, places, np.clip(middle, np.minimum(room, 0.0), np.maximum(room, 0.0)))
 

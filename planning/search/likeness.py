@@ -1,7 +1,8 @@
 """The photograph that each image follows, and cameras that reproduce its box.
 
-Half of an image's tries follow its sampled photograph, so that boxes that are hard to reproduce stay frequent. The
-third quarter samples another photograph for each try, and the last one follows the configured ranges.
+Half of an image's tries follow its sampled photograph, so that boxes that are hard to reproduce stay frequent. Each try
+of the third quarter samples another one with a box of about that height, so that refused boxes don't change the
+distribution of heights. The last quarter follows the configured ranges.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from hulldown.base.errors import ConfigError
 from hulldown.camera.framing import place_boxes
 from hulldown.camera.lenses import Lenses
 from hulldown.camera.shell import draw_azimuth, draw_elevation, shell_axes
-from hulldown.geometry.portable import exp, hypot, log, sin_cos
-from hulldown.planning.config.schema import Config
+from hulldown.geometry.portable import exp, log
+from hulldown.planning.config.schema import CameraSection, Config
 from hulldown.planning.search.instance_table import Instances, hull_of
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, RowStreams, choose
 from hulldown.planning.search.sizing import sized_cameras
@@ -31,7 +32,11 @@ FEW = 20  # boxes of a class, below which those of all classes are used
 DIRECTIONS = 24  # candidates for each camera
 LEAST_TOLERANCE = 0.03  # relative, of aspect ratios: no vehicle has exactly the sampled one
 HALF_CUT = 0.5  # largest share of the height assumed to be cut off from a box over a corner of the photograph
+CUT = (
+    0.8  # of the largest `truncated_fraction`, aimed for, as what the frame leaves fills less than its share of the box
+)
 SLACK = 2.0  # largest factor by which estimated distances are wrong
+LAST = np.nextafter(1.0, 0.0)  # highest rank
 PATIENCE = 10  # places without a camera that count as a quarter of an image's tries
 
 
@@ -47,8 +52,9 @@ class Wishes:
         (n, 4) left, top, right, and bottom side of the box in pixels, and whether the frame cuts it off there.
     pixels, wide
         (n,) height of the target's box, or its width if `wide`, where the frame cuts off the height.
-    aspect
-        (n,) width over height of the uncut box.
+    aspect, kept
+        (n,) width over height of the box without a cut of the height, and the share of the height that such a cut at a
+        corner leaves.
     choice
         (n,) uniform numbers in [0, 1) that choose directions.
     """
@@ -60,7 +66,14 @@ class Wishes:
     pixels: Float[np.ndarray, " n"]
     wide: Bool[np.ndarray, " n"]
     aspect: Float[np.ndarray, " n"]
+    kept: Float[np.ndarray, " n"]
     choice: Float[np.ndarray, " n"]
+
+    def least_kept(self, config: Config) -> Float[np.ndarray, "n 2"]:
+        """Least shares of targets' widths and heights in the frame, by `truncated_fraction`."""
+        share = np.minimum((1.0 - CUT * config.camera.truncated_fraction[1]) / self.kept, 1.0)
+        across = (self.cut[:, :2] | self.cut[:, 2:])[:, 0]
+        return np.stack([np.where(across, share, 0.0), np.where(across, 0.0, share)], axis=1)
 
 
 class Likeness:
@@ -85,6 +98,7 @@ class Likeness:
         # A photograph's boxes share a weight of 1, or more if it has more boxes than an image can have vehicles.
         shown = np.minimum(photographs.count, config.placement.vehicles_per_image[1])[photographs.image]
         self._weights = np.where(self.usable, 1.0 / np.maximum(shown, 1), 0.0)
+        self._by_height = np.argsort(photographs.height, kind="stable")
         classes = np.array(photographs.category, dtype=object)
         self._boxes = Counter(classes[self.usable].tolist())
         enough = [category for category, n in self._boxes.items() if n >= FEW]
@@ -107,66 +121,23 @@ class Likeness:
         self, draws: RandomStreams, fleet: Fleet, *, model: Int[np.ndarray, " n"], image: Int[np.ndarray, " n"]
     ) -> Int[np.ndarray, " n"]:
         """Sample a box for each image, by its target's model; -1: the image follows the configured ranges."""
-        uniform = draws.uniform(Purpose.LIKE, image, 0, count=2)
-        return np.where(uniform[:, 0] < self.config.camera.like_share, self._picked(fleet, model, uniform[:, 1]), -1)
+        share, rank = draws.uniform(Purpose.LIKE, image, 0, count=2).T
+        return np.where(share < self.config.camera.like_share, self._picked(fleet, model, rank), -1)
 
     def _picked(
         self, fleet: Fleet, model: Int[np.ndarray, " n"], uniform: Float[np.ndarray, " n"]
     ) -> Int[np.ndarray, " n"]:
-        """Sample boxes of each model's class, or of all classes if it has few, from numbers in [0, 1)."""
+        """Sample boxes of each model's class, or of all classes if it has few, by ranks of their heights in [0, 1)."""
         box = np.zeros(len(model), dtype=np.int64)
         for index in np.unique(model).tolist():
             weights = self._own.get(fleet.models[index].category or "", self._weights)
             rows = np.flatnonzero(model == index)
-            box[rows] = choose(weights, uniform[rows])
+            box[rows] = self._by_height[choose(weights[self._by_height], uniform[rows])]
         return box
 
     def companions(self, box: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
         """Number of other boxes in the photograph of each box; -1 without a box."""
         return np.where(box >= 0, self.photographs.count[self.photographs.image[box]] - 1, -1)
-
-    def places_beside(
-        self,
-        targets: Instances,
-        others: Instances,
-        wishes: Wishes,
-        *,
-        number: Int[np.ndarray, " n"],
-        lens: Lenses,
-        rng: RowStreams,
-    ) -> Float[np.ndarray, "n 2"]:
-        """Return places on level ground where companions fill the other boxes of the photographs.
-
-        Parameters
-        ----------
-        targets, others
-            n pairs of a target and a companion without a pose.
-        wishes, lens, rng
-            Of the first try of each target's camera; see `matching_cameras`.
-        number
-            (n,) number of each companion among those of its target.
-
-        Returns
-        -------
-        (n, 2) meters from targets to companions in x and y, within `placement.companion_distance`; nan for a companion
-        without a box.
-        """
-        photographs, (least, most) = self.photographs, self.config.placement.companion_distance
-        has = np.flatnonzero(number < self.companions(wishes.box))
-        places = np.full((len(number), 2), np.nan)
-        start = np.searchsorted(photographs.image, photographs.image[wishes.box])
-        box = (start + number + (start + number >= wishes.box))[has]
-        azimuth, elevation, distance = _directions(targets, wishes, self.config, lens=lens, rng=rng)
-        (sa, ca), (se, ce), near = sin_cos(azimuth[has]), sin_cos(elevation[has]), distance[has]
-        tall = (others.fleet.size[others.model, 2] / targets.fleet.size[targets.model, 2])[has]
-        height, center, of_target = photographs.height, photographs.center, wishes.box[has]
-        far = near * tall * height[of_target] / height[box]
-        away = (center[box] - center[of_target]) * lens.size[has] / lens.focal[has] * far[:, None]
-        right, ahead = away[:, 0], (far - near) * ce - away[:, 1] * se
-        xy = np.stack([-sa * right - ca * ahead, ca * right - sa * ahead], axis=1)
-        length = np.maximum(hypot(xy[:, 0], xy[:, 1]), 1e-9)
-        places[has] = xy * (np.clip(length, least, most) / length)[:, None]
-        return places
 
     def wishes(
         self,
@@ -189,7 +160,10 @@ class Likeness:
         camera, render, photographs = self.config.camera, self.config.render, self.photographs
         again = draws.uniform(Purpose.LIKE, image, 1 + attempt, count=6)
         asked = self.sampled(draws, targets.fleet, model=targets.model, image=image)
-        box = np.where(quarter < 2, asked, self._picked(targets.fleet, targets.model, again[:, 0]))
+        rank = draws.uniform(Purpose.LIKE, image, 0, count=2)[:, 1]
+        near = np.abs(rank + (2.0 * again[:, 0] - 1.0) ** 3)  # half of them within an eighth of all ranks
+        near = np.where(near < 1.0, near, 2.0 - near).clip(0.0, LAST)
+        box = np.where(quarter < 2, asked, self._picked(targets.fleet, targets.model, near))
         box = np.where((asked >= 0) & (quarter < 3), box, -1)
         size, cut = np.array([render.width, render.height], dtype=np.float64), photographs.cut[box]
         deviation = camera.like_spread * (2.0 * again[:, 1:4] - 1.0)
@@ -203,7 +177,8 @@ class Likeness:
         low = np.where(cut_low, 0.0, np.where(cut_high, size - extent, low))
         across, down = (cut_low | cut_high).T
         wide = down & ~across
-        kept = np.where(down & across, 1.0 - HALF_CUT * again[:, 4], 1.0)
+        deepest = min(HALF_CUT, 1.0 - math.sqrt(1.0 - CUT * camera.truncated_fraction[1]))
+        kept = np.where(down & across, 1.0 - deepest * again[:, 4], 1.0)
         return Wishes(
             asked,
             box,
@@ -212,6 +187,7 @@ class Likeness:
             np.where(wide, extent[:, 0], height / kept),
             wide,
             aspect * kept,
+            kept,
             again[:, 5],
         )
 
@@ -253,7 +229,7 @@ def matching_cameras(
         See `directions_of`.
     """
     n = len(targets)
-    azimuth, elevation, distance = _directions(targets, wishes, config, lens=lens, rng=rng)
+    azimuth, elevation, distance = chosen_directions(targets, wishes, config, lens=lens, rng=rng)
     poses = np.full((n, 4, 4), np.nan)
     least, most = config.camera.distance_m
     # Estimated distances far beyond the limits are rejected without solving.
@@ -272,6 +248,7 @@ def matching_cameras(
                 intrinsics=lens.rows(i),
                 corners=wishes.corners[i],
                 cut=wishes.cut[i],
+                kept=wishes.least_kept(config)[i],
                 roll=roll[i],
             )
             poses[i], distance[i] = sized_cameras(
@@ -288,15 +265,19 @@ def matching_cameras(
     return poses, distance
 
 
-def _directions(
+def chosen_directions(
     targets: Instances, wishes: Wishes, config: Config, *, lens: Lenses, rng: RowStreams
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Choose azimuth and elevation by how well the aspect ratio fits, and estimate the distance."""
+    """Sample elevations, choose azimuths by how well the aspect ratio fits, and estimate the distance.
+
+    Elevations are the configured ones, since an aspect ratio hardly tells them: a turret that a label leaves out weighs
+    as much as 20 degrees.
+    """
     n, limits = len(targets), config.camera
     low, high = (math.radians(angle) for angle in limits.elevation_deg)
     azimuth = draw_azimuth(n * DIRECTIONS, rng=rng).reshape(n, DIRECTIONS)
     elevation = draw_elevation(n * DIRECTIONS, (low, high), rng=rng, uniform_in=limits.elevation_sampling)
-    elevation = elevation.reshape(n, DIRECTIONS)
+    elevation = np.repeat(elevation.reshape(n, DIRECTIONS)[:, :1], DIRECTIONS, axis=1)
     axes = shell_axes(azimuth, elevation)[1]
     local = targets.corners() - targets.centers[:, None]
     x, y, depth = (sum(local[:, None, :, k] * axes[..., None, k, axis] for k in range(3)) for axis in range(3))
@@ -306,11 +287,18 @@ def _directions(
     scale = 1.0 / np.maximum(distance[..., None] + depth, 0.1 * distance[..., None])
     misfit = log(np.ptp(x * scale, axis=2) / np.ptp(y * scale, axis=2)) - log(wishes.aspect)[:, None]
     across, down = (wishes.cut[:, :2] | wishes.cut[:, 2:]).T[..., None]
-    # A target may be longer than its box where the frame cuts off the width, and taller where it cuts off the height.
-    misfit = np.where(across, np.minimum(misfit, 0.0), misfit)
-    misfit = np.where(down & ~across, np.maximum(misfit, 0.0), misfit)
-    exponent = -0.5 * (misfit / max(limits.like_spread / 2.0, LEAST_TOLERANCE)) ** 2
-    weight = np.cumsum(exp(exponent - exponent.max(axis=1, keepdims=True)), axis=1)
-    wanted = wishes.choice[:, None] * weight[:, -1:]
-    row, chosen = np.arange(n), np.minimum((weight <= wanted).sum(axis=1), DIRECTIONS - 1)
+    # Where the frame cuts off the width, a target is longer than its box, and taller where it cuts off the height: as
+    # much as `truncated_fraction` allows.
+    longer = np.maximum(log(wishes.kept / (1.0 - CUT * limits.truncated_fraction[1])), 0.0)[:, None]
+    misfit -= np.where(across, np.clip(misfit, 0.0, longer), 0.0)
+    misfit -= np.where(down & ~across, np.clip(misfit, -longer, 0.0), 0.0)
+    row, chosen = np.arange(n), fitting(misfit, limits, wishes.choice)
     return azimuth[row, chosen], elevation[row, chosen], distance[row, chosen]
+
+
+def fitting(
+    misfit: Float[np.ndarray, "n d"], limits: CameraSection, choice: Float[np.ndarray, " n"]
+) -> Int[np.ndarray, " n"]:
+    """Choose a direction for each row by the misfits of logarithmic aspect ratios, with numbers in [0, 1)."""
+    exponent = -0.5 * (misfit / max(limits.like_spread / 2.0, LEAST_TOLERANCE)) ** 2
+    return choose(exp(exponent - exponent.max(axis=1, keepdims=True)), choice)

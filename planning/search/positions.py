@@ -23,6 +23,7 @@ from hulldown.placement.candidates import candidates
 from hulldown.placement.rejection import AIMING, KINDS, PLACING, Rejection, first_accepted, sentence
 from hulldown.placement.settle import Settled, unsettled
 from hulldown.planning.search.aiming import Tries, drawn_lenses
+from hulldown.planning.search.beside import poses_beside
 from hulldown.planning.search.block import Block, InstanceTable, instances_of
 from hulldown.planning.search.extras import MOST, Role, offsets
 from hulldown.planning.search.likeness import PATIENCE, directions_of
@@ -236,17 +237,18 @@ class _Search:
                 active = active[np.isin(turn[active], which) | (tried[turn[active]] >= COMPANION_TRIES)]
         return ~failed[all_rows]
 
-    def _photographed(self, extras: Int[np.ndarray, " q"]) -> Float[np.ndarray, "k 2"]:
-        """Return where the photographs of first images show companions, as meters from targets; nan for the others."""
-        table, likeness, places = self.table, self.block.likeness, np.full((len(self.table), 2), np.nan)
+    def _photographed(self, extras: Int[np.ndarray, " q"]) -> Float[np.ndarray, "k 3"]:
+        """Return where the photographs of first images show companions; see `poses_beside`."""
+        table, likeness, poses = self.table, self.block.likeness, np.full((len(self.table), 3), np.nan)
         extras = extras[table.role[extras] == Role.COMPANION]
         if likeness is None or not len(extras):
-            return places
+            return poses
         row = table.row[extras]
         image, attempt = self.block.positions.first_image[row], self.tries[row] * self.config.camera.max_tries
         targets = self.table.at(self.target[row])
         first = RowStreams(self.draws, Purpose.CAMERA, image, attempt).random((len(row), 3))
-        places[extras] = likeness.places_beside(
+        poses[extras] = poses_beside(
+            likeness,
             targets,
             self.table.at(extras),
             likeness.wishes(self.draws, targets, image=image, attempt=attempt, quarter=np.zeros_like(row)),
@@ -254,14 +256,14 @@ class _Search:
             lens=drawn_lenses(self.config, first[:, 0]),
             rng=directions_of(self.draws, image, attempt),
         )
-        return places
+        return poses
 
     def _settle_extras(
-        self, which: Int[np.ndarray, " q"], number: Int[np.ndarray, " q"], photographed: Float[np.ndarray, "k 2"]
+        self, which: Int[np.ndarray, " q"], number: Int[np.ndarray, " q"], photographed: Float[np.ndarray, "k 3"]
     ) -> Settled:
         """Settle tries of extras around their targets' present places, without regard to other vehicles.
 
-        Offsets move from those in the photograph to random ones as tries go on.
+        Offsets and headings move from those in the photograph to random ones as tries go on.
         """
         table, tries = self.table, []
         for batch in batches(len(which), CANDIDATES):
@@ -274,12 +276,12 @@ class _Search:
                 self.tries[row] * COMPANION_TRIES + number[batch],
                 count=3,
             )
-            xy = offsets(role, self.config.placement, uniform[:, :2])
+            yaw = 2.0 * math.pi * uniform[:, 2] - math.pi
+            pose = np.column_stack([offsets(role, self.config.placement, uniform[:, :2]), yaw])
             anywhere = np.minimum(number[batch] / COMPANION_FOLLOWS, 1.0)[:, None]
             shown = photographed[extras]
-            xy = np.where(np.isnan(shown), xy, shown + anywhere * (xy - shown))
-            xy += table.world_from_vehicle[self.target[row], :2, 3]
-            yaw = 2.0 * math.pi * uniform[:, 2] - math.pi
+            pose = np.where(np.isnan(shown), pose, shown + anywhere * (pose - shown))
+            xy, yaw = pose[:, :2] + table.world_from_vehicle[self.target[row], :2, 3], pose[:, 2]
             tries.append(settle_clear(self.block.site, self.table.at(extras), self.config, xy=xy, yaw=yaw))
         return join(tries)
 
