@@ -197,6 +197,13 @@ class Obstacles:
             is_open |= free >= (1 if begin == 0 else OPEN)
         return is_open
 
+    def below(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+        """Whether the first thing below each point is an obstacle, and no dome around the ground."""
+        met = self._scene.cast(point, np.tile([0.0, 0.0, -1.0], (len(point), 1)))
+        near, hit = met.distance <= ROOM, np.flatnonzero(met.instance >= 0)
+        near[hit] |= ~self._around[met.instance[hit]]
+        return near
+
     def _touch_mesh(
         self,
         number: int,

@@ -64,7 +64,8 @@ class Planner:
         if like is not None and assets.photographs is None:
             assets = replace(assets, photographs=read_photographs(config.folder / like))
         self.config, self.assets = config, assets
-        self.budget = make_budget(config.budget, {name: assets.categories[name] for name in assets.vehicles})
+        weights = {str(entry.name): entry.weight for entry in config.assets.vehicles}
+        self.budget = make_budget(config.budget, {name: assets.categories[name] for name in assets.vehicles}, weights)
         if poses is not None:
             self.budget = pose_budget(poses, self.budget)
         self._draws = RandomStreams(config.seed)
@@ -74,7 +75,7 @@ class Planner:
         self.strict = strict
         self.pairs = pairs or make_pairs(self.stage, self.budget, self._draws, strict=strict)
         vehicles = [self.budget.vehicles.index(name) for name in assets.vehicles]
-        present = (self.pairs.weights[vehicles] > 0.0).astype(np.float64)
+        present = (self.pairs.weights[vehicles] > 0.0) * np.array([[weights.get(v, 1.0)] for v in assets.vehicles])
         self._extras = [extras_at(site, self.stage, present[:, s]) for s, site in enumerate(self.stage.sites)]
         self.poses = poses
         self.given = None if poses is None else given_of(poses, self.stage.sites, self.budget.positions.first_image)

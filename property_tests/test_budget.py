@@ -89,3 +89,18 @@ def test_every_prefix_has_its_share_of_backgrounds(given_budget):
     so_far = np.cumsum(p.background)
     due = np.arange(1, budget.n_positions + 1) * p.background.mean()
     assert (np.abs(so_far - due) < 1.0).all()
+
+
+@given(st.lists(st.floats(0.0, 100.0), min_size=1, max_size=6), st.integers(1, 200), st.integers(1, 4))
+def test_images_are_in_proportion_to_weights_in_every_prefix(weights, n, most):
+    weights[0] += 0.01
+    names = [f"v{i}" for i in range(len(weights))]
+    section = BudgetSection(images_per_class=n, images_per_position=most)
+    budget = make_budget(section, dict.fromkeys(names, "tank"), dict(zip(names, weights, strict=True)))
+    share = n * np.array(weights) / np.sum(weights)
+    assert budget.n_images == n
+    assert (np.abs(budget.images - share) <= 1.0 + 1e-6).all()
+    p = budget.positions
+    for v in range(len(names)):
+        so_far = np.cumsum(p.vehicle == v)
+        assert (np.abs(so_far - so_far[-1] * (np.arange(len(so_far)) + 1) / len(so_far)) <= len(names)).all()

@@ -52,8 +52,9 @@ class CameraRoom:
         position
             (n, 3) world.
         ground_clearance
-            Least height in meters above the topmost ground at that (x, y): under a bridge of ground is below it. The
-            same above the topmost water, and there at least twice the distance of the near plane, which then stays dry.
+            Least height in meters above the topmost ground at that (x, y): under a bridge of ground is below it. Where
+            there's no ground, a camera may be above an obstacle, such as a roof or a lawn. The same above the topmost
+            water, and there at least twice the distance of the near plane, which then stays dry.
         obstacle_clearance
             Half the side in meters of the upright cube about the camera that no obstacle's surface may touch: no
             surface is nearer than this. A camera that an obstacle shuts in on all sides and above is inside it.
@@ -81,7 +82,8 @@ class CameraRoom:
         ground = self.terrain.top_hits(place[:, :2])
         with np.errstate(invalid="ignore"):
             rejection[place[:, 2] - ground.z < ground_clearance] = Rejection.CAMERA_LOW
-        rejection[~ground.hit] = Rejection.CAMERA_OFF_GROUND
+        off = np.flatnonzero(~ground.hit)
+        rejection[off[~self.obstacles.below(place[off])]] = Rejection.CAMERA_OFF_GROUND
         return rejection
 
 

@@ -43,6 +43,16 @@ def test_cameras_stay_above_the_ground(ground: Terrain, position: tuple, expecte
     assert judge(CameraRoom(ground, NOTHING), *position, ground_clearance=0.5) == expected
 
 
+def test_cameras_may_be_above_roofs_without_ground_below() -> None:
+    dome = box([-500, -500, -500], [500, 500, 500])
+    pose = rigid(np.eye(3), [[20.0, 0, 0], [0, 0, 0]])
+    obstacles = Obstacles(InstancedScene([HOUSE, dome], [0, 1], pose), extent=np.array([[0.0, 0.0], [9.0, 9.0]]))
+    room = CameraRoom(TRIANGLE, obstacles)
+    assert judge(room, 20.0, 0.0, 9.0) == Rejection.NONE
+    assert judge(room, 20.0, 0.0, 6.5, obstacle_clearance=1.0) == Rejection.CAMERA_OBSTACLE
+    assert judge(room, 40.0, 0.0, 9.0) == Rejection.CAMERA_OFF_GROUND  # the dome is no support
+
+
 def test_no_surface_is_closer_than_the_clearance() -> None:
     room, rng = CameraRoom(Terrain(0.0), STREET), np.random.default_rng(0)
     place = rng.uniform([10, -8, 0.1], [30, 8, 9], (3000, 3))

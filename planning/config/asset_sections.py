@@ -116,6 +116,8 @@ class VehicleEntry(ModelEntry):
 
     category: str = Field(min_length=1)
     """its class"""
+    weight: AtLeastZero = Field(default=1.0, exclude_if=(1.0).__eq__)
+    """how often it's planned, relative to others of its class"""
 
 
 class DistractorEntry(ModelEntry):

@@ -1,8 +1,8 @@
 """Numbers of images per vehicle and position: exact and balanced.
 
-A class's images go to its models in round robin, a model's images to its positions in order. Positions of different
-classes alternate, and those of backgrounds are spread evenly between them, so that any beginning of the plan is as
-balanced as the whole.
+A class's images go to its models by turns and weights, a model's images to its positions in order. Positions of
+different classes alternate, and those of backgrounds are spread evenly between them, so that any beginning of the plan
+is as balanced as the whole.
 
 References
 ----------
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Bool, Int
@@ -20,6 +21,8 @@ from jaxtyping import Bool, Int
 from hulldown.base.errors import ConfigError
 from hulldown.geometry.arrays import numbered
 from hulldown.planning.config.schema import BudgetSection
+
+ROUNDING = 1e-9  # of shares of a class's images
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -61,7 +64,7 @@ class Budget:
     class_starts
         (c + 1,) index in `vehicles` of each class's first, and their number.
     images
-        (v,) images of each vehicle; within a class they don't increase, and differ by at most 1.
+        (v,) images of each vehicle; within a class of equal weights they don't increase, and differ by at most 1.
     positions
         All positions, in the order of the plan.
     """
@@ -82,13 +85,23 @@ class Budget:
         return len(self.positions.shots)
 
 
-def make_budget(section: BudgetSection, categories: Mapping[str, str]) -> Budget:
+def make_budget(
+    section: BudgetSection, categories: Mapping[str, str], weights: Mapping[str, float] = MappingProxyType({})
+) -> Budget:
     """Return the budget of a config, given the class of each vehicle in the order of the config.
+
+    Parameters
+    ----------
+    section, categories
+        The config's section, and the vehicles.
+    weights
+        How often vehicles have images, relative to others of their class; 1 for those that aren't named.
 
     Raises
     ------
     ConfigError
-        If the table of classes doesn't name each class exactly once, or there are no images.
+        If the table of classes doesn't name each class exactly once, a class with images has no weight, or there are no
+        images.
     """
     classes = tuple(dict.fromkeys(categories.values()))
     members = {c: [v for v, category in categories.items() if category == c] for c in classes}
@@ -105,12 +118,21 @@ def make_budget(section: BudgetSection, categories: Mapping[str, str]) -> Budget
             )
     images: list[int] = []
     for c in classes:
-        n = len(members[c])
+        weight = np.array([weights.get(v, 1.0) for v in members[c]])
         if wanted is None:
-            images += [(section.positions_per_vehicle or 0) * section.images_per_position] * n
+            of_each = np.rint((section.positions_per_vehicle or 0) * weight) * section.images_per_position
         else:
             quota = wanted[c] if isinstance(wanted, dict) else wanted
-            images += [quota // n + (m < quota % n) for m in range(n)]
+            if quota and not weight.any():
+                raise ConfigError(
+                    f"assets.vehicles: all of class {c!r} have weight 0", remedy="give one a weight above 0"
+                )
+            share = quota * weight / max(weight.sum(), 1e-300)
+            of_each = np.floor(share + ROUNDING)
+            # The largest remainders get the rest.
+            rest = np.argsort(np.rint((of_each - share) / ROUNDING), kind="stable")[: quota - int(of_each.sum())]
+            of_each[rest] += 1
+        images += of_each.astype(np.int64).tolist()
     if not sum(images):
         raise ConfigError("budget: no image would be made", remedy="ask for at least one")
     class_starts = np.cumsum([0, *(len(members[c]) for c in classes)])
@@ -127,7 +149,10 @@ def _positions(
     counts, starts = np.append(images, backgrounds), np.append(class_starts, len(images) + 1)  # backgrounds come last
     vehicle, ordinal = numbered(-(-counts // most))
     of_class = np.searchsorted(starts, vehicle, side="right") - 1
-    turn = ordinal * np.diff(starts)[of_class] + vehicle - starts[of_class]
+    # Each vehicle's positions are spread evenly over its class's turns.
+    by_turn = np.lexsort((vehicle, (ordinal + 0.5) / -(-counts // most)[vehicle], of_class))
+    turn = np.empty(len(vehicle), dtype=np.int64)
+    turn[by_turn] = numbered(np.bincount(of_class, minlength=len(starts)))[1]
     empty, n = vehicle == len(images), len(vehicle)
     background = np.diff(np.arange(n + 1) * np.count_nonzero(empty) // n) > 0
     order = np.empty(n, dtype=np.int64)
