@@ -17,11 +17,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
+from hulldown.assets.foreign_labels import foreign_reader
 from hulldown.assets.photographs import read_photographs
+from hulldown.assets.picture_files import read_picture
 from hulldown.dataset.provenance import read_provenance
 from hulldown.dataset.records import check_usable
-from hulldown.dataset.store.foreign import foreign_reader
-from hulldown.dataset.store.picture_files import read_picture
 from hulldown.planning.inputs.camera_file import read_camera
 from hulldown.planning.inputs.poses import read_poses
 from hulldown.property_tests.any_values import MANY, refusal

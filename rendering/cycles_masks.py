@@ -16,13 +16,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from hulldown.annotate.masks import decode, iou, mask_box
+from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.base.terminal import tracked
 from hulldown.dataset.records import Finding
 from hulldown.dataset.rows import not_annotated
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.entries import is_box
-from hulldown.dataset.store.picture_files import read_pixels
 from hulldown.dataset.store.reservations import find_run
 from hulldown.dataset.verification.look import appearance
 from hulldown.geometry.arrays import spread

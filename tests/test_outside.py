@@ -19,7 +19,7 @@ ALLOWED = {
     **dict.fromkeys(("base/files.py", "base/outside.py"), ""),
     # Parse what was opened there, by a library of their own.
     "assets/bundle.py": "np.load",
-    "dataset/store/picture_files.py": "Image.open",
+    "assets/picture_files.py": "Image.open",
     "planning/plan/row.py": "msgspec.json.Decoder",
     "planning/plan/misfit.py": "msgspec.json.decode",
     "reading/confinement/blocks.py": "gzip.open",

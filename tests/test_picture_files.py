@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from hulldown.assets.picture_files import read_picture, read_pixels, rgb
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.store.picture_files import read_picture, read_pixels, rgb
 from hulldown.dataset.table import Dataset
 from hulldown.dataset.verification.verify import verify
 from hulldown.pictures.drawing import draw

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt8
 
+from hulldown.assets.foreign_labels import PICTURES, foreign_reader
+from hulldown.assets.picture_files import read_picture, read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, JOURNAL_NAME
-from hulldown.dataset.store.foreign import PICTURES, foreign_reader
-from hulldown.dataset.store.picture_files import read_picture, read_pixels
 from hulldown.training.evaluation.labels import Labels, read_labels
 from hulldown.training.videos import VIDEOS, Video, frames_of, read_video
 

@@ -14,11 +14,11 @@ from PIL import Image as Pictures
 from scipy.stats import ks_2samp
 
 from hulldown.assets.photographs import Photographs
+from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.base.terminal import shown
 from hulldown.dataset.reports.charts import BINS, two_histograms
 from hulldown.dataset.reports.coverage import FEWEST, Coverage, coverage_of
-from hulldown.dataset.store.picture_files import read_pixels
 from hulldown.dataset.table import Dataset
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.color import LUMINANCE

@@ -5,24 +5,14 @@ from __future__ import annotations
 import math
 import posixpath
 from collections.abc import Container, Mapping
-from typing import Any, NotRequired, TypeAlias, TypedDict, TypeGuard
+from typing import Any, TypeGuard
 
 import numpy as np
 
+from hulldown.assets.foreign_labels import Coco as Coco
+from hulldown.assets.foreign_labels import Record as Record
 from hulldown.base.files import UNFINISHED_NAME, stays_inside
 from hulldown.geometry.arrays import are_numbers
-
-Record: TypeAlias = Mapping[str, Any]  # of COCO: JSON that may have any further fields
-
-
-class Coco(TypedDict):
-    """A dataset as a COCO dictionary, which may have any further keys."""
-
-    categories: list[Record]
-    images: list[Record]
-    annotations: list[Record]
-    info: NotRequired[Any]
-
 
 # The dataset's own files: pictures with these names would be removed or overwritten.
 RESERVED = (

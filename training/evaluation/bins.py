@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Float, Int, Shaped
 
 from hulldown.annotate.masks import decode
+from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.attributes import SCALES, SIDES, SIZE, bins_of, name_of, numbers_of, sides_of, weather_of
-from hulldown.dataset.store.picture_files import read_pixels
 from hulldown.dataset.verification.look import appearance
 from hulldown.training.evaluation.bootstrap import ratio_error, share_interval
 from hulldown.training.evaluation.labels import Labels

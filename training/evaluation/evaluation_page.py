@@ -13,6 +13,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 from PIL import Image, ImageDraw
 
+from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import replacing
 from hulldown.dataset.attributes import number
@@ -30,7 +31,6 @@ from hulldown.dataset.reports.charts import (
     short,
 )
 from hulldown.dataset.reports.page import Facet, Tile, render
-from hulldown.dataset.store.picture_files import read_pixels
 from hulldown.pictures.drawing import BACKGROUND, contact_sheet
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.bins import BinFigures
