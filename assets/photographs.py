@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+import orjson
 from jaxtyping import Bool, Float, Int
 from msgspec import Meta, Struct
 
+from hulldown.assets.foreign_labels import foreign_reader
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import DATA, json_of, read_file, typed
 
@@ -27,7 +29,7 @@ class Photographs:
     Parameters
     ----------
     path
-        The COCO file.
+        The COCO file, or the folder of another kind.
     sha256
         Hexadecimal digest of its bytes.
     file_names
@@ -105,7 +107,7 @@ class _Coco(Struct):
 
 
 def read_photographs(path: Path) -> Photographs:
-    """Read the boxes in a COCO file, or a folder's; pictures aren't opened.
+    """Read the boxes of a COCO file or folder, whose pictures aren't opened, or of a YOLO or VOC folder.
 
     Regions of many (`iscrowd`) and boxes without area in the frame are left out. Where a record states
     `truncated_fraction`, as this package's do, 0 means that no side cuts the box off, however near it is.
@@ -113,15 +115,9 @@ def read_photographs(path: Path) -> Photographs:
     Raises
     ------
     DatasetError
-        If there is no such file, or it isn't COCO.
+        If there is no such file, or it has no labels of these kinds.
     """
-    if path.is_dir():
-        coco_path = next((path / name for name in NAMES if (path / name).exists()), None)
-        if coco_path is None:
-            raise DatasetError(f"no {' and no '.join(NAMES)} here", path=path, remedy="name the COCO file itself")
-        path = coco_path
-    refuse = partial(DatasetError, path=path, remedy="name a COCO file, or a folder with annotations.json")
-    content = read_file(path, refuse, most=DATA)
+    path, content = _labels(path)
     try:
         coco = json_of(content, _Coco)
         boxes = typed([record for record in coco.annotations if _is_box(record)], list[_Box])
@@ -153,6 +149,21 @@ def read_photographs(path: Path) -> Photographs:
         tuple(names[boxes[i].category_id] for i in rows.tolist()),
         cut[rows],
     )
+
+
+def _labels(path: Path) -> tuple[Path, bytes]:
+    """Return the file or folder of labels, and its COCO as JSON."""
+    if path.is_dir():
+        coco_path = next((path / name for name in NAMES if (path / name).exists()), None)
+        if coco_path is None:
+            reader = foreign_reader(path)
+            if reader is None:
+                remedy = "name a COCO file, or a folder of COCO, YOLO, or VOC as `hulldown train` reads it"
+                raise DatasetError(f"no {' and no '.join(NAMES)} here", path=path, remedy=remedy)
+            return path, orjson.dumps(reader())
+        path = coco_path
+    refuse = partial(DatasetError, path=path, remedy="name a COCO file, or a folder with annotations.json")
+    return path, read_file(path, refuse, most=DATA)
 
 
 def _is_box(record: Any) -> bool:

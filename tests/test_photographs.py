@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from hulldown.assets.photographs import read_photographs
 from hulldown.base.errors import DatasetError
@@ -38,6 +39,18 @@ def test_boxes_are_relative_to_their_pictures_and_in_the_frame(tmp_path):
     np.testing.assert_allclose(found.aspect, [2.0, 2.0], rtol=1e-12)
     assert found.count.tolist() == [1, 1, 0]
     assert found.cut.tolist() == [[False] * 4, [False, False, True, False]]
+
+
+def test_a_yolo_folder_is_read_as_training_reads_it(tmp_path):
+    for name in ("images", "labels"):
+        (tmp_path / name).mkdir()
+    Image.new("RGB", (400, 200)).save(tmp_path / "images" / "a.png")
+    (tmp_path / "labels" / "a.txt").write_text("1 0.35 0.3 0.2 0.2\n")
+    (tmp_path / "data.yaml").write_text("names: [truck, tank]\n")
+    found = read_photographs(tmp_path)
+    assert found.category == ("tank",)
+    np.testing.assert_allclose(found.xywh, [[0.25, 0.2, 0.2, 0.2]], rtol=1e-12)
+    assert found.sha256 == read_photographs(tmp_path).sha256
 
 
 def test_a_box_with_a_truncated_fraction_of_0_is_not_cut(tmp_path):

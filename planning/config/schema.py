@@ -169,7 +169,7 @@ class CameraSection(Section):
     max_tries: int = Field(default=50, ge=1, le=10_000)
     """cameras tried for an image before the vehicle is moved"""
     like: str | None = Field(default=None, min_length=1, examples=["photographs/train"], exclude_if=is_absent)
-    """photographs whose boxes targets follow: a COCO file, or a folder with one"""
+    """photographs whose boxes targets follow: a COCO file, or a folder of COCO, YOLO, or VOC"""
     like_share: Share = Field(default=LIKE_SHARE, exclude_if=LIKE_SHARE.__eq__)
     """share of images that follow photographs"""
     like_spread: float = Field(default=LIKE_SPREAD, ge=0, le=0.9, exclude_if=LIKE_SPREAD.__eq__)
