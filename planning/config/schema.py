@@ -87,7 +87,7 @@ class PlacementSection(Section):
     """meters of water above the underside, at most"""
     obstacle_clearance: AtLeastZero = 0.5
     """meters between vehicles and obstacles, at least"""
-    indoors: bool = False
+    indoors: bool = Field(default=False, exclude_if=(False).__eq__)
     """also places that no light of the sky reaches: halls and caves"""
     vehicle_clearance: AtLeastZero = 2.0
     """meters between vehicles, at least"""
