@@ -110,12 +110,7 @@ class InstancedScene:
         blocked = np.zeros(len(start), dtype=bool)
         for begin in range(0, len(start), RAYS):
             ray, instance, _ = self._crossings(start, along, reach, slice(begin, begin + RAYS))
-            for batch in rounds(ray):
-                on = batch[~blocked[ray[batch]]]
-                for caster, rows, inside, inward, scale in self._moved(start, along, ray[on], instance[on]):
-                    rows = on[rows]
-                    met = caster.occluded(inside, inward, max_distance=reach[ray[rows]] * scale)
-                    blocked[ray[rows[met]]] = True
+            self.occlude_by(start, along, ray, instance=instance, hidden=blocked, reach=reach)
         return blocked
 
     def normals(self, instance: Int[np.ndarray, " n"], face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
@@ -191,6 +186,36 @@ class InstancedScene:
         at = ray[first]
         reach[at] = hits.distance[at] = distance[first]
         hits.face[at], hits.instance[at] = face[first], instance[first]
+
+    def occlude_by(
+        self,
+        start: Float[np.ndarray, "n 3"],
+        along: Float[np.ndarray, "n 3"],
+        ray: Int[np.ndarray, " p"],
+        *,
+        instance: Int[np.ndarray, " p"],
+        hidden: Bool[np.ndarray, " n"],
+        reach: Float[np.ndarray, " n"] | None = None,
+    ) -> None:
+        """Let instances hide what lies along the rays that they're paired with.
+
+        Parameters
+        ----------
+        start, along
+            (n, 3) origins and unit directions.
+        ray, instance
+            (p,) indices, rays ascending: the pairs to try, as long as nothing hides a ray.
+        hidden
+            (n,) whether anything was met so far; updated.
+        reach
+            (n,) how far each ray looks; None: endlessly.
+        """
+        for batch in rounds(ray, growth=4):
+            on = batch[~hidden[ray[batch]]]
+            for caster, rows, inside, inward, scale in self._moved(start, along, ray[on], instance[on]):
+                rows = on[rows]
+                far = np.inf if reach is None else reach[ray[rows]] * scale
+                hidden[ray[rows[caster.occluded(inside, inward, max_distance=far)]]] = True
 
     def _crossings(
         self, start: np.ndarray, along: np.ndarray, reach: np.ndarray, part: slice

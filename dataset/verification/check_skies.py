@@ -102,10 +102,10 @@ class SkyCheck:
         camera = Camera(intrinsics, np.array(image["world_from_camera"], dtype=np.float64))
         x, y = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(height) + 0.5)
         along = camera.ray_directions(np.stack([x.ravel(), y.ravel()], axis=1))
-        met = self.worlds[image["scenery"]].occluded(np.broadcast_to(camera.position, along.shape), along)
+        sky = self.worlds[image["scenery"]].sees_sky(camera)
         to_x, to_y = intrinsics.matrix[:2, 2]
         light = Sensor(**image.get("sensor") or {}).falloff(x - to_x, y - to_y, math.hypot(WIDTH, height) / 2.0)
-        return along.reshape(height, WIDTH, 3), ~met.reshape(height, WIDTH), light[..., None]
+        return along.reshape(height, WIDTH, 3), sky.reshape(height, WIDTH), light[..., None]
 
 
 def sky_check(plan: Plan, coco: Coco, read: Callable[[], Library]) -> SkyCheck | None:

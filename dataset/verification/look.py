@@ -10,7 +10,6 @@ import contextlib
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
@@ -35,6 +34,7 @@ WIDEST = 640  # largest measured patch in pixels; larger ones are averaged down
 AROUND = 0.25  # width of the surroundings, of a mask's longer side
 _SOFT = 1.0  # pixels by which a mask is blurred for its outline's direction
 _NOISE = 0.05  # of 255: gradients below are noise
+_MIXED = np.array([[3, 1, 0], [1, 2, 1], [0, 1, 3]]) / 8
 
 
 def is_rendered(image: Record) -> bool:
@@ -139,10 +139,10 @@ def appearance(
     )
 
 
-def _patch(mask: Bool[np.ndarray, "h w"], margin: float) -> tuple[slice, slice]:
-    """Return rows and columns of a mask, with a margin in lengths of its longer side and at least 3 pixels."""
+def _patch(mask: Bool[np.ndarray, "h w"], margin: float, *, least: int = 3) -> tuple[slice, slice]:
+    """Return rows and columns of a mask, with a margin in lengths of its longer side and at least a few pixels."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    pixels = max(3, int(margin * max(np.ptp(columns), np.ptp(rows))))
+    pixels = max(least, int(margin * max(np.ptp(columns), np.ptp(rows))))
     return (
         slice(max(rows[0] - pixels, 0), rows[-1] + pixels + 1),
         slice(max(columns[0] - pixels, 0), columns[-1] + pixels + 1),
@@ -171,35 +171,50 @@ def outline_strength(
     """
     if np.count_nonzero(mask) < SMALLEST:
         return np.nan
-    soft = ndimage.gaussian_filter(mask.astype(np.float32), _SOFT)
+    near = _patch(mask, 0.0, least=8)  # beyond, the blurred mask is even
+    soft = ndimage.gaussian_filter(mask[near].astype(np.float32), _SOFT)
     facing = np.stack([ndimage.sobel(soft, axis) for axis in (0, 1)])
     length = np.hypot(*facing)
     edge = length > 0.5 * length.max()
     y, x = np.nonzero(edge)
-    facing = facing[:, edge] / length[edge]
-    gradient = np.stack([ndimage.sobel(colors, axis) for axis in (0, 1)]) / 8.0  # (2, h, w, 3)
+    y, x, facing = y + near[0].start, x + near[1].start, facing[:, edge] / length[edge]
     sector = (SECTORS * (np.arctan2(y - y.mean(), x - x.mean()) / (2.0 * np.pi) + 0.5)).astype(int) % SECTORS
-    here = _across(gradient[:, y, x], facing, sector)
+    far, turn = np.meshgrid(SHIFTS, np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False), indexing="ij")
+    moves = [np.maximum(4.0, far * np.ptp(y)) * np.sin(turn), np.maximum(4.0, far * np.ptp(x)) * np.cos(turn)]
+    down, right = (np.append(0, move.round().astype(int)) for move in moves)  # the first copy isn't moved
     height, width = mask.shape
-    free = around & ~ndimage.binary_dilation(mask, iterations=2)
-    elsewhere = []
-    turns = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)
-    for far, turn in product(SHIFTS, turns):
-        rows = y + round(max(4.0, far * np.ptp(y)) * np.sin(turn))
-        columns = x + round(max(4.0, far * np.ptp(x)) * np.cos(turn))
-        counts = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
-        counts[counts] = free[rows[counts], columns[counts]]
-        if np.count_nonzero(counts) >= LEAST_SHARE * len(y):
-            elsewhere.append(_across(gradient[:, rows[counts], columns[counts]], facing[:, counts], sector[counts]))
+    rows, columns = y + down[:, None], x + right[:, None]
+    counts = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+    free = around.copy()
+    free[near] &= ~ndimage.binary_dilation(mask[near], iterations=2)
+    counts[counts] = free[rows[counts], columns[counts]]
+    counts[counts.sum(axis=1) < LEAST_SHARE * len(y)] = False
+    counts[0] = True
+    copy, point = np.nonzero(counts)
+    at = (rows * width + columns)[counts]
+    below, beside = (part.reshape(-1, 3)[at] for part in _gradient(colors))
+    steps = below * facing[0, point, None] + beside * facing[1, point, None]
+    strengths = _strengths(steps, copy * SECTORS + sector[point], len(down))
+    here, elsewhere = strengths[0], strengths[1:][counts[1:].any(axis=1)]
     if len(elsewhere) < FEWEST:
         return np.nan
     return float((here - np.median(elsewhere)) / (np.std(elsewhere) + _NOISE))
 
 
-def _across(
-    gradient: Float[np.ndarray, "2 n 3"], facing: Float[np.ndarray, "2 n"], sector: Int[np.ndarray, " n"]
-) -> float:
-    """Return the mean step across an outline; within a sector, steps up and down (noise, snow) cancel out."""
-    steps = (gradient * facing[..., None]).sum(axis=0)
-    sums = np.stack([np.bincount(sector, steps[:, channel], minlength=SECTORS) for channel in range(3)])
-    return float(np.abs(sums).max(axis=0).sum() / len(sector))
+def _gradient(colors: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"], Float[np.ndarray, "h w 3"]]:
+    """Return Sobel's gradient down and to the right, eight times as large."""
+    around = np.pad(colors, ((1, 1), (1, 1), (0, 0)), "edge")
+    down, right = around[2:] - around[:-2], around[:, 2:] - around[:, :-2]
+    return down[:, :-2] + 2 * down[:, 1:-1] + down[:, 2:], right[:-2] + 2 * right[1:-1] + right[2:]
+
+
+def _strengths(
+    steps: Float[np.ndarray, "n 3"], group: Int[np.ndarray, " n"], copies: int
+) -> Float[np.ndarray, " copies"]:
+    """Return the mean step across each copy of an outline; within a sector, steps up and down (noise, snow) cancel out.
+
+    A group is a sector of a copy. The channels are mixed with their neighbors.
+    """
+    sums = np.stack([np.bincount(group, steps[:, channel], minlength=copies * SECTORS) for channel in range(3)])
+    largest = np.abs(_MIXED @ sums).max(axis=0).reshape(copies, SECTORS)
+    return largest.sum(axis=1) / np.maximum(np.bincount(group // SECTORS, minlength=copies), 1)
