@@ -134,8 +134,7 @@ def test_whole_images_are_compared_by_features_of_an_encoder(tmp_path, capsys):
     assert json.loads(out)["coverage"] is None
     assert "needs 20 photographs" in err
     torch.save(small_weights(), tmp_path / "small.pt")
-    code, _, err = run(photographs, tmp_path / "small.pt")
-    assert code == 2
-    assert "has no weights of RF-DETR" in err
+    found = [json.loads(run(beside, tmp_path / "small.pt")[1])["coverage"] for beside in (tmp_path / "bright", own)]
+    assert found[0]["coverage"] < found[1]["coverage"] == 1.0
     assert main(["report", str(own), "-o", str(tmp_path / "page.html"), "--features", str(weights)]) == 2
     assert "--features needs --beside" in capsys.readouterr().err

@@ -125,7 +125,7 @@ def _report(arguments: argparse.Namespace) -> None:
         from hulldown.training.inputs.extra import require_extra
 
         require_extra()
-        from hulldown.training.detectors.detr import load_encoder
+        from hulldown.training.detectors.encoders import load_encoder
 
         encode = load_encoder(arguments.features)
     comparison = report(
@@ -206,8 +206,8 @@ def add(verbs: Subparsers) -> None:
     )  # fmt: skip
     sub.add_argument(
         "--features", metavar="MODEL",
-        help="with --beside, for a dataset: how much of the photographs the images cover, in features of RF-DETR's "
-        "encoder: nano to large, a run folder, or a checkpoint (needs the extra training)",
+        help="with --beside, for a dataset: how much of the photographs the images cover, in features of the small "
+        "model's backbone or RF-DETR's encoder: small, nano to large, a run folder, or weights (needs training)",
     )  # fmt: skip
     add_planned(sub)
 
