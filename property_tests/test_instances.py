@@ -27,7 +27,8 @@ def scene_and_flat(seed, k, squashed, offset=0.0):
     rng = np.random.default_rng(seed)
     meshes = [soup(rng, 12), soup(rng, 1), soup(rng, 40)]
     poses = np.tile(np.eye(4), (k, 1, 1))
-    poses[:, :3, :3] = rng.normal(0, 1, (k, 3, 3))
+    # Sheared, but no flatter than a twentieth: float32 loses as many digits as a pose is flat.
+    poses[:, :3, :3] = random_rotations(rng, k) * rng.uniform(0.05, 2.0, (k, 1, 3)) @ random_rotations(rng, k)
     if squashed and k:
         poses[rng.integers(k), :3, rng.integers(3)] = 0.0
     poses[:, :3, 3] = rng.uniform(-5, 5, (k, 3)) + offset

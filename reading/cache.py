@@ -145,7 +145,8 @@ def _locked(entry: Path) -> AbstractContextManager[object]:
     try:
         return lock.acquire()
     except OSError as error:
-        raise AssetError(f"cannot be opened ({error.strerror})", path=lock.lock_file, remedy="delete it") from None
+        remedy = "delete it, or let yourself write to its folder"
+        raise AssetError(f"cannot be opened ({error.strerror})", path=lock.lock_file, remedy=remedy) from None
 
 
 def new_folder(cache: Path) -> tempfile.TemporaryDirectory[str]:
