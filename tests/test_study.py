@@ -337,7 +337,7 @@ def test_a_dry_run_warns_of_equal_shares_and_of_arms_without_photographs_or_a_cl
     lacking = [line for line in warned if "photographs show no" in line]
     assert {line.split(":")[0] for line in lacking} == {f"real-5-seed{seed}" for seed in range(4)}
     drowned = {"fractions": [0.05], "seeds": [0], "train": SMALL | {"budget": 100}}
-    for arms, advice in ((["real", "mixed"], True), (["real", "mixed", "balanced"], False)):
-        (line,) = (line for line in settled(pictures, tmp_path, arms=arms, **drowned).warnings if "drown" in line)
-        assert line.startswith("mixed: renders drown few photographs: 1 photographs have ")
-        assert ("the arm balanced has half" in line) == advice
+    for arms, warns in ((["real", "mixed"], True), (["real", "mixed", "balanced"], False)):
+        assert (
+            any("arm balanced" in line for line in settled(pictures, tmp_path, arms=arms, **drowned).warnings) == warns
+        )

@@ -53,7 +53,12 @@ BOXES = (
     Feature("height", "box height / picture height", "camera.target_fraction or camera.like", log=True),
     Feature("x", "box center from left to right", "camera.framing or camera.like"),
     Feature("y", "box center from top to bottom", "camera.framing or camera.like"),
-    Feature("aspect", "box width / height", "camera.elevation_deg or camera.like", log=True),
+    Feature(
+        "aspect",
+        "box width / height",
+        "camera.elevation_deg, camera.like, or the models, also companions",
+        log=True,
+    ),
     Feature("cut", "boxes that the frame cuts off", "camera.truncated_fraction or camera.like"),
     Feature("count", "boxes in a picture", "placement.vehicles_per_image, budget.background_share, or camera.like"),
 )

@@ -37,7 +37,7 @@ from hulldown.training.subset import nested_subsets, subset_name
 
 MANIFEST_NAME, RUNS_NAME, DRAWS_NAME, LOGS_NAME = "study.json", "runs", "draws", "logs"
 KEY_DIGITS = 10
-DROWNED = 0.2  # share of the draws below which renders drown the photographs
+DROWNED = 0.2  # share of the draws below which photographs may be too rare
 MOST_LISTED = 10  # pairs of pictures that an error names
 
 
@@ -119,7 +119,7 @@ def settle(config: StudyConfig) -> Manifest:
     }  # fmt: skip
     masks = follow_masks(config.train.masks, [sources["real"], sources["synthetic"]])  # one rule for all arms
     shares = _shares(config, sources["real"])
-    runs, warnings, drowned = [], _equal_shares(shares), list[str]()
+    runs, warnings, drowned = [], _equal_shares(shares), False
     for arm, fraction, seed in study_runs(config):
         photographs = shares[seed, fraction] if fraction is not None else np.zeros(0, dtype=np.int64)
         synthetic, budget, used = len(sources["synthetic"]), config.train.budget, SOURCES[arm.base]
@@ -139,13 +139,11 @@ def settle(config: StudyConfig) -> Manifest:
         runs.append(run)
         if not run.drawn.get("real", 1):
             warnings.append(f"{run.name} draws no photograph: raise budget, or leave the arm {run.arm} out")
-        if run.base == "mixed" and 0 < run.drawn["real"] < DROWNED * budget:
-            drowned.append(f"{run.photographs} photographs have {100 * run.drawn['real'] / budget:.0f} % of the draws")
+        drowned |= run.base == "mixed" and 0 < run.drawn["real"] < DROWNED * budget
         if run.arm == "real":
             warnings += _missing(run, sources["real"], photographs, classes)
-    if drowned:
-        known = "" if "balanced" in [arm.base for arm in config.named_arms] else "; the arm balanced has half"
-        warnings.append(f"mixed: renders drown few photographs: {', '.join(dict.fromkeys(drowned))}{known}")
+    if drowned and "balanced" not in [arm.base for arm in config.named_arms]:
+        warnings.append(f"mixed: renders have over {1 - DROWNED:.0%} of some draws; add the arm balanced to compare")
     return Manifest(config=config, classes=classes, datasets=datasets, runs=tuple(runs), warnings=tuple(warnings))
 
 
