@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 from hulldown.reading.pieces.asset_report import FileReport, Missing, ObjectRow
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
@@ -79,8 +80,9 @@ def scenery_doubts(
     options: Options,
     *,
     wet: Sequence[str] = (),
+    parked: Mapping[str, Sequence[str]] = MappingProxyType({}),
 ) -> tuple[Doubt, ...]:
-    """Doubts about a scenery, missing ground first. Ground named in `wet` is partly water."""
+    """Doubts about a scenery, missing ground first. Ground in `wet` is partly water; `parked` are vehicles."""
     doubts = []
     used = [(piece, role) for piece, role in zip(pieces, roles, strict=True) if role.use not in ("dropped", "removed")]
     if not any(role.use == "ground" for _, role in used):
@@ -90,6 +92,16 @@ def scenery_doubts(
                 "NO GROUND: no object is ground by name or by shape, so vehicles are placed on the plane z = "
                 f"ground.fallback_z; {_proposed_ground([p for p, r in used if r.use == 'obstacle'])}; in the file is "
                 + quoted([piece.name for piece, _ in used]),
+            )
+        )
+    if parked:
+        objects = list(dict.fromkeys(name for own in parked.values() for name in own))
+        key = f"drop = {as_key(objects)}" if len(objects) <= MOST else "their objects in drop"
+        doubts.append(
+            Doubt(
+                DoubtKind.UNLABELED,
+                f"vehicles stand in it and get no label: {quoted(parked)}; if they're of your classes, set {key}, and "
+                "list them as vehicles",
             )
         )
     for use, keys in (("ground", "if it isn't, name it in not_ground"), ("water", "if it isn't, set water = []")):

@@ -1,4 +1,4 @@
-"""Several things in one vehicle file: vehicles side by side, and copies drawn over each other."""
+"""Several things in one file: vehicles side by side, copies drawn over each other, and vehicles in a scenery."""
 
 import numpy as np
 import pytest
@@ -6,6 +6,10 @@ import trimesh
 
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.reading.pieces.doubt import DoubtKind
+from hulldown.reading.pieces.options import Options
+from hulldown.reading.pieces.roles import Evaluated, Link, Piece
+from hulldown.reading.scenery.parked import parked_vehicles
+from hulldown.reading.scenery.scenery_roles import scenery_roles
 from hulldown.tests.test_axes import CAR, TANK, TRUCK, box, read, tube, turned
 
 SEVERAL = DoubtKind.SEVERAL
@@ -69,3 +73,33 @@ def test_copies_over_each_other_are_proposed_to_be_dropped(parts):
 @pytest.mark.parametrize("parts", [TANK, CAR, SPREAD, TRAILER, SHELLS, PAINTED])
 def test_one_vehicle_is_one_thing(parts):
     assert SEVERAL not in [d.kind for d in read(parts).doubts]
+
+
+def in_scenery(parts, *, parent=None):
+    """The vehicles found in a scenery of these parts, that hang from `parent`."""
+    drawn = Evaluated()
+    for i, (name, mesh) in enumerate({"Terrain": box((200, 200, 0.1), (0, 0, 0)), **parts}.items()):
+        chain = (Link(name, (), "MESH", np.eye(4)), *([Link(parent, (), "EMPTY", np.eye(4))] if parent and i else []))
+        drawn.meshes.append(mesh)
+        drawn.pieces.append(Piece(name, chain, i, np.eye(4), mesh.bounds, len(mesh.faces), level=float(not i)))
+    return parked_vehicles(drawn, scenery_roles(drawn.pieces, Options()), np.eye(4))
+
+
+BODY = box((4, 1.8, 1.4), (0, 0, 0.7))
+
+
+@pytest.mark.parametrize(
+    ("parts", "found"),
+    [
+        ({"parked_Car.003": BODY}, ["parked_Car.003"]),
+        ({"SUV-red": BODY, "bus stop": BODY, "water_tank": BODY, "Cargo": BODY, "carWheel": BODY}, ["SUV-red"]),
+        ({"Car": box((40, 30, 9), (0, 0, 5))}, []),
+        ({"Mesh_17": merge(list(CAR.values()), name="m")[0]}, ["Mesh_17"]),
+        ({f"part{i}": mesh for i, mesh in enumerate(TRUCK.values())}, ["group9"]),
+        ({"hut": BODY, "Mesh_3": box((6, 6, 3), (0, 0, 1.5))}, []),
+    ],
+)  # fmt: skip
+def test_vehicles_in_a_scenery_are_found_by_a_name_or_by_wheels(parts, found):
+    named = in_scenery(parts, parent="group9" if found == ["group9"] else None)
+    assert list(named) == found
+    assert {name for own in named.values() for name in own} == (set(parts) if found == ["group9"] else set(found))

@@ -36,6 +36,7 @@ from hulldown.reading.pieces.asset_report import FileReport, Missing, ObjectRow,
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole
 from hulldown.reading.reader_process import ANSWER, PICTURE, FoundAsset, Job
+from hulldown.reading.scenery.parked import parked_vehicles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
 from hulldown.reading.vehicle.seen_colors import color_doubts, save_picture
 from hulldown.reading.vehicle.stance import Upright, meters_from_file, stand_upright
@@ -145,7 +146,8 @@ def _write_scenery(job: Job, drawn: Evaluated, *, unit: float, up: str, crs: str
         rows=_rows(drawn, roles),
         missing=_missing(drawn, roles),
     )
-    return replace(report, doubts=scenery_doubts(report, drawn.pieces, roles, job.options, wet=wet))
+    parked = parked_vehicles(drawn, roles, meters_from_file(unit, up))
+    return replace(report, doubts=scenery_doubts(report, drawn.pieces, roles, job.options, wet=wet, parked=parked))
 
 
 def _refuse_nothing(drawn: Evaluated, kind: str | None) -> None:

@@ -49,6 +49,58 @@ VEHICLE = (  # parts that only vehicles have
     *("turret", "gun", "cannon", "howitzer", "launcher", "hull", "chassis", "wheel", "tyre", "tire", "axle"),
 )
 
+VEHICLES = (  # whole ones
+    *(
+        "vehicle",
+        "car",
+        "truck",
+        "lorry",
+        "bus",
+        "van",
+        "minivan",
+        "pickup",
+        "jeep",
+        "suv",
+        "sedan",
+        "hatchback",
+        "taxi",
+    ),
+    *(
+        "cab",
+        "limousine",
+        "ambulance",
+        "firetruck",
+        "humvee",
+        "tractor",
+        "bulldozer",
+        "excavator",
+        "motorcycle",
+        "motorbike",
+    ),
+    *("tank", "mbt", "apc", "ifv", "howitzer", "semi trailer", "police car"),
+    *("auto", "pkw", "lkw", "lastwagen", "panzer", "voiture", "camion", "coche", "macchina", "samochod", "ciezarowka"),
+    *("mashina", "avtomobil", "автомобиль", "машина", "танк", "грузовик", "汽车", "自動車"),
+)
+NO_VEHICLES = (  # things beside vehicles, or that hold water
+    *(
+        "park",
+        "parking",
+        "port",
+        "carport",
+        "garage",
+        "stop",
+        "station",
+        "shelter",
+        "wash",
+        "lane",
+        "track",
+        "sign",
+        "toll",
+    ),
+    *("barrier", "trap", "wheel", "tire", "tyre", "road", "street", "water", "fuel", "oil", "gas", "septic", "storage"),
+    *("tower", "rail", "cable", "ramp", "propane", "rain", "auto save"),
+)
+
 NO_TURRET = (  # vehicles without a turret
     *("interior", "cockpit", "cabin", "dashboard", "seat", "steering", "door", "window", "indicator", "convertible"),
     *("roof", "lamp", "light", "mirror", "wiper", "hood", "bonnet", "trunk"),
