@@ -79,7 +79,8 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
             [pieces[i] for i in kept], points, solids.turned(ahead[:3, :3]), markers, vehicle_from_file
         )
         wanted = [k for k, piece in enumerate(whole.pieces) if is_wanted(piece, options.keep)]
-        strays, stray_doubts, doubts = find_strays(whole, meshes, wheels, wanted=wanted)
+        others = [pieces[i] for i, role in enumerate(roles) if role.use == "dropped"]
+        strays, stray_doubts, doubts = find_strays(whole, meshes, wheels, wanted=wanted, left_out=others)
         if not strays or len(strays) == len(kept):
             break
         left_out += stray_doubts
@@ -136,7 +137,6 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
     marked = marked_points(markers, [piece.chain for piece in whole.pieces], parts.piece_part)
     from_file = shape.vehicle_from_file
     shape = shape.with_keypoints({key: (apply(from_file, at[None])[0], part) for key, (at, part) in marked.items()})
-    others = [pieces[i] for i, role in enumerate(roles) if role.use == "dropped"]
     things, several = ((), list[Doubt]()) if options.keep else find_things(whole, meshes, others)
     doubts = [
         doubt for doubt in (upright.up.doubt, forward.doubt, *several, *parts.doubts, *left_out, *doubts) if doubt

@@ -34,12 +34,7 @@ def vehicle_doubts(report: FileReport, options: Options) -> tuple[Doubt, ...]:
         doubts.append(
             Doubt(DoubtKind.SCALE, f"the vehicle is {length_said(longest)} long; set scale{hint} if that is wrong")
         )
-    if width > 1.2 * length and height <= width:
-        across, along = length_said(width), length_said(length)
-        doubts.append(
-            Doubt(DoubtKind.FORWARD, f"it is longer across ({across}) than along x ({along}); set forward to +y or -y")
-        )
-    elif height > 1.5 * max(length, width) and options.up is None:
+    if height > 1.5 * max(length, width) and options.up is None:
         doubts.append(
             Doubt(
                 DoubtKind.UP,

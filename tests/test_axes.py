@@ -103,6 +103,39 @@ def test_the_nose_is_at_the_gun_cab_or_mirrors_and_unknown_on_a_bare_box_on_whee
     assert any(d.kind == DoubtKind.FORWARD and 'set forward = "-x"' in d.text for d in bare)
 
 
+def van(yaw: float) -> Mesh:
+    """A single mesh without wheels: a box with a slanted windshield, 5 m along x before it's turned."""
+    mesh = box((5, 2, 2), (0, 0, 1.4))
+    front = (mesh.vertices[:, 0] > 0) & (mesh.vertices[:, 2] > 1.4)
+    mesh = mesh.at(np.where(front[:, None], mesh.vertices - [0.8, 0, 0], mesh.vertices))
+    return mesh.at(apply(turned(yaw), mesh.vertices))
+
+
+@pytest.mark.parametrize("yaw", [0.0, 90.0, 180.0, -90.0])
+def test_a_windshield_shows_the_nose_and_a_nameless_vehicle_lies_along_its_longer_side(yaw: float) -> None:
+    built = read({"Mesh_3": van(yaw)})
+    assert np.allclose(built.shape.size_xyz, (5, 2, 2))
+    assert np.allclose(built.shape.vehicle_from_file[:2, 0], [np.cos(np.radians(yaw)), -np.sin(np.radians(yaw))])
+    on_wheels = read({k: m for k, m in TANK.items() if k[0] == "W"} | {"Mesh_3": van(0)}, turned(yaw))
+    assert np.allclose(on_wheels.shape.vehicle_from_file[0, :2], [np.cos(np.radians(yaw)), np.sin(np.radians(yaw))])
+    assert DoubtKind.FORWARD not in kinds(on_wheels)
+
+
+def test_names_of_wheels_outweigh_a_rack_and_the_body_is_no_stray() -> None:
+    ends = {f"wheel-{'front' if mesh.vertices[:, 0].mean() > 0 else 'back'}-{k}": mesh
+            for k, mesh in CAR.items() if k[0] == "W"}  # fmt: skip
+    for x in (-1.6, -2.2):
+        rack = tube((x - 2.6, 0, 2.25), (x + 2.6, 0, 2.25), 0.1)
+        built = read(ends | {"body": merge([CAR["Hull"], rack], name="body")[0]})
+        assert built.shape.vehicle_from_file[0, 0] == 1.0
+        assert not {DoubtKind.STRAY, DoubtKind.FORWARD} & set(kinds(built))
+
+
+def test_a_vehicle_that_reaches_beyond_its_wheels_both_ways_is_not_upside_down() -> None:
+    wheels = {k: m for k, m in CAR.items() if k[0] == "W"}
+    assert read(wheels | {"Hull": box((5, 2, 2.4), (0, 0, 0.3))}).axes.startswith("up is z, as the file states")
+
+
 @pytest.mark.parametrize(
     ("options", "nose"),
     [

@@ -29,6 +29,9 @@ ELEVATED = np.cos(np.radians(65.0))  # the same for guns by name, which may be r
 NAMED_LONG = 0.4  # of half the vehicle's length: what is named a gun is at least as long
 GUN_LINE = 2.0  # and a vehicle without wheels or a mirror plane lies along one this many times as long as wide
 TUBES_ALIKE = 0.8  # of the longest's length: another gun like it
+VERTICES = 1000  # whose mirror images are looked up
+SLANT, ALL_SLANTED = 0.05, 0.3  # of slanted surface that must slant to one end rather than the other
+SLANTED = 0.004  # of all surface, times the sine and the cosine of its slope; less tells nothing
 PROTRUDES = 0.1  # of its length: its muzzle is so much farther out of the rest than its breech
 CONTRADICTED = "its gun points one way and what is named front the other; forward is taken from the gun"
 BY_SHAPE = "nothing in it is named front or rear; its nose was found by shape alone"
@@ -53,9 +56,14 @@ class Direction(Generic[Value]):
 
 
 def find_forward(
-    solids: Solids, wheels: Wheels | None, names: Sequence[str], *, gun: Sequence[bool]
+    solids: Solids,
+    wheels: Wheels | None,
+    names: Sequence[str],
+    *,
+    gun: Sequence[bool],
+    corners: Float[np.ndarray, "f 3 3"],
 ) -> Direction[float]:
-    """Find the direction of the nose, in a frame with z up; without any sign, toward +x.
+    """Find the direction of the nose, in a frame with z up; without any sign, along the longer of x and y.
 
     Parameters
     ----------
@@ -67,8 +75,10 @@ def find_forward(
         Name of each piece.
     gun
         Whether each piece is named a gun.
+    corners
+        The vehicle's triangles.
     """
-    line, why = _line(solids, wheels, gun)
+    line, why = _line(solids, wheels, gun, corners)
     ahead = np.array([np.cos(line), np.sin(line), 0.0])
     low, high = solids.bounds[:, 0].min(axis=0), solids.bounds[:, 1].max(axis=0)
     middle = (low + high) / 2
@@ -81,6 +91,8 @@ def find_forward(
     votes = _votes(solids, names, (solids.center - middle) @ ahead / half)
     raised = rising(solids, ahead, length, named=np.asarray(gun, bool)[solids.piece]) if any(gun) else 0.0
     tubes, built = rising(solids, ahead, length), _shape_votes(solids, wheels, ahead, middle, length)
+    slanted = 0.0 if tubes else slant(corners, ahead)
+    built = [*built, slanted if wheels is not None else float(np.sign(slanted))]
     gun_end, gun_why = 0.0, ""
     if barrel is not None:
         gun_end = float(np.sign((solids.center[barrel] - middle) @ ahead))
@@ -93,7 +105,8 @@ def find_forward(
     lifted = raised * (raised == tubes)
     names_doubt = TUBES_CONTRADICTED if lifted * named < 0 else ""
     lifted = 0.0 if names_doubt else lifted
-    others = (gun_end, named, *built)
+    rack = barrel is not None and not gun[solids.piece[barrel]] and gun_end * named < 0  # or a pipe, or a ladder
+    others = (gun_end, named, *np.sign(built))
     total = tubes + sum(built)
     # Two agreeing signs are as good as a name.
     alone = abs(total) < 2 or abs(total) < abs(tubes) + sum(map(abs, built))
@@ -101,11 +114,11 @@ def find_forward(
     clues = (
         (lifted, "its tubes rise there", "" if lifted in others else ONE_CLUE),
         (named if names_doubt else 0.0, "names of what is in front and behind", names_doubt),
-        (gun_end, gun_why, CONTRADICTED if votes * gun_end < -VOTE else ""),
+        (0.0 if rack else gun_end, gun_why, CONTRADICTED if votes * gun_end < -VOTE else ""),
         (named, "names of what is in front and behind", ""),
         (raised, "its gun rises there", "" if raised in others else ONE_CLUE),
         (float(np.sign(total)), "its shape", BY_SHAPE if alone else ""),
-        (1.0 if np.cos(line) >= 0 else -1.0, NOT_FOUND, NOT_FOUND),
+        (1.0 if np.cos(line - np.pi / 4) >= 0 else -1.0, NOT_FOUND, NOT_FOUND),
     )
     toward, why_sign, problem = next(clue for clue in clues if clue[0])
     angle = line if toward > 0 else line + np.pi
@@ -133,7 +146,9 @@ def snapped(angle: float, within: float = SNAP) -> float:
     return float(quarter) if abs(angle - quarter) < within else angle
 
 
-def _line(solids: Solids, wheels: Wheels | None, gun: Sequence[bool]) -> tuple[float, str]:
+def _line(
+    solids: Solids, wheels: Wheels | None, gun: Sequence[bool], corners: Float[np.ndarray, "f 3 3"]
+) -> tuple[float, str]:
     """The angle of the vehicle's long axis, in either direction."""
     if wheels is not None:
         across = wheels.across[:2] / max(float(np.linalg.norm(wheels.across[:2])), 1e-12)
@@ -153,7 +168,41 @@ def _line(solids: Solids, wheels: Wheels | None, gun: Sequence[bool]) -> tuple[f
         if slender.any():
             axis = own.axes[np.argmax(np.where(slender, own.size[:, 0], 0.0)), 0]
             return snapped(float(np.arctan2(axis[1], axis[0]))), "along its gun"
+        return _line_of_surface(corners)
     return line, why
+
+
+def _line_of_surface(corners: Float[np.ndarray, "f 3 3"]) -> tuple[float, str]:
+    """The axis x or y: the one whose mirror plane the vertices have, or the longer one."""
+    points = np.unique(corners.reshape(-1, 3), axis=0)
+    size = np.ptp(points, axis=0)
+    tree, some = cKDTree(points), points[:: max(1, len(points) // VERTICES)]
+    gaps = []
+    for axis in (1, 0):  # across x, then across y
+        flipped = some.copy()
+        flipped[:, axis] = points[:, axis].min() + points[:, axis].max() - some[:, axis]
+        gaps.append(float(np.mean(tree.query(flipped)[0])) / max(float(size.max()), 1e-30))
+    alike = (gaps[0] < SYMMETRIC) == (gaps[1] < SYMMETRIC)
+    along = int(size[1] > size[0]) if alike else int(gaps[1] < gaps[0])
+    return along * np.pi / 2, f"along {'xy'[along]}, {'where it is longer' if alike else 'its mirror plane'}"
+
+
+def slant(corners: Float[np.ndarray, "f 3 3"], ahead: Float[np.ndarray, "3"]) -> float:
+    """The end that windshields, hoods, and bows slant to: 1 or -1, 2 or -2 if nearly all do, or 0.
+
+    Sterns are upright.
+    """
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
+    area = np.maximum(np.linalg.norm(normal, axis=1), 1e-30)
+    height = corners[..., 2].mean(axis=1)
+    low, high = corners[..., 2].min(), corners[..., 2].max()
+    upward = (normal[:, 2] > 0) & (height > low + 0.33 * (high - low))
+    slanted = np.where(upward, normal[:, 2] * (normal @ ahead) / area, 0.0)
+    whole = float(np.abs(slanted).sum())
+    if whole < SLANTED * float(area.sum()):
+        return 0.0
+    share = float(slanted.sum()) / whole
+    return float(np.sign(share)) * (1 + (abs(share) > ALL_SLANTED)) * (abs(share) > SLANT)
 
 
 def _mirror_line(solids: Solids) -> tuple[float, str]:
@@ -172,8 +221,11 @@ def _mirror_line(solids: Solids) -> tuple[float, str]:
         flipped = cloud - 2 * (side - (side.min() + side.max()) / 2)[:, None] * normal
         return float(np.mean(tree.query(flipped)[0])) / max(size, 1e-30)
 
-    if gap(0.0) < SYMMETRIC:
+    if gap(0.0) < SYMMETRIC <= gap(np.pi / 2):
         return 0.0, "along x, its mirror plane"
+    if gap(0.0) < SYMMETRIC:
+        along = int(np.ptp(cloud[:, 1]) > np.ptp(cloud[:, 0]))
+        return along * np.pi / 2, f"along {'xy'[along]}, the longer of two mirror planes"
     angles = np.radians(np.arange(0.5, 180.0, 0.5))
     gaps = [gap(angle) for angle in angles]
     best = int(np.argmin(gaps))
@@ -245,15 +297,18 @@ def _muzzle_end(solids: Solids, ahead: Float[np.ndarray, "3"], half: float, name
 
 
 def _votes(solids: Solids, names: Sequence[str], along: Float[np.ndarray, " n"]) -> float:
-    """Mean distance of front-named pieces ahead of rear-named ones, in half lengths."""
-    votes = []
+    """Mean distance of front-named pieces ahead of rear-named ones, in half lengths; 1 if all of both kinds agree."""
+    places: dict[int, list[float]] = {1: [], -1: []}
     for piece, name in enumerate(names):
         sign = bool(first_match(name, FRONT)) - bool(first_match(name, REAR))
         of_piece = solids.piece == piece
         if sign and of_piece.any():
             extent = solids.size[of_piece].max(axis=1)
-            votes.append(sign * float(np.average(along[of_piece], weights=np.maximum(extent, 1e-12))))
-    return float(np.mean(votes)) if votes else 0.0
+            places[sign].append(float(np.average(along[of_piece], weights=np.maximum(extent, 1e-12))))
+    front, rear = places[1], places[-1]
+    if front and rear and (min(front) > max(rear) or max(front) < min(rear)):
+        return float(np.sign(front[0] - rear[0]))  # all agree
+    return float(np.mean([*front, *np.negative(rear)])) if front or rear else 0.0
 
 
 def _shape_votes(

@@ -97,6 +97,8 @@ class Wheels:
         Height along `up` of the ground under them.
     places
         Their number, where a tire and its rim are one.
+    sunk
+        How far the rest reaches below that ground, in radii.
     """
 
     index: Int[np.ndarray, " w"]
@@ -104,6 +106,7 @@ class Wheels:
     across: Float[np.ndarray, "3"]
     level: float
     places: int
+    sunk: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,7 +255,9 @@ def find_wheels(solids: Solids) -> Wheels | None:
     level = float((solids.center[index] @ up - solids.radius[index]).min())
     # A tire and its rim are one wheel.
     joined = fclusterdata(solids.center[index], 0.7 * float(solids.radius[index].mean()), criterion="distance")
-    return Wheels(index, up, across, level, places=int(joined.max()))
+    reach = np.einsum("nk,nk->n", solids.size / 2, np.abs(solids.axes @ up))
+    sunk = (level - float((solids.center @ up - reach)[thick].min())) / float(solids.radius[index].mean())
+    return Wheels(index, up, across, level, places=int(joined.max()), sunk=sunk)
 
 
 def _standing(

@@ -17,6 +17,7 @@ from hulldown.reading.vehicle.nose import Direction, find_forward
 from hulldown.reading.vehicle.solids import Solids, Wheels, find_solids, find_wheels
 
 UPS = ("z", "-z", "y", "-y", "x", "-x")
+SUNK = 0.5  # radii: a vehicle that reaches lower than its wheels isn't upside down for sure
 CERTAIN = 6  # wheels on one plane that are sure
 UPRIGHT = float(np.cos(np.radians(12.0)))  # up is the file's axis that is this close
 NOSE = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}
@@ -91,6 +92,8 @@ def find_up(wheels: Wheels | None, stated: str) -> Direction[str]:
     if axis is None:
         doubt = Doubt(DoubtKind.UP, "its wheels stand askew to the axes; set up, or turn it upright in Blender")
         return Direction(stated, "as the file states", doubt)
+    if axis and wheels.sunk > SUNK and axis.removeprefix("-") == stated.removeprefix("-"):
+        return Direction(stated, "as the file states")  # it reaches beyond the wheels on both sides
     if axis == stated:
         return Direction(stated, f"as the file states, and {wheels.places} wheels")
     why = f"{wheels.places} wheels lie below the rest of it"
@@ -149,12 +152,19 @@ def heading(upright: Upright, kept: Sequence[int], options: Options) -> tuple[Di
     if options.forward is None:
         names = [upright.drawn.pieces[i].name for i in kept]
         gun = [_named_gun(upright.drawn.pieces[i]) for i in kept]
-        found = find_forward(solids, wheels, names, gun=gun)
+        found = find_forward(solids, wheels, names, gun=gun, corners=_corners(upright, kept))
     else:
         found = Direction(_angle(options.forward), "as the config states")
     if options.yaw_deg:
         found = replace(found, value=found.value + np.radians(options.yaw_deg), why=f"{found.why}, and yaw_deg")
     return found, solids, wheels
+
+
+def _corners(upright: Upright, kept: Sequence[int]) -> Float[np.ndarray, "f 3 3"]:
+    """The triangles of pieces."""
+    pieces, meshes = [upright.drawn.pieces[i] for i in kept], upright.drawn.meshes
+    placed = [apply(upright.meters @ p.pose, meshes[p.mesh].vertices)[meshes[p.mesh].faces] for p in pieces]
+    return np.concatenate(placed)
 
 
 def _angle(forward: str | float | tuple[float, ...]) -> float:

@@ -13,6 +13,7 @@ from hulldown.reading.pieces.naming import FIGURES, STAGES, first_match, words
 from hulldown.reading.pieces.roles import MUCH_LARGER, UNDERSIDE, Piece
 from hulldown.reading.pieces.wording import as_key, quoted
 from hulldown.reading.vehicle.solids import PlacedPieces, Wheels
+from hulldown.reading.vehicle.things import patterns_of, triangle_areas
 
 BELOW = 0.03  # of the vehicle's height: a tire pressed into the ground
 OUT = 0.1  # of the length of the rest
@@ -20,13 +21,20 @@ APART = 0.02  # of the rest's length: least gap around it
 BESIDE = (*STAGES, *FIGURES)  # without "plane", which armor plates are named too
 FAR = 0.08  # least gap if it can't belong to the rest
 SMALL = 0.75  # diagonal of a thing next to a vehicle over that of the rest; trailers are longer
+HULL = 0.35  # of the surface: what has more is no stray
+MUCH = 0.05  # of the surface, which a doubt states
 BULKY = 1.3  # a bulk is longer than the rest by this factor in two directions
 FLAT = 1e-4  # of its longest side: a sheet without thickness
 NAMES = 6  # that a sentence lists
 
 
 def find_strays(
-    whole: PlacedPieces, meshes: Sequence[Mesh], wheels: Wheels | None, *, wanted: Collection[int]
+    whole: PlacedPieces,
+    meshes: Sequence[Mesh],
+    wheels: Wheels | None,
+    *,
+    wanted: Collection[int],
+    left_out: Sequence[Piece],
 ) -> tuple[dict[int, str], list[Doubt], list[Doubt]]:
     """Find pieces that don't belong to the vehicle, and pieces that might not.
 
@@ -43,6 +51,8 @@ def find_strays(
         Wheels among their solids; pieces with wheels are never strays.
     wanted
         Pieces that the config keeps.
+    left_out
+        The file's other pieces, which an advice must not name.
 
     Returns
     -------
@@ -64,7 +74,7 @@ def find_strays(
         under = loose & beyond_wheels & (bounds[:, 1, 2] < wheels.level + slack)
     hidden = np.array([piece.hidden for piece in pieces], bool)
     regular = loose & [_is_regular(piece, own) for piece, own in zip(pieces, whole.points, strict=True)]
-    apart = far = sheets = beyond = none
+    apart = far = sheets = around = none
     if count > 1:
         rest, gap = np.empty_like(bounds), np.empty(count)  # around all others, and to the nearest of them
         for i, own in enumerate(bounds):
@@ -75,7 +85,7 @@ def find_strays(
         length = extent.max(axis=1)
         sheets = loose & (size.min(axis=1) <= FLAT * size.max(axis=1))
         sheets &= np.maximum(rest[:, 0] - bounds[:, 0], bounds[:, 1] - rest[:, 1]).max(axis=1) > OUT * length
-        beyond = sheets | (loose & ((size > BULKY * extent).sum(axis=1) >= 2))
+        around = loose & ((size > BULKY * extent).sum(axis=1) >= 2)
         apart = loose & (gap >= APART * length)
         small = np.linalg.norm(size, axis=1) < SMALL * np.linalg.norm(extent, axis=1)
         far = apart & small & (gap >= FAR * length)
@@ -84,10 +94,10 @@ def find_strays(
         "reaching below the wheels": low,
         "as regular as a new mesh of Blender's": regular,
         "not touching the rest": apart,
-        "a flat sheet or a bulk that sticks out of the rest": beyond,
+        "a flat sheet that sticks out of the rest": sheets,
     }
-    sure_parts = bounds[~np.any(list(signs.values()), axis=0)]
-    backdrops = beyond & [
+    sure_parts = bounds[~np.any([*signs.values(), around], axis=0)]
+    backdrops = (sheets | around) & [
         _is_backdrop(own, meshes[p.mesh], sure_parts) for p, own in zip(pieces, whole.points, strict=True)
     ]
     named = apart & [first_match(piece.name, BESIDE) is not None for piece in pieces]
@@ -112,17 +122,16 @@ def find_strays(
         if not sure[i]
     ]
     doubts = []
-    seen = np.isin(np.arange(count), list(out))
+    area = np.array([triangle_areas(p[meshes[m.mesh].faces]).sum() for p, m in zip(whole.points, pieces, strict=True)])
+    seen = np.isin(np.arange(count), list(out)) | ((area > HULL * area.sum()) & ~sheets)
     for what, mask in signs.items():
-        if (mask & ~seen).any():
-            names = [pieces[i].name for i in np.flatnonzero(mask & ~seen)]
-            listed = as_key(names, most=NAMES)
-            doubts.append(
-                Doubt(
-                    DoubtKind.STRAY,
-                    f"{quoted(names, most=NAMES)}: {what}; set drop = {listed} if that isn't part of it",
-                )
-            )
+        own = np.flatnonzero(mask & ~seen)
+        share = float(area[own].sum() / max(area.sum(), 1e-30))
+        if len(own) and (drop := patterns_of(own.tolist(), [*pieces, *left_out])):
+            names = quoted((pieces[i].name for i in own), most=NAMES)
+            much = f", {100 * share:.0f} % of its surface" if share > MUCH else ""
+            text = f"{names}: {what}{much}; set drop = {as_key(drop)} if that isn't part of it"
+            doubts.append(Doubt(DoubtKind.STRAY, text))
         seen |= mask
     return out, out_doubts, doubts
 

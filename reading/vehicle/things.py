@@ -129,7 +129,7 @@ def copies(whole: PlacedPieces, meshes: Sequence[Mesh]) -> list[int]:
     pieces, bounds = whole.pieces, whole.bounds
     faces = np.array([piece.faces for piece in pieces])
     triangles = [points[meshes[p.mesh].faces] for p, points in zip(pieces, whole.points, strict=True)]
-    area = np.array([_areas(corners).sum() for corners in triangles])
+    area = np.array([triangle_areas(corners).sum() for corners in triangles])
     samples = cache(lambda i: _samples(triangles[i]))
     kept, spare, doubled = list[int](), list[int](), np.zeros(len(pieces), bool)
     for i in np.argsort(-faces, kind="stable").tolist():
@@ -180,13 +180,14 @@ def _agree(
     return np.abs(a - b).max(axis=(-1, -2)) <= within * float(np.ptp(b, axis=0).max())
 
 
-def _areas(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, " f"]:
+def triangle_areas(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, " f"]:
+    """Area of each triangle."""
     return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
 
 
 def _samples(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "n 3"]:
     """Points all over triangles, always the same."""
-    area = _areas(corners)
+    area = triangle_areas(corners)
     if not area.sum() > 0:
         return corners[0, :1]
     rng = np.random.default_rng(0)
