@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +30,9 @@ def color_of(category_id: int) -> tuple[int, int, int]:
 @cache
 def lettering(size: int) -> ImageFont.FreeTypeFont:
     """DejaVu Sans, which comes with Matplotlib and has Cyrillic and Greek letters, too; `size` in pixels."""
-    import matplotlib  # not at the top: planning imports this module and draws at its end, if at all
-
-    return ImageFont.truetype(Path(matplotlib.get_data_path(), "fonts", "ttf", "DejaVuSans.ttf"), size)
+    found = find_spec("matplotlib")  # importing it takes longer than drawing
+    folder = Path(str(found and found.origin)).with_name("mpl-data")
+    return ImageFont.truetype(folder / "fonts" / "ttf" / "DejaVuSans.ttf", size)
 
 
 def draw(

@@ -16,11 +16,11 @@ from jaxtyping import Float, Int
 from rich.markup import escape
 from rich.table import Table
 
-from hulldown.base.files import replacing
 from hulldown.camera.shell import shell_place
 from hulldown.camera.weather.kinds import KINDS
 from hulldown.geometry.transforms import apply
-from hulldown.pictures.sheets import SOFTWARE, refuse_foreign
+from hulldown.pictures.charts import Bars, Stairs, sheet
+from hulldown.pictures.sheets import save_sheet
 from hulldown.placement.rejection import AIMING, BY_KEY, PLACING
 from hulldown.planning.config.paint_section import OWN
 from hulldown.planning.plan.row import LeftOut, Row
@@ -44,7 +44,6 @@ QUANTITIES: Mapping[str, tuple[str, Float[np.ndarray, " b"]]] = {
     "box_px": ("box size (root of its area, pixels)", np.logspace(0.0, 4.0, 65)),
 }
 _BARS = " ▁▂▃▄▅▆▇█"
-_COLOR = "#4878a8"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -203,36 +202,12 @@ class Summary:
 
     def draw(self, path: str | Path) -> None:
         """Write a picture of the histograms and counts."""
-        # A local import, since it's slow and worker processes don't need it.
-        from matplotlib.figure import Figure
-        from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
-
-        charts = self._bar_charts()
-        lines = -(-(len(charts) + len(self.histograms)) // 3)
-        figure = Figure(figsize=(12.0, 3.0 * lines), layout="constrained")
-        axes = iter(figure.subplots(lines, 3).ravel())
-        for title, counts in charts.items():
-            axis = next(axes)
-            # Matplotlib reads text between two dollar signs as a formula.
-            names = [name.replace("$", r"\$") for name in counts]
-            axis.barh(names[::-1], list(counts.values())[::-1], color=_COLOR)
-            axis.set_title(title, fontsize=10)
+        charts: list[Bars | Stairs] = [Bars(title, counts) for title, counts in self._bar_charts().items()]
         for histogram in self.histograms.values():
-            axis, used = next(axes), histogram.used
+            used = histogram.used
             edges = histogram.edges[used.start : used.stop + 1]
-            axis.stairs(histogram.counts[used], edges, fill=True, color=_COLOR)
-            if len(histogram.values) and histogram.edges[0] > 0:
-                axis.set_xscale("log")
-                axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-                axis.xaxis.set_major_formatter(ScalarFormatter())
-                axis.xaxis.set_minor_formatter(NullFormatter())
-            axis.set_title(histogram.title, fontsize=10, wrap=True)
-        for axis in axes:
-            axis.set_axis_off()
-        figure.suptitle(f"{self.images:,} images at {self.positions:,} positions")
-        refuse_foreign(Path(path))
-        with replacing(Path(path)) as file:
-            figure.savefig(file, format="png", dpi=100, metadata=SOFTWARE)
+            charts.append(Stairs(histogram.title, edges, histogram.counts[used], bool(histogram.edges[0] > 0)))
+        save_sheet(sheet(f"{self.images:,} images at {self.positions:,} positions", charts), Path(path))
 
     def _bar_charts(self) -> dict[str, Mapping[str, int]]:
         counts, background = self.counts, self.counts["backgrounds"].total()
