@@ -67,16 +67,36 @@ def foreign_reader(folder: Path) -> Callable[[], Coco] | None:
     described = [
         path for parent in (folder, *folder.parents[:2]) for name in YAML_NAMES if (path := parent / name).is_file()
     ]
-    for pictures, labels in (
-        (folder / "images", folder / "labels"),
-        (folder, Path(*("labels" if part == "images" else part for part in folder.parts))),
-    ):
+    for pictures, labels in _yolo_folders(folder):
         if described and pictures != labels and pictures.is_dir() and labels.is_dir() and _pictures(pictures):
             return partial(_yolo, folder, pictures, labels, described[0])
     if described and described[0].parent == folder:
         remedy = "name one of its splits, such as images/train or train"
         raise DatasetError("is a YOLO dataset of several splits", path=folder, remedy=remedy)
     return None
+
+
+def refuse_nameless(folder: Path) -> None:
+    """Refuse a folder of YOLO without the file that names its classes.
+
+    Raises
+    ------
+    DatasetError
+        If it has YOLO's labels.
+    """
+    for pictures, labels in _yolo_folders(folder):
+        if pictures != labels and pictures.is_dir() and any(labels.glob("*.txt")) and _pictures(pictures):
+            raise DatasetError(
+                f"has labels as YOLO has them in {labels}, but no {YAML_NAMES[0]} that names their classes",
+                path=folder,
+                remedy=f"write {folder / YAML_NAMES[0]} with a line such as names: [tank, truck]",
+            )
+
+
+def _yolo_folders(folder: Path) -> tuple[tuple[Path, Path], ...]:
+    """Folders of pictures and of labels that a split of YOLO may have."""
+    beside = Path(*("labels" if part == "images" else part for part in folder.parts))
+    return (folder / "images", folder / "labels"), (folder, beside)
 
 
 def _pictures(folder: Path) -> list[Path]:

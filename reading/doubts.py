@@ -20,7 +20,7 @@ SHORTEST_VEHICLE = 0.8
 SMALLEST_SCENERY = 20.0
 LARGEST_SCENERY = 200_000.0
 EDGE = 0.05  # of a scenery's height and length: largest width of ground that stands upright
-USUAL_LENGTH = 7.0
+LIKELY_LENGTHS = (2.0, 20.0)
 USUAL_UNITS = (1.0, 0.01, 0.001, 0.0254, 0.3048, 100.0, 10.0, 0.1)
 
 
@@ -229,10 +229,11 @@ def _missing(missing: Sequence[Missing]) -> list[Doubt]:
     ]
 
 
-def likely_scale(longest: float, unit: float) -> str:
-    """Return the usual unit that would make the likeliest vehicle of it, as " = 100 (now 1)"."""
-    usual = min(USUAL_UNITS, key=lambda meters: abs(math.log(max(longest, 1e-9) / unit * meters / USUAL_LENGTH)))
-    return f" = {usual:g} (now {unit:g})" if 2.0 <= longest / unit * usual <= 20.0 else f" (now {unit:g})"
+def likely_scale(longest: float, unit: float, usual: tuple[float, float] = LIKELY_LENGTHS) -> str:
+    """Return the usual unit that makes it a vehicle of a usual length, as " = 100 (now 1)"; without, if none does."""
+    middle = math.sqrt(usual[0] * usual[1])
+    best = min(USUAL_UNITS, key=lambda meters: abs(math.log(max(longest, 1e-9) / unit * meters / middle)))
+    return f" = {best:g} (now {unit:g})" if usual[0] <= longest / unit * best <= usual[1] else f" (now {unit:g})"
 
 
 def length_said(length: float) -> str:

@@ -41,6 +41,21 @@ def test_an_export_can_be_read_back(pictures, tmp_path, layout, split, error):
             assert box == pytest.approx(own, abs=2 * error)
 
 
+def test_yolo_without_names_is_refused_by_its_labels_and_windows_paths_are_read(pictures, tmp_path):
+    export(pictures, tmp_path / "out", layout="yolo", fractions=(1.0, 0.0, 0.0))
+    for described in (tmp_path / "out").glob("*.y*ml"):
+        described.unlink()
+    with pytest.raises(DatasetError, match=r"labels/train, but no data\.yaml .*names: \[tank, truck\]"):
+        read_coco(tmp_path / "out" / "images" / "train")
+    content = json.loads((pictures / "annotations.json").read_text(encoding="utf-8"))
+    names = [image["file_name"] for image in content["images"]]
+    for image in content["images"]:
+        image["file_name"] = image["file_name"].replace("/", "\\")
+    (tmp_path / "annotations.json").write_text(json.dumps(content), encoding="utf-8")
+    assert [image["file_name"] for image in read_coco(tmp_path)["images"]] == names
+    assert any("/" in name for name in names)
+
+
 def test_training_evaluation_and_export_accept_them(pictures, tmp_path):
     export(pictures, tmp_path / "yolo", layout="rfdetr-yolo", fractions=(1.0, 0.0, 0.0))
     train = str(tmp_path / "yolo" / "train")

@@ -15,6 +15,7 @@ from hulldown.base.errors import AssetError, ConfigError
 from hulldown.geometry.transforms import apply
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.config.schema import Config
+from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.reading.pieces.formats import format_of
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import export
@@ -140,6 +141,17 @@ def test_heights_are_converted_to_meters(tmp_path, options, meters):
     assert read.mesh.vertices[0, 2] + read.anchor[2] == pytest.approx(heights()[0, 0] * meters, abs=1e-9)
     read = elevations(path, scale=2.0)
     assert read.mesh.vertices[0, 2] + read.anchor[2] == 2.0 * heights()[0, 0]
+
+
+@pytest.mark.parametrize("value", [-9999.0, -32768.0])
+def test_undeclared_nodata_is_a_doubt_and_no_pit(tmp_path, value):
+    z = heights()
+    z[5:9, 30:33] = value
+    read = elevations(write(tmp_path / "dem.tif", z))
+    assert (read.mesh.vertices + read.anchor)[:, 2].min() == heights().min()
+    assert [doubt.kind for doubt in read.doubts] == [DoubtKind.COORDINATES]
+    sea = np.linspace(-9999.0, 0.0, 2000).reshape(40, 50)  # a trench has a slope
+    assert not elevations(write(tmp_path / "sea.tif", sea)).doubts
 
 
 def test_an_area_selects_cells_by_their_centers(tmp_path):

@@ -123,7 +123,7 @@ LINES = [  # one after a possible line, and the error
     (f"hills,leo,{at(5000, 0)},,,,,,,,", "line 3: vehicle 'leo' on scenery 'hills' finds no place to stand"),
     (
         f"hills,leo,{at(10, 20, 9)},30,,,,,,,",
-        "line 3: vehicle 'leo' on scenery 'hills' finds no place to stand: of 1",
+        "line 3: vehicle 'leo' on scenery 'hills' finds no place to stand: all tries at its given",
     ),
     (f"hills,leo,{at(10, 20)},30,{at(-20, 0, -30)},,,,", "line 3: vehicle 'leo' on scenery 'hills' cannot be seen"),
     (f"hills,leo,{at(10, 20)},30,{at(10, 20, 1)},,,,", "line 3: vehicle 'leo' on scenery 'hills' cannot be seen"),

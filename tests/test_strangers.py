@@ -277,13 +277,16 @@ def test_a_vehicle_of_odd_size_or_without_textures_is_refused_unless_allowed(tmp
     def load(**more):
         vehicles = [{"path": "cars/suv.obj", "category": "car", "name": name, **more} for name in ("suv", "twin")]
         assets = {"hdris": ["sky.hdr"], "vehicles": vehicles, "sceneries": [{"path": "land/land.obj"}]}
-        load_library(Config.of({"assets": assets, "budget": {"images_per_class": 1}}, path=tmp_path / "hulldown.toml"))
+        config = Config.of({"assets": assets, "budget": {"images_per_class": 1}}, path=tmp_path / "hulldown.toml")
+        return load_library(config)
 
-    with pytest.raises(HulldownError, match=r"2 to 9 m; so it is with twin .6,000 m.; set scale = 0.001"):
+    with pytest.raises(HulldownError, match=r"2 to 9 m; of unusual length are also twin .6,000 m.; set scale = 0.001"):
         load()
     with pytest.raises(HulldownError, match="allow_missing"):
         load(scale=0.001)
     load(scale=0.001, allow_missing=True)
+    (doubts,) = load(scale=0.02, allow_missing=True).doubts(backdrop=False).values()
+    assert any("with its scale of 0.02 it is 120 m long, and a car has 2 to 9 m" in doubt.text for doubt in doubts)
 
 
 def test_dropping_the_hull_is_a_doubt_and_many_pieces_get_a_pattern():

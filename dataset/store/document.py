@@ -17,7 +17,7 @@ from typing import Any, BinaryIO, cast
 import msgspec
 import orjson
 
-from hulldown.assets.foreign_labels import foreign_reader
+from hulldown.assets.foreign_labels import foreign_reader, refuse_nameless
 from hulldown.base.code import version_of
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import DATA, json_of, json_parts, json_records, read_file
@@ -287,6 +287,8 @@ def read_coco(folder: Path | str) -> Coco:
         return _read_annotations(folder / COCO_NAME).to_dict()
     if not ours and (read := foreign_reader(folder)) is not None:
         return read()
+    if not ours:
+        refuse_nameless(folder)
     check_is_dataset(folder)
     return read_document(folder).to_dict()
 
@@ -303,7 +305,7 @@ def _read_annotations(path: Path) -> Document:
         document.head = {key: json_of(memoryview(part), object) for key, part in parts.items()}
         document.categories += categories
         for image in images:
-            document.add(image, ())
+            document.add(_with_slashes(image), ())
         for annotation in annotations:
             document.annotations.add(annotation)
         orjson.dumps([document.head, document.categories])
@@ -317,6 +319,12 @@ def _read_annotations(path: Path) -> Document:
     except ValueError as error:
         raise _unusable(path, f"'info' has 'hulldown_runs' that are not as they were written ({error})") from None
     return document
+
+
+def _with_slashes(image: Record) -> Record:
+    """The record with slashes in its name, which has backslashes if it was written on Windows."""
+    name = image.get("file_name")
+    return {**image, "file_name": name.replace("\\", "/")} if isinstance(name, str) and "\\" in name else image
 
 
 def _records(content: msgspec.Raw, key: str, kind: str, path: Path) -> Iterator[Record]:

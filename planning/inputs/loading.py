@@ -202,6 +202,9 @@ def _painted(exported: Exported, entry: ModelEntry) -> Exported:
     """Return the export with notes and doubts about the config's paint in its report."""
     report = exported.report
     doubts = paint_doubts(entry.paint, report.materials)
+    if entry.scale is not None and (odd := _odd_size(entry, report)):  # without a scale, it's refused
+        text = f"with its scale of {entry.scale:g} it is {length_said(max(report.size))} long, and {_usual_said(*odd)}"
+        doubts.append(Doubt(DoubtKind.SCALE, text))
     notes = paint_notes(entry.paint, report.materials)
     return replace(exported, report=replace(report, doubts=(*report.doubts, *doubts), painted=tuple(notes)))
 
@@ -267,23 +270,31 @@ def _refuse_sizes(vehicles: Sequence[tuple[ModelEntry, FileReport]]) -> None:
     AssetError
         Naming the first one's length, the usual lengths, the key, and the other vehicles.
     """
-    odd = []
-    for entry, report in vehicles:
-        name = f"{getattr(entry, 'category', None) or ''} {entry.name}"
-        kind = next((kind for kind in USUAL_LENGTHS if first_match(name, kind)), ANY_VEHICLE)
-        low, high = USUAL_LENGTHS.get(kind, ANY_LENGTH)
-        if entry.scale is None and not low <= max(report.size) <= high:
-            usual = f"is {length_said(max(report.size))} long, and a {kind[0]} has {low:g} to {high:g} m"
-            odd.append((entry.name, usual, report))
-    if odd:
-        others = [f"{name} ({length_said(max(report.size))})" for name, _, report in odd[1:]]
-        _, usual, report = odd[0]
-        more = f"; so it is with {', '.join(others)}" if others else ""
+    refused = [(e, odd, r) for e, r in vehicles if e.scale is None and (odd := _odd_size(e, r)) is not None]
+    if refused:
+        others = [f"{entry.name} ({length_said(max(report.size))})" for entry, _, report in refused[1:]]
+        _, (kind, lengths), report = refused[0]
+        several = next((str(doubt) for doubt in report.doubts if doubt.kind == DoubtKind.SEVERAL), "")
         raise AssetError(
-            usual + more, path=report.path,
-            remedy=f"set scale{likely_scale(max(report.size), report.unit)}, also to the value that it has now if "
-            "the size is right",
-        )  # fmt: skip
+            f"is {length_said(max(report.size))} long, and {_usual_said(kind, lengths)}"
+            + (f"; of unusual length are also {', '.join(others)}" if others else ""),
+            path=report.path,
+            remedy=several
+            or f"set scale{likely_scale(max(report.size), report.unit, lengths)}, also to the value that "
+            "it has now if the size is right",
+        )
+
+
+def _odd_size(entry: ModelEntry, report: FileReport) -> tuple[str, tuple[float, float]] | None:
+    """Return a vehicle's class and its usual lengths, if it doesn't have them."""
+    name = f"{getattr(entry, 'category', None) or ''} {entry.name}"
+    kind = next((kind for kind in USUAL_LENGTHS if first_match(name, kind)), ANY_VEHICLE)
+    low, high = USUAL_LENGTHS.get(kind, ANY_LENGTH)
+    return None if low <= max(report.size) <= high else (kind[0], (low, high))
+
+
+def _usual_said(kind: str, usual: tuple[float, float]) -> str:
+    return f"a {kind} has {usual[0]:g} to {usual[1]:g} m"
 
 
 def read_options(entry: ModelEntry | SceneryEntry, config: Config) -> Options:

@@ -373,15 +373,22 @@ class _Search:
     def _give_up(self, rows: Int[np.ndarray, " p"], what: str, kinds: tuple[Rejection, ...], remedy: str) -> None:
         """Give up these positions, and all positions after the first of them that isn't movable."""
         rows, block = self._hopeful(rows), self.block
+        given = block.given_of(block.positions.first_image)
         self.given_up[rows] = True
         self.table.found[np.isin(self.table.row, rows)] = False
         for row in rows.tolist():
             counts = self.place_rejections[row] + self.camera_rejections[self.owner == row].sum(axis=0)
             model, position = self.fleet.models[block.model[row]], int(self.number[row])
+            found = [kind for kind in kinds if counts[kind]]
+            one = given.fixed[row] and len(found) == 1 and found[0] in PLACING  # one try is like the other
             self.problems[row] = HopelessPosition(
                 position,
                 f"vehicle {model.shape.name!r} on scenery {block.site.name!r} {what}: "
-                + sentence({kind: int(counts[kind]) for kind in kinds}),
+                + (
+                    f"all tries at its given place {found[0].phrase}"
+                    if one
+                    else sentence({kind: int(counts[kind]) for kind in kinds})
+                ),
                 path=self.config.path,
                 remedy=remedy,
             )

@@ -24,6 +24,8 @@ MOST_CELLS = 9_000_000  # reading takes about 0.7 KB of memory for each; docs/te
 LARGEST_PICTURE = 8192  # pixels of the longer side
 STRETCHED = 0.01  # a map's areas may differ from the ground's by this share
 LARGEST = 1e9  # of a coordinate, or of the scale of elevations
+NO_DATA = -400.0  # meters or feet: no land is lower, and nodata is -9999, -32768, or -3.4e38
+GAP = 0.5  # of the range of the other elevations, that nodata is below them
 KILOMETER = 1000.0
 NO_GEO = "pip install 'hulldown[geo]'"
 
@@ -84,7 +86,7 @@ def read_elevations(path: Path, *, area: Sequence[float] | None, scale: float | 
         x, y = raster.transform * (column, row)
         south_up = raster.transform.determinant > 0
         wkt, unit = raster.crs.to_wkt() if raster.crs else "", raster.units[band - 1]
-    doubts: list[Doubt] = []
+    doubts = _undeclared(z)
     x, y, crs = _in_meters(x, y, wkt, path, doubts)
     z = z * (scale or _meters(unit, wkt, path))
     with np.errstate(invalid="ignore"):
@@ -99,6 +101,26 @@ def read_elevations(path: Path, *, area: Sequence[float] | None, scale: float | 
     vertices = np.stack([x[known], y[known], z[known]], axis=1)
     anchor = np.round((vertices.min(axis=0) + vertices.max(axis=0)) / 2 / KILOMETER) * KILOMETER + 0.0
     return Elevations(Mesh(vertices - anchor, faces[:, ::-1] if south_up else faces), anchor, crs, tuple(doubts))
+
+
+def _undeclared(z: Float[np.ndarray, "m n"]) -> list[Doubt]:
+    """Remove elevations of values that mean "no data" although the file doesn't declare them; a doubt about them.
+
+    Only a value far below all others is one: a coast may have many zeros.
+    """
+    known = z[np.isfinite(z)]
+    if not len(known) or (lowest := float(known.min())) > NO_DATA:
+        return []
+    others = known[known > lowest]
+    if not len(others) or float(others.min()) - lowest < GAP * max(float(np.ptp(others)), 1.0):
+        return []
+    z[z == lowest] = np.nan
+    share = 100 * (len(known) - len(others)) / len(known)
+    text = (
+        f"{share:.2g} % of its elevations are {lowest:g}, far below all others; they're taken for nodata, though the "
+        "file declares none"
+    )
+    return [Doubt(DoubtKind.COORDINATES, text)]
 
 
 def read_orthophoto(
