@@ -10,9 +10,9 @@ from hulldown.base.code import versions
 from hulldown.cluster.scheduler import RESOURCE, Scheduler
 from hulldown.cluster.workers import Answer, Cluster
 from hulldown.planning.inputs.loading import Library
-from hulldown.rendering.asset_files import ClientFiles
 from hulldown.rendering.blender.messages import RenderJob
-from hulldown.rendering.node import Setting, refusal, render_row
+from hulldown.rendering.jobs import readable
+from hulldown.rendering.node import Setting, refusal, render_row, shared_files
 from hulldown.rendering.pool import Engine
 from hulldown.rendering.process import Outcome
 
@@ -30,7 +30,7 @@ class ClusterPool(Cluster):
     engine
         The Blenders' device and limits, and whether to refuse workers that can't confine Blender.
     library
-        The plan's assets.
+        The plan's assets, whose files all workers must see.
     say, stopping
         As of `rendering.pool.Pool`.
 
@@ -49,22 +49,19 @@ class ClusterPool(Cluster):
         say: Callable[[str], None],
         stopping: Callable[[], bool],
     ) -> None:
-        self._stopping, self._files = stopping, ClientFiles(library)
-        self._setting = Setting(self._files.key, self._files.readable, engine.device, engine.limits)
-        refused = partial(refusal, versions("bpy"), engine.require_confinement)
+        self._stopping = stopping
+        self._setting = Setting(readable(library), engine.device, engine.limits)
+        refused = partial(refusal, versions("bpy"), engine.require_confinement, shared_files(library))
         super().__init__(scheduler, RESOURCE, refused, at_once=AT_ONCE, say=say)
 
     def results(self, jobs: Sequence[int], job_of: Callable[[int], RenderJob]) -> Iterator[tuple[int, Outcome]]:
         """Do all jobs; parameters and errors as of `rendering.pool.Pool.results`."""
 
-        def call(job: int) -> Callable[..., Answer]:
-            own = job_of(job)
-            named = {own.scenery, own.light.hdri, *(vehicle.tidy for vehicle in own.vehicles)}
-            assets = tuple(self._files.assets[path] for path in sorted(named))
-            return partial(render_row, self._setting, own, assets)
+        def call(job: int) -> Callable[[], Answer]:
+            return partial(render_row, self._setting, job_of(job))
 
         lost = Outcome(reasons=(LOST,))
-        for job, outcomes in self.run(jobs, call, lost=lost, stopping=self._stopping, content=self._files.content):
+        for job, outcomes in self.run(jobs, call, lost=lost, stopping=self._stopping):
             reasons = [reason for outcome in outcomes for reason in outcome.reasons] if outcomes[-1].reasons else []
             restarts = sum(outcome.restarts for outcome in outcomes)
             yield job, replace(outcomes[-1], reasons=tuple(reasons), restarts=restarts)

@@ -18,18 +18,37 @@ from distributed import get_worker
 
 from hulldown.base.child import Stopped
 from hulldown.base.code import MISSING, difference, versions
-from hulldown.base.errors import HulldownError
+from hulldown.base.files import open_regular
 from hulldown.cluster.scheduler import SHARE_VARIABLE
 from hulldown.cluster.workers import Answer, wanted
+from hulldown.planning.inputs.loading import Library
 from hulldown.reading.confinement import landlock
-from hulldown.rendering.asset_files import AssetCache, AssetNote, cache_folder
 from hulldown.rendering.blender.messages import RenderJob
+from hulldown.rendering.jobs import readable
 from hulldown.rendering.process import Allowance, Blender, Confinement, Limits
 
+SHARE = "all machines must share it; without a shared folder, render with `--share K/N`, and `hulldown join`"
 IDLE_S = 60.0  # of idling, after which Blender is ended to free memory
 
 
-def refusal(client: Mapping[str, str], require_confinement: bool) -> str:
+def shared_files(library: Library) -> dict[str, tuple[int, int]]:
+    """Size and time of the last change of each file that the renders of a plan read, by absolute path.
+
+    A file outside the folders that `rendering.jobs.readable` lists isn't read, and isn't in it.
+    """
+    read = (*library.models.values(), *library.sceneries.values())
+    named = [hdri.path for hdri in library.hdris.values()]
+    for exported in read:
+        named += [exported.tidy, Path(exported.report.path), *map(Path, exported.files)]
+    allowed, files = readable(library), dict[str, tuple[int, int]]()
+    for path in named:
+        if path.is_file() and landlock.is_inside(path, allowed):
+            stat = path.stat()
+            files[str(path.absolute())] = stat.st_size, stat.st_mtime_ns
+    return files
+
+
+def refusal(client: Mapping[str, str], require_confinement: bool, files: Mapping[str, tuple[int, int]]) -> str:
     """Reason why this process can't render for a client; empty if it can.
 
     Parameters
@@ -38,6 +57,8 @@ def refusal(client: Mapping[str, str], require_confinement: bool) -> str:
         The client's versions of hulldown and bpy, which must equal this process's; the client may have no bpy.
     require_confinement
         Whether Blender must be confined.
+    files
+        The client's `shared_files`.
     """
     if versions("bpy")["bpy"] == MISSING:
         return "has no bpy"
@@ -45,6 +66,14 @@ def refusal(client: Mapping[str, str], require_confinement: bool) -> str:
         return wrong
     if require_confinement and (why := landlock.unconfined()):
         return f"can't confine Blender: {why}"
+    for path, (size, changed) in files.items():
+        try:
+            with open_regular(Path(path)) as file:
+                stat = os.fstat(file.fileno())
+        except OSError:
+            return f"cannot read {path}: {SHARE}"
+        if (stat.st_size, stat.st_mtime_ns) != (size, changed):
+            return f"sees another {path}: {SHARE}"
     return ""
 
 
@@ -54,21 +83,20 @@ class Setting:
 
     Parameters
     ----------
-    key, readable
-        As of `rendering.asset_files.ClientFiles`.
+    readable
+        Paths that they may read, by `rendering.jobs.readable`.
     device
         A device for `rendering.blender.cycles.choose_device`.
     limits
         Limits of Blender.
     """
 
-    key: str
     readable: tuple[Path, ...]
     device: str
     limits: Limits
 
 
-def render_row(setting: Setting, job: RenderJob, assets: tuple[AssetNote, ...], *contents: bytes) -> Answer:
+def render_row(setting: Setting, job: RenderJob) -> Answer:
     """Render an image on this Dask worker.
 
     Parameters
@@ -76,11 +104,7 @@ def render_row(setting: Setting, job: RenderJob, assets: tuple[AssetNote, ...], 
     setting
         Blender's parameters.
     job
-        Blender's job, with the client's paths.
-    assets
-        The assets that it names.
-    contents
-        Those of files that this worker lacked.
+        Blender's job; its output is written to the worker's own folder instead.
 
     Returns
     -------
@@ -93,23 +117,9 @@ def render_row(setting: Setting, job: RenderJob, assets: tuple[AssetNote, ...], 
     """
     is_wanted, opened = wanted(), _open_blender()
     with opened.busy(setting):
-        kept = {opened.cache.keep(content) for content in contents}
-        lacking = tuple({digest: None for asset in assets for digest in opened.cache.lacking(asset)})
-        if lost := kept.intersection(lacking):
-            raise HulldownError(f"{cache_folder()} does not keep {min(lost)[:12]}")
-        if lacking:
-            return Answer(lacking=lacking)
-        here = {asset[0].path: str(opened.cache.place(asset).resolve()) for asset in assets}
         output = (opened.pictures / "picture").with_suffix(Path(job.output).suffix)
-        job_here = replace(
-            job,
-            scenery=here[job.scenery],
-            vehicles=[replace(vehicle, tidy=here[vehicle.tidy]) for vehicle in job.vehicles],
-            light=replace(job.light, hdri=here[job.light.hdri]),
-            output=str(output),
-        )
         try:
-            outcome = opened.blender.do(job_here, stopping=lambda: not is_wanted())
+            outcome = opened.blender.do(replace(job, output=str(output)), stopping=lambda: not is_wanted())
         except Stopped:
             return Answer()
         output.unlink(missing_ok=True)
@@ -124,10 +134,9 @@ def _open_blender() -> OpenBlender:
 
 
 class OpenBlender:
-    """The Blender of a Dask worker, its copies of files, and unsent `lines` for the user; it writes to `scratch`."""
+    """The Blender of a Dask worker, and unsent `lines` for the user; it writes to `scratch`."""
 
-    blender: Blender  # this and the cache are for the setting of the last `busy`
-    cache: AssetCache
+    blender: Blender  # for the setting of the last `busy`
 
     def __init__(self, scratch: Path) -> None:
         self._scratch, self.pictures = scratch, scratch / "pictures"
@@ -144,7 +153,7 @@ class OpenBlender:
 
     @contextmanager
     def busy(self, setting: Setting) -> Iterator[None]:
-        """Have a Blender and a cache for a setting during the block; Blender stays open for `IDLE_S` after it."""
+        """Have a Blender for a setting during the block; Blender stays open for `IDLE_S` after it."""
         self._idle.cancel()
         try:
             with self._busy:
@@ -160,12 +169,11 @@ class OpenBlender:
         if self._setting is not None:
             self.blender.close()
         self._setting = None  # should any of this fail
-        self.cache = AssetCache(cache_folder(), setting.key)
         self.blender = Blender(
             self._scratch / "logs" / "blender.log",
             device=setting.device,
             allowance=Allowance(setting.limits, max(1, int(os.environ.get(SHARE_VARIABLE, "1")))),
-            confinement=Confinement(self.pictures, (self.cache.tree, *setting.readable)),
+            confinement=Confinement(self.pictures, setting.readable),
             say=self.lines.append,
         )
         if why := landlock.unconfined():

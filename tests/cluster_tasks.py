@@ -44,14 +44,6 @@ def until_unwanted(folder):
     return Answer()
 
 
-def with_contents(digest, *contents):
-    """Ask for a content that wasn't sent; with it, take half a second."""
-    if not contents:
-        return Answer(lacking=(digest,))
-    time.sleep(0.5)
-    return Answer(b"".join(contents))
-
-
 def slow_at_first(folder):
     """The first call takes ten minutes."""
     try:

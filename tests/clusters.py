@@ -97,10 +97,9 @@ class Cluster:
             client.wait_for_workers(sum(worker.poll() is None for worker in self.workers), timeout=120)
 
     def _start(self, command, environment, before=None):
-        cached = {"PYTHONPATH": PYTHONPATH, "HULLDOWN_CACHE": str(self.folder / "sent")}
         return subprocess.Popen(
             command,
-            env={**os.environ, **cached, **environment},
+            env={**os.environ, "PYTHONPATH": PYTHONPATH, **environment},
             stdin=subprocess.DEVNULL,
             stdout=self.log,
             stderr=self.log,

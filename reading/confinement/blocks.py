@@ -37,7 +37,7 @@ def refuse_special_files(path: Path) -> None:
     ring, seen = [path], {path}
     while ring and len(seen) < MOST_LIBRARIES:
         blend = ring.pop()
-        for code, named in named_files(blend):
+        for code, named in _named_files(blend):
             found = blend.parent / named[2:] if named.startswith("//") else blend.parent / named
             kind = kind_of_file(found)
             if kind not in ("", "a file", "a folder"):
@@ -47,11 +47,11 @@ def refuse_special_files(path: Path) -> None:
                 ring.append(found)
 
 
-def named_files(path: Path) -> Iterator[tuple[bytes, str]]:
+def _named_files(path: Path) -> Iterator[tuple[bytes, str]]:
     """Block code and path, as written, of every file that a .blend refers to; unreadable blocks are skipped."""
     try:
-        with open_regular(path) as raw, unpacked(raw) as file:
-            for code, _, data in blocks(file):
+        with open_regular(path) as raw, _unpacked(raw) as file:
+            for code, data in _blocks(file):
                 for found in PATH.finditer(data):
                     yield code, found[1].decode("utf-8", "surrogateescape")
     except _damaged():
@@ -68,7 +68,7 @@ def _damaged() -> tuple[type[Exception], ...]:
     return (*common, zstandard.ZstdError)
 
 
-def unpacked(raw: BinaryIO) -> BinaryIO:
+def _unpacked(raw: BinaryIO) -> BinaryIO:
     """Decompress a .blend."""
     start = raw.read(4)
     raw.seek(0)
@@ -81,8 +81,8 @@ def unpacked(raw: BinaryIO) -> BinaryIO:
     return raw
 
 
-def blocks(file: BinaryIO) -> Iterator[tuple[bytes, int, bytes]]:
-    """Code, offset, and data of each block of the kinds in `OPENED`, of an uncompressed file.
+def _blocks(file: BinaryIO) -> Iterator[tuple[bytes, bytes]]:
+    """Code and data of each block of the kinds in `OPENED`, of an uncompressed file.
 
     Raises
     ------
@@ -92,10 +92,8 @@ def blocks(file: BinaryIO) -> Iterator[tuple[bytes, int, bytes]]:
     header = _exactly(file, 12)
     if not header.startswith(b"BLENDER"):
         return
-    offset = 12
     if header[7:9].isdigit():  # since 5.0: its own size, and a format of blocks with sizes of 64 bits
-        offset = int(header[7:9])
-        _exactly(file, offset - 12)
+        _exactly(file, int(header[7:9]) - 12)
         head, size_at = struct.Struct("<4siQqq"), 3
     else:
         little = "<" if header[8:9] == b"v" else ">"
@@ -104,14 +102,12 @@ def blocks(file: BinaryIO) -> Iterator[tuple[bytes, int, bytes]]:
     while True:
         fields = head.unpack(_exactly(file, head.size))
         code, size = fields[0], fields[size_at]
-        offset += head.size
         if code == b"ENDB" or size < 0:
             return
         if code in OPENED and size <= LONGEST:
-            yield code, offset, _exactly(file, size)
+            yield code, _exactly(file, size)
         else:
             file.seek(size, os.SEEK_CUR)
-        offset += size
 
 
 def _exactly(file: BinaryIO, size: int) -> bytes:
