@@ -28,7 +28,14 @@ FARTHEST = 1e6  # pixels to a polygon's corner: pycocotools counts in 32 bits
 def vehicle_mask(
     vehicle: PosedVehicle, camera: Camera, *, xywh: ArrayLike | None = None, world: Scene | None = None
 ) -> Bool[np.ndarray, "h w"]:
-    """The pixels whose center shows the vehicle.
+    """The pixels whose center shows the vehicle; the second of `vehicle_masks`."""
+    return vehicle_masks(vehicle, camera, xywh=xywh, world=world)[1]
+
+
+def vehicle_masks(
+    vehicle: PosedVehicle, camera: Camera, *, xywh: ArrayLike | None = None, world: Scene | None = None
+) -> tuple[Bool[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
+    """The pixels whose center is on the vehicle, and those of them that nothing hides.
 
     Parameters
     ----------
@@ -39,28 +46,28 @@ def vehicle_mask(
     xywh
         The vehicle's box in the image: only pixels with their center in it are tested. None: all pixels.
     world
-        Occluders: ground, obstacles, and other vehicles. None: the mask is the whole silhouette in the
-        image.
+        Occluders: ground, obstacles, and other vehicles. None: nothing hides it.
 
     Returns
     -------
-    (height, width), true where the vehicle is visible.
+    (height, width) each: the whole silhouette in the image, and what is visible of it.
     """
     size = np.array([camera.intrinsics.width, camera.intrinsics.height])
-    mask = np.zeros(size[::-1], dtype=bool)
+    whole, mask = np.zeros((2, *size[::-1]), dtype=bool)
     box = np.append([0.0, 0.0], size) if xywh is None else checked(xywh, "xywh", (4,))
     first, end = _pixels_in(box, size)
     rows, columns = np.mgrid[first[1] : end[1], first[0] : end[0]].reshape(2, -1)
     if not len(rows):
-        return mask
+        return whole, mask
     along = directions(camera.intrinsics, np.stack([columns, rows], axis=1) + 0.5) @ camera.world_from_camera[:3, :3].T
     origins = camera.position + NEAR * along
     distance = vehicle.cast(origins, along).distance
     seen = np.flatnonzero(np.isfinite(distance))
+    whole[rows[seen], columns[seen]] = True
     if world is not None:
         seen = seen[~world.occluded(origins[seen], along[seen], max_distance=distance[seen] - TOUCHING)]
     mask[rows[seen], columns[seen]] = True
-    return mask
+    return whole, mask
 
 
 def show_pixels(
@@ -175,6 +182,16 @@ def runs(segmentation: Any, width: int, height: int) -> tuple[Int[np.ndarray, " 
     first, end = ends[:-1:2], ends[1::2]
     first, end = first[end > first], end[end > first]
     return first, end
+
+
+def covers(outer: Any, inner: Any, width: int, height: int) -> bool:
+    """Whether a COCO segmentation has all pixels of another, without decoding them; errors of `decode`."""
+    (first, end), (start, stop) = runs(outer, width, height), runs(inner, width, height)
+    ends, pixels = np.stack([first, end], axis=1).ravel(), np.cumsum(end - first)
+    counted = np.stack([pixels - (end - first), pixels], axis=1).ravel()  # pixels of `outer` before each end
+    if not len(ends):
+        return not len(start)
+    return bool((np.interp(stop, ends, counted) - np.interp(start, ends, counted) == stop - start).all())
 
 
 def extent(segmentation: Any, width: int, height: int) -> tuple[int, Float[np.ndarray, "4"] | None]:

@@ -4,30 +4,26 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
-from hulldown.annotate.masks import extent
-from hulldown.annotate.rectangles import fits
 from hulldown.base.errors import DatasetError, shortened
 from hulldown.base.files import stays_inside
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.weather.extinction import GHOST
-from hulldown.dataset.oriented import is_rectangle
-from hulldown.dataset.space import check_space
+from hulldown.dataset.labels.types import LABEL_TYPES, Label
 from hulldown.dataset.store import declared
 from hulldown.dataset.store.declared import misfits
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.entries import Coco, Record, place_of
 from hulldown.dataset.store.reservations import runs_of
 from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, broken
-from hulldown.dataset.usable_labels import ROUNDED, SLIGHT, beyond
+from hulldown.dataset.usable_labels import ROUNDED, beyond
 
 LISTED = 20  # findings of a kind that are printed
-MASK_OUTSIDE = 1.0  # pixels that a mask may reach beyond its box
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +127,7 @@ def check_usable(
             refuse(where, f"image {annotation.get('image_id')!r} does not exist")
         if not isinstance(annotation.get("category_id"), int) or annotation["category_id"] not in known:
             refuse(where, f"category {annotation.get('category_id')!r} does not exist")
-        for problem in misfits(annotation, declared.Label):
+        for problem in misfits(annotation, Label):
             refuse(where, problem)
 
 
@@ -197,18 +193,18 @@ def check_annotations(coco: Coco) -> Iterator[Finding]:
         where = f"{_name(image)}: annotation {annotation['id']}"
         if image.get("background") is True and not annotation.get("iscrowd"):
             yield Finding("error", where, "is a label on a background, an image without targets")
-        problems = list(misfits(annotation, declared.Label)) or list(_box_problems(annotation["bbox"], image))
+        problems = list(misfits(annotation, Label))
+        if not problems and min(annotation["bbox"][2:]) <= 0:
+            problems = [f"bbox {annotation['bbox']} has no area"]
         if not problems:
             key = (image_id, category_id if known else None, *annotation["bbox"])
             if key in seen:
                 repeated.setdefault(_name(image), []).append(annotation["id"])
             seen.add(key)
-            yield from _hints(where, annotation, image)
-            problems += _fraction_problems(annotation)
             if _has_size(image):
-                problems += _mask_problems(annotation, image)
-                problems += _keypoint_problems(annotation, categories[category_id] if known else {}, image)
-            problems += check_space(annotation)
+                category = categories[category_id] if known else {}
+                problems = [each for kind in LABEL_TYPES for each in kind.problems(annotation, image, category)]
+            yield from _hints(where, annotation, image)
         yield from (Finding("error", where, problem) for problem in problems)
     for name, ids in repeated.items():
         such = "annotation" if len(ids) == 1 else f"{len(ids)} annotations, such as"
@@ -270,60 +266,3 @@ def _repeated(kind: str, ids: Sequence[object]) -> Iterator[Finding]:
 
 def _has_size(image: Record) -> bool:
     return all(isinstance(image.get(key), int) and image[key] > 0 for key in ("width", "height"))
-
-
-def _box_problems(bbox: list[float], image: Record) -> Iterator[str]:
-    if min(bbox[2:]) <= 0:
-        yield f"bbox {bbox} has no area"
-    limit = ROUNDED if PICTURE_KEY in image else SLIGHT
-    if _has_size(image) and beyond(bbox, image["width"], image["height"]) > limit:
-        yield f"bbox {bbox} leaves its image of {image['width']} x {image['height']}"
-
-
-def _mask_problems(annotation: Record, image: Record) -> Iterator[str]:
-    if not annotation.get("segmentation"):
-        return
-    try:
-        pixels, box = extent(annotation["segmentation"], image["width"], image["height"])
-    except ValueError as error:
-        yield str(error)
-        return
-    if box is not None:
-        x, y, w, h = annotation["bbox"]
-        low, high = box[:2] - (x, y), box[:2] + box[2:] - (x + w, y + h)
-        if low.min() < -MASK_OUTSIDE or high.max() > MASK_OUTSIDE:
-            yield f"its mask covers {box.tolist()}, beyond its bbox {annotation['bbox']}"
-    lengths = isinstance(annotation["segmentation"], Mapping)
-    if lengths and annotation.get("area") is not None and annotation["area"] != pixels:
-        yield f"area is {annotation['area']}, its mask has {pixels} pixels"
-    if lengths and box is not None and (given := annotation.get("obb")) is not None:
-        if not is_rectangle(given):
-            yield f"obb {given!r} is not [x, y, width, height, angle]"
-        elif not fits(given, annotation["segmentation"], image["width"], image["height"]):
-            yield f"obb {given!r} isn't the smallest rectangle around its mask"
-
-
-def _keypoint_problems(annotation: Record, category: Record, image: Record) -> Iterator[str]:
-    """Find keypoints with a wrong number, outside of their image, or with a wrong count."""
-    keypoints, names = annotation.get("keypoints"), category.get("keypoints")
-    if keypoints is None:
-        return
-    if not isinstance(names, list) or len(keypoints) != 3 * len(names):
-        yield f"keypoints has {len(keypoints)} numbers, its category has {len(names or ())} keypoints"
-    else:
-        for name, x, y, v in zip(names, keypoints[::3], keypoints[1::3], keypoints[2::3], strict=True):
-            if v not in (0, 1, 2):
-                yield f"keypoint {name!r} has the visibility {v!r}, expected 0, 1, or 2"
-            elif v and not (0 <= x <= image["width"] and 0 <= y <= image["height"]):
-                yield f"keypoint {name!r} is outside of its image"
-        if (counted := annotation.get("num_keypoints")) != sum(v > 0 for v in keypoints[2::3]):
-            yield f"num_keypoints is {counted!r}"
-
-
-def _fraction_problems(annotation: Record) -> Iterator[str]:
-    if (amodal := annotation.get("bbox_amodal")) is not None:
-        x, y, w, h = annotation["bbox"]
-        a, b, c, d = amodal
-        slack = ROUNDED * max(1.0, c, d)
-        if x < a - slack or y < b - slack or x + w > a + c + slack or y + h > b + d + slack:
-            yield f"bbox {annotation['bbox']} is not inside bbox_amodal {amodal}"

@@ -7,8 +7,8 @@ from typing import Any
 
 import orjson
 
+from hulldown.dataset.labels.types import fields_of_row
 from hulldown.dataset.records import Finding
-from hulldown.dataset.space import space_of
 from hulldown.dataset.store.entries import Coco, Record
 from hulldown.dataset.store.reservations import find_run, plan_key
 from hulldown.planning.plan.row import PlannedVehicle, Row, encode, fields
@@ -71,7 +71,7 @@ def image_record(row: Row) -> dict[str, Any]:
 
 
 def label_records(row: Row) -> list[dict[str, Any]]:
-    """A dataset's records of a row's labeled vehicles, without ids and masks."""
+    """A dataset's records of a row's labeled vehicles, without ids and what needs the scene."""
     records = []
     for vehicle in row.labeled:
         encoded = orjson.loads(encode(vehicle))
@@ -79,7 +79,7 @@ def label_records(row: Row) -> list[dict[str, Any]]:
         records.append(
             {
                 **{key: encoded[key] for key in ("category", *LABEL_KEYS) if key in encoded},
-                **space_of(vehicle, row),
+                **fields_of_row(vehicle, row),
                 "iscrowd": ignored,
             }
         )

@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 
 from hulldown.annotate.boxes import surface_box
+from hulldown.annotate.masks import decode
 from hulldown.base.errors import ConfigError
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
@@ -197,8 +198,17 @@ def guests_keep_their_distance(row, config):
 
 
 def labels_are_what_is_seen(row, config):
-    """Every label has pixels, and all pixels of a class have a label, perhaps an ignored one."""
+    """Every label has pixels, and all pixels of a class have a label, perhaps an ignored one.
+
+    Visible masks are disjoint, and amodal ones contain them.
+    """
     segmenter = Segmenter(SHAPES, ASSETS.sceneries)
+    covered = np.zeros((row.height, row.width), dtype=int)
+    for record in segmenter.records(row):
+        visible, whole = (decode(record[key], row.width, row.height) for key in ("segmentation", "segmentation_amodal"))
+        assert not (visible & ~whole).any()
+        covered += visible
+    assert covered.max() <= 1
     for vehicle in (vehicle for vehicle in row.vehicles if vehicle.bbox is not None):
         mask, label = segmenter.mask(row, vehicle), vehicle.label
         assert mask.any() or label == "none"

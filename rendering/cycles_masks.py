@@ -59,8 +59,8 @@ class MaskRow:
         no pixel.
     outside
         Pixels that the rendered vehicle reaches beyond the annotated box.
-    mask_iou
-        Overlap of annotated and rendered visible mask; nan where the annotation has no mask.
+    mask_iou, amodal_iou
+        Overlap of annotated and rendered masks, visible and whole; nan where the annotation has none.
     """
 
     file_name: str
@@ -69,6 +69,7 @@ class MaskRow:
     box_error: float
     outside: float
     mask_iou: float
+    amodal_iou: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,9 +197,11 @@ def compared(
         beyond = np.append(box[:2] - rendered[:2], (rendered[:2] + rendered[2:]) - (box[:2] + box[2:]))
         box_error, outside = float(np.abs(beyond).max()), float(max(beyond.max(), 0.0))
     height, width = visible.shape
-    mask = label.get("segmentation")
-    overlap = iou(decode(mask, width, height), visible) if mask else math.nan
-    return MaskRow(name, vehicle, int(visible.sum()), box_error, outside, overlap)
+    overlaps = [
+        iou(decode(mask, width, height), shown) if (mask := label.get(key)) else math.nan
+        for key, shown in (("segmentation", visible), ("segmentation_amodal", alone))
+    ]
+    return MaskRow(name, vehicle, int(visible.sum()), box_error, outside, *overlaps)
 
 
 def _judged(row: MaskRow, area: Any) -> Finding | None:
@@ -206,9 +209,9 @@ def _judged(row: MaskRow, area: Any) -> Finding | None:
     annotated = float(area) if isinstance(area, int | float) else 0.0
     if row.outside > ONE_PIXEL:
         return Finding("error", where, f"reaches {row.outside:.1f} px out of its box in Cycles' mask")
-    different = (1 - row.mask_iou) * max(annotated, row.pixels)
-    if row.mask_iou < SAME and different > FEW_PIXELS:
-        return Finding("error", where, f"annotated and rendered mask overlap by {row.mask_iou:.3f} only")
+    for overlap, what in ((row.mask_iou, "mask"), (row.amodal_iou, "amodal mask")):
+        if overlap < SAME and (1 - overlap) * max(annotated, row.pixels) > FEW_PIXELS:
+            return Finding("error", where, f"annotated and rendered {what} overlap by {overlap:.3f} only")
     if row.box_error > ONE_PIXEL:
         return Finding(
             "warning", where, f"box is {row.box_error:.1f} px larger than Cycles' mask: a detail thinner than a pixel"

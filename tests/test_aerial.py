@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from hulldown import cli
 from hulldown.camera.shell import camera_pose
-from hulldown.dataset.space import space_of
+from hulldown.dataset.labels.box_3d import space_of
 from hulldown.planning.check import check_plan
 from hulldown.planning.config.schema import Config
 from hulldown.planning.write import write_plan

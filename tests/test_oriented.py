@@ -1,4 +1,4 @@
-"""Oriented boxes: the smallest rectangle around a mask, the ground rectangle of a vehicle, and their exports."""
+"""Oriented boxes, corners of 3D boxes, and amodal masks: what they are, their checks, and exports."""
 
 import json
 import shutil
@@ -13,7 +13,7 @@ from hulldown.annotate.rectangles import mask_rectangle, rectangle_corners
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export
-from hulldown.dataset.oriented import ground_corners
+from hulldown.dataset.labels.corners import ground_corners
 from hulldown.dataset.rows import image_record
 from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.transforms import apply
@@ -78,7 +78,7 @@ def dataset(planned, tmp_path_factory):
     return folder
 
 
-def test_the_ground_rectangle_is_below_the_vehicle_with_its_front_first(planned, dataset):
+def test_the_corners_are_those_of_the_posed_box_the_ground_first(planned, dataset):
     coco = json.loads((dataset / "annotations.json").read_text())
     images = {image["id"]: image for image in coco["images"]}
     label_of = {label["image_id"]: label for label in coco["annotations"][::-1]}
@@ -86,10 +86,39 @@ def test_the_ground_rectangle_is_below_the_vehicle_with_its_front_first(planned,
         if image_id not in label_of or row.empty:
             continue
         low, high = row.target.bounds
-        ground = [[high[0], high[1]], [high[0], low[1]], [low[0], low[1]], [low[0], high[1]]]
-        corners = apply(row.target.world_from_vehicle, np.c_[ground, np.full(4, low[2])])
-        wanted = row.camera.project(corners).pixels
-        np.testing.assert_allclose(ground_corners(label_of[image_id], images[image_id]), wanted, rtol=0, atol=1e-4)
+        around = [[high[0], high[1]], [high[0], low[1]], [low[0], low[1]], [low[0], high[1]]]
+        corners = [[*corner, z] for z in (low[2], high[2]) for corner in around]
+        wanted = row.camera.project(apply(row.target.world_from_vehicle, np.array(corners))).pixels
+        label = label_of[image_id]
+        np.testing.assert_allclose(label["bbox_3d_corners"], wanted, rtol=0, atol=1e-4)
+        np.testing.assert_allclose(ground_corners(label, images[image_id]), wanted[:4], rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (lambda label: label["bbox_3d_corners"][6].__setitem__(1, 0.0), "aren't the corners"),
+        (lambda label: label["bbox_3d_corners"].__setitem__(0, None), "aren't the corners"),
+        (lambda label: label["bbox_3d_corners"].pop(), "bbox_3d_corners is"),
+        (lambda label: label.update(segmentation_amodal={"size": [1, 1], "counts": [1]}), "segmentation_amodal: "),
+        (lambda label: label.update(segmentation_amodal=[1]), "segmentation_amodal is"),
+        (lambda label: label["segmentation_amodal"].update(counts=[everything(label)]), "lacks pixels of its mask"),
+        (lambda label: label["segmentation_amodal"].update(counts=[0, everything(label)]), "its amodal mask covers"),
+    ],
+)
+def test_verify_finds_wrong_corners_and_amodal_masks(dataset, tmp_path, change, problem):
+    shutil.copy(dataset / "annotations.json", tmp_path)
+    assert not any(
+        "amodal mask" in found.problem or "corners" in found.problem for found in verify(tmp_path, fast=True)
+    )
+    edit(tmp_path, lambda coco: change(coco["annotations"][0]))
+    assert any(problem in found.problem for found in verify(tmp_path, fast=True))
+
+
+def everything(label):
+    """Number of pixels of a label's image."""
+    height, width = label["segmentation"]["size"]
+    return height * width
 
 
 @pytest.mark.parametrize(

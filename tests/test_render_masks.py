@@ -90,6 +90,21 @@ def test_box_and_mask_are_measured():
     half[:7] = False
     assert compared("1.png", "cube", {"bbox": [5, 4, 10, 6], "segmentation": encode(MASK)}, MASK, half).mask_iou == 0.5
     assert math.isnan(compared("1.png", "cube", {"bbox": [5, 4, 10, 6]}, MASK, MASK).mask_iou)
+    whole = {"bbox": [5, 4, 10, 6], "segmentation": encode(half), "segmentation_amodal": encode(half)}
+    found = compared("1.png", "cube", whole, MASK, half)
+    assert (found.mask_iou, found.amodal_iou) == (1.0, 0.5)
+
+
+def test_an_amodal_mask_that_cycles_does_not_render_is_an_error(rendered):
+    plan, path, coco = rendered([make_row(0)])
+    (label,) = coco["annotations"]
+    assert label["segmentation_amodal"] == label["segmentation"]  # nothing hides the cube
+    path.write_text(
+        json.dumps({**coco, "annotations": [{**label, "segmentation_amodal": {"size": [16, 16], "counts": [256]}}]})
+    )
+    (finding,) = verify_masks(path.parent, plan, count=1, library=CUBES).findings
+    assert finding.severity == "error"
+    assert "amodal mask overlap by 0.000" in finding.problem
 
 
 def test_the_box_error_of_an_invisible_vehicle_is_infinite():

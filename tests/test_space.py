@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from hulldown.dataset.exports.layouts.kitti import label_line
+from hulldown.dataset.labels.box_3d import check_space, space_of
+from hulldown.dataset.labels.types import Label
 from hulldown.dataset.rows import label_records
-from hulldown.dataset.space import check_space, space_of
-from hulldown.dataset.store.declared import Label, misfits
+from hulldown.dataset.store.declared import misfits
 from hulldown.geometry.transforms import apply
 from hulldown.tests.planning_assets import plan, small_assets, small_config
 

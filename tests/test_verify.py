@@ -32,6 +32,14 @@ IN_SPACE = {
     "distance": 1.25,
     "azimuth_seen": 1.570796327,
     "bbox_3d": {"center": [0.0, 0.0, 1.25], "size": [6.0, 3.0, 2.5], "rotation": np.eye(3).tolist()},
+    # Of the lower side, in which the camera is; and of the upper one, 2.5 m ahead.
+    "bbox_3d_corners": [None] * 4
+    + [
+        [6616.455183, 3312.227592],
+        [6616.455183, -3288.227592],
+        [-6584.455183, -3288.227592],
+        [-6584.455183, 3312.227592],
+    ],
 }
 FOG = {
     **{"visibility_m": 500.0, "kind": "fog", "rain_mm_h": 0.0, "wind_m_s": [0.0, 0.0], "exposure_s": 0.004},

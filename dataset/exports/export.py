@@ -18,7 +18,8 @@ from hulldown.base.terminal import say, shown
 from hulldown.dataset.exports.layouts import coco_folders, dota, huggingface, kitti, voc, webdataset, yolo
 from hulldown.dataset.exports.layouts.shares import Item, Shares, flat_names, sound_pictures
 from hulldown.dataset.exports.split import SPLITS, share_out
-from hulldown.dataset.oriented import ground_corners, visible_corners
+from hulldown.dataset.labels.corners import ground_corners
+from hulldown.dataset.labels.oriented_box import visible_corners
 from hulldown.dataset.records import by_image, read_usable
 from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.seals import changed

@@ -21,7 +21,8 @@ from hulldown.base.errors import DatasetError
 from hulldown.base.files import make_room, replace_file
 from hulldown.base.terminal import shown
 from hulldown.dataset.attributes import SCALES, SIDES, SIZE, bins_of, poses_of
-from hulldown.dataset.oriented import ground_corners, is_rectangle
+from hulldown.dataset.labels.corners import ground_corners
+from hulldown.dataset.labels.oriented_box import is_rectangle
 from hulldown.dataset.reports.charts import azimuths, histogram, place_map, places_in_pictures, shares
 from hulldown.dataset.reports.comparison import Comparison, Encoder, compare
 from hulldown.dataset.reports.page import Facet, Shape, Tile, render

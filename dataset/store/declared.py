@@ -23,14 +23,6 @@ Rows = tuple[Three, Three, Three]
 Pose = tuple[tuple[Meters, Meters, Meters, Meters], ...]
 
 
-class Box3D(Struct):
-    """An oriented box in the camera's frame."""
-
-    center: Three
-    size: Three
-    rotation: Rows
-
-
 class Image(Struct):
     """Fields of an image that every dataset has."""
 
@@ -53,24 +45,14 @@ class View(Struct):
     record_sha256: str | None = None
 
 
-class Label(Struct):
-    """Fields of a label."""
+class LabelRecord(Struct, kw_only=True):
+    """Fields of every label; `dataset.labels.types` has those of each type."""
 
     image_id: int
     category_id: int
     bbox: Box
-    area: Side | None = None
     iscrowd: int | bool | None = None
-    bbox_amodal: Box | None = None
-    visible_fraction: Share | None = None
-    truncated_fraction: Share | None = None
     air_contrast: Share | None = None
-    obb: tuple[Pixel, Pixel, Side, Side, Pixel] | None = None
-    keypoints: list[Pixel] | None = None
-    num_keypoints: int | None = None
-    bbox_3d: Box3D | None = None
-    distance: Annotated[float, Meta(ge=0, le=1e9)] | None = None
-    azimuth_seen: Annotated[float, Meta(ge=-10, le=10)] | None = None
     world_from_vehicle: Pose | None = None
     vehicle: str | None = None
     record_sha256: str | None = None

@@ -17,7 +17,7 @@ from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import replacing
 from hulldown.dataset.attributes import number
-from hulldown.dataset.oriented import visible_corners
+from hulldown.dataset.labels.oriented_box import visible_corners
 from hulldown.dataset.reports.charts import (
     BLUE,
     COLORS,

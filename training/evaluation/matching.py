@@ -18,7 +18,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
-from hulldown.dataset.oriented import visible_corners
+from hulldown.dataset.labels.oriented_box import visible_corners
 from hulldown.geometry.arrays import numbered
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.predictions import Predictions
@@ -145,7 +145,7 @@ def overlapping(labels: Labels, predictions: Predictions, *, at_least: float = 0
     """All pairs of a detection and a label of its image, of any class, with enough overlap.
 
     Detections beyond the first hundred of their class and image have no pairs. Oriented detections are
-    compared with the labels' `dataset.oriented.visible_corners`.
+    compared with the labels' `dataset.labels.oriented_box.visible_corners`.
     """
     found, true, iou_of = predictions.xywh, labels.xywh, overlaps
     if predictions.corners is not None:

@@ -1,13 +1,16 @@
-"""A labeled vehicle in its camera's frame: distance, 3D box, and visible side, from a row."""
+"""The 3D box of a label in its camera's frame, with its distance and the side that the camera sees."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import Meta, Struct
 
+from hulldown.dataset.labels.label_type import LabelType
+from hulldown.dataset.store.declared import Rows, Three
 from hulldown.dataset.store.entries import Record
 from hulldown.geometry.portable import arctan2
 from hulldown.geometry.transforms import product
@@ -16,6 +19,22 @@ from hulldown.planning.plan.row import PlannedVehicle, Row
 DIGITS = 9  # to a nanometer, so that every processor gives the same
 TOLERANCE = 1e-6
 OVERHEAD = 1e-6  # radians from straight above, within which a camera has no azimuth
+
+
+class Box3D(Struct):
+    """An oriented box in the camera's frame."""
+
+    center: Three
+    size: Three
+    rotation: Rows
+
+
+class Fields(Struct):
+    """See `space_of`."""
+
+    distance: Annotated[float, Meta(ge=0, le=1e9)] | None = None
+    azimuth_seen: Annotated[float, Meta(ge=-10, le=10)] | None = None
+    bbox_3d: Box3D | None = None
 
 
 def space_of(vehicle: PlannedVehicle, row: Row) -> dict[str, Any]:
@@ -69,3 +88,10 @@ def check_space(label: Record) -> Iterator[str]:
         far, stated = float(np.linalg.norm(center)), label.get("distance")
         if stated is not None and not abs(stated - far) <= TOLERANCE * max(1.0, far):
             yield f"distance is {stated}, bbox_3d is {far:.9g} m away"
+
+
+def _problems(label: Record, image: Record, category: Record) -> Iterator[str]:
+    return check_space(label)
+
+
+BOX_3D = LabelType(Fields, _problems, of_row=space_of)

@@ -1,0 +1,90 @@
+"""The corners of a label's 3D box in the image."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from msgspec import Struct
+
+from hulldown.base.errors import DatasetError
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.projection import NEAR, project_camera
+from hulldown.dataset.labels.box_3d import check_space, space_of
+from hulldown.dataset.labels.label_type import LabelType
+from hulldown.dataset.store.declared import Pixel
+from hulldown.dataset.store.entries import Record
+from hulldown.geometry.transforms import product
+from hulldown.planning.plan.row import PlannedVehicle, Row
+
+DIGITS = 6  # of pixels
+FAR = 1e9  # pixels: limit of what a record can have
+TOLERANCE = 1e-5  # pixels: more than they're rounded by
+# In halves of the box's size: front left, front right, rear right, rear left, of the lower side, then of the upper one.
+_CORNERS = np.array([[x, y, z] for z in (-0.5, 0.5) for x, y in ((0.5, 0.5), (0.5, -0.5), (-0.5, -0.5), (-0.5, 0.5))])
+
+Corner = tuple[Pixel, Pixel] | None
+
+
+class Fields(Struct):
+    """Eight corners in pixels, inside the image or not; null: nearer than the near plane."""
+
+    bbox_3d_corners: tuple[Corner, Corner, Corner, Corner, Corner, Corner, Corner, Corner] | None = None
+
+
+def box_corners(box: Mapping[str, Any], intrinsics: Intrinsics) -> Float[np.ndarray, "8 2"]:
+    """The corners of a `bbox_3d` in pixels; nan where one isn't in front of the near plane.
+
+    Returns
+    -------
+    (8, 2) front left, front right, rear right, rear left of the lower side, then of the upper side.
+    """
+    from_center = product(np.array(box["rotation"], dtype=np.float64), (_CORNERS * box["size"]).T).T
+    pixels, depth = project_camera(intrinsics, np.array(box["center"]) + from_center)
+    return np.where((depth >= NEAR)[:, None], np.clip(pixels, -FAR, FAR), np.nan)
+
+
+def _of_row(vehicle: PlannedVehicle, row: Row) -> dict[str, Any]:
+    corners = np.round(box_corners(space_of(vehicle, row)["bbox_3d"], row.intrinsics), DIGITS) + 0.0  # no -0.0
+    return {"bbox_3d_corners": [None if np.isnan(corner).any() else corner.tolist() for corner in corners]}
+
+
+def _problems(label: Record, image: Record, category: Record) -> Iterator[str]:
+    """Find corners that aren't those of the 3D box in the image's camera."""
+    given, box = label.get("bbox_3d_corners"), label.get("bbox_3d")
+    if given is None or box is None:
+        return
+    try:
+        wanted = box_corners(box, Intrinsics.of_record(image))
+    except (KeyError, TypeError, ValueError):
+        return  # found by the check of images
+    corners = np.array([corner or (np.nan, np.nan) for corner in given])
+    if not np.allclose(corners, wanted, rtol=1e-9, atol=TOLERANCE, equal_nan=True):
+        yield "bbox_3d_corners aren't the corners of bbox_3d"
+
+
+def ground_corners(label: Record, image: Record) -> Float[np.ndarray, "4 2"]:
+    """Pixels of the lower side of a label's `bbox_3d`: front left, front right, rear right, rear left.
+
+    Raises
+    ------
+    DatasetError
+        If box or camera aren't known, or a corner isn't in front of the camera.
+    """
+    where, path = f"annotation {label['id']}", Path(str(image["file_name"]))
+    remedy = "export boxes of what is visible, or delete the label"
+    if label.get("bbox_3d") is None or any(check_space(label)):
+        raise DatasetError(f"{where} has no bbox_3d", path=path, remedy=remedy)
+    try:
+        corners = box_corners(label["bbox_3d"], Intrinsics.of_record(image))[:4]
+    except (KeyError, TypeError, ValueError):
+        raise DatasetError("has no usable fov_x_deg or K", path=path, remedy=remedy) from None
+    if not np.isfinite(corners).all():
+        raise DatasetError(f"{where}: its ground isn't all ahead", path=path, remedy=remedy)
+    return corners
+
+
+CORNERS = LabelType(Fields, _problems, of_row=_of_row)
