@@ -176,6 +176,7 @@ def test_workers_that_cannot_render_are_named_and_the_others_continue(folder, tm
         for _ in range(2):
             nodes.add()
         nodes.add(largest_file=4096)
+        nodes.wait()
         course = Course(tmp_path / "d", folder / "plan.jsonl", nodes.address)
     for why in ("it has no bpy", "it has hulldown "):
         assert sum(f"is not used: {why}" in progress.line for progress in lines) == 1
