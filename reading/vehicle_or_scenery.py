@@ -12,6 +12,7 @@ from hulldown.reading.pieces.naming import VEHICLE, first_match
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import FLAT, Piece, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
+from hulldown.reading.scenery.shape import is_open_land
 
 BIGGEST_VEHICLE = 30.0  # meters; larger files with ground count as sceneries
 
@@ -20,7 +21,7 @@ def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
     """Return "vehicle" or "scenery" by a file's contents.
 
     A scenery has ground, by name or by shape, and its other objects extend farther than a vehicle and aren't named
-    like one; or it's flat and wide.
+    like one; or it's flat and wide, or a single mesh that is level and open below, like land.
 
     Parameters
     ----------
@@ -34,7 +35,8 @@ def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
     if not _ground(pieces, options):
         length, width, height = _extent(pieces)
         across = max(length, width)
-        return "scenery" if across > BIGGEST_VEHICLE and height <= FLAT * across else "vehicle"
+        sheet = height <= FLAT * across or (len(pieces) == 1 and is_open_land(pieces[0]))
+        return "scenery" if across > BIGGEST_VEHICLE and sheet else "vehicle"
     kept = _vehicle(pieces)
     if 2 * sum(bool(first_match(p.name, VEHICLE)) for p in kept) > len(kept):
         return "vehicle"  # in other units: its hull, or its tracks, may be taken for ground

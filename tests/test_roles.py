@@ -1,6 +1,7 @@
 """Names, roles, and parts, without Blender."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from hulldown.reading.pieces.roles import Link, Piece, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
 from hulldown.reading.vehicle.parts import Parts, find_parts
 from hulldown.reading.vehicle.solids import PlacedPieces, find_solids
-from hulldown.reading.vehicle_or_scenery import refuse_wrong_kind
+from hulldown.reading.vehicle_or_scenery import likely_kind, refuse_wrong_kind
 
 
 def link(name: str, *collections: str, kind: str = "MESH", at: tuple = (0.0, 0.0, 0.0)) -> Link:
@@ -152,6 +153,17 @@ def test_a_scenery_listed_as_a_vehicle_is_refused_unless_options_are_given() -> 
         assert refuse_wrong_kind("scenery", pieces, Options()) is None
         for options in (Options(scale=0.01), Options(keep=("house",)), Options(drop=("ground",))):
             assert refuse_wrong_kind("vehicle", pieces, options) is None
+
+
+def test_a_parent_of_everything_is_no_helper_and_a_glacier_is_no_vehicle() -> None:
+    parent = link("b21_collision", kind="EMPTY")
+    pieces = [replace(p, chain=(*p.chain, parent)) for p in (piece("base"), piece("top"))]
+    assert vehicle_uses(*pieces) == ["vehicle", "vehicle"]
+    assert vehicle_uses(*pieces, piece("hull")) == ["dropped", "dropped", "vehicle"]
+    assert vehicle_uses(piece("base_collision"), piece("top_collision")) == ["dropped", "dropped"]
+    glacier = piece("mesh0", size=(9200, 6600, 2400), level=0.82, filled=0.54)
+    assert likely_kind([glacier], Options()) == "scenery"
+    assert likely_kind([replace(glacier, level=0.4, filled=1.6)], Options()) == "vehicle"
 
 
 def test_a_tank_in_centimeters_is_not_a_scenery() -> None:

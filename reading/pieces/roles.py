@@ -6,7 +6,7 @@ See `reading.scenery.scenery_roles` for sceneries.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -207,7 +207,9 @@ def vehicle_roles(pieces: Sequence[Piece], *, keep: Sequence[str] = (), drop: Se
     keep, drop
         The user's patterns over object, mesh and collection names; they beat all rules, and `keep` beats `drop`.
     """
-    roles: list[PieceRole | None] = [_vehicle_by_name(piece, keep, drop) for piece in pieces]
+    around = [{n for link in piece.chain for n in (link.name, *link.collections)} - {piece.name} for piece in pieces]
+    shared = set.intersection(*around) if around else set()  # a parent of all is no helper
+    roles: list[PieceRole | None] = [_vehicle_by_name(piece, keep, drop, shared) for piece in pieces]
     open_ = [i for i, role in enumerate(roles) if role is None]
     doubtful = [i for i in open_ if _stage_name(pieces[i]) or _is_sheet(pieces[i])]
     # Certain pieces give the vehicle's size. The others are judged from the smallest up; kept ones are added.
@@ -225,7 +227,9 @@ def vehicle_roles(pieces: Sequence[Piece], *, keep: Sequence[str] = (), drop: Se
     return [role or PieceRole("vehicle", "by default") for role in roles]
 
 
-def _vehicle_by_name(piece: Piece, keep: Sequence[str], drop: Sequence[str]) -> PieceRole | None:
+def _vehicle_by_name(
+    piece: Piece, keep: Sequence[str], drop: Sequence[str], shared: Collection[str]
+) -> PieceRole | None:
     if piece.unseen:
         return PieceRole("dropped", piece.unseen)
     if piece.hair:
@@ -237,7 +241,7 @@ def _vehicle_by_name(piece: Piece, keep: Sequence[str], drop: Sequence[str]) -> 
                     use, f"{name!r} matches {pattern!r} of the config's {'keep' if use == 'vehicle' else 'drop'}"
                 )
     for name in _names(piece):
-        if pattern := first_match(name, HELPERS):
+        if name not in shared and (pattern := first_match(name, HELPERS)):
             return PieceRole("dropped", f"{name!r} matches {pattern!r}")
     return None
 

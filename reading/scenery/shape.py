@@ -50,6 +50,12 @@ def is_wide_and_level(piece: Piece, *, least: float) -> bool:
     return bool(min(length, width) >= least and height <= max(length, width) and piece.level >= LEVEL)
 
 
+def is_open_land(piece: Piece) -> bool:
+    """Whether a piece is mostly level, wide, and open below, as land is and vehicles aren't."""
+    open_below = COVERED <= piece.filled <= ONE_SIDE
+    return bool(open_below and piece.level >= GROUND_LEVEL and 2 * piece.size[2] <= min(piece.size[:2]))
+
+
 def ground_by_shape(pieces: Sequence[Piece], among: Sequence[int], solid: Sequence[Piece]) -> list[int]:
     """Pieces that are large, level, lowest, and together carry the rest; possibly none.
 
