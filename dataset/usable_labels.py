@@ -17,6 +17,21 @@ SLIGHT = 1.0  # pixels that a box may leave its image by without being refused
 LISTED = 10  # boxes that an error names
 
 
+def labeled_categories(categories: Iterable[Record], annotations: Iterable[Record]) -> list[Record]:
+    """Return categories in the order of ids, without parents of others that label nothing, as Roboflow writes them.
+
+    Examples
+    --------
+    >>> found = [{"id": 0, "name": "army", "supercategory": "none"}, {"id": 1, "name": "tank", "supercategory": "army"}]
+    >>> [category["name"] for category in labeled_categories(found, [{"category_id": 1}])]
+    ['tank']
+    """
+    ordered = sorted(categories, key=lambda category: category["id"])
+    used = {annotation["category_id"] for annotation in annotations}
+    parents = {c.get("supercategory") for c in ordered if c.get("supercategory") != c["name"]}
+    return [category for category in ordered if category["id"] in used or category["name"] not in parents]
+
+
 def clipped_boxes(annotations: Iterable[Record], images: Iterable[Record], *, folder: Path, clip: bool) -> list[Record]:
     """Return annotations whose boxes lie inside their images; those of other images are left out.
 

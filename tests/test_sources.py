@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from hulldown.base.errors import ConfigError, DatasetError, HulldownError
+from hulldown.dataset.exports.export import export
 from hulldown.tests.editing import edit
 from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.inputs.augment import TABLE
@@ -55,6 +56,8 @@ def test_a_parent_category_without_boxes_is_not_a_class(tmp_path):
 
     edit(dataset, group)
     assert read_sources({"real": dataset})[0] == ("square", "disc")
+    export(dataset, tmp_path / "yolo", layout="rfdetr-yolo", fractions=(1.0, 0.0, 0.0))
+    assert '0: "square"' in (tmp_path / "yolo/data.yaml").read_text()  # and exports number the same classes
     edit(dataset, lambda coco: coco["annotations"][0].update(category_id=0))
     assert read_sources({"real": dataset})[0] == ("shapes", "square", "disc")
 

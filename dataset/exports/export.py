@@ -23,7 +23,7 @@ from hulldown.dataset.labels.oriented_box import visible_corners
 from hulldown.dataset.records import by_image, read_usable
 from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.seals import changed
-from hulldown.dataset.usable_labels import ALL_LABELS, LabelFloors, clipped_boxes, refuse_all
+from hulldown.dataset.usable_labels import ALL_LABELS, LabelFloors, clipped_boxes, labeled_categories, refuse_all
 
 # The function that writes each layout into an existing folder; docs/exports.md lists their readers.
 LAYOUTS: Mapping[str, Callable[[Shares, Path], None]] = {
@@ -120,6 +120,8 @@ def export(
             kept = [_outlined(label, (image["width"], image["height"]), polygons_within) for label in kept]
         items[split_of[image["id"]]].append(Item(image, kept, name, picture))
     head = {key: value for key, value in document.items() if key not in ("images", "annotations")}
+    # Class numbers are those that training has.
+    head["categories"] = labeled_categories(document["categories"], document["annotations"])
     counts = {split: len(of_split) for split, of_split in items.items()}
     key = _key(layout, head, items)
     if is_done(Path(out), key):

@@ -20,7 +20,7 @@ from hulldown.assets.picture_files import read_picture, read_pixels
 from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.dataset.records import by_image, read_usable
 from hulldown.dataset.store.entries import Coco
-from hulldown.dataset.usable_labels import clipped_boxes
+from hulldown.dataset.usable_labels import clipped_boxes, labeled_categories
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
 from hulldown.training.inputs.samples import Sample
 
@@ -233,10 +233,7 @@ def _checked(folder: Path) -> Coco:
 
 def _classes(coco: Mapping[str, Any]) -> list[str]:
     """Names of the boxes' classes, each once, in the order of ids."""
-    used = {annotation["category_id"] for annotation in coco["annotations"]}
-    parents = {c.get("supercategory") for c in coco["categories"] if c.get("supercategory") != c["name"]}
-    ordered = sorted(coco["categories"], key=lambda category: category["id"])
-    return list(dict.fromkeys(c["name"] for c in ordered if c["id"] in used or c["name"] not in parents))
+    return list(dict.fromkeys(c["name"] for c in labeled_categories(coco["categories"], coco["annotations"])))
 
 
 def _source(name: str, folder: Path, coco: Mapping[str, Any], classes: Sequence[str]) -> LabeledPictures:
