@@ -93,6 +93,7 @@ def test_names_match_words(match: Callable, name: str, words: Sequence[str], fou
         (piece("Object_17", size=(30, 30, 0)), "dropped"),
         (piece("Roof", size=(30, 30, 0), at=(0, 0, 9)), "vehicle"),
         (piece("Skirt", size=(7, 4, 0.01), at=(0, 0, 0.5)), "vehicle"),
+        (piece("blob_shadow", size=(8, 4, 0.01), at=(0, 0, 0.5)), "dropped"),
         (piece("Light bar", size=(0.2, 2, 0.2), at=(0, 0, 2)), "vehicle"),
     ],
 )
@@ -163,6 +164,7 @@ def test_a_parent_of_everything_is_no_helper_and_a_glacier_is_no_vehicle() -> No
     assert vehicle_uses(piece("base_collision"), piece("top_collision")) == ["dropped", "dropped"]
     glacier = piece("mesh0", size=(9200, 6600, 2400), level=0.82, filled=0.54)
     assert likely_kind([glacier], Options()) == "scenery"
+    assert scenery_uses(glacier) == ["ground"]
     assert likely_kind([replace(glacier, level=0.4, filled=1.6)], Options()) == "vehicle"
 
 

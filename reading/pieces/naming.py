@@ -122,13 +122,13 @@ NOT_PAINT = (  # materials that keep their color when a vehicle is painted, unle
 PAINT = ("paint", "painted", "camo", "camouflage", "body", "hull", "guard", "skirt", "lackierung", "lack")
 
 HELPERS = (
-    *("collision", "collider", "hitbox", "helper", "ucx", "ubx", "ucp", "usp"),
+    *("collision", "collider", "hitbox", "helper", "ucx", "ubx", "ucp", "usp", "bounding box", "bbox", "occluder"),
     *("shadow catcher", "backdrop", "cyclorama", "skydome"),
 )
 FIGURES = ("human", "person", "soldier", "figure", "man", "woman", "mannequin", "character", "dummy")  # for scale
 STAGES = (
     *("floor", "ground", "groundplane", "terrain", "landscape", "stage", "ref", "reference", "platform", "pedestal"),
-    *("podium", "plinth", "turntable"),
+    *("podium", "plinth", "turntable", "shadow"),
 )
 PRIMITIVES = ("grid", "plane")  # Blender's names of a new sheet, which things modeled from it keep, such as car bodies
 

@@ -75,6 +75,8 @@ def ground_by_shape(pieces: Sequence[Piece], among: Sequence[int], solid: Sequen
     extent = rest[:, 1].max(axis=0) - rest[:, 0].min(axis=0)
     if max(extent[:2]) < SMALLEST:
         return []
+    if len(pieces) == len(among) == 1 and is_open_land(pieces[0]):
+        return list(among)
     least = LARGE * extent[0] * extent[1]
     able = [i for i in among if _may_be_ground(pieces[i], least)]
     able.sort(key=lambda i: pieces[i].bounds[:, 2].sum())
