@@ -26,6 +26,7 @@ from hulldown.assets.photographs import read_photographs
 from hulldown.base.code import version_of
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import make_room
+from hulldown.base.outside import read_text
 from hulldown.planning.config.schema import Config
 from hulldown.planning.config.template import as_comment, comments_above_paths
 from hulldown.planning.inputs.poses import read_poses
@@ -137,7 +138,8 @@ def plan(
 
 def _unsaid(doubts: Mapping[str, Sequence[Doubt]], config: Config) -> dict[str, list[Doubt]]:
     """Return doubts by path without those that the config's comments on their file state."""
-    text = config.path.read_text(encoding="utf-8") if config.path and config.path.is_file() else ""
+    refuse = partial(ConfigError, path=config.path)
+    text = read_text(config.path, refuse) if config.path and config.path.is_file() else ""
     said = {str(config.folder / path): set(lines) for path, lines in comments_above_paths(text).items()}
     return {
         path: [doubt for doubt in some if as_comment(f"doubt: {doubt}") not in said.get(path, ())]

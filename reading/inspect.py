@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from PIL import Image, ImageDraw
 
+from hulldown.assets.picture_files import read_pixels
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError
@@ -18,13 +19,13 @@ from hulldown.pictures.drawing import contact_sheet, lettering
 from hulldown.pictures.sheets import save_sheet
 from hulldown.reading.hdri import Hdri
 from hulldown.reading.pieces.asset_report import FileReport, SkyReport
+from hulldown.reading.vehicle.seen_colors import PAPER
 from hulldown.scene.posed_scene import Kind, Scene, SceneHits
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
 
 # Colors that color-blind people tell apart: Okabe, Ito, Color universal design, 2008.
 COLORS = np.array([(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float)
 OBSTACLE = np.array([150.0, 150.0, 150.0])
-PAPER = 250.0
 PAGE = 12  # assets in one picture: three in a row
 FRONT_LEFT = "from the front left"
 # Name, direction of sight, direction that is up in the picture.
@@ -132,8 +133,8 @@ def draw(asset: VehicleShape | Scenery, picture: Path | None = None, *, size: in
     for i, (title, sight, up) in enumerate(VIEWS):
         at = (i % 2 * size, i // 2 * size)
         if title == FRONT_LEFT and picture is not None:
-            seen = Image.open(picture).resize((size, size), Image.Resampling.BICUBIC)
-            sheet.paste(seen, at, seen)
+            seen = Image.fromarray(read_pixels(picture)).resize((size, size), Image.Resampling.BICUBIC)
+            sheet.paste(seen, at)
             ImageDraw.Draw(sheet).text(
                 (at[0] + 10, at[1] + 8), f"{title}, as rendered", fill=(0, 0, 0), font=lettering(14)
             )

@@ -16,6 +16,7 @@ from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.paintable import CLEAR
 from hulldown.reading.pieces.wording import MOST, quoted
 
+PAPER = 250.0  # gray around vehicles, of 255
 MAGENTA = 0.02  # of the pixels that have Blender's color of missing pictures
 BLACK = 0.003  # linear light; soot has 0.02, and only what no light reaches has less
 BLACKENED = 0.15  # of the pixels; between wheels and in hatches it's 0.04
@@ -82,7 +83,8 @@ def color_doubts(
 
 
 def save_picture(picture: Float[np.ndarray, "h w 4"], path: Path) -> None:
-    """Write a picture, see `reading.blender.vehicle_picture`, with its alpha, as PNG."""
-    alpha = picture[..., 3:].clip(0.0, 1.0)
-    color = srgb_from_linear(np.where(alpha > 0.0, picture[..., :3] / np.maximum(alpha, 1e-6), 0.0).clip(0.0, 1.0))
-    Image.fromarray((255.0 * np.concatenate([color, alpha], axis=2) + 0.5).astype(np.uint8)).save(path)
+    """Write a picture, see `reading.blender.vehicle_picture`, on `PAPER` as PNG."""
+    light, alpha = picture[..., :3], picture[..., 3:].clip(0.0, 1.0)
+    color = srgb_from_linear((light / np.maximum(alpha, 1e-6)).clip(0.0, 1.0))
+    pixels = 255.0 * alpha * color + PAPER * (1.0 - alpha)
+    Image.fromarray(np.rint(pixels).astype(np.uint8)).save(path)
