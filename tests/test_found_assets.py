@@ -76,6 +76,8 @@ def test_a_folder_becomes_a_config_with_findings_as_comments(
     assert "tidy" not in text
     listed = library.doubts(backdrop=True)
     assert any(listed.values())
+    of_pair = [d for name in ("pair_a_Hull", "pair_b_Hull") for d in library.models[name].report.doubts]
+    assert set(of_pair) == {d for path, some in listed.items() if "pair" in path for d in some}
     assert not any(_unsaid(listed, config).values())  # they're in its comments
     assert cli.main(["inspect", "project/hulldown.toml"]) == 0
     assert cli.main(["init", "project", "--from", "mine"]) == 2  # and existing files stay

@@ -73,7 +73,10 @@ class Library:
         for name, hdri in self.hdris.items():
             notes = (Doubt(DoubtKind.REPAIRED, note) for note in hdri.notes)
             doubts.append((files[name].path, (*notes, *hdri.doubts, *hdri.misfits[:backdrop])))
-        return {path: list(lines) for path, lines in doubts if lines}
+        found: dict[str, dict[Doubt, None]] = {}
+        for path, lines in doubts:  # a file may have several vehicles
+            found.setdefault(path, {}).update(dict.fromkeys(lines))
+        return {path: list(lines) for path, lines in found.items() if lines}
 
 
 def hdri_paths(config: Config) -> dict[str, Path]:
