@@ -6,6 +6,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import ConvexHull, QhullError
 
+STRAIGHT = 1e-12  # of points whose coordinates are about 1
+
 
 def extreme_points(points: Float[np.ndarray, "n 3"], *, near: float = 0.0) -> Int[np.ndarray, " k"]:
     """Return ascending indices of points that include the maximum of every linear function over all points.
@@ -61,3 +63,52 @@ def inner_point(points: Float[np.ndarray, "n 2"], wanted: Float[np.ndarray, "2"]
     following = np.roll(ring, -1, axis=0)
     area = ring[:, 0] * following[:, 1] - ring[:, 1] * following[:, 0]
     return wanted + ((ring + following) * area[:, None]).sum(axis=0) / (3.0 * area.sum())
+
+
+def hulls_of_groups(
+    points: Float[np.ndarray, "n 2"], group: Int[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, "k 2"], Int[np.ndarray, " k"]]:
+    """Return the corners of each group's convex hull, counterclockwise, and their groups, ascending.
+
+    Groups without an area have none. Corners within `STRAIGHT` of a straight line are left out.
+
+    References
+    ----------
+    Andrew, Another efficient algorithm for convex hulls in two dimensions, Information Processing Letters, 1979.
+    """
+    order = np.lexsort((points[:, 1], points[:, 0], group))
+    points, group = points[order], group[order]
+    column = np.append(True, (np.diff(points[:, 0]) != 0.0) | (np.diff(group) != 0))[: len(points)]
+    below = _chain(points, group, np.flatnonzero(column), 1.0)
+    above = _chain(points, group, np.flatnonzero(np.append(column[1:], True)[: len(points)]), -1.0)[::-1]
+    ring = np.concatenate([below, above])
+    ring = ring[np.argsort(group[ring], kind="stable")]
+    # The chains share their ends, unless the leftmost or rightmost side is upright.
+    apart = (points[ring] != points[np.roll(ring, 1)]).any(axis=1) | (group[ring] != group[np.roll(ring, 1)])
+    ring = ring[apart]
+    first = np.flatnonzero(np.append(True, np.diff(group[ring]) != 0)[: len(ring)])
+    size = np.diff(first, append=len(ring))
+    closes = (points[ring[first]] == points[ring[first + size - 1]]).all(axis=1) & (size > 1)
+    kept = np.ones(len(ring), dtype=bool)
+    kept[(first + size - 1)[closes]] = False
+    kept &= np.repeat(size - closes > 2, size)
+    return points[ring[kept]], group[ring[kept]]
+
+
+def _chain(
+    points: Float[np.ndarray, "n 2"], group: Int[np.ndarray, " n"], chain: Int[np.ndarray, " c"], side: float
+) -> Int[np.ndarray, " k"]:
+    """Return which points of each group, by ascending x, are corners of its hull's lower (1.0) or upper (-1.0) side.
+
+    A point beyond the line between its neighbors is none, whichever others are.
+    """
+    while len(chain) > 2:
+        before, here, after = chain[:-2], chain[1:-1], chain[2:]
+        one, other = points[here] - points[before], points[after] - points[here]
+        turn = side * (one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
+        straight = turn <= STRAIGHT * np.linalg.norm(points[after] - points[before], axis=1)
+        removed = straight & (group[before] == group[here]) & (group[after] == group[here])
+        if not removed.any():
+            break
+        chain = np.delete(chain, 1 + np.flatnonzero(removed))
+    return chain

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.spatial import ConvexHull, QhullError
 
 from hulldown.geometry.alpha import HIDES, AlphaMap, Cut, Cutouts
+from hulldown.geometry.arrays import numbered
+from hulldown.geometry.hulls import hulls_of_groups
 from hulldown.geometry.meshes import Mesh
 
 FLAT = 2.0  # float32 units in the last place, up to whose height a triangle has no area for Cycles
 FINE = 8  # steps per texel at which a texture is looked up
 LEAST, MOST = 16, 512  # steps along a face's sides
 LOOKUPS = 1 << 23  # in all faces of a mesh
-MANY = 2000  # faces of a mesh that are clipped, the largest; the others count as a whole
 TILES = 8  # along a face's sides, at most: what is seen in each becomes one convex piece
 TILE = 32  # steps along a tile's side, at least
 CHUNK = 1 << 16  # faces measured together
+LATTICES = 1 << 18  # points of lattices in memory together
 HALVINGS = 12  # of a step, to find where a texture's edge crosses it
 
 
@@ -36,8 +39,7 @@ def seen_surface(mesh: Mesh) -> tuple[Mesh, Int[np.ndarray, " f"]] | None:
     """Return what hides of a mesh (`HIDES`), without cut-outs, and the face of the mesh that each face is part of.
 
     A cut-out face becomes up to `TILES` x `TILES` / 2 convex pieces. A piece reaches to the edge of what hides in its
-    tile, within an eighth of a texel, or a 512th of the face where that is more. Of more than `MANY` cut-out faces, the
-    smaller ones stay whole. Holes inside a piece stay closed:
+    tile, within an eighth of a texel, or a 512th of the face where that is more. Holes inside a piece stay closed:
     they matter only to a box that is cut off inside that piece, by less than the tile's size.
 
     Returns
@@ -49,28 +51,40 @@ def seen_surface(mesh: Mesh) -> tuple[Mesh, Int[np.ndarray, " f"]] | None:
         return mesh, np.arange(len(mesh.faces))
     cuts = cutouts.cuts()
     mixed = np.flatnonzero(cuts == Cut.MIXED)
-    if len(mixed) > MANY:
-        a, b, c = np.moveaxis(mesh.triangles[cutouts.face[mixed]], 1, 0)
-        area = (np.cross(b - a, c - a) ** 2).sum(axis=1)
-        mixed = np.sort(mixed[np.argsort(-area, kind="stable")[:MANY]])
     whole = np.ones(len(mesh.faces), dtype=bool)
     whole[cutouts.face[cuts == Cut.CLEAR]] = False
     whole[cutouts.face[mixed]] = False
     faces, origin, vertices = [mesh.faces[whole]], [np.flatnonzero(whole)], [mesh.vertices]
     count = len(mesh.vertices)
-    for k, steps in zip(mixed.tolist(), _steps(cutouts, mixed).tolist(), strict=True):
-        corners = mesh.vertices[mesh.faces[cutouts.face[k]]]
-        for ring in _pieces(cutouts.maps[cutouts.face_map[k]], cutouts.uv[k].astype(np.float64), steps):
-            vertices.append(_weights(ring) @ corners)
-            fan = np.arange(1, len(ring) - 1)
-            faces.append(count + np.stack([np.zeros_like(fan), fan, fan + 1], axis=1))
-            origin.append(np.full(len(fan), cutouts.face[k]))
-            count += len(ring)
+    for steps, some in _alike(cutouts, mixed):
+        corners = mesh.vertices[mesh.faces[cutouts.face[some]]]
+        alpha = cutouts.maps[cutouts.face_map[some[0]]]
+        ring, face = _rings(alpha, cutouts.uv[some].astype(np.float64), steps)
+        if not len(ring):
+            continue
+        vertices.append((_weights(ring)[:, None] @ corners[face // TILES**2])[:, 0])
+        size = np.unique(face, return_counts=True)[1]
+        piece, number = numbered(size - 2)
+        first = count + (np.cumsum(size) - size)[piece]
+        faces.append(np.stack([first, first + number + 1, first + number + 2], axis=1))
+        origin.append(cutouts.face[some[face[first - count] // TILES**2]])
+        count += len(ring)
     triangles = np.concatenate(faces)
     if not len(triangles):
         return None
     seen = Mesh(np.concatenate(vertices), triangles, mesh.name)
     return seen.of_faces(np.arange(len(triangles))), np.concatenate(origin)
+
+
+def _alike(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Iterator[tuple[int, Int[np.ndarray, " k"]]]:
+    """Yield steps along sides, and mixed faces of one map that have so many, few enough to be in memory together."""
+    steps = _steps(cutouts, mixed)
+    order = np.lexsort((steps, cutouts.face_map[mixed]))
+    kinds = np.stack([cutouts.face_map[mixed], steps])[:, order]
+    for same in np.split(order, np.flatnonzero(np.diff(kinds, axis=1).any(axis=0)) + 1):
+        if len(same):
+            most = max(1, LATTICES // int(steps[same[0]] + 1) ** 2)
+            yield from ((int(steps[same[0]]), mixed[same[i : i + most]]) for i in range(0, len(same), most))
 
 
 def _steps(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
@@ -82,42 +96,66 @@ def _steps(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Int[np.ndarray, " 
     return np.maximum(steps * few, 2).astype(np.int64)
 
 
-def _pieces(alpha: AlphaMap, uv: Float[np.ndarray, "3 2"], steps: int) -> list[Float[np.ndarray, "k 2"]]:
-    """Return rings around what hides in each tile of a face, as weights of its first and second corner."""
+def _rings(
+    alpha: AlphaMap, uv: Float[np.ndarray, "m 3 2"], steps: int
+) -> tuple[Float[np.ndarray, "k 2"], Int[np.ndarray, " k"]]:
+    """Return rings around what hides in each tile of faces, as weights of first and second corners.
 
-    def hides(at: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
-        return alpha.opacity(_weights(at) @ uv) >= HIDES
+    The second array has the ring of each point, ascending: a number of a tile plus `TILES` squared for each face.
+    """
+
+    def hides(face: Int[np.ndarray, " n"], at: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
+        return alpha.opacity((_weights(at)[:, None] @ uv[face])[:, 0]) >= HIDES
 
     i, j = np.mgrid[: steps + 1, : steps + 1].reshape(2, -1)
     inside = i + j <= steps
     grid = np.stack([i, j], axis=1)
-    hiding = np.zeros(len(grid), dtype=bool)
-    hiding[inside] = hides(grid[inside] / steps)
-    number = np.arange(len(grid)).reshape(steps + 1, steps + 1)
-    edges = [(number[:-1], number[1:]), (number[:, :-1], number[:, 1:]), (number[1:, :-1], number[:-1, 1:])]
-    one, other = (np.concatenate([ends[side].ravel() for ends in edges]) for side in (0, 1))
-    crossed = inside[one] & inside[other] & (hiding[one] != hiding[other])
-    one, other = one[crossed], other[crossed]
-    one, other = np.where(hiding[one], one, other), np.where(hiding[one], other, one)
+    hiding = np.zeros((len(uv), len(grid)), dtype=bool)
+    lattice = _weights(grid[inside] / steps) @ uv
+    hiding[:, inside] = (alpha.opacity(lattice.reshape(-1, 2)) >= HIDES).reshape(len(uv), -1)
+    tiles = min(TILES, max(1, steps // TILE))
+    one, other, line = _edges(steps)
+    face, edge = np.nonzero(hiding[:, one] != hiding[:, other])
+    whole, point = np.nonzero(hiding)
+    if tiles == 1:  # no corner of a hull lies between others on a line of the lattice
+        first, last = _ends(face, line[edge])
+        outer = np.where(hiding[face, other[edge]], first, last)
+        face, edge = face[outer], edge[outer]
+        outer = np.logical_or(*_ends(whole, i[point]))
+        whole, point = whole[outer], point[outer]
+    one, other = one[edge], other[edge]
+    one, other = np.where(hiding[face, one], one, other), np.where(hiding[face, one], other, one)
     low, high = grid[one] / steps, grid[other] / steps  # hides at low, not at high
     for _ in range(HALVINGS):
         middle = (low + high) / 2.0
-        there = hides(middle)[:, None]
+        there = hides(face, middle)[:, None]
         low, high = np.where(there, middle, low), np.where(there, high, middle)
-    points = np.concatenate([grid[hiding] / steps, low])
-    tiles = min(TILES, max(1, steps // TILE))
+    points, face = np.concatenate([grid[point] / steps, low]), np.concatenate([whole, face])
     ends = np.linspace(0, steps, tiles + 1).round() / steps
-    pieces = []
-    for a in range(tiles):
-        column = points[(points[:, 0] >= ends[a]) & (points[:, 0] <= ends[a + 1])]
-        for b in range(tiles - a):
-            tile = column[(column[:, 1] >= ends[b]) & (column[:, 1] <= ends[b + 1])]
-            if len(tile) > 2:
-                try:
-                    pieces.append(tile[ConvexHull(tile).vertices])
-                except QhullError:  # all on one line: no area
-                    continue
-    return pieces
+    in_tiles, ring = [], []
+    for a, b in np.argwhere(np.add.outer(np.arange(tiles), np.arange(tiles)) < tiles).tolist():
+        low, high = ends[[a, b]], ends[[a + 1, b + 1]]
+        here = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
+        in_tiles.append(points[here])
+        ring.append(face[here] * TILES**2 + a * TILES + b)
+    return hulls_of_groups(np.concatenate(in_tiles), np.concatenate(ring))
+
+
+def _edges(steps: int) -> tuple[Int[np.ndarray, " e"], Int[np.ndarray, " e"], Int[np.ndarray, " e"]]:
+    """Return both ends of each edge of a face's lattice, as numbers in the square, and its line; along each line."""
+    q, k = np.tril_indices(steps)
+    r = steps - 1 - q
+    ends = [((k, r), (k + 1, r)), ((r, k), (r, k + 1)), ((q + 1 - k, k), (q - k, k + 1))]
+    one, other = (np.concatenate([i * (steps + 1) + j for i, j in side]) for side in zip(*ends, strict=True))
+    return one, other, np.concatenate([q, q + steps, q + 2 * steps])
+
+
+def _ends(
+    face: Int[np.ndarray, " n"], line: Int[np.ndarray, " n"]
+) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    """Return which points, by face and line, are the first and the last of theirs."""
+    changes = (np.diff(face) != 0) | (np.diff(line) != 0)
+    return np.append(True, changes)[: len(face)], np.append(changes, True)[: len(face)]
 
 
 def _weights(at: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
