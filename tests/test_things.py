@@ -54,6 +54,14 @@ def test_vehicles_side_by_side_are_proposed_as_entries_that_leave_one_each(parts
         assert max(alone.shape.size_xyz) < 10
 
 
+def test_a_library_of_vehicles_in_one_place_is_proposed_by_name():
+    kit = {name: box(size, (0, 0, 1)) for name, size in
+           (("minivan", (4.2, 1.8, 1.5)), ("tow_truck", (4.6, 2, 1.9)), ("hatchback", (3.6, 1.7, 1.4)))}  # fmt: skip
+    assert [thing.keep for thing in read(kit).things] == [("minivan",), ("tow_truck",), ("hatchback",)]
+    assert not read({"truck_paint": kit["minivan"], "truck_glass": kit["tow_truck"]}).things
+    assert not read(kit | {"Mesh_7": kit["minivan"]}).things
+
+
 def test_a_joined_row_is_a_doubt_without_a_key():
     built = read({"row": merge(list(ROW.values()), name="row")[0]})
     assert next(d.text for d in built.doubts if d.kind == SEVERAL).startswith("4 things")

@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 from hulldown.geometry.meshes import Mesh
 from hulldown.reading.pieces.asset_report import Thing, xyz
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.naming import words
+from hulldown.reading.pieces.naming import VEHICLES, first_match, words
 from hulldown.reading.pieces.roles import Piece, is_wanted
 from hulldown.reading.pieces.wording import MOST, as_key, quoted
 from hulldown.reading.vehicle.solids import PlacedPieces, touching
@@ -51,9 +51,9 @@ def find_things(
     """
     pieces = [*whole.pieces, *rest]
     groups = side_by_side(whole.bounds) if len(whole.pieces) <= PIECES else []
-    if groups:
+    if groups := groups or _library(whole):
         things = [_thing(whole, group, keep=patterns_of(group, pieces)) for group in groups]
-        head = f"it holds {len(things)} things side by side, which share one label; if they're vehicles of their own,"
+        head = f"it holds {len(things)} things that share one label; if they're vehicles of their own,"
         if not all(thing.keep for thing in things):
             return (), [_several(f"{head} give the objects of each a name in common, and list the file once for each")]
         listed = ", ".join(f"keep = {as_key(thing.keep)} ({_said(thing)})" for thing in things[:NAMES])
@@ -108,6 +108,15 @@ def side_by_side(bounds: Float[np.ndarray, "k 2 3"]) -> list[list[int]]:
     if len(large) == 2 and _coupled(*boxes[large]):
         return []
     return [np.flatnonzero(owner[label] == k).tolist() for k in range(len(large))]
+
+
+def _library(whole: PlacedPieces) -> list[list[int]]:
+    """Pieces in one place that are all called vehicles, of several kinds, and are all as large as one."""
+    size = np.ptp(whole.bounds, axis=1)
+    large = (size >= LIKE * size.max(axis=0)).all(axis=1)
+    kinds = [first_match(piece.name, VEHICLES) for piece in whole.pieces]
+    several = len(kinds) > 1 and len(set(kinds)) > 1 and all(kinds) and bool(large.all())
+    return [[i] for i in range(len(kinds))] if several else []
 
 
 def _coupled(a: Float[np.ndarray, "2 3"], b: Float[np.ndarray, "2 3"]) -> bool:
