@@ -77,7 +77,8 @@ def color_doubts(
     elif white > ALL:
         named, unused = quoted(row.name for row in report.materials), beside()
         hint = f"; pictures beside it aren't used: {quoted(unused, most=4)}" if unused else ""
-        text = f"white or light gray ({named}), as if without its textures{hint}; put them on its materials in Blender"
+        which = f" ({named})" if named else ""
+        text = f"white or light gray{which}, as if without its textures{hint}; put them on its materials in Blender"
         doubt(DoubtKind.PALE, white, f"{text}, or set paint")
     return doubts
 

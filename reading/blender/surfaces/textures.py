@@ -73,9 +73,9 @@ def find_moved(path: Path) -> list[Doubt]:
 
 
 def pictures_near(path: Path) -> list[str]:
-    """Pictures that `find_moved` would search near an asset, relative to its folder."""
-    files = (file for file in _files_near(path) if file.suffix.lower() in PICTURES)
-    return sorted({os.path.relpath(file, path.parent) for file in files})
+    """Pictures that `find_moved` would search near an asset, relative to its folder, without those in hidden ones."""
+    near = {Path(os.path.relpath(file, path.parent)) for file in _files_near(path) if file.suffix.lower() in PICTURES}
+    return sorted(str(file) for file in near if not any(re.match(r"\.\w", part) for part in file.parts))
 
 
 def _replace(image: Any, file: str) -> None:
