@@ -53,7 +53,7 @@ study: setup-training ## what rendered images are worth beside stand-ins for pho
 	$(BIN)/hulldown study run $(STUDY)/study.toml -o $(STUDY)/study
 	$(BIN)/hulldown study report $(STUDY)/study
 
-photographs: setup-training ## what renders are worth beside photographs of tanks (PHOTOGRAPHS=folder, WEIGHTS=file): ends in a report below STUDY
+photographs: setup-training ## what renders are worth beside photographs of tanks: an hour (PHOTOGRAPHS=folder, WEIGHTS=file); ends in a report below STUDY
 	$(BIN)/python -m hulldown.benchmarks.photographs $(STUDY) $(PHOTOGRAPHS) $(if $(WEIGHTS),--weights $(WEIGHTS))
 	test -e $(STUDY)/renders.jsonl || $(BIN)/hulldown plan $(STUDY)/renders.toml -o $(STUDY)/renders.jsonl
 	$(BIN)/hulldown render $(STUDY)/renders.jsonl -o $(STUDY)/renders

@@ -26,7 +26,7 @@ STUDY = """\
 real = {train}
 synthetic = "renders"
 test = {test}
-arms = ["real", "balanced", "synthetic"]
+arms = ["real", "mixed", "synthetic"]
 fractions = [1.0, 0.25, 0.1, 0.05]
 seeds = [0, 1, 2]
 
