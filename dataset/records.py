@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -10,6 +11,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
+from hulldown.annotate.masks import extent
 from hulldown.base.errors import DatasetError, shortened
 from hulldown.base.files import stays_inside
 from hulldown.camera.intrinsics import Intrinsics
@@ -23,6 +27,10 @@ from hulldown.dataset.store.reservations import runs_of
 from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, broken
 from hulldown.dataset.usable_labels import ROUNDED, beyond
 
+GAP, GAP_SHARE = (
+    2.0,
+    0.25,
+)  # pixels and share of its side by which a box with an antenna may exceed its mask: 0.2 of 713
 LISTED = 20  # findings of a kind that are printed
 
 
@@ -215,10 +223,27 @@ def _hints(where: str, annotation: Record, image: Record) -> Iterator[Finding]:
     """Find boxes slightly outside of their image, and full labels of targets hidden by haze."""
     if _has_size(image) and (by := beyond(annotation["bbox"], image["width"], image["height"])) > ROUNDED:
         yield Finding("warning", where, f"its bbox leaves its image by {by:.4g} px, and is clipped when it's used", by)
+    if (gap := _gap(annotation, image)) > 0.0:
+        problem = f"its bbox is {gap:.4g} px larger than its mask, more than a quarter, though nothing hides it"
+        yield Finding("warning", where, problem, gap)
     left = annotation.get("air_contrast")
     if left is not None and left < GHOST and not annotation.get("iscrowd"):
         problem = f"is a ghost: the air leaves {100.0 * left:.1f} % of its contrast"
         yield Finding("warning", where, problem, left)
+
+
+def _gap(annotation: Record, image: Record) -> float:
+    """Return by how many pixels a box is larger than the mask of a target in full view; 0.0 for as much as antennas."""
+    if annotation.get("visible_fraction") != 1.0 or not _has_size(image) or not annotation.get("segmentation"):
+        return 0.0
+    with contextlib.suppress(ValueError):  # found elsewhere
+        box = extent(annotation["segmentation"], image["width"], image["height"])[1]
+        if box is not None:
+            x, y, w, h = annotation["bbox"]
+            gaps = np.array([box[0] - x, box[1] - y, x + w - box[0] - box[2], y + h - box[1] - box[3]])
+            large = (gaps > GAP) & (gaps > GAP_SHARE * np.array([w, h, w, h]))
+            return float(gaps[large].max(initial=0.0))
+    return 0.0
 
 
 def check_seals(coco: Coco) -> Iterator[Finding]:

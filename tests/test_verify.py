@@ -86,6 +86,11 @@ def test_a_sound_dataset_has_no_findings(dataset, capsys):
         (lambda c: c["annotations"][1].update(bbox=[5, 4, 29, 6]), "error", "leaves its image of 32 x 24"),
         (lambda c: c["annotations"][1].update(bbox=[5, 4, 0, 6]), "error", "has no area"),
         (lambda c: c["annotations"][1].update(bbox=[7, 4, 8, 6]), "error", "beyond its bbox"),
+        (
+            lambda c: c["annotations"][1].update(bbox=[5, 4, 16, 6], visible_fraction=1.0),
+            "warning",
+            "6 px larger than its mask",
+        ),
         (lambda c: c["annotations"][1].update(area=61), "error", "area is 61, its mask has 60 pixels"),
         (lambda c: c["annotations"][1]["segmentation"].update(size=[32, 24]), "error", "expected size [24, 32]"),
         (lambda c: c["annotations"][1].update(segmentation=[[1, 2, 3, 4]]), "error", "at least three points"),
