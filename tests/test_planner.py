@@ -11,6 +11,7 @@ from hulldown.geometry.meshes import merge
 from hulldown.planning.plan.lines import PlanWriter
 from hulldown.planning.plan.row import ModelSource, encode, encode_rows
 from hulldown.planning.planner import Planner
+from hulldown.planning.search.instance_table import boxes_at
 from hulldown.planning.search.stage import make_stage
 from hulldown.planning.write import make_header, write_plan
 from hulldown.tests.planning_assets import bare, hills, plan, small_assets, small_config, vehicle
@@ -133,7 +134,11 @@ def test_an_unseen_plate_neither_carries_a_vehicle_nor_needs_room():
     mesh, _ = merge([shape.mesh, plate])
     hidden = replace(shape, mesh=mesh, vertex_part=part, seen=shape.mesh, seen_part=shape.vertex_part)
     assets = small_assets(vehicles=("t72",))
-    wanted, got = (make_stage(small_config(), replace(assets, vehicles={"t72": one})).fleet for one in (shape, hidden))
+    fleets = [make_stage(small_config(), replace(assets, vehicles={"t72": one})).fleet for one in (shape, hidden)]
+    wanted, got = fleets
+    rest = np.zeros((1, len(shape.part_names)))
+    for bounds in (boxes_at(fleet, np.array([0]), rest) for fleet in fleets):  # of rows, and so of bbox_3d
+        np.testing.assert_allclose(np.ptp(bounds[0], axis=0), shape.size_xyz, rtol=0, atol=1e-8)
     for name in ("size", "center", "half", "box_center", "reach"):
         np.testing.assert_array_equal(getattr(got, name), getattr(wanted, name), err_msg=name)
     for name in ("xy", "height"):

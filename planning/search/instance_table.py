@@ -136,9 +136,10 @@ def boxes_at(
 def hull_of(
     model: Model, world_from_vehicle: Float[np.ndarray, "n 4 4"], angles: Float[np.ndarray, "n q"]
 ) -> Float[np.ndarray, "n h 3"]:
-    """Return the posed vertices of the convex hulls of all parts, which determine the projected box."""
+    """Return the posed vertices of the convex hulls of what can be seen of all parts, which determine the box."""
     poses = compose(world_from_vehicle[:, None], model.shape.vehicle_from_parts(angles))
-    return np.concatenate([apply(poses[:, part.index], part.hull) for part in model.target.parts], axis=1)
+    hulls = zip(model.target.parts, model.hulls, strict=True)
+    return np.concatenate([apply(poses[:, part.index], hull) for part, hull in hulls], axis=1)
 
 
 def drawn_angles(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -13,6 +14,7 @@ from hulldown.annotate.boxes import VehicleBoxes
 from hulldown.assets.library import Assets
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
+from hulldown.geometry.hulls import extreme_points
 from hulldown.geometry.overlap import Obstacles
 from hulldown.placement.contact import Footing, stacked
 from hulldown.placement.footprint import underside
@@ -59,7 +61,7 @@ class Site:
     crs: str
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False)
 class Model:
     """A vehicle with its query objects.
 
@@ -78,6 +80,14 @@ class Model:
     boxes: VehicleBoxes
     target: VehicleTarget
     footing: Footing
+
+    @cached_property
+    def hulls(self) -> tuple[Float[np.ndarray, "h 3"], ...]:
+        """The vertices of the convex hull of what can be seen of each part of `target`."""
+        if self.shape.seen is None:
+            return tuple(part.hull for part in self.target.parts)
+        seen = [_seen(self.shape, part) for part in self.target.parts]
+        return tuple(points[extreme_points(points)] for points in seen)
 
 
 class Fleet:
