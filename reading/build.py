@@ -114,7 +114,7 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
     to_base[:3, 3] = -base
     piece_part = np.full(len(pieces), -1)
     for i, number, why in zip(kept, parts.piece_part, parts.piece_why, strict=True):
-        piece_part[i], roles[i] = number, PieceRole(names[number], why or roles[i].why)
+        piece_part[i], roles[i] = number, replace(roles[i], use=names[number], why=why or roles[i].why)
     moving = [replace(row, pivot=xyz(np.array(row.pivot) - base)) for row in parts.moving]
     vertex_part = np.repeat([parts.piece_part[j] for j in order], [len(m.vertices) for m in placed])
     seen_part = np.empty(len(surface.vertices), dtype=vertex_part.dtype)

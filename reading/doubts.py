@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from hulldown.reading.pieces.asset_report import FileReport, Missing, ObjectRow
+from hulldown.reading.pieces.asset_report import By, FileReport, Missing, ObjectRow
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Piece, PieceRole
@@ -42,7 +42,7 @@ def vehicle_doubts(report: FileReport, options: Options) -> tuple[Doubt, ...]:
                 'set up = "y" if it lies on its side',
             )
         )
-    dropped = [row for row in rows if row.use == "dropped" and row.triangles and "config" not in row.why]
+    dropped = [row for row in rows if row.use == "dropped" and row.triangles and row.by is not By.CONFIG]
     kept = [row for row in rows if row.use != "dropped"]
     if sum(row.triangles * row.count for row in dropped) > sum(row.triangles * row.count for row in kept):
         those = quoted([row.name for row in dropped])
@@ -52,7 +52,7 @@ def vehicle_doubts(report: FileReport, options: Options) -> tuple[Doubt, ...]:
                 f"more triangles are dropped than kept; name the vehicle's objects in `keep`: {those}",
             )
         )
-    asked = [row for row in rows if row.use == "dropped" and "config" in row.why]
+    asked = [row for row in rows if row.use == "dropped" and row.by is By.CONFIG]
     most = max(asked, key=_volume, default=None)
     if most and _volume(most) > max(map(_volume, kept), default=0.0):
         doubts.append(
@@ -100,7 +100,7 @@ def scenery_doubts(
             )
         )
     for use, keys in (("ground", "if it isn't, name it in not_ground"), ("water", "if it isn't, set water = []")):
-        if found := [piece.name for piece, role in used if role.use == use and role.why.startswith("by shape")]:
+        if found := [piece.name for piece, role in used if role.use == use and role.by is By.SHAPE]:
             doubts.append(Doubt(DoubtKind(use), f"taken as {use}: {quoted(found)}, by shape; {keys}"))
     if wet:
         doubts.append(
@@ -111,11 +111,11 @@ def scenery_doubts(
         )
     doubts += _perhaps_water(used, wet) if options.water is None else []
     for piece, role in used:
-        if role.use == "obstacle" and role.why.startswith("by shape"):
+        if role.use == "obstacle" and role.by is By.SHAPE:
             doubts.append(
                 Doubt(
                     DoubtKind.NOT_GROUND,
-                    f"{piece.name!r} isn't used as ground: it's {role.why.removeprefix('by shape: ')}",
+                    f"{piece.name!r} isn't used as ground, {role.why}",
                 )
             )
     grounds = [piece for piece, role in used if role.use == "ground"]
@@ -186,7 +186,7 @@ def _perhaps_water(used: Sequence[tuple[Piece, PieceRole]], wet: Sequence[str]) 
         )
         for name, material in list(dict.fromkeys(dressed))[:MOST]
     ]
-    open_ = [i for i, (_, role) in enumerate(used) if role == PieceRole("obstacle", "by default")]
+    open_ = [i for i, (_, role) in enumerate(used) if role.use == "obstacle" and role.by is By.DEFAULT]
     found = sheets_between([piece for piece, _ in used], open_, [piece.bounds for piece in ground], least=PUDDLE)
     if found:
         names = quoted([used[i][0].name for i in found])

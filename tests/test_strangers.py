@@ -21,7 +21,7 @@ from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.write import write_plan
 from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
 from hulldown.reading.hdri import read_hdris
-from hulldown.reading.pieces.asset_report import FileReport, Missing, ObjectRow, refuse_missing
+from hulldown.reading.pieces.asset_report import By, FileReport, Missing, ObjectRow, refuse_missing
 from hulldown.reading.pieces.doubt import DoubtKind, warnings_of
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.paintable import SEVERAL, parts_left_alone
@@ -290,14 +290,14 @@ def test_a_vehicle_of_odd_size_or_without_textures_is_refused_unless_allowed(tmp
 
 
 def test_dropping_the_hull_is_a_doubt_and_many_pieces_get_a_pattern():
-    base = ObjectRow("base", "MESH", "dropped", "the config drops it", 1, 12, (6.0, 3.0, 1.0))
+    base = ObjectRow("base", "MESH", "dropped", "", 1, 12, (6.0, 3.0, 1.0), By.CONFIG)
     rows = base, ObjectRow("turret", "MESH", "hull", "", 1, 500, (2.0, 1.0, 1.0))
     report = FileReport("vehicle", "", (2.0, 1.0, 1.0), 512, 1.0, "z", rows=rows)
     doubts = vehicle_doubts(report, Options(drop=("base",)))
     assert any("drops 'base', the largest piece" in doubt.text for doubt in doubts)
     tiles = [piece(f"TERR{i:04d}", size=(100, 100, 3), at=(100 * i, 0, 0), level=0.9) for i in range(40)]
     posts = [piece(f"POST{i}", size=(1, 1, 9), at=(50 * i, 0, 5)) for i in range(9)]
-    roles = [PieceRole("obstacle", "by default")] * 49
+    roles = [PieceRole("obstacle", "", By.DEFAULT)] * 49
     report = FileReport("scenery", "", (4000.0, 100.0, 9.0), 0, 1.0, "z")
     doubts = scenery_doubts(report, [*tiles, *posts], roles, Options())
     assert 'ground = ["TERR*"]' in doubts[0].text

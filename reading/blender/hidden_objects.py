@@ -7,11 +7,10 @@ from typing import Any
 
 from hulldown.reading.blender.duplicates import Duplicate
 from hulldown.reading.blender.surfaces.shaders import is_volume
-from hulldown.reading.pieces.asset_report import ObjectRow
+from hulldown.reading.pieces.asset_report import By, ObjectRow
 from hulldown.reading.pieces.roles import HOLDOUT, SHADOW_CATCHER, Evaluated
 from hulldown.reading.scenery.scenery_roles import VOLUME
 
-HIDDEN = "hidden from render"
 SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 SOLID = ("MESH", "CURVES", "POINTCLOUD")
 UNDRAWN = {"GREASEPENCIL": "grease pencil is not rendered by Cycles"}
@@ -26,7 +25,8 @@ def list_hidden(scene: Any, result: Evaluated, duplicates: Mapping[str, Sequence
     for obj in scene.objects:
         if obj.name not in drawn and obj.type in DRAWN:
             for name in (obj.name, *(duplicate.name for duplicate in duplicates.get(obj.name_full, ()))):
-                result.left[ObjectRow(name, obj.type, "dropped", _why_hidden(obj, off))] += 1
+                why, by = _why_hidden(obj, off)
+                result.left[ObjectRow(name, obj.type, "dropped", why, by=by)] += 1
 
 
 def _switched_off(layer: Any, already: bool) -> Iterator[tuple[str, bool]]:
@@ -37,13 +37,13 @@ def _switched_off(layer: Any, already: bool) -> Iterator[tuple[str, bool]]:
         yield from _switched_off(inner, off)
 
 
-def _why_hidden(obj: Any, off: Mapping[str, bool]) -> str:
+def _why_hidden(obj: Any, off: Mapping[str, bool]) -> tuple[str, By]:
     around = [c.name for c in obj.users_collection if c.name in off]
     if obj.hide_render:
-        return HIDDEN
+        return "hidden from render", By.HIDDEN
     if around and all(off[name] for name in around):
-        return f"{HIDDEN} with its collection {around[0]!r}"
-    return "not in the render, or without a surface"
+        return f"hidden from render with its collection {around[0]!r}", By.HIDDEN
+    return "not in the render, or without a surface", By.FILE
 
 
 def why_unseen(drawn: Any, depsgraph: Any) -> str | None:

@@ -24,7 +24,6 @@ from hulldown.base.files import replacing
 from hulldown.reading.blender.depsgraph import evaluate
 from hulldown.reading.blender.geotiff_object import NAME
 from hulldown.reading.blender.hdri_picture import read_picture
-from hulldown.reading.blender.hidden_objects import HIDDEN
 from hulldown.reading.blender.importers import open_file
 from hulldown.reading.blender.surfaces.material_rows import material_rows
 from hulldown.reading.blender.surfaces.textures import missing_files, pictures_near, used_files
@@ -32,7 +31,7 @@ from hulldown.reading.blender.tidy import write_scenery, write_vehicle
 from hulldown.reading.blender.vehicle_picture import vehicle_picture
 from hulldown.reading.build import build_scenery, build_vehicle
 from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
-from hulldown.reading.pieces.asset_report import FileReport, Missing, ObjectRow, gathered, xyz
+from hulldown.reading.pieces.asset_report import By, FileReport, Missing, ObjectRow, gathered, xyz
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole
 from hulldown.reading.reader_process import ANSWER, PICTURE, FoundAsset, Job
@@ -152,7 +151,7 @@ def _write_scenery(job: Job, drawn: Evaluated, *, unit: float, up: str, crs: str
 
 def _refuse_nothing(drawn: Evaluated, kind: str | None) -> None:
     """Raise with the reason why everything is hidden, which no pattern in the config can change."""
-    hidden = [left for left in drawn.left if left.why.startswith(HIDDEN)]
+    hidden = [left for left in drawn.left if left.by is By.HIDDEN]
     if drawn.pieces or not hidden:
         return
     nothing = "it contains nothing that is rendered"
@@ -179,7 +178,7 @@ def _rows(drawn: Evaluated, roles: Sequence[PieceRole]) -> tuple[ObjectRow, ...]
     rows = []
     for (name, role), pieces in groups.items():
         first, size = pieces[0], xyz(np.max([p.size for p in pieces], axis=0))
-        rows.append(ObjectRow(name, first.chain[0].kind, role.use, role.why, len(pieces), first.faces, size))
+        rows.append(ObjectRow(name, first.chain[0].kind, role.use, role.why, len(pieces), first.faces, size, role.by))
     rows += [replace(left, count=count) for left, count in drawn.left.items()]
     return gathered(rows)
 

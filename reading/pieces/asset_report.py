@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import Literal
 
 import numpy as np
@@ -19,6 +20,17 @@ from hulldown.reading.pieces.paintable import MaterialRow
 FAMILY = 6  # numbered copies from so many on share a row
 TOGETHER = 3  # objects left out for one reason from so many on share a row of the table, which names the first
 LISTED = 12
+
+
+class By(StrEnum):
+    """What decided the use of an object: the config, the file's own settings, a name, a shape, or nothing."""
+
+    CONFIG = "config"
+    FILE = "file"
+    HIDDEN = "hidden"  # from render, by the file
+    NAME = "name"
+    SHAPE = "shape"
+    DEFAULT = "default"
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +53,8 @@ class ObjectRow:
         Triangles of one of them, as rendered.
     size
         Extents in meters of the largest of them along x, y, z.
+    by
+        What decided its use.
     """
 
     name: str
@@ -50,6 +64,7 @@ class ObjectRow:
     count: int = 1
     triangles: int = 0
     size: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    by: By = By.FILE
 
 
 def gathered(rows: Sequence[ObjectRow]) -> tuple[ObjectRow, ...]:

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hulldown.geometry.meshes import Mesh
-from hulldown.reading.pieces.asset_report import ObjectRow
+from hulldown.reading.pieces.asset_report import By, ObjectRow
 from hulldown.reading.pieces.doubt import Doubt
 from hulldown.reading.pieces.naming import FIGURES, HELPERS, PRIMITIVES, STAGES, first_match, words
 
@@ -190,11 +190,11 @@ class Evaluated:
 
 @dataclass(frozen=True, slots=True)
 class PieceRole:
-    """The use of a piece, such as "turret", "ground", or "dropped", the reason, and whether it's a scenery's word."""
+    """The use of a piece, such as "turret", "ground", or "dropped", the reason in words, and what decided."""
 
     use: str
     why: str
-    by_name: bool = False
+    by: By = By.SHAPE
 
 
 def vehicle_roles(pieces: Sequence[Piece], *, keep: Sequence[str] = (), drop: Sequence[str] = ()) -> list[PieceRole]:
@@ -224,25 +224,24 @@ def vehicle_roles(pieces: Sequence[Piece], *, keep: Sequence[str] = (), drop: Se
         roles[i] = _vehicle_by_place(pieces[i], low, high) if (low <= high).all() else None
         if roles[i] is None:
             low, high = np.minimum(low, pieces[i].bounds[0]), np.maximum(high, pieces[i].bounds[1])
-    return [role or PieceRole("vehicle", "by default") for role in roles]
+    return [role or PieceRole("vehicle", "by default", By.DEFAULT) for role in roles]
 
 
 def _vehicle_by_name(
     piece: Piece, keep: Sequence[str], drop: Sequence[str], shared: Collection[str]
 ) -> PieceRole | None:
     if piece.unseen:
-        return PieceRole("dropped", piece.unseen)
+        return PieceRole("dropped", piece.unseen, By.FILE)
     if piece.hair:
-        return PieceRole("dropped", "hair isn't part of a vehicle")
+        return PieceRole("dropped", "hair isn't part of a vehicle", By.FILE)
     for patterns, use in ((keep, "vehicle"), (drop, "dropped")):
         for name in _names(piece):
             if pattern := first_match(name, patterns):
-                return PieceRole(
-                    use, f"{name!r} matches {pattern!r} of the config's {'keep' if use == 'vehicle' else 'drop'}"
-                )
+                key = "keep" if use == "vehicle" else "drop"
+                return PieceRole(use, f"{name!r} matches {pattern!r} of the config's {key}", By.CONFIG)
     for name in _names(piece):
         if name not in shared and (pattern := first_match(name, HELPERS)):
-            return PieceRole("dropped", f"{name!r} matches {pattern!r}")
+            return PieceRole("dropped", f"{name!r} matches {pattern!r}", By.NAME)
     return None
 
 

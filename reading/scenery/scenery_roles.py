@@ -7,12 +7,12 @@ from fnmatch import fnmatchcase
 
 import numpy as np
 
+from hulldown.reading.pieces.asset_report import By
 from hulldown.reading.pieces.naming import BACKDROPS, GROUND, NOT_GROUND, NOT_WATER, WATER, WATERS, first_match
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Piece, PieceRole
 from hulldown.reading.scenery.shape import carpets, ground_by_shape, is_wide_and_level, sheets_between, sunken
 
-DEFAULT = "by default"
 VOLUME = "has volume shaders only"
 NARROWEST = 1.0  # meters, of water by its name or material
 # The scenery's own keys in the order in which they are asked, then those of the table [ground] for all sceneries.
@@ -56,26 +56,26 @@ def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[PieceRole]:
             decided[asked] = _role(piece, options)
         roles.append(decided[asked])
     if not any(role.use == "ground" for role in roles):
-        open_ = [i for i, role in enumerate(roles) if role.use == "obstacle" and "config" not in role.why]
+        open_ = [i for i, role in enumerate(roles) if role.use == "obstacle" and role.by is not By.CONFIG]
         solid = [p for p, role in zip(pieces, roles, strict=True) if role.use == "obstacle" and not p.hair]
         for i in ground_by_shape(pieces, open_, solid):
             roles[i] = PieceRole("ground", "by shape: large, level, and under the rest")
     used = {
         use: [p for p, role in zip(pieces, roles, strict=True) if role.use == use] for use in ("ground", "obstacle")
     }
-    unsure = [role.use == "obstacle" and (role.by_name or role.why == DEFAULT) for role in roles]
+    unsure = [role.use == "obstacle" and role.by in (By.NAME, By.DEFAULT) for role in roles]
     open_ = [i for i in np.flatnonzero(unsure).tolist() if not is_water_name(pieces[i].name)]
     solid = [piece for piece in used["obstacle"] if not piece.hair]
     for i in carpets(open_, pieces, used["ground"], solid):
-        named = f", though its {roles[i].why}" if roles[i].by_name else ""
+        named = f", though its {roles[i].why}" if roles[i].by is By.NAME else ""
         roles[i] = PieceRole("ground", f"by shape: wide, level, and under other things{named}")
     for i, depth in sunken([i for i, role in enumerate(roles) if role.use == "ground"], pieces):
-        if "config" not in roles[i].why:
+        if roles[i].by is not By.CONFIG:
             why = f"by shape: {depth:.0f} m below the main ground and under it; to use it, name it in ground"
             roles[i] = PieceRole("obstacle", why)
     if options.water is None:
         ground = [p.bounds for p, role in zip(pieces, roles, strict=True) if role.use == "ground"]
-        open_ = [i for i, role in enumerate(roles) if role == PieceRole("obstacle", DEFAULT)]
+        open_ = [i for i, role in enumerate(roles) if role.use == "obstacle" and role.by is By.DEFAULT]
         for i in sheets_between(pieces, open_, ground):
             roles[i] = PieceRole("water", "by shape: a flat sheet with ground below it and above it")
     return roles
@@ -130,15 +130,15 @@ def _role(piece: Piece, options: Options) -> PieceRole:
         return asked
     if piece.unseen:
         water = _water(piece) if piece.unseen == VOLUME and options.water is None else None
-        return water or PieceRole("dropped", piece.unseen)
+        return water or PieceRole("dropped", piece.unseen, By.FILE)
     if piece.hair:
-        return PieceRole("obstacle", "hair: it hides, and gives way to vehicles and cameras")
+        return PieceRole("obstacle", "hair: it hides, and gives way to vehicles and cameras", By.FILE)
     if asked:
         return asked
     named = [("object", piece.name), ("mesh", piece.data), *(("collection", c) for c in piece.chain[0].collections)]
     for level, name in named:
         if level != "collection" and (pattern := first_match(name, BACKDROPS)):
-            return PieceRole("backdrop", f"{level} {name!r} matches {pattern!r}")
+            return PieceRole("backdrop", f"{level} {name!r} matches {pattern!r}", By.NAME)
     if options.water is None and (water := _water(piece)):
         return water
     for level, name in named:
@@ -146,21 +146,21 @@ def _role(piece: Piece, options: Options) -> PieceRole:
         if piece.scattered and (level == "collection" or (level == "object" and piece.anonymous)):
             continue
         if pattern := first_match(name, NOT_GROUND):
-            return PieceRole("obstacle", f"{level} {name!r} matches {pattern!r}", by_name=True)
+            return PieceRole("obstacle", f"{level} {name!r} matches {pattern!r}", By.NAME)
         if pattern := first_match(name, GROUND):
-            return PieceRole("ground", f"{level} {name!r} matches {pattern!r}")
-    return PieceRole("obstacle", DEFAULT)
+            return PieceRole("ground", f"{level} {name!r} matches {pattern!r}", By.NAME)
+    return PieceRole("obstacle", "by default", By.DEFAULT)
 
 
 def _by_config(piece: Piece, options: Options) -> PieceRole | None:
     if piece.carrier and any(_is(piece.carrier, pattern) for pattern in options.drop):
-        return PieceRole("removed", f"it is drawn by {piece.carrier!r}, which the scenery's `drop` names")
+        return PieceRole("removed", f"it is drawn by {piece.carrier!r}, which the scenery's `drop` names", By.CONFIG)
     for key, use, whose in ASKED:
         if use == "ground" and piece.anonymous:
             continue  # its only name is that of the ground that carries it
         if found := matching(piece, getattr(options, key) or ()):
             level, name, pattern = found
-            return PieceRole(use, f"{level} {name!r} matches {pattern!r} of {whose}")
+            return PieceRole(use, f"{level} {name!r} matches {pattern!r} of {whose}", By.CONFIG)
     return None
 
 
@@ -182,8 +182,8 @@ def _water(piece: Piece) -> PieceRole | None:
     for candidates, words in ((own + materials, (*WATER, *WATERS)), (around, WATER)):
         for level, name in candidates:
             if not first_match(name, _DRY) and (pattern := first_match(name, words)):
-                return PieceRole("water", f"{level} {name!r} matches {pattern!r}, and it is wide and level")
+                return PieceRole("water", f"{level} {name!r} matches {pattern!r}, and it is wide and level", By.NAME)
     clear = piece.clear and not piece.unseen and not any(first_match(name, _DRY) for _, name in materials)
     if clear and is_wide_and_level(piece, least=5.0):
-        return PieceRole("water", "its material is transparent, and it is wide and level")
+        return PieceRole("water", "its material is transparent, and it is wide and level", By.FILE)
     return None
