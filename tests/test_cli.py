@@ -16,6 +16,7 @@ from hulldown import cli
 from hulldown.base.errors import HulldownError
 from hulldown.base.terminal import STDERR
 from hulldown.dataset.coco import CocoDataset
+from hulldown.rendering.supervisor import RenderReport
 from hulldown.tests.editing import render
 from hulldown.verbs.output import STDOUT
 
@@ -118,9 +119,13 @@ def test_a_stopped_run_reports_what_is_left(words, expected, monkeypatch, capsys
 def test_the_time_limit_of_a_picture_reaches_the_pool(monkeypatch):
     given = {}
     monkeypatch.setattr(hulldown.verbs.rendering, "planned_library", lambda *_: None)
-    monkeypatch.setattr("hulldown.rendering.supervisor.render_plan", lambda *_, **options: given.update(options))
-    with pytest.raises(AttributeError):  # there is no report
-        cli.main(["render", "plan.jsonl", "-o", "dataset", "--image-timeout", "7.5"])
+
+    def rendered(*_, **options):
+        given.update(options)
+        return RenderReport(1, 0, 1, (), restarts=0, interrupted=False, seconds=1.0)
+
+    monkeypatch.setattr("hulldown.rendering.supervisor.render_plan", rendered)
+    assert cli.main(["render", "plan.jsonl", "-o", "dataset", "--image-timeout", "7.5"]) == 0
     assert given["engine"].limits.job_s == 7.5
 
 

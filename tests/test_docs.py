@@ -3,6 +3,7 @@
 Every link has a target, and the command accepts the arguments of every `hulldown` line. `make thorough` runs them.
 """
 
+import itertools
 import re
 import shlex
 import subprocess
@@ -122,9 +123,14 @@ def test_the_code_of_the_python_page_runs_in_that_project(reader):
     assert (folder / "planned.png").exists()
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_the_command_accepts_the_arguments_of_every_line(page):
-    for line in commands(page):
+def test_the_command_accepts_the_arguments_of_every_line():
+    """Of those that are shown without being run, too."""
+    fenced = re.compile(r"(?ms)^ *```\w*\n(.*?)^ *```")
+    blocks = {page.stem: "\n".join(fenced.findall(page.read_text(encoding="utf-8"))) for page in PAGES}
+    shown = {page: re.findall(r"(?m)^ *(hulldown .*)$", text) for page, text in blocks.items()}
+    assert {"README", "cluster", "performance", "training"} <= {page for page, lines in shown.items() if lines}
+    assert all(set(commands(page)) <= set(shown[page.stem]) for page in PAGES)
+    for line in itertools.chain.from_iterable(shown.values()):
         assert callable(cli.parser().parse_args(shlex.split(line, comments=True)[1:]).run), line
 
 
