@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import re
+from typing import Any, get_type_hints
 
 import msgspec
 from msgspec import Struct
 
-from hulldown.planning.plan.row import PlannedVehicle, fields
-
-_PLACE = re.compile(r"`(?:key in )?\$\.?(?P<path>(?:(?P<list>planned)\[(?P<at>\d+)\]\.?)?(?P<key>\w*))[^`]*`$")
+from hulldown.planning.plan.row import PlannedVehicle, decoded_pose, fields
 
 
 def misfit(line: bytes, kind: type[Struct], error: Exception) -> str:
@@ -20,21 +18,28 @@ def misfit(line: bytes, kind: type[Struct], error: Exception) -> str:
         return f"is no JSON ({mistake})"
     if not isinstance(record, dict):
         return f"is {type(record).__name__}, not an image"
-    if lacking := _lacking(record, kind):
-        return f"lacks {', '.join(lacking[:3])}"
-    place = _PLACE.search(str(error))
-    assert place is not None, error
-    path, key, declared, value = place["path"], place["key"], fields(kind), record
-    if place["at"] is not None:
-        extra = record[place["list"]][int(place["at"])]
-        if isinstance(extra, dict):
-            if lacking := _lacking(extra, PlannedVehicle):
-                return f"lacks {path.rstrip('.').partition('.')[0]}.{lacking[0]}"
-            declared, value = fields(PlannedVehicle), extra
-        else:
-            path = key = place["list"]
-    return f"has {path.rstrip('.')} {value[key]!r:.60}, expected {declared[key].expected}"
+    return _problem(record, kind, "") or f"can't be used ({error})"
 
 
-def _lacking(record: dict[str, object], kind: type[Struct]) -> list[str]:
-    return [name for name, field in fields(kind).items() if name not in record and not field.optional]
+def _problem(record: dict[str, Any], kind: type[Struct], path: str) -> str | None:
+    """The first missing or wrong field of a record at a path; None if there is none."""
+    declared, hints = fields(kind), get_type_hints(kind, include_extras=True)
+    lacking = [name for name, field in declared.items() if name not in record and not field.optional]
+    if lacking:
+        return f"lacks {', '.join(path + name for name in (lacking[:1] if path else lacking[:3]))}"
+    for key, field in declared.items():
+        if key not in record or _is(record[key], hints[key]):
+            continue
+        within = record[key] if key == "planned" and isinstance(record[key], list) else []
+        inner = (_problem(each, PlannedVehicle, f"{key}[{i}].") for i, each in enumerate(within) if _is(each, dict))
+        return next(filter(None, inner), None) or f"has {path}{key} {record[key]!r:.60}, expected {field.expected}"
+    return None
+
+
+def _is(value: object, kind: Any) -> bool:
+    """Whether a value of JSON has a declared type and range."""
+    try:
+        msgspec.convert(value, kind, dec_hook=decoded_pose)
+    except (msgspec.ValidationError, ValueError, OverflowError, SystemError):  # the last two: of integers without end
+        return False
+    return True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,6 +15,7 @@ from msgspec import Meta, Struct
 from hulldown.annotate.rectangles import rectangle_corners
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import DATA, read_json, typed
+from hulldown.dataset.store.declared import misfits
 from hulldown.training.evaluation.labels import Labels
 
 INFO_SUFFIX = ".info.json"  # of a file next to the results: the processed images, and the detector
@@ -121,10 +122,9 @@ def predictions_of(
     """
     try:
         rows = typed(found, list[_Detection])
-    except ValueError as error:
-        problem, _, place = str(error).rpartition(" - at `$[")
-        number, _, key = place.rstrip("`").partition("]")
-        raise _unusable(f"{number}: {key.lstrip('.') or 'it'} is wrong: {problem}", path, labels) from None
+    except ValueError:
+        number, problem = next((i, problem) for i, each in enumerate(found) for problem in _misfits(each))
+        raise _unusable(f"{number}: {problem}", path, labels) from None
     index = {image["id"]: i for i, image in enumerate(labels.images)}
     oriented = any(row.obb is not None for row in rows)
     for i, row in enumerate(rows):
@@ -148,6 +148,14 @@ def predictions_of(
     order = np.lexsort((*boxes.T[::-1], -score, label, image))
     turned = None if corners is None else corners[order]
     return Predictions(name, called, image[order], label[order], xywh[order], score[order], turned)
+
+
+def _misfits(detection: object) -> Iterator[str]:
+    """Find what is wrong with a detection."""
+    if isinstance(detection, dict):
+        yield from misfits(detection, _Detection)
+    else:
+        yield f"{detection!r:.60} isn't an object"
 
 
 def _unusable(problem: str, path: Path, labels: Labels) -> DatasetError:
