@@ -65,7 +65,7 @@ def test_a_barely_visible_target_is_found_with_its_contrast(tmp_path, apart, sev
 
 
 def test_the_picture_of_another_row_is_found(tmp_path):
-    (first, mask), (second, other) = scene(1), scene(2)
+    (first, mask), (second, other) = scene(1), scene(3)
     assert not (mask & other).any()
     found = dataset(tmp_path, [second, first], [mask, other])
     assert [(each.severity, each.where) for each in found] == [("error", f"images/{i}.png") for i in (0, 1)]
