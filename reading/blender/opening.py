@@ -15,6 +15,7 @@ from bpy.app.handlers import persistent
 
 WORKING_SPACE = "Linear Rec.709"  # of HDRIs and of all colors in hulldown
 IMPORTS = ("GeometryNodeImportText", "GeometryNodeImportCSV")  # of files that no rendering needs, drawn as shapes
+UNKNOWN = "NodeTreeUndefined"
 SIMULATED = ("FLUID", "DYNAMIC_PAINT")  # modifiers whose files and folders cannot be forbidden
 
 
@@ -82,6 +83,7 @@ def disarm() -> list[str]:
             )
             for node in odd:
                 tree.nodes.remove(node)
+    left_out += _replace_unknown_nodes()
     for scene in bpy.data.scenes:
         bodies = scene.rigidbody_world
         if bodies and bodies.point_cache and not _keep_in_memory(bodies.point_cache):
@@ -93,6 +95,22 @@ def disarm() -> list[str]:
         scene.active_clip = None
     # They are in no picture, but are opened when their objects are evaluated.
     bpy.data.batch_remove([*bpy.data.sounds, *bpy.data.movieclips])
+    return left_out
+
+
+def _replace_unknown_nodes() -> list[str]:
+    """Give materials new nodes for those of a kind that this Blender lacks, with which Cycles crashes."""
+    left_out = []
+    for material in list(bpy.data.materials):
+        if material.node_tree and material.node_tree.bl_idname == UNKNOWN:
+            name, new = material.name, bpy.data.materials.new(material.name)
+            left_out.append(
+                f"the nodes of the material {name!r} are left out, since this Blender doesn't know their kind"
+            )
+            material.user_remap(new)
+            bpy.data.materials.remove(material)
+            new.name = name
+    bpy.data.batch_remove([tree for tree in bpy.data.node_groups if tree.bl_idname == UNKNOWN])
     return left_out
 
 
