@@ -139,6 +139,7 @@ def test_ground_by_shape_is_large_level_lowest_and_carries_other_objects(
 PLAIN = piece("OuterGround", size=(2000, 2000, 0), at=(0, 0, -0.3), level=1.0)
 ROAD = piece("Road", size=(110, 6, 0.1), at=(0, 0, 4.2), level=1.0)
 WALLS = piece("Hall", size=(60, 60, 8), at=(0, 0, 3.7), level=0.0)
+HORIZON_HOUSE = [piece("House", size=(12, 12, 9), at=(1500, 0, 10), level=0.4)]
 FAN = piece("Fan", size=(4, 4, 2), at=(5, 5, 9), level=0.4)
 
 
@@ -154,6 +155,7 @@ FAN = piece("Fan", size=(4, 4, 2), at=(5, 5, 9), level=0.4)
         (piece("Leaves", size=(120, 90, 4), at=(0, 0, 2), level=0.98, scattered=True), [ROAD], "obstacle"),
         (piece("Roof", size=(60, 60, 0.5), at=(0, 0, 8), level=0.98), [WALLS, FAN], "obstacle"),
         (piece("House_7", size=(60, 60, 8), at=(0, 0, 3.7), level=0.7, filled=2.0), [FAN], "obstacle"),
+        (piece("Horizon", size=(900, 900, 130), at=(1500, 0, 60), level=0.9), HORIZON_HOUSE, "obstacle"),
         (piece("Canopy", size=(1900, 1900, 1), at=(0, 0, 40), level=0.98), [], "obstacle"),
     ],
 )  # fmt: skip

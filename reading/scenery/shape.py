@@ -156,6 +156,8 @@ def carpets(
 ) -> list[int]:
     """Find wide level meshes that are ground by any name: as wide as the scenery, or under its roads and houses.
 
+    Hills on the horizon, whose bounds hold trees of the scenery too, lie outside of the ground that was found.
+
     Parameters
     ----------
     among
@@ -171,6 +173,7 @@ def carpets(
     whole = np.array([piece.bounds for piece in (*ground, *obstacles)])
     extent = np.ptp(np.stack([whole[:, 0].min(axis=0), whole[:, 1].max(axis=0)]), axis=0)
     between = sheets_between(pieces, among, [piece.bounds for piece in ground])
+    known = np.stack([np.min([p.bounds[0] for p in ground], axis=0), np.max([p.bounds[1] for p in ground], axis=0)])
     found = []
     for i in among:
         piece, least = pieces[i], COVERED * extent[0] * extent[1]
@@ -180,7 +183,9 @@ def carpets(
         if not wide or i in between or piece.bounds[0, 2] > highest + DROWNED:
             continue
         held = [p for p in obstacles if p is not piece and _is_under(p, piece)]
-        if not held and (piece.area > least or any(_stands_on(p, piece) for p in (*ground, *obstacles))):
+        here = 2.0 * _overlap(piece.bounds, known) > piece.area
+        carries = here and any(_stands_on(p, piece) for p in (*ground, *obstacles))
+        if not held and (piece.area > least or carries):
             found.append(i)
     return found
 
