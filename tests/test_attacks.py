@@ -130,7 +130,7 @@ def test_the_list_of_risky_features_alone_stops_them_when_read(
     assert written(attack) == before
     lost = [doubt.text for doubt in exported.report.doubts if "since its cache isn't in the file" in doubt.text]
     assert len(lost) == (case in ("fluid", "paint"))
-    assert {p.name for p in tmp_path.iterdir()} == {"bundle.npz", "tidy.blend", "answer.json"}
+    assert {p.name for p in tmp_path.iterdir()} == {"bundle.npz", "picture.png", "tidy.blend", "answer.json"}
 
 
 @pytest.mark.parametrize("role", ["scenery", "vehicle"])
