@@ -215,7 +215,7 @@ def test_the_command_writes_and_prints_the_report(scene, tmp_path, capsys):
     ("name", "options", "words"),
     [
         ("nowhere.json", (), "nowhere.json: no such file"),
-        ("annotations.json", (), "detection 0: it is wrong: Object missing"),
+        ("annotations.json", (), "detection 0: score is None"),
         ("none.json", ("--threshold", "best"), "none: has nothing to choose a threshold from; give one with --thresh"),
         ("weak.json", ("--validation", "."), "names 0 files of detections where 1 are evaluated"),
     ],
