@@ -73,6 +73,11 @@ class VehicleShape:
         """What can be seen, which boxes and sizes are of, and the part of each of its vertices."""
         return (self.mesh, self.vertex_part) if self.seen is None else (self.seen, self.seen_part)
 
+    def seen_of(self, part: int) -> Float[np.ndarray, "v 3"]:
+        """Vertices of what can be seen of a part, at rest; none of a part that is wholly transparent."""
+        surface, vertex_part = self.surface
+        return surface.vertices[vertex_part == part]
+
     @property
     def size_xyz(self) -> Float[np.ndarray, "3"]:
         """Length, width, height of the bounding box of what can be seen, at rest."""

@@ -23,7 +23,7 @@ from hulldown.placement.terrain import Terrain
 from hulldown.planning.config.schema import Config, PlacementSection
 from hulldown.scene.clearance import CameraRoom
 from hulldown.scene.posed_scene import Plane, Scene
-from hulldown.scene.posed_vehicle import TargetPart, VehicleTarget
+from hulldown.scene.posed_vehicle import VehicleTarget
 
 _BARE_EXTENT = 50.0  # meters to each side of the origin, for a scenery without ground and obstacles
 _BOUNDS = (np.min, np.max)
@@ -83,11 +83,11 @@ class Model:
 
     @cached_property
     def hulls(self) -> tuple[Float[np.ndarray, "h 3"], ...]:
-        """The vertices of the convex hull of what can be seen of each part of `target`."""
+        """Vertices of the convex hull of what can be seen of each part of `target`; of all of it, if nothing can."""
         if self.shape.seen is None:
             return tuple(part.hull for part in self.target.parts)
-        seen = [_seen(self.shape, part) for part in self.target.parts]
-        return tuple(points[extreme_points(points)] for points in seen)
+        seen = [(part, self.shape.seen_of(part.index)) for part in self.target.parts]
+        return tuple(points[extreme_points(points)] if len(points) else part.hull for part, points in seen)
 
 
 class Fleet:
@@ -125,31 +125,23 @@ class Fleet:
         self.footings = tuple(model.footing for model in self.models)
         self.contacts = stacked([footing.contact for footing in self.footings])
         self.parts = max(len(model.shape.part_names) for model in self.models)
-        parts = [model.target.parts for model in self.models]
+        parts = [list(zip(model.target.parts, model.hulls, strict=True)) for model in self.models]
         self.boxes = np.array([len(of_model) for of_model in parts])
         padded = [[*of_model, *[of_model[0]] * (self.boxes.max() - len(of_model))] for of_model in parts]
-        self.box_part = np.array([[part.index for part in of_model] for of_model in padded])
-        seen = [[_seen(model.shape, p) for p in of_model] for model, of_model in zip(models, padded, strict=True)]
+        self.box_part = np.array([[part.index for part, _ in of_model] for of_model in padded])
         low, high = (
-            np.array([[bound(points, axis=0) for points in of_model] for of_model in seen]) for bound in _BOUNDS
+            np.array([[bound(hull, axis=0) for _, hull in of_model] for of_model in padded]) for bound in _BOUNDS
         )
         self.half, self.box_center = (high - low) / 2, (low + high) / 2
         self.corners = np.where(_CORNERS, high[..., None, :], low[..., None, :])
         self.reach = np.array([_reach(model.shape) for model in self.models])
 
 
-def _seen(shape: VehicleShape, part: TargetPart) -> Float[np.ndarray, "v 3"]:
-    """Vertices of what can be seen of a part; all of a part that can't be seen."""
-    surface, vertex_part = shape.surface
-    points = surface.vertices[vertex_part == part.index]
-    return points if len(points) else part.hull
-
-
 def _reach(shape: VehicleShape) -> float:
     """Radius of a sphere about the origin that contains all parts in any articulation."""
-    reach, (surface, vertex_part) = 0.0, shape.surface
+    reach = 0.0
     for part in range(len(shape.part_names)):
-        part_vertices = surface.vertices[vertex_part == part]
+        part_vertices = shape.seen_of(part)
         if len(part_vertices):
             low, high = part_vertices.min(axis=0), part_vertices.max(axis=0)
             points = np.array(list(product(*np.stack([low, high]).T)))

@@ -89,8 +89,7 @@ def known_points(
 
 def _muzzle(shape: VehicleShape, part: int) -> Float[np.ndarray, "3"] | None:
     """The point just ahead of the middle of the gun's front end; None for a gun without length or unseen."""
-    surface, vertex_part = shape.surface
-    points = surface.vertices[vertex_part == part]
+    points = shape.seen_of(part)
     if not len(points):
         return None
     pivot, axis = shape.part_pivot[part], shape.part_axis[part]
