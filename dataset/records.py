@@ -27,10 +27,8 @@ from hulldown.dataset.store.reservations import runs_of
 from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, broken
 from hulldown.dataset.usable_labels import ROUNDED, beyond
 
-GAP, GAP_SHARE = (
-    2.0,
-    0.25,
-)  # pixels and share of its side by which a box with an antenna may exceed its mask: 0.2 of 713
+# Pixels, and share of its side, by which a box with an antenna may exceed its mask: 0.2 of 713.
+GAP, GAP_SHARE = 2.0, 0.25
 LISTED = 20  # findings of a kind that are printed
 
 

@@ -133,11 +133,9 @@ def draw(asset: VehicleShape | Scenery, picture: Path | None = None, *, size: in
     for i, (title, sight, up) in enumerate(VIEWS):
         at = (i % 2 * size, i // 2 * size)
         if title == FRONT_LEFT and picture is not None:
-            seen = Image.fromarray(read_pixels(picture)).resize((size, size), Image.Resampling.BICUBIC)
-            sheet.paste(seen, at)
-            ImageDraw.Draw(sheet).text(
-                (at[0] + 10, at[1] + 8), f"{title}, as rendered", fill=(0, 0, 0), font=lettering(14)
-            )
+            tile = Image.fromarray(read_pixels(picture)).resize((size, size), Image.Resampling.BICUBIC)
+            _name(tile, f"{title}, as rendered")
+            sheet.paste(tile, at)
             continue
         view = _View(np.array(sight), np.array(up), bounds, size)
         hits, light = view.look(world)
@@ -146,7 +144,8 @@ def draw(asset: VehicleShape | Scenery, picture: Path | None = None, *, size: in
         tile = Image.fromarray(image.reshape(size, size, 3).astype(np.uint8))
         if isinstance(asset, VehicleShape):
             _mark_pivots(tile, view, asset)
-        _caption(tile, view, title if isinstance(asset, VehicleShape) else title.partition(",")[0])
+        _name(tile, title if isinstance(asset, VehicleShape) else title.partition(",")[0])
+        _draw_bar(tile, view)
         sheet.paste(tile, at)
     pen, font = ImageDraw.Draw(sheet), lettering(14)
     for i, (name, color) in enumerate(colors.items()):
@@ -212,10 +211,13 @@ def _mark_pivots(tile: Image.Image, view: _View, shape: VehicleShape) -> None:
         pen.ellipse((x - 3, y - 3, x + 3, y + 3), fill=(255, 255, 255), outline=(0, 0, 0))
 
 
-def _caption(tile: Image.Image, view: _View, title: str) -> None:
-    """Name the view and draw a bar of a round number of meters."""
+def _name(tile: Image.Image, title: str) -> None:
+    ImageDraw.Draw(tile).text((10, 8), title, fill=(0, 0, 0), font=lettering(14))
+
+
+def _draw_bar(tile: Image.Image, view: _View) -> None:
+    """Draw a bar of a round number of meters."""
     pen, font = ImageDraw.Draw(tile), lettering(14)
-    pen.text((10, 8), title, fill=(0, 0, 0), font=font)
     room = view.size / view.scale / 3
     bar = 10.0 ** np.floor(np.log10(room))
     bar *= next((f for f in (5.0, 2.0) if f * bar <= room), 1.0)

@@ -32,9 +32,7 @@ FEW = 20  # boxes of a class, below which those of all classes are used
 DIRECTIONS = 24  # candidates for each camera
 LEAST_TOLERANCE = 0.03  # relative, of aspect ratios: no vehicle has exactly the sampled one
 HALF_CUT = 0.5  # largest share of the height assumed to be cut off from a box over a corner of the photograph
-CUT = (
-    0.8  # of the largest `truncated_fraction`, aimed for, as what the frame leaves fills less than its share of the box
-)
+CUT = 0.8  # of the largest `truncated_fraction`, aimed for: what the frame leaves fills less than its share of the box
 SLACK = 2.0  # largest factor by which estimated distances are wrong
 LAST = np.nextafter(1.0, 0.0)  # highest rank
 PATIENCE = 10  # places without a camera that count as a quarter of an image's tries
