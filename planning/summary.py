@@ -19,7 +19,7 @@ from rich.table import Table
 from hulldown.camera.shell import shell_place
 from hulldown.camera.weather.kinds import KINDS
 from hulldown.geometry.transforms import apply
-from hulldown.pictures.charts import Bars, Stairs, sheet
+from hulldown.pictures.bar_charts import Bars, Stairs, sheet
 from hulldown.pictures.sheets import save_sheet
 from hulldown.placement.rejection import AIMING, BY_KEY, PLACING
 from hulldown.planning.config.paint_section import OWN
