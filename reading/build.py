@@ -28,7 +28,7 @@ from hulldown.reading.vehicle.part_names import GUN_PART, HULL, TURRET_PART
 from hulldown.reading.vehicle.parts import find_parts
 from hulldown.reading.vehicle.solids import MOST, PlacedPieces
 from hulldown.reading.vehicle.stance import Upright, heading, vehicle_from_upright, with_solids_of
-from hulldown.reading.vehicle.strays import find_strays
+from hulldown.reading.vehicle.strays import Stray, find_strays
 from hulldown.reading.vehicle.things import find_things
 
 KILOMETER = 1000.0
@@ -56,11 +56,28 @@ class BuiltVehicle:
 def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle:
     """The vehicle among the pieces, its parts merged into one mesh (paper, section 2.1.3).
 
+    What might not belong to it is proposed for `drop` if the vehicle without it has fewer doubts.
+
     Raises
     ------
     AssetError
         If nothing is left of it, or the config names a turret, gun, or pivot that doesn't exist.
     """
+    built, strays = _build(name, upright, options)
+
+    def helps(stray: Stray) -> bool:
+        try:
+            other, left = _build(name, upright, replace(options, drop=(*options.drop, *stray.drop)))
+        except AssetError:
+            return False
+        return len(other.doubts) + len(left) < len(built.doubts) + len(strays)
+
+    doubts = (stray.doubt(helps=stray.small and helps(stray)) for stray in strays)
+    return replace(built, doubts=(*built.doubts, *doubts))
+
+
+def _build(name: str, upright: Upright, options: Options) -> tuple[BuiltVehicle, list[Stray]]:
+    """The vehicle with all other doubts, and what might not belong to it."""
     pieces, meshes, markers = upright.drawn.pieces, upright.drawn.meshes, upright.drawn.markers
     roles = vehicle_roles(pieces, keep=options.keep, drop=options.drop)
     kept = [i for i, role in enumerate(roles) if role.use == "vehicle"]
@@ -80,14 +97,14 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
         )
         wanted = [k for k, piece in enumerate(whole.pieces) if is_wanted(piece, options.keep)]
         others = [pieces[i] for i, role in enumerate(roles) if role.use == "dropped"]
-        strays, stray_doubts, doubts = find_strays(whole, meshes, wheels, wanted=wanted, left_out=others)
-        if not strays or len(strays) == len(kept):
+        out, out_doubts, strays = find_strays(whole, meshes, wheels, wanted=wanted, left_out=others)
+        if not out or len(out) == len(kept):
             break
-        left_out += stray_doubts
-        for k, why in strays.items():
+        left_out += out_doubts
+        for k, why in out.items():
             roles[kept[k]] = PieceRole("dropped", why)
         # Without them the nose, and so the protruding parts, may change.
-        kept = [i for k, i in enumerate(kept) if k not in strays]
+        kept = [i for k, i in enumerate(kept) if k not in out]
     try:
         parts = find_parts(whole, options)
     except ValueError as error:
@@ -138,11 +155,9 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
     from_file = shape.vehicle_from_file
     shape = shape.with_keypoints({key: (apply(from_file, at[None])[0], part) for key, (at, part) in marked.items()})
     things, several = ((), list[Doubt]()) if options.keep else find_things(whole, meshes, others)
-    doubts = [
-        doubt for doubt in (upright.up.doubt, forward.doubt, *several, *parts.doubts, *left_out, *doubts) if doubt
-    ]
+    doubts = tuple(filter(None, (upright.up.doubt, forward.doubt, *several, *parts.doubts, *left_out)))
     axes = f"up is {upright.up.value}, {upright.up.why}; ahead is {forward_said(forward.value)}, {forward.why}"
-    return BuiltVehicle(shape, roles, piece_part.tolist(), tuple(moving), axes, tuple(doubts), things)
+    return BuiltVehicle(shape, roles, piece_part.tolist(), tuple(moving), axes, doubts, things), strays
 
 
 def _compact(mesh: Mesh, points: Float[np.ndarray, "v 3"], name: str) -> Mesh:

@@ -213,10 +213,10 @@ def card(y: float, low: float) -> Mesh:
 @pytest.mark.parametrize(
     ("name", "mesh", "hidden", "what"),
     [
-        ("Thing", box((1, 1, 1), (0, 0, 2)), True, "hidden from the viewport, but rendered"),
-        ("Keel", box((1, 1, 1), (0, 0, 0.2)), False, "reaching below the wheels"),
-        ('"Keel"\n', box((1, 1, 1), (0, 0, 0.2)), False, "reaching below the wheels"),
-        ("Cube", box((2, 2, 2), (0, 0, 1.4)), False, "a new mesh of Blender's"),
+        ("Thing", box((0.5, 0.5, 1), (0, 0, 2)), True, "hidden from the viewport, but rendered"),
+        ("Keel", box((0.5, 0.5, 1), (0, 0, 0.2)), False, "reaching below the wheels"),
+        ('"Keel"\n', box((0.5, 0.5, 1), (0, 0, 0.2)), False, "reaching below the wheels"),
+        ("Cube", box((0.8, 0.8, 0.8), (0, 0, 2.5)), False, "a new mesh of Blender's"),
         ("Block", box((0.4, 0.4, 1), (0, 1.9, 0.5)), False, "not touching the rest"),
         ("Card", card(0, 0), False, "sticks out of the rest"),
     ],
@@ -229,6 +229,20 @@ def test_pieces_that_may_not_belong_are_doubted_with_a_drop_pattern(
     assert doubt.startswith(f"{name!r}: ")
     assert what in doubt
     assert f"set drop = {json.dumps([name])} if" in doubt
+
+
+BALL_ON_A_ROD = {"Rod": box((0.2, 0.2, 0.9), (-3.05, 0, 0.3)), "Ball": box((0.8, 0.4, 0.4), (-3.6, 0, 0.3))}
+
+
+@pytest.mark.parametrize(
+    "others",
+    [{"Crate": box((2, 2, 2), (0, 0, 0.9))}, BALL_ON_A_ROD],
+    ids=["much of the surface", "the ball would touch nothing"],
+)
+def test_no_doubt_proposes_to_drop_much_or_in_vain(others: dict[str, Mesh]) -> None:
+    (doubt,) = [d.text for d in read(TANK | others).doubts if d.kind == DoubtKind.STRAY]
+    assert doubt.startswith(f"{next(iter(others))!r}: ")
+    assert "look at it, and name it in drop" in doubt
 
 
 STUDIO = Mesh(

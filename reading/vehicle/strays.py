@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -22,10 +23,34 @@ BESIDE = (*STAGES, *FIGURES)  # without "plane", which armor plates are named to
 FAR = 0.08  # least gap if it can't belong to the rest
 SMALL = 0.75  # diagonal of a thing next to a vehicle over that of the rest; trailers are longer
 HULL = 0.35  # of the surface: what has more is no stray
-MUCH = 0.05  # of the surface, which a doubt states
+MUCH = 0.05  # of the surface: no doubt proposes to drop more, but for sheets
 BULKY = 1.3  # a bulk is longer than the rest by this factor in two directions
 FLAT = 1e-4  # of its longest side: a sheet without thickness
 NAMES = 6  # that a sentence lists
+
+
+@dataclass(frozen=True, slots=True)
+class Stray:
+    """Pieces that might not belong to a vehicle.
+
+    Parameters
+    ----------
+    text
+        Their names, and what is odd about them.
+    drop
+        Patterns that match them and nothing else.
+    small
+        Whether they're a small share of its surface, or sheets.
+    """
+
+    text: str
+    drop: tuple[str, ...]
+    small: bool
+
+    def doubt(self, *, helps: bool) -> Doubt:
+        """A doubt that proposes to drop them if that `helps`, and else to look first."""
+        advice = f"set drop = {as_key(self.drop)} if that" if helps else "look at it, and name it in drop if it"
+        return Doubt(DoubtKind.STRAY, f"{self.text}; {advice} isn't part of it")
 
 
 def find_strays(
@@ -35,7 +60,7 @@ def find_strays(
     *,
     wanted: Collection[int],
     left_out: Sequence[Piece],
-) -> tuple[dict[int, str], list[Doubt], list[Doubt]]:
+) -> tuple[dict[int, str], list[Doubt], list[Stray]]:
     """Find pieces that don't belong to the vehicle, and pieces that might not.
 
     One sign is a doubt, since parts of vehicles may have it. Two independent signs drop a piece:
@@ -56,7 +81,7 @@ def find_strays(
 
     Returns
     -------
-    Index of each dropped piece -> reason; doubts about those; and doubts about the rest.
+    Index of each dropped piece -> reason; doubts about those; and what else may not belong to it.
     """
     pieces, bounds, count = whole.pieces, whole.bounds, len(whole.pieces)
     none = np.zeros(count, bool)
@@ -121,7 +146,7 @@ def find_strays(
         for i, why in out.items()
         if not sure[i]
     ]
-    doubts = []
+    strays = []
     area = np.array([triangle_areas(p[meshes[m.mesh].faces]).sum() for p, m in zip(whole.points, pieces, strict=True)])
     seen = np.isin(np.arange(count), list(out)) | ((area > HULL * area.sum()) & ~sheets)
     for what, mask in signs.items():
@@ -129,11 +154,11 @@ def find_strays(
         share = float(area[own].sum() / max(area.sum(), 1e-30))
         if len(own) and (drop := patterns_of(own.tolist(), [*pieces, *left_out])):
             names = quoted((pieces[i].name for i in own), most=NAMES)
-            much = f", {100 * share:.0f} % of its surface" if share > MUCH else ""
-            text = f"{names}: {what}{much}; set drop = {as_key(drop)} if that isn't part of it"
-            doubts.append(Doubt(DoubtKind.STRAY, text))
+            much = share > MUCH
+            text = f"{names}: {what}" + (f", {100 * share:.0f} % of its surface" if much else "")
+            strays.append(Stray(text, drop, small=not much or bool(sheets[own].all())))
         seen |= mask
-    return out, out_doubts, doubts
+    return out, out_doubts, strays
 
 
 def _is_regular(piece: Piece, points: Float[np.ndarray, "v 3"]) -> bool:
