@@ -50,7 +50,9 @@ def fingerprint(asset: VehicleShape | Scenery) -> Fingerprint:
         nonlocal shape, count
         topology.update(f"{array.dtype.name} {array.shape}\n".encode())
         if array.dtype.kind == "f":
-            weight = (np.arange(count, count + array.size) * GOLDEN) % 1.0 - 0.5
+            weight = np.arange(count, count + array.size) * GOLDEN
+            weight -= np.floor(weight)  # modulo 1, in a tenth of the time that NumPy's `%` takes
+            weight -= 0.5
             weight += np.copysign(0.5, weight)  # no coordinate counts less than half
             shape += float(weight @ np.nan_to_num(array.ravel().astype(np.float64), posinf=0.0, neginf=0.0))
             count += array.size

@@ -34,7 +34,7 @@ class BoxTree:
 
     def __init__(self, bounds: Float[np.ndarray, "k 2 d"]) -> None:
         self._order = _morton_order(bounds)
-        self._size = np.ptp(bounds, axis=1).mean(axis=0) if len(bounds) else np.zeros(0)
+        self._size = (bounds[:, 1] - bounds[:, 0]).mean(axis=0) if len(bounds) else np.zeros(0)
         self._levels: list[Float[np.ndarray, "g 2*d f"]] = []
         d = bounds.shape[2]
         boxes = bounds[self._order].reshape(-1, 2 * d)
@@ -42,11 +42,11 @@ class BoxTree:
             groups = -(-len(boxes) // FANOUT)
             padded = np.repeat([[np.inf] * d + [-np.inf] * d], groups * FANOUT, axis=0)  # touched by nothing
             padded[: len(boxes)] = boxes
-            level = np.ascontiguousarray(padded.reshape(groups, FANOUT, 2 * d).transpose(0, 2, 1))
-            self._levels.insert(0, level)
+            grouped = padded.reshape(groups, FANOUT, 2 * d)
+            self._levels.insert(0, np.ascontiguousarray(grouped.transpose(0, 2, 1)))
             if groups == 1:
                 break
-            boxes = np.concatenate([level[:, :d].min(axis=2), level[:, d:].max(axis=2)], axis=1)
+            boxes = np.concatenate([grouped[..., :d].min(axis=1), grouped[..., d:].max(axis=1)], axis=1)
 
     def crossed(
         self,
@@ -181,9 +181,10 @@ def _morton_order(bounds: Float[np.ndarray, "k 2 d"]) -> Int[np.ndarray, " k"]:
     """
     if not len(bounds):
         return np.zeros(0, dtype=np.int32)
-    center = bounds.mean(axis=1)
-    extent = np.ptp(center, axis=0).max()
-    cell = ((center - center.min(axis=0)) * (1023.0 / (extent if extent > 0 else 1.0))).astype(np.int64)
+    center = (bounds[:, 0] + bounds[:, 1]) / 2
+    low = center.min(axis=0)
+    extent = (center.max(axis=0) - low).max()
+    cell = ((center - low) * (1023.0 / (extent if extent > 0 else 1.0))).astype(np.int64)
     for shift, kept in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
         cell = (cell | cell << shift) & kept  # until each bit is followed by two zeros
     return np.argsort(cell @ 2 ** np.arange(cell.shape[1]), kind="stable").astype(np.int32)
