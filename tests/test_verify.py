@@ -262,6 +262,12 @@ def test_a_missing_plan_and_a_missing_dataset_are_errors(dataset, tmp_path_facto
         list(verify(tmp_path_factory.mktemp("empty")))
 
 
+def test_a_dataset_by_another_tool_has_no_run_to_finish(dataset):
+    (dataset / "journal.jsonl").unlink()
+    (dataset / "annotations.json").rename(dataset / "_annotations.coco.json")
+    assert not list(verify(dataset))
+
+
 def test_an_interrupted_run_is_reported(dataset):
     (dataset / "annotations.json").unlink()
     with pytest.warns(UserWarning, match="is missing; it is made anew"):

@@ -16,7 +16,7 @@ from hulldown.base.outside import DATA, json_with_repeats, read_file
 from hulldown.base.terminal import reading_status, shown
 from hulldown.dataset.records import Finding, check_annotations, check_categories, check_images, check_runs, check_seals
 from hulldown.dataset.rows import check_planned
-from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, read_coco
+from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, JOURNAL_NAME, read_coco
 from hulldown.dataset.store.journal import is_cut_off
 from hulldown.dataset.verification.check_pictures import check_pictures
 from hulldown.dataset.verification.check_skies import sky_check
@@ -83,7 +83,7 @@ def verify(
     findings += check_runs(coco)
     if planned is not None:
         findings += check_planned(coco, planned)
-    findings += _check_loading(folder / ANNOTATIONS_NAME)
+    findings += _check_loading(folder)
     if is_cut_off(folder / JOURNAL_NAME):
         problem = "its last line is cut off: its image is not in the dataset; render again"
         findings.append(Finding("warning", JOURNAL_NAME, problem))
@@ -99,9 +99,12 @@ def _assets(plan: Plan, cache: str | os.PathLike[str] | None) -> Library:
         return load_planned_library(plan, cache=cache, progress=reading)
 
 
-def _check_loading(path: Path) -> Iterator[Finding]:
-    if not path.exists():
-        yield Finding("warning", path.name, "is not there yet: the run has not been closed; render again to finish it")
+def _check_loading(folder: Path) -> Iterator[Finding]:
+    path = next((path for name in (ANNOTATIONS_NAME, COCO_NAME) if (path := folder / name).exists()), None)
+    if path is None:
+        if (folder / JOURNAL_NAME).exists():
+            problem = "is not there yet: the run has not been closed; render again to finish it"
+            yield Finding("warning", ANNOTATIONS_NAME, problem)
         return
     refuse = partial(DatasetError, path=path)
     try:
