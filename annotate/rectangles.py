@@ -47,7 +47,7 @@ def mask_rectangle(segmentation: Any, width: int, height: int) -> Float[np.ndarr
     corners = _pixel_corners(segmentation, width, height)
     if not len(corners):
         return None
-    around = shapely.get_coordinates(shapely.oriented_envelope(shapely.multipoints(corners)))[:4]
+    around = shapely.get_coordinates(shapely.oriented_envelope(shapely.linestrings(corners)))[:4]
     first, second = around[1] - around[0], around[2] - around[1]
     sides = np.hypot(*first), np.hypot(*second)
     along = first if sides[0] >= sides[1] else second

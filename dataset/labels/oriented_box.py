@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from msgspec import Struct
 
-from hulldown.annotate.masks import encode
+from hulldown.annotate.masks import encode, runs
 from hulldown.annotate.rectangles import fits, mask_rectangle, rectangle_corners
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.labels.label_type import LabelType, SeenVehicle
@@ -39,10 +39,10 @@ def _problems(label: Record, image: Record, category: Record) -> Iterator[str]:
     if given is None or not isinstance(mask, Mapping):
         return
     try:
-        rectangle = mask_rectangle(mask, image["width"], image["height"])
+        first, _ = runs(mask, image["width"], image["height"])
     except ValueError:
         return  # found by the mask's check
-    if rectangle is None:
+    if not len(first):
         return
     if not is_rectangle(given):
         yield f"obb {given!r} is not [x, y, width, height, angle]"

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, UInt8
 
-from hulldown.assets.picture_files import DECODERS, UPRIGHT, read_picture, size_problem
+from hulldown.assets.picture_files import UPRIGHT, read_picture, size_problem
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import stays_inside
 from hulldown.dataset.records import Finding, by_image
@@ -21,7 +21,8 @@ from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.dataset.verification.look import check_looks, is_rendered
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
 
-LARGEST = 1 << 27  # pixels: four pictures are decoded at a time, 0.4 GB each
+CHECKERS = 2  # threads; four take half as much CPU time again, since they contend for memory and the interpreter
+LARGEST = 1 << 27  # pixels: each thread decodes one picture at a time, 0.4 GB
 Look = Callable[[Record, Sequence[Record], UInt8[np.ndarray, "h w 3"]], Iterable[Finding]]
 
 
@@ -53,7 +54,7 @@ def check_pictures(
     contents: dict[str, str] = {}
     digests: list[str | None] = []
     hashes: list[Bool[np.ndarray, "256"] | None] = []
-    with ThreadPoolExecutor(DECODERS) as pool:
+    with ThreadPoolExecutor(CHECKERS) as pool:
         # Chunks, so that a million results are not queued up.
         for start in range(0, len(images), 1024):
             chunk = images[start : start + 1024]

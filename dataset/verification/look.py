@@ -184,37 +184,44 @@ def outline_strength(
     down, right = (np.append(0, move.round().astype(int)) for move in moves)  # the first copy isn't moved
     height, width = mask.shape
     rows, columns = y + down[:, None], x + right[:, None]
+    at = rows * width + columns
     counts = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
     free = around.copy()
     free[near] &= ~ndimage.binary_dilation(mask[near], iterations=2)
-    counts[counts] = free[rows[counts], columns[counts]]
+    counts[counts] = free.take(at[counts])
     counts[counts.sum(axis=1) < LEAST_SHARE * len(y)] = False
     counts[0] = True
     copy, point = np.nonzero(counts)
-    at = (rows * width + columns)[counts]
-    below, beside = (part.reshape(-1, 3)[at] for part in _gradient(colors))
-    steps = below * facing[0, point, None] + beside * facing[1, point, None]
-    strengths = _strengths(steps, copy * SECTORS + sector[point], len(down))
+    at, group, facing = at[counts], copy * SECTORS + sector.take(point), facing.take(point, axis=1)
+    sums = []
+    for channel in np.moveaxis(colors, -1, 0):
+        below, beside = (part.take(at) for part in _gradient(channel))
+        sums.append(np.bincount(group, below * facing[0] + beside * facing[1], minlength=len(down) * SECTORS))
+    strengths = _strengths(np.stack(sums), np.bincount(copy, minlength=len(down)))
     here, elsewhere = strengths[0], strengths[1:][counts[1:].any(axis=1)]
     if len(elsewhere) < FEWEST:
         return np.nan
     return float((here - np.median(elsewhere)) / (np.std(elsewhere) + _NOISE))
 
 
-def _gradient(colors: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"], Float[np.ndarray, "h w 3"]]:
+def _gradient(channel: Float[np.ndarray, "h w"]) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
     """Return Sobel's gradient down and to the right, eight times as large."""
-    around = np.pad(colors, ((1, 1), (1, 1), (0, 0)), "edge")
+    around = np.pad(channel, 1, "edge")
     down, right = around[2:] - around[:-2], around[:, 2:] - around[:, :-2]
     return down[:, :-2] + 2 * down[:, 1:-1] + down[:, 2:], right[:-2] + 2 * right[1:-1] + right[2:]
 
 
 def _strengths(
-    steps: Float[np.ndarray, "n 3"], group: Int[np.ndarray, " n"], copies: int
+    sums: Float[np.ndarray, "3 copies*sectors"], points: Int[np.ndarray, " copies"]
 ) -> Float[np.ndarray, " copies"]:
     """Return the mean step across each copy of an outline; within a sector, steps up and down (noise, snow) cancel out.
 
-    A group is a sector of a copy. The channels are mixed with their neighbors.
+    Parameters
+    ----------
+    sums
+        (3, copies * SECTORS) sum of steps in each sector of each copy, by channel; channels are mixed.
+    points
+        Number of points of each copy.
     """
-    sums = np.stack([np.bincount(group, steps[:, channel], minlength=copies * SECTORS) for channel in range(3)])
-    largest = np.abs(_MIXED @ sums).max(axis=0).reshape(copies, SECTORS)
-    return largest.sum(axis=1) / np.maximum(np.bincount(group // SECTORS, minlength=copies), 1)
+    largest = np.abs(_MIXED @ sums).max(axis=0).reshape(-1, SECTORS)
+    return largest.sum(axis=1) / np.maximum(points, 1)
