@@ -11,28 +11,17 @@ challenge, IJCV 2010, and its development kit: pixels are counted from 1.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, NotRequired, TypeAlias, TypedDict
+from typing import Annotated, Any
 
 from msgspec import Meta, Struct
 
+from hulldown.assets.coco_types import Coco, Record
 from hulldown.assets.picture_files import read_picture
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import TEXT, read_file, read_text, typed, xml_of, yaml_of
-
-Record: TypeAlias = Mapping[str, Any]  # of COCO: JSON that may have any further fields
-
-
-class Coco(TypedDict):
-    """A dataset as a COCO dictionary, which may have any further keys."""
-
-    categories: list[Record]
-    images: list[Record]
-    annotations: list[Record]
-    info: NotRequired[Any]
-
 
 PICTURES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 YAML_NAMES = ("data.yaml", "dataset.yaml", "data.yml")

@@ -12,13 +12,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
+from hulldown.assets.coco_types import Record
 from hulldown.base.errors import DatasetError
 from hulldown.base.terminal import shown
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.provenance import add_provenance, read_failures, read_provenance, write_failures
 from hulldown.dataset.records import check_usable
 from hulldown.dataset.store.document import Document, check_is_dataset, read_document
-from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.placed_pictures import confined, own_picture, place
 from hulldown.dataset.store.reservations import Run
 from hulldown.dataset.store.seals import broken

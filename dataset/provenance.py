@@ -10,9 +10,9 @@ from typing import Any
 import orjson
 from msgspec import Struct
 
+from hulldown.assets.coco_types import Record
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import read_json, typed
-from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.journal import read_journal, replaced
 
 FAILURES_NAME = "failures.jsonl"

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 
 from hulldown.annotate.masks import extent
+from hulldown.assets.coco_types import Coco, Record
 from hulldown.base.errors import DatasetError, shortened
 from hulldown.base.files import stays_inside
 from hulldown.camera.intrinsics import Intrinsics
@@ -22,7 +23,7 @@ from hulldown.dataset.labels.types import LABEL_TYPES, Label
 from hulldown.dataset.store import declared
 from hulldown.dataset.store.declared import misfits
 from hulldown.dataset.store.document import read_coco
-from hulldown.dataset.store.entries import Coco, Record, place_of
+from hulldown.dataset.store.entries import place_of
 from hulldown.dataset.store.reservations import runs_of
 from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, broken
 from hulldown.dataset.usable_labels import ROUNDED, beyond

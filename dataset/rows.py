@@ -7,9 +7,9 @@ from typing import Any
 
 import orjson
 
+from hulldown.assets.coco_types import Coco, Record
 from hulldown.dataset.labels.types import fields_of_row
 from hulldown.dataset.records import Finding
-from hulldown.dataset.store.entries import Coco, Record
 from hulldown.dataset.store.reservations import find_run, plan_key
 from hulldown.planning.plan.row import PlannedVehicle, Row, encode, fields
 from hulldown.planning.plan_file import Plan

@@ -12,12 +12,12 @@ import numpy as np
 from jaxtyping import Float, Shaped
 from PIL import Image as Pictures
 
+from hulldown.assets.coco_types import Coco, Record
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.attributes import SCALES, SIDES, SIZE, name_of, number, numbers_of, sides_of, weather_of
 from hulldown.dataset.records import by_image, read_usable
 from hulldown.dataset.rows import image_record, label_records
-from hulldown.dataset.store.entries import Coco, Record
 from hulldown.geometry.arrays import spread
 from hulldown.pictures.drawing import contact_sheet, draw
 from hulldown.pictures.notebooks import ShownInNotebooks

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from hulldown.assets.coco_types import Record
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.attributes import number
-from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.seals import changed
 
 ROUNDED = 1e-6  # pixels: rounding error of decimal text

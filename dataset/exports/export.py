@@ -12,6 +12,7 @@ import orjson
 
 from hulldown.annotate.masks import extent
 from hulldown.annotate.outlines import polygons
+from hulldown.assets.coco_types import Record
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import all_or_nothing, is_done
 from hulldown.base.terminal import say, shown
@@ -21,7 +22,6 @@ from hulldown.dataset.exports.split import SPLITS, share_out
 from hulldown.dataset.labels.corners import ground_corners
 from hulldown.dataset.labels.oriented_box import visible_corners
 from hulldown.dataset.records import by_image, read_usable
-from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.seals import changed
 from hulldown.dataset.usable_labels import ALL_LABELS, LabelFloors, clipped_boxes, labeled_categories, refuse_all
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy import sparse
 
-from hulldown.dataset.store.entries import Record
+from hulldown.assets.coco_types import Record
 
 SPLITS = ("train", "valid", "test")
 _WITHOUT, _IMAGES = -1, -2  # labels for images without objects, and for images; COCO ids are 0 or more

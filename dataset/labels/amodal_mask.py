@@ -8,9 +8,9 @@ from typing import Any
 from msgspec import Struct
 
 from hulldown.annotate.masks import covers, encode, extent
+from hulldown.assets.coco_types import Record
 from hulldown.dataset.labels.label_type import LabelType, SeenVehicle
 from hulldown.dataset.labels.mask import outside
-from hulldown.dataset.store.entries import Record
 
 
 class Fields(Struct):

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 from msgspec import Struct
 
+from hulldown.assets.coco_types import Record
 from hulldown.dataset.labels.label_type import LabelType
 from hulldown.dataset.store.declared import Box, Share
-from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.seals import PICTURE_KEY
 from hulldown.dataset.usable_labels import ROUNDED, SLIGHT, beyond
 

@@ -9,9 +9,9 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta, Struct
 
+from hulldown.assets.coco_types import Record
 from hulldown.dataset.labels.label_type import LabelType
 from hulldown.dataset.store.declared import Rows, Three
-from hulldown.dataset.store.entries import Record
 from hulldown.geometry.portable import arctan2
 from hulldown.geometry.transforms import product
 from hulldown.planning.plan.row import PlannedVehicle, Row

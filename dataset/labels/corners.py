@@ -10,13 +10,13 @@ import numpy as np
 from jaxtyping import Float
 from msgspec import Struct
 
+from hulldown.assets.coco_types import Record
 from hulldown.base.errors import DatasetError
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, project_camera
 from hulldown.dataset.labels.box_3d import check_space, space_of
 from hulldown.dataset.labels.label_type import LabelType
 from hulldown.dataset.store.declared import Pixel
-from hulldown.dataset.store.entries import Record
 from hulldown.geometry.transforms import product
 from hulldown.planning.plan.row import PlannedVehicle, Row
 

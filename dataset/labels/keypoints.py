@@ -8,9 +8,9 @@ from typing import Any
 from msgspec import Struct
 
 from hulldown.annotate.keypoint_visibility import keypoints_in_image
+from hulldown.assets.coco_types import Record
 from hulldown.dataset.labels.label_type import LabelType, SeenVehicle
 from hulldown.dataset.store.declared import Pixel
-from hulldown.dataset.store.entries import Record
 
 
 class Fields(Struct):

@@ -10,7 +10,7 @@ from jaxtyping import Bool
 from msgspec import Struct
 from numpy import ndarray
 
-from hulldown.dataset.store.entries import Record
+from hulldown.assets.coco_types import Record
 from hulldown.planning.plan.row import PlannedVehicle, Row
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle

@@ -10,9 +10,9 @@ from jaxtyping import Float
 from msgspec import Struct
 
 from hulldown.annotate.masks import encode, extent
+from hulldown.assets.coco_types import Record
 from hulldown.dataset.labels.label_type import LabelType, SeenVehicle
 from hulldown.dataset.store.declared import Side
-from hulldown.dataset.store.entries import Record
 
 OUTSIDE = 1.0  # pixels that a mask may reach beyond its box
 

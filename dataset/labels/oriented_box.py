@@ -12,10 +12,11 @@ from msgspec import Struct
 
 from hulldown.annotate.masks import encode, runs
 from hulldown.annotate.rectangles import fits, mask_rectangle, rectangle_corners
+from hulldown.assets.coco_types import Record
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.labels.label_type import LabelType, SeenVehicle
 from hulldown.dataset.store.declared import Pixel, Side
-from hulldown.dataset.store.entries import Record, is_list_of_numbers
+from hulldown.dataset.store.entries import is_list_of_numbers
 
 
 class Fields(Struct):

@@ -9,8 +9,8 @@ from typing import Annotated, Any, get_type_hints
 import msgspec
 from msgspec import Meta, Struct
 
+from hulldown.assets.coco_types import Record
 from hulldown.base.outside import typed
-from hulldown.dataset.store.entries import Record
 
 Pixel = Annotated[float, Meta(ge=-1e9, le=1e9)]
 Side = Annotated[float, Meta(ge=0, le=1e9)]

@@ -9,8 +9,7 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
-from hulldown.assets.foreign_labels import Coco as Coco
-from hulldown.assets.foreign_labels import Record as Record
+from hulldown.assets.coco_types import Record
 from hulldown.base.files import UNFINISHED_NAME, stays_inside
 from hulldown.geometry.arrays import are_numbers
 

@@ -12,10 +12,10 @@ from typing import Any, BinaryIO
 
 import orjson
 
+from hulldown.assets.coco_types import Record
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import open_in_place, open_regular, replacing, sync_folder
 from hulldown.base.outside import json_of
-from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.seals import LINE_KEY, line_is_broken, seal_line
 
 MERGED = b'{"merged":true}\n'  # everything above this line is in annotations.json

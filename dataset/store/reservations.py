@@ -7,8 +7,8 @@ from typing import Annotated, TypeAlias
 
 import msgspec
 
+from hulldown.assets.coco_types import Record
 from hulldown.base.outside import sha256_of
-from hulldown.dataset.store.entries import Record
 
 _Count: TypeAlias = Annotated[int, msgspec.Meta(ge=0)]
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import orjson
 
-from hulldown.dataset.store.entries import Record
+from hulldown.assets.coco_types import Record
 
 PICTURE_KEY = "picture_sha256"
 RECORD_KEY = "record_sha256"

@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, UInt8
 
+from hulldown.assets.coco_types import Coco, Record
 from hulldown.assets.picture_files import UPRIGHT, read_picture, size_problem
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import stays_inside
 from hulldown.dataset.records import Finding, by_image
-from hulldown.dataset.store.entries import Coco, Record, place_of
+from hulldown.dataset.store.entries import place_of
 from hulldown.dataset.store.placed_pictures import own_picture
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.dataset.verification.look import check_looks, is_rendered

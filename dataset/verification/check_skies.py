@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, UInt8
 from PIL import Image
 from scipy import ndimage
 
+from hulldown.assets.coco_types import Coco, Record
 from hulldown.camera.backdrop import HIGH, even_color, fade
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
@@ -19,7 +20,7 @@ from hulldown.camera.response import displayed, white_balance
 from hulldown.camera.sensor import Sensor
 from hulldown.camera.weather.kinds import Weather, air_layers, airlight, even_sky
 from hulldown.dataset.records import Finding
-from hulldown.dataset.store.entries import Coco, Record, is_box
+from hulldown.dataset.store.entries import is_box
 from hulldown.dataset.store.reservations import Run, find_run, plan_key
 from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan_file import Plan

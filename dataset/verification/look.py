@@ -16,8 +16,8 @@ from jaxtyping import Bool, Float, Int, UInt8
 from scipy import ndimage
 
 from hulldown.annotate.masks import decode
+from hulldown.assets.coco_types import Record
 from hulldown.dataset.records import Finding
-from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.seals import PICTURE_KEY
 from hulldown.geometry.color import LUMINANCE
 

@@ -16,10 +16,10 @@ import orjson
 from jaxtyping import Bool, Float, Int
 
 from hulldown.annotate.masks import decode, run_lengths
+from hulldown.assets.coco_types import Coco
 from hulldown.assets.picture_files import read_picture, read_pixels
 from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.dataset.records import by_image, read_usable
-from hulldown.dataset.store.entries import Coco
 from hulldown.dataset.usable_labels import clipped_boxes, labeled_categories
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
 from hulldown.training.inputs.samples import Sample

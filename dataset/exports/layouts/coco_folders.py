@@ -6,9 +6,9 @@ from pathlib import Path
 
 import orjson
 
+from hulldown.assets.coco_types import Record
 from hulldown.dataset.exports.layouts.shares import Shares
 from hulldown.dataset.store.document import COCO_NAME
-from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.seals import changed
 
 

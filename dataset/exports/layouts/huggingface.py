@@ -13,8 +13,8 @@ from typing import Any
 
 import orjson
 
+from hulldown.assets.coco_types import Record
 from hulldown.dataset.exports.layouts.shares import Shares, rings_of
-from hulldown.dataset.store.entries import Record
 
 FOLDERS = {"train": "train", "valid": "validation", "test": "test"}  # folder names of the splits
 

@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
+from hulldown.assets.coco_types import Record
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.dataset.attributes import number as number_of
 from hulldown.dataset.exports.layouts.shares import VAL_NAMES, Shares
-from hulldown.dataset.store.entries import Record
 
 UNKNOWN = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)  # KITTI's values for an unknown 3D box
 UNKNOWN_ALPHA = -10.0

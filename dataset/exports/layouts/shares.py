@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from itertools import count
 from pathlib import Path, PurePosixPath
 
+from hulldown.assets.coco_types import Record
 from hulldown.assets.picture_files import DECODERS, read_picture
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import sha256_of
-from hulldown.dataset.store.entries import Record
 from hulldown.dataset.store.placed_pictures import LinkError, link_or_copy, own_picture
 from hulldown.dataset.store.seals import PICTURE_KEY
 from hulldown.dataset.usable_labels import refuse_all

@@ -20,9 +20,9 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.annotate.outlines import bridged
+from hulldown.assets.coco_types import Record
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.exports.layouts.shares import VAL_NAMES, Item, Shares, rings_of
-from hulldown.dataset.store.entries import Record
 
 CornersOf: TypeAlias = Callable[[Record, Record], Float[np.ndarray, "4 2"]]
 Lines: TypeAlias = Callable[[Item, Mapping[int, int]], list[str]]
