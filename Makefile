@@ -7,8 +7,10 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 DEMO ?= hulldown-demo
 STUDY ?= hulldown-study
-# COCO folders `train` and `dev` of photographs of tanks, which aren't part of the project; a file for the backbone, if not torchvision's.
-PHOTOGRAPHS ?= ../shared/photographs/tanks
+# tanks, or cars from above; COCO folders `train` and `dev` of photographs of them, which aren't part of the project; a file for the backbone, if not
+# torchvision's.
+SET ?= tanks
+PHOTOGRAPHS ?= ../shared/photographs/$(SET)
 WEIGHTS ?=
 STAMP := $(VENV)/.installed
 TRAINING_STAMP := $(VENV)/.installed-training
@@ -53,12 +55,12 @@ study: setup-training ## what rendered images are worth beside stand-ins for pho
 	$(BIN)/hulldown study run $(STUDY)/study.toml -o $(STUDY)/study
 	$(BIN)/hulldown study report $(STUDY)/study
 
-photographs: setup-training ## what renders are worth beside photographs of tanks: an hour (PHOTOGRAPHS=folder, WEIGHTS=file); ends in a report below STUDY
-	$(BIN)/python -m hulldown.benchmarks.photographs $(STUDY) $(PHOTOGRAPHS) $(if $(WEIGHTS),--weights $(WEIGHTS))
-	test -e $(STUDY)/renders.jsonl || $(BIN)/hulldown plan $(STUDY)/renders.toml -o $(STUDY)/renders.jsonl
-	$(BIN)/hulldown render $(STUDY)/renders.jsonl -o $(STUDY)/renders
-	$(BIN)/hulldown study run $(STUDY)/study.toml -o $(STUDY)/photographs
-	$(BIN)/hulldown study report $(STUDY)/photographs
+photographs: setup-training ## what renders are worth beside photographs: half an hour (SET=cars, PHOTOGRAPHS=folder, WEIGHTS=file); ends in a report below STUDY
+	$(BIN)/python -m hulldown.benchmarks.photographs $(SET) $(STUDY)/$(SET) $(PHOTOGRAPHS) $(if $(WEIGHTS),--weights $(WEIGHTS))
+	test -e $(STUDY)/$(SET)/renders.jsonl || $(BIN)/hulldown plan $(STUDY)/$(SET)/renders.toml -o $(STUDY)/$(SET)/renders.jsonl
+	$(BIN)/hulldown render $(STUDY)/$(SET)/renders.jsonl -o $(STUDY)/$(SET)/renders
+	$(BIN)/hulldown study run $(STUDY)/$(SET)/study.toml -o $(STUDY)/$(SET)/study
+	$(BIN)/hulldown study report $(STUDY)/$(SET)/study
 
 browser: ## install Chromium and its driver, which tests of pages need: on Debian and Ubuntu, as root
 	@command -v chromedriver >/dev/null && command -v chromium >/dev/null || \

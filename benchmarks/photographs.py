@@ -1,4 +1,4 @@
-"""`make photographs`: what renders of the demo's tanks are worth beside photographs of tanks.
+"""`make photographs SET=tanks`: what renders of the demo's vehicles are worth beside photographs.
 
 Writes demo assets, a config of renders that follow the photographs, and a study's config into a folder. The
 photographs aren't part of the project.
@@ -8,87 +8,170 @@ from __future__ import annotations
 
 import argparse
 import json
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from hulldown.base.files import replacing
-from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, PAINT, SCENERY_FILES, TANK
+from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, GLOSS, PAINT, SCENERY_FILES, TANK
 from hulldown.demo.make_assets import FILES, build_demo_assets
 from hulldown.planning.config.template import config_text
 
-LABEL = "tank"  # their class in the photographs
-RENDERS = 72
+TOWNS = ("sceneries/town_1.blend", "sceneries/town_2.blend")
+CAR_COLORS = ["own", *GLOSS, "#e6e6e4", "#f2f2f0", "#1a1b1e", "#a7abb0", "#9b1c1a"]
 NEEDS = """\
-make photographs needs labeled photographs of tanks, in COCO folders `train` and `dev`; {lacking} is missing.
-Name their folder with PHOTOGRAPHS=DIR. The photographs behind the figures in docs/study.md are from Open Images, with
-boxes of the class Tank: 120 to train on, 200 to test on, 60 of which show other vehicles alone."""
+make photographs needs labeled photographs in COCO folders `train` and `dev`; {lacking} is missing.
+Name their folder with PHOTOGRAPHS=DIR. Those behind the figures in docs/study.md are 320 photographs from Open Images
+with boxes of the class Tank, and 178 tiles of aerial photographs of streets (KIT AIS and Minsk) with boxes of vehicles.
+"""
 STUDY = """\
-# Written by `make photographs`. What renders are worth beside photographs of tanks; see docs/study.md.
+# Written by `make photographs`. What renders are worth beside photographs of {name}; see docs/study.md.
 real = {train}
 synthetic = "renders"
 test = {test}
-arms = ["real", "mixed", "synthetic"]
-fractions = [1.0, 0.25, 0.1, 0.05]
+fractions = {fractions}
 seeds = [0, 1, 2]
 
 [train]
 model = "small"
 budget = 800
-resolution = 192
-{weights}"""
+resolution = {resolution}
+{train_keys}"""
 
 
-def renders_text(photographs: Path) -> str:
-    """The config of renders that follow the boxes of photographs, taken by a person who stands."""
-    vehicles = [
-        {
-            "path": f"vehicles/{name}.blend",
-            "category": LABEL,
-            "paint": [{"materials": [CAMOUFLAGE.get(name, "Camouflage")], **PAINT}],
-        }
-        for name, category in CATEGORY.items()
-        if category == TANK
-    ]
-    others = [f"distractors/{name}.blend" for name in ("civilian_car", "panel_van", "container")]
-    return config_text(
-        vehicles=vehicles,
-        distractors=[{"path": path} for path in (*others, "vehicles/truck_cargo.blend")],
-        sceneries=[{"path": path} for path in SCENERY_FILES],
+@dataclass(frozen=True, slots=True)
+class Photographed:
+    """What a set of photographs shows, and how renders follow it.
+
+    Parameters
+    ----------
+    vehicles, distractors
+        Entries of a config.
+    sceneries, hdris
+        Files, and patterns of files.
+    values
+        Keys of the config.
+    fractions, resolution, train_keys
+        Of the study: shares of the photographs, pixels, and further lines.
+    """
+
+    vehicles: list[dict[str, Any]]
+    distractors: list[dict[str, Any]]
+    sceneries: tuple[str, ...]
+    hdris: list[str]
+    values: Mapping[str, Any]
+    fractions: list[float]
+    resolution: int
+    train_keys: str = ""
+
+
+def _painted(name: str, weight: float, value: list[float]) -> dict[str, Any]:
+    paint = [{"materials": ["Paint"], "colors": CAR_COLORS, "value": value}]
+    return {"path": f"distractors/{name}.blend", "category": "vehicle", "weight": weight, "paint": paint}
+
+
+SETS = {
+    "tanks": Photographed(  # taken by persons who stand
+        vehicles=[
+            {
+                "path": f"vehicles/{name}.blend",
+                "category": "tank",
+                "paint": [{"materials": [CAMOUFLAGE.get(name, "Camouflage")], **PAINT}],
+            }
+            for name, category in CATEGORY.items()
+            if category == TANK
+        ],
+        distractors=[
+            *({"path": f"distractors/{name}.blend"} for name in ("civilian_car", "panel_van", "container")),
+            {"path": "vehicles/truck_cargo.blend"},
+        ],
+        sceneries=SCENERY_FILES,
         hdris=["hdris/sky_*.exr", "hdris/sunrise.exr"],
         values={
-            "budget.images_per_class": RENDERS,
-            "budget.images_per_position": 1,
+            "budget.images_per_class": 216,
             "placement.vehicles_per_image": [1, 3],
             "placement.distractors_per_image": [0, 2],
-            "camera.like": str(photographs),
-            "camera.like_share": 1.0,
             "camera.elevation_deg": [0.5, 6.0],
-            "camera.fov_x_deg": [30.0, 60.0],
-            "camera.truncated_fraction": [0.0, 0.5],
-            "camera.visible_fraction": [0.5, 1.0],
-            "render.profile": "train",
             "render.width": 320,
             "render.height": 240,
-            "render.samples": 4,
         },
+        fractions=[1.0, 0.25, 0.1, 0.05],
+        resolution=192,
+    ),
+    "cars": Photographed(  # from above
+        vehicles=[_painted("civilian_car", 3.0, [0.8, 1.2]), _painted("panel_van", 1.0, [0.9, 1.1])],
+        distractors=[],
+        sceneries=TOWNS,
+        hdris=["hdris/sky_*.exr"],
+        values={
+            "budget.images_per_class": 96,
+            "placement.vehicles_per_image": [3, 9],
+            "placement.companion_distance": [3.0, 30.0],
+            "placement.vehicle_clearance": 0.6,
+            "placement.distractors_per_image": [0, 0],
+            "camera.elevation_deg": [40.0, 89.0],
+            "render.width": 480,
+            "render.height": 270,
+        },
+        fractions=[1.0, 0.25, 0.0625],
+        resolution=320,
+        train_keys='augmentation.preset = "aerial"\n',
+    ),
+}
+SHARED = {
+    "budget.images_per_position": 1,
+    "camera.like_share": 1.0,
+    "camera.fov_x_deg": [30.0, 60.0],
+    "camera.truncated_fraction": [0.0, 0.5],
+    "camera.visible_fraction": [0.5, 1.0],
+    "render.profile": "train",
+    "render.samples": 4,
+}
+
+
+def renders_text(shown: Photographed, photographs: Path) -> str:
+    """The config of renders that follow the boxes of photographs."""
+    return config_text(
+        vehicles=shown.vehicles,
+        distractors=shown.distractors,
+        sceneries=[{"path": path} for path in shown.sceneries],
+        hdris=shown.hdris,
+        values={**SHARED, **shown.values, "camera.like": str(photographs)},
     )
 
 
 def main() -> None:
     """Write what the study needs; files that are there stay."""
     parser = argparse.ArgumentParser(prog="python -m hulldown.benchmarks.photographs", description=__doc__)
+    parser.add_argument("set", choices=sorted(SETS))
     parser.add_argument("folder", type=Path)
     parser.add_argument("photographs", type=Path, help="folder of the COCO folders train and dev")
     parser.add_argument("--weights", type=Path, help="of the backbone; default: torchvision's download")
     arguments = parser.parse_args()
-    folder, (train, test) = arguments.folder, (arguments.photographs.resolve() / name for name in ("train", "dev"))
+    folder, shown = arguments.folder, SETS[arguments.set]
+    train, test = (arguments.photographs.resolve() / name for name in ("train", "dev"))
     for needed in (train, test, *([arguments.weights] if arguments.weights else [])):
         if not needed.exists():
-            parser.exit(2, NEEDS.format(lacking=needed) + "\n")
+            parser.exit(2, NEEDS.format(lacking=needed))
     if not all((folder / file).exists() for file in FILES):
         build_demo_assets(folder)
+    for seed, file in enumerate(TOWNS):
+        if file in shown.sceneries and not (folder / file).exists():
+            town = [sys.executable, "-P", "-m", "hulldown.benchmarks.town", str(folder / file), str(seed)]
+            subprocess.run(town, check=True, stdout=subprocess.DEVNULL)
     weights = f"weights = {json.dumps(str(arguments.weights.resolve()))}\n" if arguments.weights else ""
-    study = STUDY.format(train=json.dumps(str(train)), test=json.dumps(str(test)), weights=weights)
-    for name, text in (("renders.toml", renders_text(train)), ("study.toml", study)):
+    study = STUDY.format(
+        name=arguments.set,
+        train=json.dumps(str(train)),
+        test=json.dumps(str(test)),
+        fractions=shown.fractions,
+        resolution=shown.resolution,
+        train_keys=shown.train_keys + weights,
+    )
+    for name, text in (("renders.toml", renders_text(shown, train)), ("study.toml", study)):
         if not (folder / name).exists():
             with replacing(folder / name) as file:
                 file.write(text.encode())
