@@ -83,9 +83,10 @@ def check_rows(plan: Plan, planner: Planner, *, progress: Callable[[int, int], N
 
 def _findings(row: Row, planned: Row, planner: Planner) -> Iterator[str]:
     """Yield the differences of a row from the planned one."""
-    new = relabeled(row, planner.stage)
-    inconsistent = dict(_differences(row, new)) if new else {}
-    for k in _in_the_dark(row, planner.stage) if new else ():
+    stage = planner.stage
+    known = known_poses(row, stage)
+    inconsistent = dict(_differences(row, relabeled(row, *known, stage))) if known else {}
+    for k in _in_the_dark(*known, stage) if known else ():
         yield f"image {row.index}: planned[{k}], {row.planned[k].vehicle}, is where no light of the sky reaches it"
     for key, (value, wanted) in inconsistent.items():
         yield f"image {row.index}: {key} is {value}, its poses give {wanted}"
@@ -130,32 +131,14 @@ def _shown(value: Any) -> str:
     return text if len(text) <= LONGEST else text[:LONGEST] + "..."
 
 
-def relabeled(row: Row, stage: PlanStage) -> Row | None:
-    """Return an edited row with new values that follow from its poses: boxes, shares, labels, gaps, and the like.
-
-    None is returned for a row with an unknown scenery, vehicle, or part.
-    """
+def known_poses(row: Row, stage: PlanStage) -> tuple[Site, Instances] | None:
+    """Return a row's site and posed vehicles; None for an unknown scenery, vehicle, or part."""
     site = next((site for site in stage.sites if site.name == row.scenery), None)
     parts = {model.shape.name: set(model.shape.part_names[1:]) for model in stage.fleet.models}
     complete = [v.vehicle in parts and v.articulation.keys() <= parts[v.vehicle] for v in row.planned]
     if site is None or not all(complete):
         return None
-    pairs = zip(row.planned, _labels(row, site, stage), strict=True)
-    target, *extras = (replace(vehicle, **labels) for vehicle, labels in pairs)
-    label: Label = "none" if row.background else "full"
-    return replace(row, planned=[replace(target, label=label), *extras])
-
-
-def _in_the_dark(row: Row, stage: PlanStage) -> list[int]:
-    """Return which vehicles stand where the config allows none: in a closed hall, or in a hollow hill."""
-    site = next(site for site in stage.sites if site.name == row.scenery)
-    if stage.config.placement.indoors:
-        return []
-    return np.flatnonzero(~sees_sky(site, _instances(row, stage))).tolist()
-
-
-def _instances(row: Row, stage: PlanStage) -> Instances:
-    return Instances.of(
+    return site, Instances.of(
         stage.fleet,
         [vehicle.vehicle for vehicle in row.planned],
         np.array([vehicle.world_from_vehicle for vehicle in row.planned]),
@@ -163,10 +146,24 @@ def _instances(row: Row, stage: PlanStage) -> Instances:
     )
 
 
-def _labels(row: Row, site: Site, stage: PlanStage) -> list[dict[str, object]]:
+def relabeled(row: Row, site: Site, vehicles: Instances, stage: PlanStage) -> Row:
+    """Return an edited row with new values that follow from its poses: boxes, shares, labels, gaps, and the like."""
+    pairs = zip(row.planned, _labels(row, site, vehicles, stage), strict=True)
+    target, *extras = (replace(vehicle, **labels) for vehicle, labels in pairs)
+    label: Label = "none" if row.background else "full"
+    return replace(row, planned=[replace(target, label=label), *extras])
+
+
+def _in_the_dark(site: Site, vehicles: Instances, stage: PlanStage) -> list[int]:
+    """Return which vehicles stand where the config allows none: in a closed hall, or in a hollow hill."""
+    if stage.config.placement.indoors:
+        return []
+    return np.flatnonzero(~sees_sky(site, vehicles)).tolist()
+
+
+def _labels(row: Row, site: Site, vehicles: Instances, stage: PlanStage) -> list[dict[str, object]]:
     """Return the fields of each vehicle that follow from poses."""
-    planned, config, fleet = row.planned, stage.config, stage.fleet
-    k, vehicles = len(planned), _instances(row, stage)
+    config, k = stage.config, len(row.planned)
     # Pairs of each vehicle and another one, which isn't the target if that is left out of the picture.
     subject, other = np.nonzero(~np.eye(k, dtype=bool) & ~(row.empty & (np.arange(k) == 0)))
     cameras = dataclasses.replace(no_views(k), lens=lenses(row.intrinsics).spread(k))
@@ -176,7 +173,7 @@ def _labels(row: Row, site: Site, stage: PlanStage) -> list[dict[str, object]]:
     views, pixels = views_of_others(site, vehicles, others, cameras=cameras, visibility_m=visibility, config=config)
     labels = labels_of(views, pixels, config)
     poses = vehicles.world_from_vehicle
-    gap, penetration = gap_and_penetration(site.terrain, poses, fleet.contacts.of(vehicles.model))
+    gap, penetration = gap_and_penetration(site.terrain, poses, stage.fleet.contacts.of(vehicles.model))
     up = poses[:, :3, 2]
     numbers = {"slope_deg": np.degrees(np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2]))}
     numbers |= {"gap": gap, "penetration": penetration}

@@ -20,7 +20,7 @@ from hulldown.dataset.rows import image_record, label_records
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply
 from hulldown.placement.terrain import Terrain
-from hulldown.planning.check import relabeled
+from hulldown.planning.check import known_poses, relabeled
 from hulldown.planning.config.paint_section import OWN
 from hulldown.planning.planner import Planner
 from hulldown.planning.summary import summarize
@@ -145,7 +145,7 @@ def test_every_row_keeps_every_limit(config):
         camera_within_limits(row, config)
         light_within_limits(row, config)
         labels_are_what_is_seen(row, config)
-        labels_follow_from_the_poses(row, relabeled(row, planner.stage))
+        labels_follow_from_the_poses(row, relabeled(row, *known_poses(row, planner.stage), planner.stage))
         guests_keep_their_distance(row, config)
     shown_angles_are_the_configured_ones(rows, config)
 

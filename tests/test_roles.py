@@ -12,7 +12,7 @@ from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.reading.pieces.naming import GROUND, GUN, GUN_HINTS, HELPERS, TURRET_HINTS, first_match, hints
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.pieces.roles import Link, Piece, vehicle_roles
+from hulldown.reading.pieces.roles import Link, Piece, Unseen, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
 from hulldown.reading.vehicle.parts import Parts, find_parts
 from hulldown.reading.vehicle.solids import PlacedPieces, find_solids
@@ -119,7 +119,7 @@ def test_the_config_overrides_the_rules_and_keep_overrides_drop() -> None:
     floor, wheel, spare = piece("Floor", size=(20, 20, 0.1)), piece("Wheel"), piece("Wheel_spare")
     got = vehicle_uses(HULL, floor, wheel, spare, keep=["floor", "*spare"], drop=["wheel*"])
     assert got == ["vehicle", "vehicle", "dropped", "vehicle"]
-    unseen = piece("Ghost", unseen="invisible")
+    unseen = piece("Ghost", unseen=Unseen.RAY_VISIBILITY)
     assert vehicle_uses(HULL, unseen, keep=["*"]) == ["vehicle", "dropped"]
 
 
@@ -134,7 +134,7 @@ def test_the_config_overrides_the_rules_and_keep_overrides_drop() -> None:
         (piece("Road_sign"), "obstacle"),
         (piece("Cube"), "obstacle"),
         (piece("Skydome"), "backdrop"),
-        (piece("Ground", unseen="a holdout"), "dropped"),
+        (piece("Ground", unseen=Unseen.HOLDOUT), "dropped"),
         # The tree is scattered over the ground, which carries it but mustn't pass on its name.
         (piece("Oak", link("Ground", "Terrain")), "obstacle"),
         (piece(link("Oak", "Landscape"), scattered=True), "obstacle"),

@@ -9,8 +9,8 @@ from hulldown.reading.doubts import scenery_doubts
 from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.pieces.roles import Evaluated, Piece
-from hulldown.reading.scenery.scenery_roles import VOLUME, matching, scenery_roles, unmatched
+from hulldown.reading.pieces.roles import Evaluated, Piece, Unseen
+from hulldown.reading.scenery.scenery_roles import matching, scenery_roles, unmatched
 from hulldown.reading.vehicle_or_scenery import likely_kind, refuse_wrong_kind
 from hulldown.tests.test_roles import link, piece
 from hulldown.tests.test_roles import scenery_uses as uses
@@ -71,10 +71,10 @@ def test_water_by_material_is_wide_and_not_a_window() -> None:
 
 
 def test_water_that_is_only_a_volume_is_found_by_name() -> None:
-    assert uses(lake("Ocean", unseen=VOLUME, clear=True)) == ["water"]
-    assert uses(lake("Mist", unseen=VOLUME, clear=True)) == ["dropped"]
-    assert uses(lake("Ocean", unseen="a holdout")) == ["dropped"]
-    assert uses(lake("Mist", unseen=VOLUME), water=("Mist",)) == ["water"]
+    assert uses(lake("Ocean", unseen=Unseen.VOLUME, clear=True)) == ["water"]
+    assert uses(lake("Mist", unseen=Unseen.VOLUME, clear=True)) == ["dropped"]
+    assert uses(lake("Ocean", unseen=Unseen.HOLDOUT)) == ["dropped"]
+    assert uses(lake("Mist", unseen=Unseen.VOLUME), water=("Mist",)) == ["water"]
 
 
 def test_the_key_water_replaces_detection() -> None:

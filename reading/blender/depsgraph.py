@@ -31,9 +31,9 @@ from hulldown.reading.blender.surfaces.shaders import is_clear, is_displaced
 from hulldown.reading.blender.tidy import lasting, look_of
 from hulldown.reading.pieces.asset_report import ObjectRow
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.roles import Evaluated, Link, Piece, Volume
+from hulldown.reading.pieces.roles import Evaluated, Link, Piece, Unseen, Volume
 from hulldown.reading.pieces.wording import quoted
-from hulldown.reading.scenery.scenery_roles import VOLUME, is_water_name
+from hulldown.reading.scenery.scenery_roles import is_water_name
 from hulldown.reading.scenery.shape import level_share
 
 FARTHEST = 1e8  # meters, in any direction; the Earth is 4e7 m around
@@ -94,7 +94,7 @@ class _Reader:
     index: dict[tuple[int, tuple[str, ...]], int] = field(default_factory=dict)
     box: list[np.ndarray] = field(default_factory=list)  # corners around each mesh
     used: list[np.ndarray] = field(default_factory=list)  # vertices of each mesh that a face uses
-    unseen: dict[tuple[int, int], str | None] = field(default_factory=dict)
+    unseen: dict[tuple[int, int], Unseen | None] = field(default_factory=dict)
     clear: dict[int, bool] = field(default_factory=dict)  # by mesh, whether all of its materials are transparent
     level: dict[tuple[int, bytes], tuple[float, float]] = field(default_factory=dict)  # by mesh and turn
     chains: dict[tuple[int, int], tuple[Link, ...]] = field(default_factory=dict)
@@ -211,7 +211,7 @@ class _Reader:
         mesh = self.result.meshes[number]
         pose = self.poses.instance_pose(instance)
         unseen = self._why_unseen(drawn)
-        look = (unseen in (None, VOLUME), *look_of(drawn)[1:])  # a collection may hide it from the camera, too
+        look = (unseen in (None, Unseen.VOLUME), *look_of(drawn)[1:])  # a collection may hide it from the camera, too
         scattered = _is_scattered(instance)
         bounds = self._bounds(drawn.name, pose, self.box[number] if scattered or hair else self.used[number])
         level, filled = (0.0, 0.0) if hair else self._level(number, pose, bounds)
@@ -297,7 +297,7 @@ class _Reader:
                     )
                 )
 
-    def _why_unseen(self, drawn: Any) -> str | None:
+    def _why_unseen(self, drawn: Any) -> Unseen | None:
         key = (drawn.original.as_pointer(), drawn.data.as_pointer())
         if key not in self.unseen:
             self.unseen[key] = why_unseen(drawn, self.depsgraph)

@@ -8,8 +8,7 @@ from typing import Any
 from hulldown.reading.blender.duplicates import Duplicate
 from hulldown.reading.blender.surfaces.shaders import is_volume
 from hulldown.reading.pieces.asset_report import By, ObjectRow
-from hulldown.reading.pieces.roles import HOLDOUT, SHADOW_CATCHER, Evaluated
-from hulldown.reading.scenery.scenery_roles import VOLUME
+from hulldown.reading.pieces.roles import Evaluated, Unseen
 
 SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 SOLID = ("MESH", "CURVES", "POINTCLOUD")
@@ -46,20 +45,20 @@ def _why_hidden(obj: Any, off: Mapping[str, bool]) -> tuple[str, By]:
     return "not in the render, or without a surface", By.FILE
 
 
-def why_unseen(drawn: Any, depsgraph: Any) -> str | None:
+def why_unseen(drawn: Any, depsgraph: Any) -> Unseen | None:
     """Reason why the camera doesn't see an object although it's drawn; None if it does."""
     original = drawn.original
     if not drawn.visible_camera:
-        return "invisible to the camera (ray visibility)"
+        return Unseen.RAY_VISIBILITY
     if drawn.is_shadow_catcher:
-        return SHADOW_CATCHER
+        return Unseen.SHADOW_CATCHER
     if drawn.is_holdout or original.holdout_get(view_layer=depsgraph.view_layer):
-        return HOLDOUT
+        return Unseen.HOLDOUT
     if original.indirect_only_get(view_layer=depsgraph.view_layer):
-        return "invisible to the camera (its collection is indirect only)"
+        return Unseen.INDIRECT_ONLY
     materials = [s.material for s in drawn.material_slots]
     if materials and all(m is not None and is_volume(m) for m in materials):
-        return VOLUME
+        return Unseen.VOLUME
     return None
 
 

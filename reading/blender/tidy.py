@@ -21,9 +21,9 @@ from jaxtyping import Float
 from hulldown.reading.blender.frames import pose as set_pose
 from hulldown.reading.blender.surfaces.input_nodes import keep_inputs, reads_places
 from hulldown.reading.blender.tidy_properties import INPUT, PART, REST, ROW, UNPAINTED
-from hulldown.reading.pieces.roles import HOLDOUT, SHADOW_CATCHER, Evaluated, Piece, PieceRole, Value, Volume
+from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, Unseen, Value, Volume
 
-CUT = (SHADOW_CATCHER, HOLDOUT)
+CUT = (Unseen.SHADOW_CATCHER, Unseen.HOLDOUT)
 MANY = 8  # from so many on, copies are drawn by one object
 POSE = "pose"
 VISIBILITY = tuple(

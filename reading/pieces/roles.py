@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,6 @@ from hulldown.reading.pieces.asset_report import By, ObjectRow
 from hulldown.reading.pieces.doubt import Doubt
 from hulldown.reading.pieces.naming import FIGURES, HELPERS, PRIMITIVES, STAGES, first_match, words
 
-SHADOW_CATCHER, HOLDOUT = "a shadow catcher", "a holdout"  # reasons why pieces are cut out of pictures
 FLAT = 0.02  # a sheet is thinner than this share of its longer side
 THIN = 0.1  # and so is what may be a stage although it is called "Plane" and nothing else
 REACH = 0.1  # a stage reaches out of the rest by more than this share of the rest's longer side
@@ -49,6 +49,16 @@ class Link:
     collections: tuple[str, ...]
     kind: str
     pose: Float[np.ndarray, "4 4"]
+
+
+class Unseen(Enum):
+    """Reasons why the camera doesn't see a drawn piece, as a report words them."""
+
+    RAY_VISIBILITY = "invisible to the camera (ray visibility)"
+    INDIRECT_ONLY = "invisible to the camera (its collection is indirect only)"
+    SHADOW_CATCHER = "a shadow catcher"
+    HOLDOUT = "a holdout"
+    VOLUME = "has volume shaders only"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -104,7 +114,7 @@ class Piece:
     scattered: bool = False
     anonymous: bool = False
     hair: bool = False
-    unseen: str | None = None
+    unseen: Unseen | None = None
     hidden: bool = False
     carrier: str = ""
     materials: tuple[str, ...] = ()
@@ -231,7 +241,7 @@ def _vehicle_by_name(
     piece: Piece, keep: Sequence[str], drop: Sequence[str], shared: Collection[str]
 ) -> PieceRole | None:
     if piece.unseen:
-        return PieceRole("dropped", piece.unseen, By.FILE)
+        return PieceRole("dropped", piece.unseen.value, By.FILE)
     if piece.hair:
         return PieceRole("dropped", "hair isn't part of a vehicle", By.FILE)
     for patterns, use in ((keep, "vehicle"), (drop, "dropped")):

@@ -10,10 +10,9 @@ import numpy as np
 from hulldown.reading.pieces.asset_report import By
 from hulldown.reading.pieces.naming import BACKDROPS, GROUND, NOT_GROUND, NOT_WATER, WATER, WATERS, first_match
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.pieces.roles import Piece, PieceRole
+from hulldown.reading.pieces.roles import Piece, PieceRole, Unseen
 from hulldown.reading.scenery.shape import carpets, ground_by_shape, is_wide_and_level, sheets_between, sunken
 
-VOLUME = "has volume shaders only"
 NARROWEST = 1.0  # meters, of water by its name or material
 # The scenery's own keys in the order in which they are asked, then those of the table [ground] for all sceneries.
 ASKED = (
@@ -126,11 +125,11 @@ def _is(name: str, pattern: str) -> bool:
 
 def _role(piece: Piece, options: Options) -> PieceRole:
     asked = _by_config(piece, options)
-    if asked and (asked.use == "removed" or (asked.use == "water" and piece.unseen == VOLUME)):
+    if asked and (asked.use == "removed" or (asked.use == "water" and piece.unseen is Unseen.VOLUME)):
         return asked
     if piece.unseen:
-        water = _water(piece) if piece.unseen == VOLUME and options.water is None else None
-        return water or PieceRole("dropped", piece.unseen, By.FILE)
+        water = _water(piece) if piece.unseen is Unseen.VOLUME and options.water is None else None
+        return water or PieceRole("dropped", piece.unseen.value, By.FILE)
     if piece.hair:
         return PieceRole("obstacle", "hair: it hides, and gives way to vehicles and cameras", By.FILE)
     if asked:
