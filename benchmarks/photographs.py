@@ -91,7 +91,7 @@ SETS = {
         sceneries=SCENERY_FILES,
         hdris=["hdris/sky_*.exr", "hdris/sunrise.exr"],
         values={
-            "budget.images_per_class": 216,
+            "budget.images_per_class": 72,
             "placement.vehicles_per_image": [1, 3],
             "placement.distractors_per_image": [0, 2],
             "camera.elevation_deg": [0.5, 6.0],
