@@ -26,9 +26,8 @@ from hulldown.assets.photographs import read_photographs
 from hulldown.base.code import version_of
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import make_room
-from hulldown.base.outside import read_text
+from hulldown.planning.config.asset_sections import CACHE_NAME
 from hulldown.planning.config.schema import Config
-from hulldown.planning.config.template import as_comment, comments_above_paths
 from hulldown.planning.inputs.poses import read_poses
 from hulldown.planning.plan.given_poses import GivenPoses
 from hulldown.planning.plan.lines import PlanWriter, picture_of
@@ -114,7 +113,7 @@ def plan(
     for line in warnings_of(unsaid):
         warnings.warn(line, stacklevel=2)
     if said := sum(map(len, doubts.values())) - sum(map(len, unsaid.values())):
-        warnings.warn(f"{said} doubts aren't repeated, since the comments of {config.path} state them", stacklevel=2)
+        warnings.warn(f"{said} doubts aren't repeated, since `init` wrote them into {config.path}", stacklevel=2)
     assets = replace(library.assets, photographs=photographs)
     with shown("planning", progress) as advance:
         made = write_plan(
@@ -137,12 +136,12 @@ def plan(
 
 
 def _unsaid(doubts: Mapping[str, Sequence[Doubt]], config: Config) -> dict[str, list[Doubt]]:
-    """Return doubts by path without those that the config's comments on their file state."""
-    refuse = partial(ConfigError, path=config.path)
-    text = read_text(config.path, refuse) if config.path and config.path.is_file() else ""
-    said = {str(config.folder / path): set(lines) for path, lines in comments_above_paths(text).items()}
+    """Return doubts by path without those that `init` wrote into the config."""
+    from hulldown.planning.inputs.found_assets import stated_doubts
+
+    said = stated_doubts(config.path, config.folder / CACHE_NAME) if config.path else {}
     return {
-        path: [doubt for doubt in some if as_comment(f"doubt: {doubt}") not in said.get(path, ())]
+        path: [doubt for doubt in some if doubt not in said.get(str(Path(path).resolve()), ())]
         for path, some in doubts.items()
     }
 

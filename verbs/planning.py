@@ -48,7 +48,7 @@ def _init(arguments: argparse.Namespace) -> None:
 def _init_from(arguments: argparse.Namespace, values: Mapping[str, Any]) -> None:
     from hulldown.demo.project import CONFIG, refuse_config, write_config
     from hulldown.planning.config.asset_sections import CACHE_NAME
-    from hulldown.planning.inputs.found_assets import asset_files, found_config, missing_kinds, read_found
+    from hulldown.planning.inputs.found_assets import asset_files, found_config, keep_doubts, missing_kinds, read_found
 
     refuse_config(arguments.folder / CONFIG)
     files = asset_files(arguments.source)
@@ -62,6 +62,7 @@ def _init_from(arguments: argparse.Namespace, values: Mapping[str, Any]) -> None
         raise
     make_room(arguments.folder / CONFIG)
     config = write_config(arguments.folder, found_config(arguments.source, found, arguments.folder, values))
+    keep_doubts(found, arguments.source, config, cache)
     for word in missing_kinds(found):
         warn(f"no {word} was found in {arguments.source}; name one in {config}")
     used = len({file.path for file in found if file.kind})

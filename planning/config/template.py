@@ -110,33 +110,12 @@ def _comment_on(kind: str) -> str:
 
 
 def _comments(lines: Sequence[str], indent: str = "") -> str:
-    """Return each line as a comment."""
-    return "".join(f"{indent}# {as_comment(line)}\n" for line in lines)
+    """Return each line as a comment, with unprintable characters escaped."""
 
+    def printable(text: str) -> str:
+        return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
 
-def comments_above_paths(text: str) -> dict[str, list[str]]:
-    r"""Return the lines of comments above the table or line of each path in a config's text.
-
-    Examples
-    --------
-    >>> comments_above_paths('# doubt: too long\n[[assets.vehicles]]\npath = "a.obj"\n')
-    {'a.obj': ['doubt: too long']}
-    """
-    found: dict[str, list[str]] = {}
-    above: list[str] = []
-    for line in text.splitlines():
-        if line.strip().startswith("# "):
-            above.append(line.strip()[2:])
-        elif line.startswith("path = "):
-            found.setdefault(line.removeprefix("path = ").strip().strip("\"'"), []).extend(above)
-        elif not line.strip():
-            above = []
-    return found
-
-
-def as_comment(text: str) -> str:
-    """Return a text as a config's comment has it, with unprintable characters escaped."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+    return "".join(f"{indent}# {printable(line)}\n" for line in lines)
 
 
 def _patterns(patterns: Sequence[str], notes: Mapping[str, Sequence[str]]) -> str:

@@ -16,11 +16,11 @@ from typing import Any
 from hulldown.base.errors import AssetError
 from hulldown.base.terminal import tracked
 from hulldown.planning.config.template import config_text
-from hulldown.reading.cache import cached
+from hulldown.reading.cache import cached, entry_name, new_folder, seal, unseal
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.hdri import read_hdris
 from hulldown.reading.pieces.asset_report import FileReport
-from hulldown.reading.pieces.doubt import DoubtKind
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.formats import HDRI_SUFFIXES, SUFFIXES
 from hulldown.reading.pieces.options import DEFAULTS, Options
 
@@ -44,13 +44,14 @@ class FoundFile:
 
     `path` is relative to the folder. `kind` is "vehicle", "scenery", "distractor", "hdri", or "" for an unusable file,
     whose notes begin with the reason. A file with several vehicles is found once for each, with its entry's `keys`
-    keep and drop, and what its name ends in.
+    keep and drop, and what its name ends in. `doubts` are among the notes.
     """
 
     path: Path
     kind: str
     notes: tuple[str, ...]
     keys: Mapping[str, Any] = field(default_factory=dict)
+    doubts: tuple[Doubt, ...] = ()
 
 
 def asset_files(folder: Path) -> list[Path]:
@@ -143,7 +144,7 @@ def _models(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> list[F
 
     whole = read()
     if not whole.things:
-        return [FoundFile(path, folder_kind or whole.kind, (*whole.lines(), *_ground(whole)))]
+        return [FoundFile(path, folder_kind or whole.kind, (*whole.lines(), *_ground(whole)), doubts=whole.doubts)]
     why = [f"without keep and drop: {doubt}" for doubt in whole.doubts if doubt.kind == DoubtKind.SEVERAL]
     names = [re.sub(r"\W+", "_", thing.name) for thing in whole.things]
     found = []
@@ -151,7 +152,8 @@ def _models(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> list[F
         keys = {key: list(value) for key, value in (("keep", thing.keep), ("drop", thing.drop)) if value}
         unique = {"name": name if names.count(name) == 1 else str(number)} if name else {}
         report = read(Options(keep=thing.keep, drop=thing.drop))
-        found.append(FoundFile(path, folder_kind or "vehicle", (*why, *report.lines()), {**unique, **keys}))
+        notes = (*why, *report.lines())
+        found.append(FoundFile(path, folder_kind or "vehicle", notes, {**unique, **keys}, report.doubts))
     return found
 
 
@@ -205,6 +207,24 @@ def found_config(
         notes=notes,
         remarks=[*missing, *(f"not used: {listed[file.path]}: {file.notes[0]}" for file in unused)],
     )
+
+
+def keep_doubts(found: Sequence[FoundFile], folder: Path, config: Path, cache: Path) -> None:
+    """Keep in a cache which doubts about the files of `folder` a config's comments state."""
+    doubts: dict[str, list[Doubt]] = {}
+    for file in found:
+        doubts.setdefault(str((folder / file.path).resolve()), []).extend(file.doubts)
+    with new_folder(cache) as made:
+        seal(Path(made), _entry(config, cache), doubts)
+
+
+def stated_doubts(config: Path, cache: Path) -> dict[str, list[Doubt]]:
+    """Return the doubts, by resolved path, that `keep_doubts` kept for a config; none for other configs."""
+    return unseal(_entry(config, cache), dict[str, list[Doubt]]) or {}
+
+
+def _entry(config: Path, cache: Path) -> Path:
+    return cache / entry_name("doubts", str(config.resolve()))
 
 
 def _category(folder: Path, path: Path) -> str:
