@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,7 @@ import numpy as np
 from hulldown.reading.blender.api.light_pictures import store_light
 from hulldown.rendering.blender import cycles, film
 from hulldown.rendering.blender.lens import DEVICES as LENS_DEVICES
-from hulldown.rendering.blender.messages import Job, MaskJob, RenderJob, StartJob
+from hulldown.rendering.blender.messages import CyclesSettings, Job, MaskJob, RenderJob, StartJob
 from hulldown.rendering.blender.object_index import IndexPictures
 from hulldown.rendering.blender.scene import Stage
 
@@ -28,13 +30,14 @@ class Renderer:
         self._stage: Stage | None = None
         self._index: IndexPictures | None = None
         self._loaded: Any = None  # what the stage was set up from
-        self._settings: Any = None  # that its scene has
+        self._inputs: dict[str, Any] = {}  # what each part of its scene was last set up from
         self._device = "CPU"
         self._threads = 0
 
     def reset(self) -> None:
         """Forget everything in memory: the next job loads its assets again."""
-        self._stage = self._index = self._loaded = self._settings = None
+        self._stage = self._index = self._loaded = None
+        self._inputs = {}
 
     def do(self, job: Job) -> dict[str, Any]:
         """Do a job; return the answer."""
@@ -64,20 +67,20 @@ class Renderer:
     def _render(self, job: RenderJob) -> dict[str, Any]:
         start = time.monotonic()
         stage = self._ready(job)
-        if self._settings != job.settings:
-            cycles.configure(stage.scene, job.settings, device=self._device, threads=self._threads)
-            self._settings = job.settings
-        stage.place_vehicles(job.vehicles)
-        stage.set_camera(job.camera)
-        stage.world.set(job.light)
-        cycles.expose(stage.scene, job.settings, job.camera.exposure, job.camera.white_balance)
+        self._set("settings", self._configure, job.settings)
+        self._set("vehicles", stage.place_vehicles, job.vehicles)
+        self._set("camera", stage.set_camera, job.camera)
+        self._set("light", stage.world.set, job.light)
+        expose = partial(cycles.expose, stage.scene, job.settings)
+        self._set("exposure", expose, job.camera.exposure, job.camera.white_balance)
+        store = cycles.store_picture if job.sensor is None else store_light
+        self._set("format", lambda store: store(stage.scene), store)
         stage.set_weather(job.weather, job.seed)
         stage.scene.cycles.seed = job.seed
         output = Path(job.output)
         output.unlink(missing_ok=True)  # from a failed attempt
         rendered = output if job.sensor is None else output.with_suffix(".exr")
         stage.scene.render.filepath = os.fspath(rendered)
-        (cycles.store_picture if job.sensor is None else store_light)(stage.scene)
         posed = time.monotonic()
         with _Stopwatch() as watch:
             bpy.ops.render.render(write_still=True, scene=stage.scene.name)
@@ -94,6 +97,22 @@ class Renderer:
             "save": end - watch.finished,
         }
         return {"seconds": parts}
+
+    def _configure(self, settings: CyclesSettings) -> None:
+        assert self._stage is not None
+        self._inputs.clear()  # the settings include some of the others
+        cycles.configure(self._stage.scene, settings, device=self._device, threads=self._threads)
+
+    def _set(self, part: str, setter: Callable[..., object], *inputs: Any) -> None:
+        """Set up a part of the scene, unless the job before had the same inputs.
+
+        Blender tags what is set, even to the same value, and Cycles builds it anew. Shots of one position share
+        vehicles and light.
+        """
+        if self._inputs.get(part) != inputs:
+            self._inputs.pop(part, None)  # in case it fails
+            setter(*inputs)
+            self._inputs[part] = inputs
 
     def _mask(self, job: MaskJob) -> dict[str, Any]:
         stage = self._ready(job)
