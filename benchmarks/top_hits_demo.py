@@ -1,0 +1,88 @@
+"""Top hits on the demo's sceneries, whose fields and roads are sheets over the terrain, beside hills of one sheet."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from hulldown.assets.bundle import load_scenery
+from hulldown.benchmarks import top_hits_peers as peers
+from hulldown.benchmarks.tables import table
+from hulldown.benchmarks.top_hits import DEFAULT, FEWER, RAW
+from hulldown.demo.project import create_project
+from hulldown.geometry.meshes import Mesh
+from hulldown.reading.cache import cached
+from hulldown.reading.pieces.options import Options
+
+HILLS = 150_000  # triangles, about as many as the demo's sceneries have
+SCENERIES = ("temperate_hills", "dry_steppe")
+
+
+def run(quick: bool) -> dict:
+    """Measure."""
+    rays, rounds = (100_000, 3) if quick else (500_000, 5)
+    return {
+        "rays": rays,
+        "speed": {name: {"triangles": len(mesh.faces), **_speed(mesh, rays, rounds)} for name, mesh in _grounds()},
+    }
+
+
+def _grounds() -> Iterator[tuple[str, Mesh]]:
+    yield "hills", peers.hills(HILLS)
+    with TemporaryDirectory() as folder:
+        create_project(folder)
+        for name in SCENERIES:
+            file = Path(folder, "sceneries", f"{name}.blend")
+            exported, _ = cached(file, Path(folder, "cache"), kind="scenery", options=Options())
+            ground = load_scenery(exported.bundle).ground
+            assert ground is not None
+            yield name, ground
+
+
+def _speed(mesh: Mesh, rays: int, rounds: int) -> dict[str, float]:
+    """Median rays a CPU second, each way on one thread."""
+    xy = peers.points(mesh, rays)
+    queries: dict[str, Callable] = {
+        RAW: peers.raw_embreex(mesh),
+        "embreex, sorted and centered": peers.sorted_embreex(mesh),
+    }
+    for peer in (peers.ours, peers.trimesh_peer, peers.open3d_peer):
+        try:
+            queries |= {name: query for name, query in peer(mesh).items() if "threads" not in name}
+        except ImportError:
+            continue
+    rates: dict[str, list[float]] = {name: [] for name in queries}
+    for warming in [True] + [False] * rounds:
+        for name, query in queries.items():
+            some = xy[: len(xy) // FEWER.get(name, 1)]
+            start = time.process_time()
+            query(some)
+            if not warming:
+                rates[name].append(len(some) / (time.process_time() - start))
+    return {name: float(np.median(some)) for name, some in rates.items()}
+
+
+def report(results: dict) -> str:
+    """Return a Markdown section."""
+    speed = results["speed"]
+    head = [f"{name}, {figures['triangles']:,}" for name, figures in speed.items()]
+    names = [name for name in next(iter(speed.values())) if name != "triangles"]
+    rows = [
+        (f"**{name}** (default)" if name == DEFAULT else name, *(f"{some[name] / 1e6:.2f}" for some in speed.values()))
+        for name in names
+    ]
+    return "\n\n".join([
+        "## Top hits on ground of several sheets",
+        f"Million points a CPU second on one thread, for {results['rays']:,} random ones: hills of one sheet, and the "
+        "demo's sceneries, whose fields and roads lie over the terrain. Only certified faces are right everywhere.",
+        table(["ground, triangles", *head], rows),
+    ])  # fmt: skip
+
+
+def plots(results: dict, folder: Path) -> list[Path]:
+    """None: the table shows it."""
+    return []
