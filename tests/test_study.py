@@ -4,13 +4,13 @@ import json
 import os
 import shutil
 import signal
-import threading
-import time
+from contextlib import closing
 
 import numpy as np
 import pytest
 import tomlkit
 import torch
+from filelock import FileLock
 from PIL import Image
 
 from hulldown.base.errors import HulldownError
@@ -18,11 +18,12 @@ from hulldown.cli import main
 from hulldown.tests.editing import edit
 from hulldown.tests.test_train import in_child
 from hulldown.tests.training_pictures import make_dataset, make_datasets
+from hulldown.training.run_folder import LOCK_NAME, RunFolder
 from hulldown.training.study.arms import SOURCES, arm_draws, study_runs
 from hulldown.training.study.config import load_study
 from hulldown.training.study.manifest import predictions_paths, read_manifest, settle
 from hulldown.training.study.run_process import run_one
-from hulldown.training.study.runs import RunOptions, read_failures, run_study
+from hulldown.training.study.runs import RunOptions, in_processes, read_failures, run_study
 
 SMALL = {"model": "small", "weights": "none", "resolution": 64, "budget": 24, "batch": 4}
 NANO = {"model": "nano", "resolution": 64, "budget": 4, "batch": 1, "weights": "none", "queries": 8, "groups": 1}
@@ -185,37 +186,35 @@ def test_a_failed_run_is_set_aside_and_the_others_continue(pictures, tmp_path):
     assert read_failures(tmp_path / "out") == {}
 
 
-def test_two_slots_run_two_runs_at_once_and_a_bug_stops_both(pictures, tmp_path, monkeypatch):
-    monkeypatch.setattr("hulldown.training.study.runs.gpu_places", lambda options: [options, options])
-    study, both = settled(pictures, tmp_path, fractions=[1.0]), threading.Barrier(2, timeout=60)
+def refuse(out, run):
+    """Put another run's config into a run's folder, so that it fails."""
+    other = out / "runs" / run.folder / "config.json"
+    other.parent.mkdir(parents=True)
+    other.write_text("{}")
+    (out / "study.json").touch()
 
-    def one(out, name, options, progress, stopping):
-        both.wait()  # each waits for the other, so they would never end in sequence
-        return pretend(study, out, name)
 
-    monkeypatch.setattr("hulldown.training.study.runs.in_a_process", one)
-    assert len(run_study(study, tmp_path / "two", options=RunOptions("cpu", 0)).finished) == 2
+def test_two_slots_run_two_runs_at_once_and_the_end_stops_what_runs(pictures, tmp_path):
+    study, out = settled(pictures, tmp_path, fractions=[1.0], train=SMALL | {"budget": 40_000}), tmp_path / "out"
+    (real, mixed), options = study.runs, RunOptions("cpu", 0)
+    refuse(out, mixed)
 
-    def broken(out, name, options, progress, stopping):
-        if name.startswith("real"):
-            raise ZeroDivisionError
-        while not stopping():
-            time.sleep(0.01)
-        return "stopped"
+    def launch(*arguments):
+        with closing(in_processes(*arguments, places=[options, options])) as ended:
+            yield next(ended)  # the second run; in sequence, the first would end first
 
-    monkeypatch.setattr("hulldown.training.study.runs.in_a_process", broken)
-    with pytest.raises(ZeroDivisionError):
-        run_study(study, tmp_path / "broken", options=RunOptions("cpu", 0))
-    assert read_failures(tmp_path / "broken") == {}
+    done = run_study(study, out, options=options, launch=launch)
+    assert (done.finished, list(done.failed)) == ((), [mixed.name])
+    folder = RunFolder(out / "runs" / real.folder)
+    folder.path.mkdir(exist_ok=True)
+    with FileLock(folder.path / LOCK_NAME, timeout=60):
+        assert folder.finished() is None
 
 
 def test_a_run_in_a_separate_process_finishes_or_fails_with_its_reason(pictures, tmp_path):
     study = settled(pictures, tmp_path, fractions=[1.0])
     real, mixed = study.runs
-    other = tmp_path / "out" / "runs" / mixed.folder / "config.json"
-    other.parent.mkdir(parents=True)
-    other.write_text("{}")
-    (tmp_path / "out" / "study.json").touch()
+    refuse(tmp_path / "out", mixed)
     steps = []
     # With a loader process, since a forked process must not wait for a lock of its parent.
     done = run_study(study, tmp_path / "out", options=RunOptions("cpu", 1), progress=lambda *told: steps.append(told))

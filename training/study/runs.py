@@ -150,10 +150,14 @@ def run_study(
 
 
 def in_processes(
-    study: Path, names: Sequence[str], options: RunOptions, progress: Progress
+    study: Path,
+    names: Sequence[str],
+    options: RunOptions,
+    progress: Progress,
+    places: Sequence[RunOptions] = (),
 ) -> Generator[tuple[str, str | None]]:
-    """Run runs in processes on this machine, one per GPU at a time, or one; a `Launch`."""
-    places, stop = gpu_places(options), threading.Event()
+    """Run runs in processes on this machine, one per place at a time, by default of `gpu_places`; a `Launch`."""
+    places, stop = places or gpu_places(options), threading.Event()
     slots: queue.SimpleQueue[RunOptions] = queue.SimpleQueue()
     for place in places:
         slots.put(place)
