@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from itertools import accumulate
 from pathlib import Path
-from typing import Any
 
 import orjson
 
+from hulldown.assets.coco_types import Record
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import all_or_nothing
 from hulldown.base.terminal import shown
@@ -33,8 +33,8 @@ def subset_name(fraction: float) -> str:
 
 
 def nested_subsets(
-    images: Sequence[Mapping[str, Any]],
-    annotations: Mapping[int, Sequence[Mapping[str, Any]]],
+    images: Sequence[Record],
+    annotations: Mapping[int, Sequence[Record]],
     fractions: Sequence[float],
     *,
     seed: int = 0,
@@ -137,11 +137,9 @@ def write_subsets(
     return dict(zip(names, sizes, strict=True))
 
 
-def _spread(
-    order: Sequence[list[Mapping[str, Any]]], annotations: Mapping[int, Sequence[Mapping[str, Any]]]
-) -> list[list[Mapping[str, Any]]]:
+def _spread(order: Sequence[list[Record]], annotations: Mapping[int, Sequence[Record]]) -> list[list[Record]]:
     """Order groups so that classes are spread evenly: the i-th of n groups of a kind is at (i + 1/2) / n."""
-    kinds: dict[tuple[int, ...], list[list[Mapping[str, Any]]]] = {}
+    kinds: dict[tuple[int, ...], list[list[Record]]] = {}
     for members in order:
         labels = {a["category_id"] for image in members for a in annotations.get(image["id"], ())}
         kinds.setdefault(tuple(sorted(labels)), []).append(members)
