@@ -32,6 +32,7 @@ elevations = st.one_of(
     st.sampled_from([-math.pi / 2, math.pi / 2, 0.0, math.nextafter(math.pi / 2, 0)]),
 )
 distances = st.floats(0.5, 1e5)
+seeds = st.integers(0, 2**32 - 1)
 
 
 def tables(rows: int, low: float, high: float, columns: int = 3) -> st.SearchStrategy[np.ndarray]:
@@ -122,12 +123,12 @@ ordinary = st.builds(
 )
 
 
-@given(lenses | ordinary, st.floats(-1.5, 1.5), st.floats(5, 100), st.tuples(st.floats(0, 1), st.floats(0, 1)), clouds)
+@given(lenses | ordinary, st.floats(-1.5, 1.5), st.floats(3, 100), st.tuples(st.floats(0, 1), st.floats(0, 1)), seeds)
 def test_framed_cameras_cut_as_requested(
-    lens: Intrinsics, elevation: float, lengths: float, band: tuple, points: np.ndarray
+    lens: Intrinsics, elevation: float, lengths: float, band: tuple, seed: int
 ) -> None:
-    rng, (least, most) = np.random.default_rng(0), sorted(band)
-    points = points / np.ptp(points, axis=0) * [7.0, 3.4, 2.4]
+    rng, (least, most) = np.random.default_rng(seed), sorted(band)
+    points = rng.uniform(-1, 1, (12, 3)) * [3.5, 1.7, 1.2]
     poses = camera_pose([0, 0, 0], 3.5 * lengths / min(1.0, *lens.half_tangents), rng.uniform(0, 6, 200), elevation)
     framed = frame_target(poses, points[None], lens, rng=rng, truncated=(least, most))
     pixels, size = project(lens, framed, points).pixels, [lens.width, lens.height]
@@ -137,9 +138,8 @@ def test_framed_cameras_cut_as_requested(
     axes = framed[:, :3, :3]
     np.testing.assert_allclose(axes @ np.swapaxes(axes, 1, 2), np.tile(np.eye(3), (200, 1, 1)), atol=1e-14)
     # With ordinary fields of view, a target that fits is cut exactly as requested, by shares from the whole band.
-    # Near a wider lens, the search for the place ends up to a hundredth of the target away.
     fits = (high - low < size).all(axis=1)
-    assume(lens.fov_x < 1.2 and lens.fov_y < 1.2 and fits.any())
+    assume(lens.fov_x < 1.5 and lens.fov_y < 1.5 and fits.any())
     cut, slack = 1 - (kept / (high - low))[fits].prod(axis=1), 0.01 / (high - low).min()
     assert least - slack <= cut.min()
     assert cut.max() <= min(most, 1 - 1e-6) + slack
