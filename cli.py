@@ -99,7 +99,7 @@ def _demo(arguments: argparse.Namespace) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command's arguments."""
+    """Return the command's arguments."""
     command = argparse.ArgumentParser(
         prog="hulldown", description="Plan, render and annotate synthetic detection datasets of vehicles on terrain."
     )

@@ -68,7 +68,7 @@ INSTALLS = {
 
 
 def needed(report: pytest.CollectReport | pytest.TestReport) -> str | None:
-    """The command to install, if a test or its module failed because an optional package is missing."""
+    """Return the command to install, if a test or its module failed because an optional package is missing."""
     if not report.failed:
         return None
     found = re.search(r"ModuleNotFoundError: No module named '(\w+)", str(report.longrepr))

@@ -193,7 +193,7 @@ class VehicleBoxes:
         intrinsics: Optics,
         articulations: Sequence[Mapping[str, float]] | Float[np.ndarray, "n p"] | None = None,
     ) -> Boxes:
-        """Boxes of n poses at once.
+        """Return boxes of n poses at once.
 
         Parameters
         ----------
@@ -238,7 +238,7 @@ class VehicleBoxes:
     def _curved_boxes(
         self, camera_from_parts: Float[np.ndarray, "p 3 4"], lens: Lenses
     ) -> tuple[Float[np.ndarray, "4"], Float[np.ndarray, "4"]]:
-        """Boxes through distorting lenses, in the image and amodal; nan if there is none."""
+        """Return boxes through distorting lenses, in the image and amodal; nan if there is none."""
         amodal = self._curved(camera_from_parts, lens, frame=False)
         low, high = amodal[:2], amodal[:2] + amodal[2:]
         if (low >= 0.0).all() and (high <= lens.size).all():
@@ -272,7 +272,7 @@ class VehicleBoxes:
 
 
 def truncated_fraction(xywh: ArrayLike, amodal: ArrayLike) -> Float[np.ndarray, "..."]:
-    """Share of an amodal box's area that the box in the image lacks.
+    """Return share of an amodal box's area that the box in the image lacks.
 
     For a box without width or height the other side alone counts. It's 1 if `xywh` is nan: out of the image.
 
@@ -290,7 +290,7 @@ def truncated_fraction(xywh: ArrayLike, amodal: ArrayLike) -> Float[np.ndarray, 
 
 
 def _xywh(extremes: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"]:
-    """The box between extremes, nan if they are empty."""
+    """Return the box between extremes, nan if they are empty."""
     empty = not extremes[0] <= extremes[2]
     return np.full(4, np.nan) if empty else np.concatenate([extremes[:2], extremes[2:] - extremes[:2]])
 

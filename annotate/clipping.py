@@ -11,7 +11,7 @@ EMPTY = np.array([np.inf, np.inf, -np.inf, -np.inf])
 
 
 def extremes_of_points(pixels: Float[np.ndarray, "2 *n"]) -> Float[np.ndarray, "4"]:
-    """Lowest u, lowest v, highest u, highest v; an empty box (inf, inf, -inf, -inf) of no points."""
+    """Return lowest u, lowest v, highest u, highest v; an empty box (inf, inf, -inf, -inf) of no points."""
     u, v = pixels
     if not u.size:
         return EMPTY
@@ -43,7 +43,7 @@ def extremes_of_mesh(points: Float[np.ndarray, "3 v"], faces: np.ndarray, frustu
 def clipped(
     triangles: Float[np.ndarray, "3 f 3"], planes: Float[np.ndarray, "k 4"]
 ) -> tuple[Float[np.ndarray, "3 n"], Int[np.ndarray, " n"], UInt8[np.ndarray, " n"]]:
-    """Corners of triangles clipped by planes, which polygon each is of, and as bits the planes that it was cut by.
+    """Return corners of triangles clipped by planes, each one's polygon, and as bits the planes that it was cut by.
 
     References
     ----------
@@ -80,7 +80,7 @@ def clipped(
 
 
 def union(a: Float[np.ndarray, "4"], b: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"]:
-    """The smallest box around two; either may be empty."""
+    """Return the smallest box around two; either may be empty."""
     return np.concatenate([np.minimum(a[:2], b[:2]), np.maximum(a[2:], b[2:])])
 
 

@@ -38,7 +38,7 @@ class ClusteredSurface:
         return _Clusters(self._parts)
 
     def extremes(self, camera_from_parts: Float[np.ndarray, "p 3 4"], frustum: Frustum) -> Float[np.ndarray, "4"]:
-        """Lowest u, lowest v, highest u, highest v of the surface inside the frustum; empty if there is none.
+        """Return lowest u, lowest v, highest u, highest v of the surface inside the frustum; empty if there is none.
 
         The hull's vertices that are inside give a first box. A cluster can widen it on one side only if the box
         around the cluster reaches beyond the plane through the camera and that side.
@@ -96,7 +96,7 @@ class _Clusters:
     def mesh(
         self, which: Int[np.ndarray, " m"], camera_from_parts: Float[np.ndarray, "p 3 4"]
     ) -> tuple[Float[np.ndarray, "3 n"], Int[np.ndarray, "f 3"]]:
-        """The triangles of some clusters in the camera's frame, which share no points."""
+        """Return the triangles of some clusters in the camera's frame, which share no points."""
         corners = self._vertices[:, self.faces[which].reshape(-1)]
         ends = np.searchsorted(which, self._ends) * self.faces[0].size
         points = move(corners, slices(ends), camera_from_parts[None])[:, 0]
@@ -132,7 +132,7 @@ class _Clusters:
     def rectangles(
         self, camera_from_parts: Float[np.ndarray, "p 3 4"]
     ) -> tuple[Float[np.ndarray, "k 2"], Float[np.ndarray, "k 2"]]:
-        """Lowest and highest corner at unit depth of what holds each box; nan if it isn't all beyond the near plane."""
+        """Return the corners at unit depth of what holds each box; nan if it isn't all beyond the near plane."""
         boxes = self._center[:, :, None] + self._half[:, :, None] * _CORNERS[:, None]
         x, y, z = move(boxes.reshape(3, -1), slices(8 * self._ends), camera_from_parts[None]).reshape(3, -1, 8)
         z = np.where((z >= NEAR).all(axis=1)[:, None], z, np.nan)
@@ -163,7 +163,7 @@ class _Clusters:
 
 
 def _neighbors(vertices: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "k leaf 3"]:
-    """Faces in groups of neighbors; the last group is filled up with its last face."""
+    """Return faces in groups of neighbors; the last group is filled up with its last face."""
     if not len(faces):
         return np.empty((0, LEAF, 3), dtype=np.int64)
     order = KDTree(vertices[:, faces].mean(axis=2).T, leafsize=LEAF).indices

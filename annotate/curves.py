@@ -51,7 +51,7 @@ class CurvedView:
         return min(radius, math.sqrt(x * x + y * y))
 
     def pixels(self, unit: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-        """Pixels of points at unit depth, in the image or not."""
+        """Return pixels of points at unit depth, in the image or not."""
         return distorted(unit, self.lens.distortion) * self.lens.focal + self.lens.center
 
     def seen(self, points: Float[np.ndarray, "3 n"]) -> Float[np.ndarray, "4"]:
@@ -63,7 +63,7 @@ class CurvedView:
     def may_widen(
         self, best: Float[np.ndarray, "4"], low: Float[np.ndarray, "n 2"], high: Float[np.ndarray, "n 2"]
     ) -> Bool[np.ndarray, " n"]:
-        """Whether what is in rectangles at unit depth may reach beyond a box; nan: it may."""
+        """Return whether what is in rectangles at unit depth may reach beyond a box; nan: it may."""
         middle, half = (low + high) / 2.0, (high - low) / 2.0
         across, both, down = jacobian(middle, self.lens.distortion)
         linear = np.stack([np.abs(across), np.abs(both), np.abs(down)], 1)
@@ -82,14 +82,14 @@ class CurvedView:
         return (np.maximum(low, 0.0), np.minimum(high, self.lens.size)) if self.frame else (low, high)
 
     def inside(self, pixels: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
-        """Which pixels are in the image, if its sides count."""
+        """Return which pixels are in the image, if its sides count."""
         return ((pixels >= 0.0) & (pixels <= self.lens.size)).all(axis=1) if self.frame else np.isfinite(pixels[:, 0])
 
 
 def extremes_of_curved(
     points: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"], view: CurvedView, best: Float[np.ndarray, "4"]
 ) -> Float[np.ndarray, "4"]:
-    """Lowest u, lowest v, highest u, highest v of a mesh in the camera's frame, and of a box that may be empty."""
+    """Return least and greatest u and v of a mesh in the camera's frame, and of a box that may be empty."""
     ahead = points[2] >= NEAR
     depth = np.where(ahead, points[2], 1.0)
     unit = np.stack([points[0] / depth, points[1] / depth], 1)
@@ -123,7 +123,7 @@ def extremes_of_curved(
 
 
 def _widened(best: Float[np.ndarray, "4"], lines: list[np.ndarray], view: CurvedView) -> Float[np.ndarray, "4"]:
-    """The box with the images of straight lines at unit depth in it: starts, ends, and the pixels of both."""
+    """Return the box with the images of straight lines at unit depth in it: starts, ends, and the pixels of both."""
     for _ in range(ROUNDS):
         start, end, first, last = lines
         for pixels in (first, last):
@@ -149,14 +149,14 @@ def _widened(best: Float[np.ndarray, "4"], lines: list[np.ndarray], view: Curved
 
 
 def _beyond(best: Float[np.ndarray, "4"], low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """How far boxes (2, ...) reach beyond another, on the side where it's farthest; infinite if that one is empty."""
+    """Return how far boxes (2, ...) reach beyond another, where it's farthest; infinite if that one is empty."""
     return np.asarray(np.max([best[0] - low[0], best[1] - low[1], high[0] - best[2], high[1] - best[3]], axis=0))
 
 
 def _within(
     start: Float[np.ndarray, "n 2"], end: Float[np.ndarray, "n 2"], radius: float
 ) -> tuple[Float[np.ndarray, "m 2"], Float[np.ndarray, "m 2"]]:
-    """The parts of lines that are in a disk about the axis."""
+    """Return the parts of lines that are in a disk about the axis."""
     if math.isinf(radius) or not len(start):
         return start, end
     along = end - start
@@ -174,7 +174,7 @@ def _within(
 
 
 def _special(view: CurvedView, radius: float) -> tuple[Float[np.ndarray, "4 2"], Float[np.ndarray, "4 2"]]:
-    """Points at unit depth, and their pixels, where what is seen ends and may be extreme inside a triangle.
+    """Return points at unit depth, and their pixels, where what is seen ends and may be extreme inside a triangle.
 
     They are the image's corners, or the extremes on the circle of the fold.
     """
@@ -196,7 +196,7 @@ def _special(view: CurvedView, radius: float) -> tuple[Float[np.ndarray, "4 2"],
 
 
 def _covers(triangles: Float[np.ndarray, "3 f 3"], spot: Float[np.ndarray, "2"]) -> bool:
-    """Whether a triangle in front of the near plane lies on the ray through a point at unit depth."""
+    """Return whether a triangle in front of the near plane lies on the ray through a point at unit depth."""
     x, y = spot.tolist()
     across, down = triangles[0] - x * triangles[2], triangles[1] - y * triangles[2]
     following = [1, 2, 0]

@@ -28,14 +28,14 @@ FARTHEST = 1e6  # pixels to a polygon's corner: pycocotools counts in 32 bits
 def vehicle_mask(
     vehicle: PosedVehicle, camera: Camera, *, xywh: ArrayLike | None = None, world: Scene | None = None
 ) -> Bool[np.ndarray, "h w"]:
-    """The pixels whose center shows the vehicle; the second of `vehicle_masks`."""
+    """Return the pixels whose center shows the vehicle; the second of `vehicle_masks`."""
     return vehicle_masks(vehicle, camera, xywh=xywh, world=world)[1]
 
 
 def vehicle_masks(
     vehicle: PosedVehicle, camera: Camera, *, xywh: ArrayLike | None = None, world: Scene | None = None
 ) -> tuple[Bool[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
-    """The pixels whose center is on the vehicle, and those of them that nothing hides.
+    """Return the pixels whose center is on the vehicle, and those of them that nothing hides.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def show_pixels(
     xywh: Float[np.ndarray, "n 4"],
     world: Scene,
 ) -> Bool[np.ndarray, " n"]:
-    """Whether the `vehicle_mask` of each camera's subject has any pixel; a few pixels are tested first.
+    """Return whether the `vehicle_mask` of each camera's subject has any pixel; a few pixels are tested first.
 
     Parameters
     ----------
@@ -133,14 +133,14 @@ def _pixels_in(
 
 
 def encode(mask: ArrayLike) -> dict[str, Any]:
-    """A mask (h, w) as COCO's compressed run lengths, ready for JSON."""
+    """Return a mask (h, w) as COCO's compressed run lengths, ready for JSON."""
     pixels = checked(mask, "mask", ("h", "w"), dtype=np.bool_)
     record = rle_codec.encode(np.asfortranarray(pixels, dtype=np.uint8))
     return {"size": [int(n) for n in record["size"]], "counts": record["counts"].decode("ascii")}
 
 
 def decode(segmentation: Any, width: int, height: int) -> Bool[np.ndarray, "h w"]:
-    """A COCO segmentation as a mask: run lengths, compressed or not, or a list of polygons.
+    """Return a COCO segmentation as a mask: run lengths, compressed or not, or a list of polygons.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def decode(segmentation: Any, width: int, height: int) -> Bool[np.ndarray, "h w"
 
 
 def run_lengths(segmentation: Any, width: int, height: int) -> Int[np.ndarray, " n"]:
-    """A COCO segmentation as run lengths, column by column, background first; errors of `decode`.
+    """Return a COCO segmentation as run lengths, column by column, background first; errors of `decode`.
 
     They are few however large the image is.
     """
@@ -177,7 +177,7 @@ def run_lengths(segmentation: Any, width: int, height: int) -> Int[np.ndarray, "
 
 
 def runs(segmentation: Any, width: int, height: int) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Where each run of a COCO segmentation's pixels begins and ends, column by column; errors of `decode`."""
+    """Return where each run of a COCO segmentation's pixels begins and ends, column by column; errors of `decode`."""
     ends = np.cumsum(run_lengths(segmentation, width, height))
     first, end = ends[:-1:2], ends[1::2]
     first, end = first[end > first], end[end > first]
@@ -185,7 +185,7 @@ def runs(segmentation: Any, width: int, height: int) -> tuple[Int[np.ndarray, " 
 
 
 def covers(outer: Any, inner: Any, width: int, height: int) -> bool:
-    """Whether a COCO segmentation has all pixels of another, without decoding them; errors of `decode`."""
+    """Return whether a COCO segmentation has all pixels of another, without decoding them; errors of `decode`."""
     (first, end), (start, stop) = runs(outer, width, height), runs(inner, width, height)
     ends, pixels = np.stack([first, end], axis=1).ravel(), np.cumsum(end - first)
     counted = np.stack([pixels - (end - first), pixels], axis=1).ravel()  # pixels of `outer` before each end
@@ -208,7 +208,7 @@ def extent(segmentation: Any, width: int, height: int) -> tuple[int, Float[np.nd
 
 
 def _counts(text: str) -> Int[np.ndarray, " n"]:
-    """The run lengths in COCO's compressed text, read here: pycocotools writes past its memory if they are damaged.
+    """Read run lengths from COCO's compressed text; pycocotools writes past its memory if they are damaged.
 
     A number has five bits a character, lowest first, plus 32 on all but its last. From the fourth number on, it's the
     difference from the run before the last.

@@ -16,7 +16,7 @@ Ring = Float[np.ndarray, "_ 2"]
 
 
 def polygons(segmentation: Any, width: int, height: int, *, within: float = 0.0) -> list[list[float]]:
-    """A COCO segmentation as COCO's polygons: one for each piece of the mask, its holes bridged into it.
+    """Return a COCO segmentation as COCO's polygons: one for each piece of the mask, its holes bridged into it.
 
     The outline runs half way between the centers of pixels in the mask and out of it.
 
@@ -101,7 +101,7 @@ def simplified(ring: Ring, within: float) -> Ring:
 
 
 def _from_line(points: Ring, start: Float[np.ndarray, "2"], end: Float[np.ndarray, "2"]) -> Float[np.ndarray, " _"]:
-    """How far points are from the segment between two."""
+    """Return how far points are from the segment between two."""
     along = end - start
     length = float(along @ along)
     share = np.clip((points - start) @ along / length, 0.0, 1.0) if length else np.zeros(len(points))
@@ -109,7 +109,7 @@ def _from_line(points: Ring, start: Float[np.ndarray, "2"], end: Float[np.ndarra
 
 
 def _pieces(mask: Bool[np.ndarray, "h w"]) -> list[list[Ring]]:
-    """The outline of each piece of a mask, then those of its holes, in pixels."""
+    """Return the outline of each piece of a mask, then those of its holes, in pixels."""
     if not mask.any():
         return []
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))

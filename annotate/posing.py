@@ -79,7 +79,7 @@ class PosedParts:
 def move(
     points: Float[np.ndarray, "3 v"], slices: Sequence[slice], b_from_parts: Float[np.ndarray, "n p 3 4"]
 ) -> Float[np.ndarray, "3 n v"]:
-    """Points of all parts in n frames.
+    """Return points of all parts in n frames.
 
     Sums are explicit, so that a point's result depends on the point and the pose alone: a matrix product's rounding
     depends on the number of points.
@@ -100,5 +100,5 @@ def move(
 
 
 def slices(ends: Int[np.ndarray, " n"]) -> list[slice]:
-    """The ranges between consecutive ends."""
+    """Return the ranges between consecutive ends."""
     return [slice(int(a), int(b)) for a, b in pairwise(ends)]

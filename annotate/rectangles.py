@@ -56,7 +56,7 @@ def mask_rectangle(segmentation: Any, width: int, height: int) -> Float[np.ndarr
 
 
 def fits(rectangle: ArrayLike, segmentation: Any, width: int, height: int) -> bool:
-    """Whether a rectangle is a smallest one around a mask, up to rounding; a triangle has three.
+    """Return whether a rectangle is a smallest one around a mask, up to rounding; a triangle has three.
 
     Parameters and errors as of `mask_rectangle`.
     """
@@ -71,7 +71,7 @@ def fits(rectangle: ArrayLike, segmentation: Any, width: int, height: int) -> bo
 
 
 def _pixel_corners(segmentation: Any, width: int, height: int) -> Float[np.ndarray, "n 2"]:
-    """Corners of pixels of a mask, those of its convex hull among them."""
+    """Return corners of pixels of a mask, those of its convex hull among them."""
     first, end = runs(segmentation, width, height)
     left, top, right, bottom = first // height, first % height, (end - 1) // height, (end - 1) % height + 1
     # A run that goes through several columns is a bar in the first, one in the last, and a block between them.
@@ -86,7 +86,7 @@ def _pixel_corners(segmentation: Any, width: int, height: int) -> Float[np.ndarr
 
 
 def rectangle_corners(rectangles: ArrayLike) -> Float[np.ndarray, "... 4 2"]:
-    """Corners of rectangles (..., 5), in order around each; the first two are where its height begins.
+    """Return corners of rectangles (..., 5), in order around each; the first two are where its height begins.
 
     Examples
     --------

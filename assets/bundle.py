@@ -55,7 +55,7 @@ def save(path: Path | str, asset: VehicleShape | Scenery) -> None:
 
 
 def load_vehicle(path: Path | str) -> VehicleShape:
-    """The vehicle that `save` wrote to `path`, bit for bit.
+    """Return the vehicle that `save` wrote to `path`, bit for bit.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def load_vehicle(path: Path | str) -> VehicleShape:
 
 
 def load_scenery(path: Path | str) -> Scenery:
-    """The scenery that `save` wrote to `path`, bit for bit.
+    """Return the scenery that `save` wrote to `path`, bit for bit.
 
     Raises
     ------

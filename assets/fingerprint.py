@@ -36,7 +36,7 @@ class Fingerprint(msgspec.Struct, frozen=True):
     shape: float
 
     def agrees(self, other: Fingerprint) -> bool:
-        """Whether another fingerprint is of the same geometry."""
+        """Return whether another fingerprint is of the same geometry."""
         return self.topology == other.topology and abs(self.shape - other.shape) <= TOLERANCE
 
 

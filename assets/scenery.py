@@ -62,7 +62,7 @@ class Scenery:
         return ~(self.instance_gives_way | self.instance_is_water)
 
     def water(self) -> Mesh | None:
-        """All water surfaces merged, or None if there is none."""
+        """Return all water surfaces merged, or None if there is none."""
         wet = np.flatnonzero(self.instance_is_water)
         placed = [
             Mesh(apply(self.world_from_instance[i], mesh.vertices), mesh.faces, self.instance_names[i])

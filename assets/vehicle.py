@@ -74,7 +74,7 @@ class VehicleShape:
         return (self.mesh, self.vertex_part) if self.seen is None else (self.seen, self.seen_part)
 
     def seen_of(self, part: int) -> Float[np.ndarray, "v 3"]:
-        """Vertices of what can be seen of a part, at rest; none of a part that is wholly transparent."""
+        """Return vertices of what can be seen of a part, at rest; none of a part that is wholly transparent."""
         surface, vertex_part = self.surface
         return surface.vertices[vertex_part == part]
 
@@ -131,7 +131,7 @@ class VehicleShape:
         return poses
 
     def vertices_at(self, articulation: Articulation) -> Float[np.ndarray, "v 3"]:
-        """All vertices in the vehicle frame with the parts turned."""
+        """Return all vertices in the vehicle frame with the parts turned."""
         vertices = self.mesh.vertices.copy()
         for i, pose in enumerate(self.vehicle_from_parts(articulation)):
             if i != HULL and not np.array_equal(pose, np.eye(4)):

@@ -112,7 +112,7 @@ class Child:
         return None
 
     def last_words(self) -> str:
-        """How it ended, and the last line of its log."""
+        """Return how it ended, and the last line of its log."""
         code = self._process.wait()
         how = f"ended by signal {-code}" if code < 0 else f"ended with exit code {code}"
         if self._log is None:

@@ -44,7 +44,7 @@ def versions(*packages: str) -> dict[str, str]:
 
 
 def version_of(package: str) -> str | None:
-    """The version of a package; None if it isn't installed."""
+    """Return the version of a package; None if it isn't installed."""
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:

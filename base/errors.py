@@ -63,7 +63,7 @@ class DatasetError(HulldownError):
 
 
 def shown(value: object) -> str:
-    """The beginning of a value from a user's file."""
+    """Return the beginning of a value from a user's file."""
     try:
         return f"{value!r:.60}"
     except ValueError:  # Python writes no integers of 5,000 digits

@@ -100,7 +100,7 @@ def all_or_nothing(out: Path, key: str = "") -> Iterator[Path]:
 
 
 def is_done(out: Path, key: str) -> bool:
-    """Whether a run of `all_or_nothing` with this key ended, or was stopped while it moved files, which then ends."""
+    """Tell whether a run of `all_or_nothing` with this key ended, finishing one that was stopped as it moved files."""
     for folder in (out, out / UNFINISHED_NAME):
         with suppress(OSError), open_regular(folder / DONE_NAME) as file:
             if file.read(len(key) + 1) == key.encode():
@@ -179,7 +179,7 @@ def picture_name(index: int, suffix: str = ".png") -> str:
 
 
 def stays_inside(file_name: object) -> TypeGuard[str]:
-    """Whether a relative path does not leave its folder, read the Unix way and the Windows way."""
+    """Return whether a relative path does not leave its folder, read the Unix way and the Windows way."""
     if not isinstance(file_name, str) or not file_name or "\0" in file_name:
         return False
     unix, windows = PurePosixPath(file_name), PureWindowsPath(file_name)

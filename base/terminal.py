@@ -141,5 +141,5 @@ def tracked(title: str, items: Iterable[Item], total: int) -> Iterator[Item]:
 
 
 def watched() -> bool:
-    """Whether stderr is a terminal or a notebook."""
+    """Return whether stderr is a terminal or a notebook."""
     return STDERR.is_terminal or STDERR.is_jupyter

@@ -62,7 +62,7 @@ _ALLOWED = {
 
 
 def _explained(error: Mapping[str, Any], top: type[BaseModel]) -> str:
-    """One line for one of pydantic's errors: key, value, what is allowed."""
+    """Return one line for one of pydantic's errors: key, value, what is allowed."""
     steps = [s for s in error["loc"] if not (isinstance(s, str) and ("[" in s or s in ("int", "dict")))]
     key = "".join(f"[{s}]" if isinstance(s, int) else f".{s}" for s in steps).lstrip(".")
     if error["type"] == "extra_forbidden":
@@ -86,14 +86,14 @@ def _models(annotation: Any) -> Iterator[type[BaseModel]]:
 
 
 def _fields(section: list[str], model: type[BaseModel]) -> list[str]:
-    """Keys known in a section, given the names that lead to it."""
+    """Return keys known in a section, given the names that lead to it."""
     for name in section:
         model = next(_models(model.model_fields[name].annotation), model)
     return list(model.model_fields)
 
 
 def _nearest(name: str, section: list[str], top: type[BaseModel]) -> str | None:
-    """The known key most like `name`: in its own section if there is one, else anywhere, with its section."""
+    """Return the known key most like `name`: in its own section if there is one, else anywhere, with its section."""
     if near := difflib.get_close_matches(name, _fields(section, top), n=1):
         return ".".join([*section, near[0]])
     elsewhere = {

@@ -74,7 +74,7 @@ class CameraRays:
     def through(
         self, box: Float[np.ndarray, "p 2 2"], view: Int[np.ndarray, " p"]
     ) -> tuple[Int[np.ndarray, " q"], Int[np.ndarray, " q"]]:
-        """All pairs of a box, low and high corner at unit depth, and a ray of its camera that goes through it."""
+        """Return all pairs of a box, given by its corners at unit depth, and a ray of its camera through it."""
         low = self.low[view]
         near = np.flatnonzero(((box[:, 1] >= low) & (box[:, 0] <= low + self.extent[view])).all(axis=1))
         box, view = box[near], view[near]
@@ -89,12 +89,12 @@ class CameraRays:
         return near[pair], ray
 
     def _of(self, cameras: slice | Int[np.ndarray, " m"]) -> tuple[np.ndarray, np.ndarray]:
-        """The pattern of some cameras."""
+        """Return the pattern of some cameras."""
         return (self._u, self._v) if self._u.ndim == 1 else (self._u[cameras], self._v[cameras])
 
 
 def box_at_unit_depth(points_camera: Float[np.ndarray, "p k 3"]) -> Float[np.ndarray, "p 2 2"]:
-    """Corners of a box around the projected points; infinite if a point is nearer than the near plane."""
+    """Return corners of a box around the projected points; infinite if a point is nearer than the near plane."""
     # Points first: NumPy takes extremes over a short last axis many times slower.
     x, y, depth = np.ascontiguousarray(points_camera.transpose(2, 1, 0))
     beyond = depth.min(axis=0) > NEAR

@@ -56,7 +56,7 @@ def distorted(points: np.ndarray, distortion: np.ndarray, radius: np.ndarray | f
 
 
 def jacobian(points: np.ndarray, distortion: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The three different entries of the symmetric Jacobian of `distorted`: xx, xy, yy."""
+    """Return the three different entries of the symmetric Jacobian of `distorted`: xx, xy, yy."""
     x, y = points[..., 0], points[..., 1]
     k1, k2, p1, p2, k3 = (distortion[..., i] for i in range(5))
     square = x * x + y * y
@@ -70,7 +70,7 @@ def jacobian(points: np.ndarray, distortion: np.ndarray) -> tuple[np.ndarray, np
 
 
 def bend(length: np.ndarray, distortion: np.ndarray) -> np.ndarray:
-    """The greatest second derivative of `distorted`, along any line at unit speed, within so far of the axis."""
+    """Return the greatest second derivative of `distorted`, along any line at unit speed, within so far of the axis."""
     k1, k2, p1, p2, k3 = np.abs(distortion).tolist()
     square = length * length
     first = k1 + square * (2.0 * k2 + square * 3.0 * k3)
@@ -79,7 +79,7 @@ def bend(length: np.ndarray, distortion: np.ndarray) -> np.ndarray:
 
 
 def undistorted(points: np.ndarray, distortion: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
-    """The points within the radius that `distorted` takes to these, by Newton's method; nan where there are none.
+    """Return the points within the radius that `distorted` takes to these, by Newton's method; nan: there are none.
 
     Every point has its own number of rounds, so a result doesn't depend on the other points.
     """
@@ -134,7 +134,7 @@ def seen_radius(distortion: Coefficients) -> float:
 def frame_bounds(
     width: float, height: float, pinhole: tuple[float, float, float, float], distortion: Coefficients
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Corners of the smallest rectangle at unit depth around everything that an image shows.
+    """Return corners of the smallest rectangle at unit depth around everything that an image shows.
 
     Raises
     ------
@@ -160,12 +160,12 @@ def frame_bounds(
 
 
 def _within(points: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    """The points, or the nearest on the circle where they are beyond it."""
+    """Return the points, or the nearest on the circle where they are beyond it."""
     length = _length(points)
     with np.errstate(invalid="ignore"):
         return np.where((length > radius)[:, None], points * (radius / np.maximum(length, 1e-300))[:, None], points)
 
 
 def _length(points: np.ndarray) -> np.ndarray:
-    """Distance of points from the axis."""
+    """Return the distance of points from the axis."""
     return np.sqrt(points[:, 0] * points[:, 0] + points[:, 1] * points[:, 1])

@@ -24,7 +24,7 @@ PLACED_PX = 1e-3
 def turned(
     world_from_camera: ArrayLike, intrinsics: Optics, pixel: ArrayLike, roll: ArrayLike = 0.0
 ) -> Float[np.ndarray, "... 4 4"]:
-    """The camera turned on the spot so that what was on its optical axis falls on `pixel`, and rolled.
+    """Return the camera turned on the spot so that what was on its optical axis falls on `pixel`, and rolled.
 
     A level horizon stays level but for the roll, as on a tripod, where the view is flat enough for that:
     cos(elevation) above sin(fov_x / 2). Steeper cameras, and those that aren't level, turn by the smallest rotation.
@@ -220,7 +220,7 @@ def _turned_until(
     start: tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, "n 2 2"]],
     corner: Callable[[Int[np.ndarray, " r"], Float[np.ndarray, "r 2"]], Float[np.ndarray, "r 2"]],
 ) -> Float[np.ndarray, "n 4 4"]:
-    """Cameras turned until the upper left corner of each box is where `corner` wants it for a box of that size."""
+    """Turn cameras until the upper left corner of each box is where `corner` wants it for a box of that size."""
     n, (first, box) = len(poses), start
     best, best_pixel = first.copy(), np.array(np.broadcast_to(lens.center, (n, 2)))
     best_miss = np.full(n, np.inf)

@@ -81,7 +81,7 @@ class Intrinsics:
     def calibrated(
         cls, width: int, height: int, pinhole: Sequence[float], distortion: Sequence[float] = NONE
     ) -> Intrinsics:
-        """The intrinsics of a calibrated camera.
+        """Return the intrinsics of a calibrated camera.
 
         Parameters
         ----------
@@ -107,7 +107,7 @@ class Intrinsics:
 
     @classmethod
     def of_record(cls, record: Mapping[str, Any]) -> Intrinsics:
-        """The intrinsics in a row or an image record: `width`, `height`, and `K` and `dist`, or `fov_x_deg`."""
+        """Return the intrinsics in a row or an image record: `width`, `height`, and `K` and `dist`, or `fov_x_deg`."""
         width, height, matrix = record["width"], record["height"], record.get("K")
         if matrix is None:
             return cls(width, height, math.radians(record["fov_x_deg"]))
@@ -115,7 +115,7 @@ class Intrinsics:
         return cls.calibrated(width, height, (fx, fy, cx, cy), record.get("dist") or NONE)
 
     def resized(self, width: int, height: int) -> Intrinsics:
-        """The same view in an image of another size."""
+        """Return the same view in an image of another size."""
         if self.pinhole is None:
             return replace(self, width=width, height=height)
         across, down = width / self.width, height / self.height
@@ -177,7 +177,7 @@ class Intrinsics:
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
     def distance_for(self, size: ArrayLike, target_fraction: ArrayLike) -> np.ndarray:
-        """Distance at which an upright, face-on `size` fills `target_fraction` of the image height (eqs 5 and 6).
+        """Return the distance at which an upright `size` fills `target_fraction` of the image's height (eqs 5 and 6).
 
         Parameters
         ----------

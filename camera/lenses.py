@@ -53,7 +53,7 @@ class Lenses:
 
     @classmethod
     def of(cls, width: int, height: int, fov_x: Float[np.ndarray, " m"]) -> Lenses:
-        """Cameras of one image size with these horizontal fields of view in radians."""
+        """Return cameras of one image size with these horizontal fields of view in radians."""
         sine, cosine = sin_cos(fov_x / 2.0)
         f = width / 2.0 / (sine / cosine)
         size = np.tile([float(width), float(height)], (len(fov_x), 1))
@@ -61,7 +61,7 @@ class Lenses:
 
     @classmethod
     def unknown(cls, n: int) -> Lenses:
-        """Uninitialized intrinsics of n cameras."""
+        """Return uninitialized intrinsics of n cameras."""
         nan = np.full((n, 2), np.nan)
         return cls(nan, nan.copy(), nan.copy(), np.zeros((n, 5)))
 
@@ -118,7 +118,7 @@ class Lenses:
         return unit * self.focal[..., None, :] + self.center[..., None, :]
 
     def at_unit_depth(self, pixels: Float[np.ndarray, "... n 2"]) -> Float[np.ndarray, "... n 2"]:
-        """Points (x / z, y / z) of the plane at unit depth that project to these pixels; nan where there are none."""
+        """Return points (x / z, y / z) at unit depth that project to these pixels; nan where there are none."""
         unit = (pixels - self.center[..., None, :]) / self.focal[..., None, :]
         if self.distorted:
             unit = undistorted(unit, self.distortion[..., None, :], self.radius[..., None])
@@ -127,7 +127,7 @@ class Lenses:
     def image_of(
         self, low: Float[np.ndarray, "m 2"], high: Float[np.ndarray, "m 2"]
     ) -> tuple[Float[np.ndarray, "m 2"], Float[np.ndarray, "m 2"]]:
-        """Corners in pixels of a box around the image of a window at unit depth, for each camera.
+        """Return corners in pixels of a box around the image of a window at unit depth, for each camera.
 
         It's the whole image if the lens doesn't see the whole window.
         """
@@ -158,7 +158,7 @@ Optics = Intrinsics | Sequence[Intrinsics] | Lenses
 
 
 def lenses(intrinsics: Optics) -> Lenses:
-    """One camera's intrinsics or a row of them, as arrays."""
+    """Return one camera's intrinsics or a row of them, as arrays."""
     if isinstance(intrinsics, Lenses):
         return intrinsics
     if isinstance(intrinsics, Intrinsics):

@@ -25,7 +25,7 @@ class Projected(NamedTuple):
 
 
 def project(intrinsics: Optics, world_from_camera: ArrayLike, points_world: ArrayLike) -> Projected:
-    """Pixels and depths of world points.
+    """Return pixels and depths of world points.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ class Camera:
         return self.world_from_camera[:3, 3]
 
     def project(self, points_world: ArrayLike) -> Projected:
-        """Pixels (n, 2) and depth (n,) of world points (n, 3); the pixels of points at or behind the camera are nan."""
+        """Return pixels (n, 2) and depth (n,) of world points (n, 3); pixels are nan at or behind the camera."""
         return project(self.intrinsics, self.world_from_camera, points_world)
 
     def unproject(self, pixels: ArrayLike, depth: ArrayLike) -> Float[np.ndarray, "n 3"]:

@@ -79,7 +79,7 @@ def _daylight(kelvin: float) -> np.ndarray:
 
 
 def off_daylight(light: np.ndarray, *, warmest: float = 2000.0) -> float:
-    """Distance of a light's color from sunsets and daylight in CIE 1976 u'v'; 0 for 2000 to 25000 K.
+    """Return the distance of a light's color from sunsets and daylight in CIE 1976 u'v'; 0 for 2000 to 25000 K.
 
     Parameters
     ----------

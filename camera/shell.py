@@ -49,7 +49,7 @@ def camera_pose(
 def shell_axes(
     azimuth: ArrayLike, elevation: ArrayLike
 ) -> tuple[Float[np.ndarray, "... 3"], Float[np.ndarray, "... 3 3"]]:
-    """Unit direction from the center to the camera, and the camera's axes (right, down, forward) as columns."""
+    """Return unit direction from the center to the camera, and the camera's axes (right, down, forward) as columns."""
     a = checked(azimuth, "azimuth", ("...",))
     e = checked(elevation, "elevation", ("...",))
     if (np.abs(e) > math.pi / 2).any():

@@ -32,7 +32,7 @@ def solve_distance(
     pixels: ArrayLike,
     measure: Measure = "height",
 ) -> Float[np.ndarray, " m"]:
-    """Distance from the center at which the points' projected box has exactly the wanted size.
+    """Return the distance from the center at which the points' projected box has exactly the wanted size.
 
     The camera keeps its rotation and moves on the line through `center` and where it is now, so that the center keeps
     its pixel, in the middle of the frame or off it. Along that line a vertex moves on a hyperbola of the distance, away

@@ -167,7 +167,7 @@ class Cluster:
             self._cancel(running)
 
     def _has_room(self, task: _Task[Any], running: int) -> bool:
-        """Whether the workers can take another task; one that may crash them is tried alone."""
+        """Return whether the workers can take another task; one that may crash them is tried alone."""
         return running < self._at_once * self.working and not (running and task.losses == LOSSES)
 
     def _submit(self, function: Callable[..., Any], *given: Any, workers: Iterable[str], retries: int = 0) -> Future:
@@ -176,7 +176,7 @@ class Cluster:
         )
 
     def _results(self, task: _Task[Any], result: Any, lost: Any) -> list[Any]:
-        """All results of a task that has ended; empty if it must be tried again."""
+        """Return all results of a task that has ended; empty if it must be tried again."""
         error = result[1] if isinstance(result, tuple) else result  # of a failed task: type, error, and traceback
         if isinstance(error, CancelledError | KilledWorker):
             is_last = task.losses == LOSSES

@@ -34,7 +34,7 @@ class Scale:
 
 
 def _ranges(unit: str, *edges: float) -> tuple[str, ...]:
-    """Names of bins between edges, the first and the last of which are open."""
+    """Return names of bins between edges, the first and the last of which are open."""
     inner = [f"{low:g} to {high:g}{unit}" for low, high in itertools.pairwise(edges[1:-1])]
     return f"under {edges[1]:g}{unit}", *inner, f"{edges[-2]:g}{unit} and more"
 
@@ -121,7 +121,7 @@ def seen_from(
 
 
 def sides_of(azimuth: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """Which of `SIDES` is seen from azimuths in degrees; -1 for nan.
+    """Return which of `SIDES` is seen from azimuths in degrees; -1 for nan.
 
     Front is within 45 degrees of straight ahead, rear within 45 of straight behind.
     """
@@ -130,7 +130,7 @@ def sides_of(azimuth: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
 
 
 def bins_of(values: Float[np.ndarray, " n"], scale: Scale) -> Int[np.ndarray, " n"]:
-    """The bin of each value, lower edges included; -1 for nan and what lies below all."""
+    """Return the bin of each value, lower edges included; -1 for nan and what lies below all."""
     bins = np.searchsorted(np.array(scale.edges), values, side="right") - 1
     return np.where(np.isnan(values) | (bins >= len(scale.edges) - 1), -1, bins)
 
@@ -161,10 +161,10 @@ def poses_of(records: Records, key: str) -> Float[np.ndarray, "n 4 4"]:
 
 
 def name_of(value: Any) -> str | None:
-    """A name in a record; None if it isn't a string."""
+    """Return a name in a record; None if it isn't a string."""
     return value if isinstance(value, str) and value else None
 
 
 def number(value: Any) -> float:
-    """A number in a record; nan if it isn't one."""
+    """Return a number in a record; nan if it isn't one."""
     return float(value) if type(value) in (int, float) and math.isfinite(value) else math.nan

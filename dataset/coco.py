@@ -103,15 +103,15 @@ class CocoDataset:
         return dataset
 
     def __len__(self) -> int:
-        """Number of images in the dataset, including those from other sources."""
+        """Return the number of images in the dataset, including those from other sources."""
         return len(self._document.images)
 
     def finished(self, file_name: str) -> bool:
-        """Whether the dataset has an image of that name."""
+        """Return whether the dataset has an image of that name."""
         return place_of(file_name) in self._document.file_names
 
     def images(self) -> Iterator[tuple[int, str]]:
-        """Id and file name of each image."""
+        """Return id and file name of each image."""
         return ((record["id"], str(record.get("file_name"))) for record in self._document.images)
 
     def check_free(self, file_name: str, image_id: int, annotation_ids: range) -> None:
@@ -137,7 +137,7 @@ class CocoDataset:
         )
 
     def missing(self) -> int:
-        """Number of images reserved for a plan and not in the dataset."""
+        """Return the number of images reserved for a plan and not in the dataset."""
         ids = self._document.images.ids
         return sum(run.images - sum(map(run.has_image, ids)) for run in self._document.runs.values())
 
@@ -232,7 +232,7 @@ class CocoDataset:
         self._line(image, annotations)
 
     def _line(self, image: Record, annotations: Sequence[Record]) -> Record:
-        """The journal's line for an image."""
+        """Return the journal's line for an image."""
         document = self._document
         record = plain_json(image, "image")
         check_image(record)

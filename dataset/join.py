@@ -57,7 +57,7 @@ class _Part:
     failures: list[Record]
 
     def runs(self, target: CocoDataset) -> list[tuple[Run, Run]]:
-        """Each plan's run here, and in the target, which reserves one if it has none."""
+        """Return each plan's run here, and in the target, which reserves one if it has none."""
         runs = self.document.runs.values()
         return [(run, target.run(run.key, images=run.images, annotations=run.annotations)) for run in runs]
 
@@ -259,7 +259,7 @@ def _check(moves: Sequence[_Move], target: CocoDataset) -> None:
 
 
 def _records(move: _Move) -> tuple[Record, Sequence[Record]]:
-    """An image and its annotations as records of the dataset."""
+    """Return an image and its annotations as records of the dataset."""
     document = move.part.document
     image = document.images[move.index]
     boxes = [document.annotations[i] for i in move.part.boxes.get(image["id"], ())]

@@ -25,7 +25,7 @@ class _Provenance(Struct):
 
 
 def read_provenance(folder: Path) -> dict[str, Record]:
-    """The entry of each plan by its key; empty without a file.
+    """Return the entry of each plan by its key; empty without a file.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def add_provenance(folder: Path, entries: Mapping[str, Record]) -> None:
 
 
 def read_failures(folder: Path) -> list[Record]:
-    """One record per image, with its `file_name`; empty without a file."""
+    """Return one record per image, with its `file_name`; empty without a file."""
     return [line for line in read_journal(folder / FAILURES_NAME) if isinstance(line.get("file_name"), str)]
 
 

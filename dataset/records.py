@@ -89,7 +89,7 @@ def read_usable(folder: Path) -> Coco:
 
 
 def by_image(images: Iterable[Record], annotations: Iterable[Record]) -> dict[int, list[Record]]:
-    """The annotations of each image by its id, in order; without those of other images."""
+    """Return the annotations of each image by its id, in order; without those of other images."""
     of_image: dict[int, list[Record]] = {image["id"]: [] for image in images}
     for annotation in annotations:
         image_id = annotation.get("image_id")
@@ -277,7 +277,7 @@ def check_runs(coco: Coco) -> Iterator[Finding]:
 
 
 def _name(image: Record) -> str:
-    """An image's name in findings: its file's, if it has one."""
+    """Return an image's name in findings: its file's, if it has one."""
     name = image.get("file_name")
     return name if isinstance(name, str) and name else f"image {image['id']}"
 

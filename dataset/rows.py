@@ -65,13 +65,13 @@ def check_planned(coco: Coco, plan: Plan) -> Iterator[Finding]:
 
 
 def image_record(row: Row) -> dict[str, Any]:
-    """A dataset's record of a row's image, without id and file name."""
+    """Return a dataset's record of a row's image, without id and file name."""
     record = orjson.loads(encode(row))
     return {key: record[key] for key in IMAGE_KEYS if key in record}
 
 
 def label_records(row: Row) -> list[dict[str, Any]]:
-    """A dataset's records of a row's labeled vehicles, without ids and what needs the scene."""
+    """Return a dataset's records of a row's labeled vehicles, without ids and what needs the scene."""
     records = []
     for vehicle in row.labeled:
         encoded = orjson.loads(encode(vehicle))
@@ -96,7 +96,7 @@ def _box_differs(name: str, box: Record | None, wanted: Record, names: Mapping[i
 
 
 def not_annotated(name: str, category: str | None, vehicle: str) -> Finding:
-    """A warning about a missing label, which someone may have deleted on purpose."""
+    """Return a warning about a missing label, which someone may have deleted on purpose."""
     return Finding("warning", name, f"{category} {vehicle!r} is planned and has no annotation")
 
 

@@ -149,7 +149,7 @@ class Dataset(ShownInNotebooks):
 
     @classmethod
     def of_plan(cls, plan: Plan, picture: Callable[[int], Pictures.Image]) -> Dataset:
-        """The dataset that a plan will become; `picture` returns a row's picture, such as its preview.
+        """Return the dataset that a plan will become; `picture` returns a row's picture, such as its preview.
 
         Raises
         ------
@@ -168,7 +168,7 @@ class Dataset(ShownInNotebooks):
         return cls(str(plan.path), {"categories": categories, "images": images, "annotations": labels}, picture)
 
     def picture(self, i: int, *, labels: bool = True, masks: bool = True) -> Pictures.Image:
-        """The picture of the i-th image, by default with boxes, class names, and masks.
+        """Return the picture of the i-th image, by default with boxes, class names, and masks.
 
         Raises
         ------
@@ -186,7 +186,7 @@ class Dataset(ShownInNotebooks):
             raise DatasetError(problem, remedy="check the dataset with `hulldown verify`") from error
 
     def sheet(self, *, count: int = 24, columns: int = 4, tile_width: int = 480, masks: bool = True) -> Pictures.Image:
-        """A contact sheet of labeled pictures, an even selection of the dataset.
+        """Return a contact sheet of labeled pictures, an even selection of the dataset.
 
         Raises
         ------

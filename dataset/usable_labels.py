@@ -122,7 +122,7 @@ class LabelFloors:
     below: Literal["ignored", "left_out"] = "ignored"
 
     def kept(self, annotations: Sequence[Record]) -> list[Record]:
-        """The kept annotations, in order; ignored ones stay ignored, or are dropped with the others."""
+        """Return the kept annotations, in order; ignored ones stay ignored, or are dropped with the others."""
         kept: list[Record] = []
         for annotation in annotations:
             below = (

@@ -17,7 +17,7 @@ SCENERY = {"temperate_hills": hills.temperate_hills, "dry_steppe": steppe.dry_st
 
 
 def _jobs(folder: Path, seed: int) -> Iterator[tuple[str, Callable[[], Path]]]:
-    """Name and maker of each asset; each has random numbers of its own, so that none depends on its neighbors."""
+    """Yield each asset's name and maker; each has random numbers of its own, so that none depends on its neighbors."""
     for k, name in enumerate(CATEGORY):
         yield name, partial(vehicles.write_vehicle, name, folder / "vehicles", rng=np.random.default_rng([seed, 1, k]))
     for name in DISTRACTORS:

@@ -27,7 +27,7 @@ from hulldown.demo.shapes import (
 def arched(
     outline: Outline, axles: Sequence[float], *, center: float, radius: float, sill: float
 ) -> list[tuple[float | int, float | int]]:
-    """A side profile (x, z), counter-clockwise from its lower rear corner, with wheel arches cut into its underside."""
+    """Return a side profile (x, z), counter-clockwise from its lower rear corner, with arches for wheels."""
     reach = float(np.sqrt(radius**2 - (sill - center) ** 2))
     low = np.arcsin((sill - center) / radius)
     points = [outline[0]]
@@ -60,7 +60,7 @@ def car_wheels(m: BlendModel, p: Paints, axles: Sequence[float], *, y: float, ra
 
 
 def _seams(lines: Sequence[Sequence[tuple[float, float]]], y: float) -> Shape:
-    """The gaps between doors and wings, as thin dark strips on the left side."""
+    """Return the gaps between doors and wings, as thin dark strips on the left side."""
     return joined(path_tube([(x, y, z) for x, z in line], 0.007, sides=4) for line in lines)
 
 
@@ -69,7 +69,7 @@ def _plates(front: float, rear: float, z: tuple[float, float]) -> Shape:
 
 
 def civilian_car(m: BlendModel, p: Paints) -> None:
-    """A five-door estate with roof rails."""
+    """Build a five-door estate with roof rails."""
     axles = (1.32, -1.36)
     outline = [
         (-2.22, 0.32),
@@ -165,7 +165,7 @@ def civilian_car(m: BlendModel, p: Paints) -> None:
 
 
 def panel_van(m: BlendModel, p: Paints) -> None:
-    """A high-roofed delivery van with a sliding door."""
+    """Build a high-roofed delivery van with a sliding door."""
     axles = (1.75, -1.65)
     outline = [
         (-2.75, 0.42),

@@ -175,7 +175,7 @@ def wheels(m: BlendModel, p: Paints, at: Sequence[float], *, y: float, radius: f
 
 
 def ladder_frame(m: BlendModel, p: Paints, x0: float, x1: float, z: float, *, y: float = 0.42) -> None:
-    """Two rails with cross members, their upper side at z."""
+    """Add two rails with cross members, their upper side at z."""
     rails = block((x0, y - 0.06, z - 0.26), (x1, y + 0.06, z)).pair()
     cross = joined(block((x - 0.06, -y, z - 0.2), (x + 0.06, y, z - 0.06)) for x in np.linspace(x0 + 0.2, x1 - 0.2, 6))
     m.add("Frame", rails + cross, p.dark, bevel=0.01)
@@ -232,14 +232,14 @@ def antenna(
     lean: float = 0.35,
     part: str = "hull",
 ) -> None:
-    """A whip aerial on its base, bent by its weight."""
+    """Add a whip aerial on its base, bent by its weight."""
     x, y, z = at
     bend = [(x - lean * t * t, y, z + 0.16 + height * t) for t in np.linspace(0, 1, 5)]
     m.add("Antenna", tube(at, (x, y, z + 0.2), 0.05) + path_tube(bend, 0.012, sides=5), p.dark, bevel=0, part=part)
 
 
 def hatch(x: float, y: float, z: float, radius: float = 0.3) -> Shape:
-    """A round hatch with its lid, hinge and handle."""
+    """Return a round hatch with its lid, hinge and handle."""
     ring = tube((x, y, z - 0.05), (x, y, z + 0.07), radius + 0.07, sides=16)
     lid = tube((x, y, z + 0.07), (x, y, z + 0.12), radius, radius * 0.9, sides=16)
     return (
@@ -251,7 +251,7 @@ def hatch(x: float, y: float, z: float, radius: float = 0.3) -> Shape:
 
 
 def smoke_launchers(x: float, y: float, z: float, *, tubes: int = 4, spread: float = 0.16, lean: float = 30) -> Shape:
-    """A row of grenade tubes pointing forward, outward and up; for the left side (mirror it)."""
+    """Return a row of grenade tubes pointing forward, outward and up; for the left side (mirror it)."""
     shapes = []
     for k in range(tubes):
         cup = (

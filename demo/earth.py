@@ -80,7 +80,7 @@ def ground(name: str, soil: Soil, *, far: bool = False) -> Any:
 
 
 def road(name: str, tones: tuple[Color, Color], verge: Color, *, half: float) -> Any:
-    """A dirt road by its UV map (u meters across, v meters along): two ruts, a grown-over middle, ragged verges."""
+    """Make a dirt road by its UV map (u meters across, v along): two ruts, a grown-over middle, ragged verges."""
     g = Graph(name)
     where = g.add("TexCoord").outputs["Object"]
     across = g.maths("ABSOLUTE", g.add("SeparateXYZ", {0: g.add("TexCoord").outputs["UV"]}).outputs[0])

@@ -11,7 +11,7 @@ from hulldown.demo.shapes import Shape, block, box, joined, lathe, path_tube, pr
 
 
 def bale(radius: float, length: float, *, rng: np.random.Generator) -> Shape:
-    """A round bale about the y axis, out of round and soft-edged, its lowest line at z = 0."""
+    """Return a round bale about the y axis, out of round and soft-edged, its lowest line at z = 0."""
     stations = [
         (0.4, -0.5),
         (0.86, -0.49),
@@ -66,7 +66,7 @@ def bale_stack(m: BlendModel, p: Paints) -> None:
 
 
 def _wheel(m: BlendModel, p: Paints, name: str, at: tuple[float, float], radius: float, width: float) -> None:
-    """A farm wheel with slanting lugs; its tire stands on z = 0."""
+    """Add a farm wheel with slanting lugs; its tire stands on z = 0."""
     x, y = at
     w = width / 2
     tire = lathe(
@@ -106,7 +106,7 @@ def _wheel(m: BlendModel, p: Paints, name: str, at: tuple[float, float], radius:
 
 
 def tractor_trailer(m: BlendModel, p: Paints) -> None:
-    """A farm tractor pulling a two-axled tipper with a load of straw."""
+    """Build a farm tractor pulling a two-axled tipper with a load of straw."""
     _wheel(m, p, "Rear", (2.3, 0.86), 0.86, 0.5)
     _wheel(m, p, "Front", (4.55, 0.8), 0.58, 0.36)
     m.add("Engine", slab([(2.2, 0.7), (4.9, 0.62), (4.95, 0.9), (2.2, 1.1)], 0.3), p.dark, bevel=0.03)

@@ -26,14 +26,14 @@ class Land:
         self.collections: dict[str, Any] = {}
 
     def collection(self, name: str) -> Any:
-        """The collection of that name, made when first asked for."""
+        """Return the collection of that name, made when first asked for."""
         if name not in self.collections:
             self.collections[name] = bpy.data.collections.new(name)
             self.scene.collection.children.link(self.collections[name])
         return self.collections[name]
 
     def add(self, name: str, geometry: tuple[np.ndarray, np.ndarray], material: Any, *, home: str) -> Any:
-        """A smooth mesh object."""
+        """Return a smooth mesh object."""
         mesh = bpy.data.meshes.new(name)
         mesh.from_pydata(geometry[0], [], geometry[1])
         mesh.materials.append(material)
@@ -43,7 +43,7 @@ class Land:
         return thing
 
     def road(self, name: str, course: Course, z: np.ndarray, material: Any, *, half: float) -> None:
-        """A strip with ruts in its shape and (across, along) in meters as its UV map; its edges dip into the ground."""
+        """Add a strip with ruts in its shape and (across, along) in meters as UV map; its edges dip into the ground."""
         across = np.array([-half, -half + 0.6, -1.4, -0.95, -0.5, 0.5, 0.95, 1.4, half - 0.6, half])
         rise = np.array([-0.25, 0.0, 0.03, -0.03, 0.03, 0.03, -0.03, 0.03, 0.0, -0.25])
         thing = self.add(name, ribbon(course, z, across, rise), material, home="Terrain")
@@ -80,7 +80,7 @@ class Land:
                     self.add(f"Horizon_{north}{east}", sheet(xs, ys, outland), material, home="Surroundings")
 
     def camera(self, at: tuple[float, float, float], turn_deg: float) -> None:
-        """The camera that the file is delivered with."""
+        """Add the camera that the file is delivered with."""
         camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
         camera.matrix_world = (
             Matrix.Translation(at)
@@ -99,7 +99,7 @@ class Land:
 
 
 def leveled(surface: Height, course: Course, level: np.ndarray, *, reach: tuple[float, float]) -> Height:
-    """The surface brought to the `level` of a road along its course: wholly and not at all within `reach` meters."""
+    """Bring a surface to the `level` of a road along its course: wholly and not at all within `reach` meters."""
 
     def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         distance, nearest = course.nearest(x, y)
@@ -110,14 +110,14 @@ def leveled(surface: Height, course: Course, level: np.ndarray, *, reach: tuple[
 
 
 def highest(*surfaces: Height) -> Height:
-    """The top of several surfaces."""
+    """Return the top of several surfaces."""
     return lambda x, y: np.max([surface(x, y) for surface in surfaces], axis=0)
 
 
 def mound(
     center: tuple[float, float], half: tuple[float, float], turn_deg: float, top: float, base: Height, *, steep: float
 ) -> Height:
-    """A hill over `base` that dips below it at its rim; its far side is `steep` times as steep as its near one."""
+    """Return a hill over `base` that dips below it at its rim; its far side is `steep` times as steep."""
     c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
 
     def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -130,6 +130,6 @@ def mound(
 
 
 def patch(center: tuple[float, float], reach: float, height: Height, *, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """A square sheet about a center."""
+    """Return a square sheet about a center."""
     line = np.linspace(-reach, reach, int(2 * reach / step) + 1)
     return sheet(center[0] + line, center[1] + line, height)

@@ -15,7 +15,7 @@ from hulldown.demo.truck_parts import cab_over
 
 
 def missile(length: float, radius: float) -> Shape:
-    """A missile along +x from x = 0: ogive nose, four wings at mid-body, four fins at the tail."""
+    """Return a missile along +x from x = 0: ogive nose, four wings at mid-body, four fins at the tail."""
     nose = [(length * (0.80 + 0.2 * t), radius * np.sqrt(1 - t**1.6)) for t in np.linspace(0, 0.98, 6)]
     body = profile_tube([(0, radius * 0.7), (0.05, radius), *((float(x), float(r)) for x, r in nose)], sides=14)
     wings, fins = (
@@ -29,7 +29,7 @@ def missile(length: float, radius: float) -> Shape:
 
 
 def dish(radius: float, depth: float) -> Shape:
-    """A parabolic reflector, its back at the origin, looking along +x, with a feed horn on struts."""
+    """Return a parabolic reflector, its back at the origin, looking along +x, with a feed horn on struts."""
     bowl = [(radius * t, depth * t * t) for t in np.linspace(0.02, 1, 7)]
     skin = lathe([*bowl, *((r, y + 0.04) for r, y in reversed(bowl))], sides=24).turned("z", -90)
     struts = joined(
@@ -40,7 +40,7 @@ def dish(radius: float, depth: float) -> Shape:
 
 
 def sam_canister(m: BlendModel, p: Paints, folder: Path) -> None:
-    """An 8x8 launcher vehicle with four big missile canisters, half raised on a turntable."""
+    """Build an 8x8 launcher vehicle with four big missile canisters, half raised on a turntable."""
     axles = (3.9, 2.3, -1.5, -3.1)
     chassis.wheels(m, p, axles, y=1.15, radius=0.68, width=0.5)
     chassis.ladder_frame(m, p, -4.7, 4.9, 1.3, y=0.5)
@@ -108,7 +108,7 @@ def sam_canister(m: BlendModel, p: Paints, folder: Path) -> None:
 
 
 def sam_rails(m: BlendModel, p: Paints, folder: Path) -> None:
-    """A tracked chassis with three finned missiles on rails over a turntable."""
+    """Build a tracked chassis with three finned missiles on rails over a turntable."""
     gear = Running(6, -2.15, 0.82, 0.34, 1.25, 0.42, sprocket=(2.95, 0.68, 0.28), idler=(-3.0, 0.6, 0.26))
     chassis.tracks(m, p, gear)
     m.add("Hull_Lower", slab([(-3.3, 1.0), (-3.2, 0.45), (2.9, 0.45), (3.4, 0.95), (3.2, 1.1)], 1.02), p.body)
@@ -168,7 +168,7 @@ def sam_rails(m: BlendModel, p: Paints, folder: Path) -> None:
 
 
 def sam_turret(m: BlendModel, p: Paints, folder: Path) -> None:
-    """A tracked vehicle whose big turret carries missile boxes, a search dish on top and a flat tracking radar."""
+    """Build a tracked vehicle whose turret carries missile boxes, a search dish on top and a flat tracking radar."""
     image = bpy.data.images.load(str(folder / "textures" / "forest_blocks.png"))
     image.pack()
     paint = materials.image_paint("Forest_Blocks", image, dust="#8d7c5f", by_uv=False)

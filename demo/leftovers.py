@@ -12,7 +12,7 @@ from hulldown.demo.shapes import Shape, block, box, joined, lathe, path_tube, pr
 def corrugated(
     length: float, *, pitch: float = 0.28, depth: float = 0.036, thickness: float = 0.02
 ) -> list[tuple[float, float]]:
-    """The outline (along, out) of a sheet in trapezoidal folds, from 0 to `length`."""
+    """Return the outline (along, out) of a sheet in trapezoidal folds, from 0 to `length`."""
     outer: list[tuple[float, float]] = []
     for k in range(round(length / pitch)):
         at = k * pitch
@@ -22,7 +22,7 @@ def corrugated(
 
 
 def container(m: BlendModel, p: Paints) -> None:
-    """A twenty-foot container with corrugated sides and double doors at its rear."""
+    """Build a twenty-foot container with corrugated sides and double doors at its rear."""
     half, width, height = 3.03, 1.22, 2.59
     side = stack(
         [(z, [(x - half + 0.1, y + width - 0.02) for x, y in corrugated(2 * half - 0.2)]) for z in (0.16, 2.5)]
@@ -102,7 +102,7 @@ def _plate(outline: list[tuple[float, float]], z: float, thick: float) -> Shape:
 
 
 def burnt_hull(m: BlendModel, p: Paints) -> None:
-    """The hull of a tank without its top, burnt out: hatches open, tires gone, a track thrown, plates torn."""
+    """Build the burnt-out hull of a tank without its top: hatches open, tires gone, a track thrown, plates torn."""
     lower = [(-3.1, 0.62), (-2.6, 0.42), (2.6, 0.42), (3.15, 0.86), (3.0, 1.05), (-3.15, 1.1)]
     m.add("Hull", slab(lower, 1.02), p.body, bevel=0.03)
     upper = [(-3.2, 1.06), (3.05, 1.0), (3.2, 1.08), (1.75, 1.5), (-3.15, 1.52)]

@@ -20,7 +20,7 @@ BUILT = "hulldown built "  # starts a line of the child process that names a fil
 def build_demo_assets(
     folder: Path | str, *, seed: int = 0, progress: Callable[[int, int], None] | None = None
 ) -> tuple[Path, ...]:
-    """The demo assets in vehicles/, distractors/, sceneries/ and hdris/ below `folder`, replacing those that exist.
+    """Build vehicles/, distractors/, sceneries/ and hdris/ of the demo below `folder`, replacing those that exist.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ Color = str  # "#rrggbb" as a color picker shows it
 
 
 def linear(color: Color) -> tuple[float, float, float, float]:
-    """The color in the linear light that Cycles computes with."""
+    """Return the color in the linear light that Cycles computes with."""
     return *linear_color(color), 1.0
 
 
@@ -30,7 +30,7 @@ class Graph:
         self.tree.nodes.clear()
 
     def add(self, kind: str, inputs: Mapping[Any, Any] | None = None, /, **settings: Any) -> Any:
-        """A node with inputs set to values or linked to sockets."""
+        """Return a node with inputs set to values or linked to sockets."""
         return add_node(self.tree, kind, inputs, **settings)
 
     def noise(self, where: Any, scale: float, *, detail: float = 2.0, rough: float = 0.5, warp: float = 0.0) -> Any:
@@ -48,7 +48,7 @@ class Graph:
         return self.add("MapRange", {0: value, 1: low, 2: high}, interpolation_type="SMOOTHSTEP").outputs[0]
 
     def maths(self, operation: str, a: Any, b: Any = 0.0) -> Any:
-        """One arithmetic operation on numbers."""
+        """Return one arithmetic operation on numbers."""
         return self.add("Math", {0: a, 1: b}, operation=operation).outputs[0]
 
     def mix(self, factor: Any, a: Any, b: Any, *, blend: str = "MIX") -> Any:
@@ -58,14 +58,14 @@ class Graph:
         return node.outputs[2]
 
     def shade(self, color: Any, value: Any, amount: float) -> Any:
-        """The color made darker and brighter by up to `amount` as a noise value goes about 0.5."""
+        """Return the color made darker and brighter by up to `amount` as a noise value goes about 0.5."""
         factor = self.add("MapRange", {0: value, 1: 0.25, 2: 0.75, 3: 1 - amount, 4: 1 + amount}).outputs[0]
         vector = color[:3] if isinstance(color, tuple) else color
         scale = self.add("VectorMath", {0: vector, "Scale": factor}, operation="SCALE")
         return scale.outputs[0]
 
     def bump(self, height: Any, distance: float, strength: float = 1.0) -> Any:
-        """A normal that leans as a height field of `distance` meters would."""
+        """Return a normal that leans as a height field of `distance` meters would."""
         return self.add("Bump", {"Height": height, "Distance": distance, "Strength": strength}).outputs[0]
 
     def surface(self, inputs: Mapping[Any, Any]) -> bpy.types.Material:
@@ -80,7 +80,7 @@ class Graph:
 
 
 def plain(name: str, color: Color, *, rough: float = 0.6, metal: float = 0.0, mottle: float = 0.15) -> Any:
-    """One color with slight fine variation: rubber, steel, canvas, wood, lamps."""
+    """Return one color with slight fine variation: rubber, steel, canvas, wood, lamps."""
     g = Graph(name)
     where = g.add("TexCoord").outputs["Object"]
     value = g.noise(where, 6.0, detail=4.0)

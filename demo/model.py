@@ -36,19 +36,19 @@ class BlendModel:
         self.origin: dict[str, np.ndarray] = {"hull": np.zeros(3)}
 
     def pivot(self, part: str, at: Point, *, on: str = "hull", name: str | None = None) -> None:
-        """A part that turns about the origin of an empty, its objects being the empty's children."""
+        """Add a part that turns about the origin of an empty, its objects being the empty's children."""
         empty = bpy.data.objects.new(name or part.capitalize(), None)
         empty.empty_display_size = 0.5 * self.unit
         self._hang(empty, part, at, on)
 
     def pivot_object(self, part: str, at: Point, shape: Shape, material: Any, *, bevel: float, name: str) -> None:
-        """A part that turns about the origin of its first mesh object, the others being that object's children."""
+        """Add a part that turns about the origin of its first mesh object, the others being that object's children."""
         center = np.asarray(at, float)
         mesh_object = self._mesh(name, Shape(shape.vertices - center, shape.faces), material, bevel)
         self._hang(mesh_object, part, at, "hull")
 
     def pivot_collection(self, part: str, at: Point, *, name: str, on: str = "hull") -> None:
-        """A part that is a collection of its own, in that of `on`, with an empty in it that marks the pivot."""
+        """Add a part that is a collection of its own, in that of `on`, with an empty in it that marks the pivot."""
         self.home[part] = bpy.data.collections.new(name)
         self.home[on].children.link(self.home[part])
         self._hang(bpy.data.objects.new(f"{name}_Pivot", None), part, at, on)
@@ -65,7 +65,7 @@ class BlendModel:
         mirror: bool = False,
         copies: tuple[int, float] | None = None,
     ) -> Any:
-        """A mesh object in vehicle coordinates; `mirror` across y and `copies` (count, step in x) are modifiers."""
+        """Add a mesh object in vehicle coordinates; `mirror` across y and `copies` (count, step in x) are modifiers."""
         thing = self._mesh(name, shape, material, bevel, smooth=smooth)
         if copies is not None:
             array = thing.modifiers.new("Array", "ARRAY")
@@ -77,7 +77,7 @@ class BlendModel:
         return thing
 
     def crate(self, name: str, size: Point, at: Point, material: Any, *, turn_deg: float = 0.0) -> None:
-        """A box as artists leave it: a unit cube with its scale and rotation not applied."""
+        """Add a box as artists leave it: a unit cube with its scale and rotation not applied."""
         thing = self._mesh(name, box((1.0, 1.0, 1.0), (0.0, 0.0, -0.5)), material, 0.02)
         x, y, z = at
         place = Matrix.Translation(np.array([x, y, z + size[2] / 2]) * self.unit)
@@ -157,7 +157,7 @@ def _mesh_data(name: str, shape: Shape, unit: float, smooth: float = 35.0) -> An
 
 
 def _box_uv(mesh: Any, shape: Shape, *, tile: float) -> None:
-    """A UV map that projects each face along its dominant axis, `tile` meters to the unit square."""
+    """Add a UV map that projects each face along its dominant axis, `tile` meters to the unit square."""
     normals = np.empty(3 * len(mesh.polygons))
     mesh.polygons.foreach_get("normal", normals)
     axis = np.abs(normals.reshape(-1, 3)).argmax(axis=1)

@@ -43,7 +43,7 @@ class Planting:
         tilt: float = 0.05,
         lying: bool = False,
     ) -> None:
-        """Up to n copies of these meshes or curves in the collection `home`, at least `gap` meters apart."""
+        """Add up to n copies of these meshes or curves to the collection `home`, at least `gap` meters apart."""
         self._copies(home, kinds, self._spots(self.land.half, n, share, gap=gap), scale, sink, tilt=tilt, lying=lying)
 
     def stones(self, name: str, material: Any, flats: Sequence[float], n: int, share: Share) -> list[Any]:
@@ -70,7 +70,7 @@ class Planting:
         self.strew("Grass", patches, n, share, gap=4.0, scale=(0.75, 1.3), sink=0.02, lying=True)
 
     def outskirts(self, name: str, plants: Sequence[Any], n: int, share: Share, *, reach: float, group: int) -> None:
-        """Groups of plants on the surroundings, `reach` meters from the middle and farther than the ground's edge."""
+        """Plant groups on the surroundings, `reach` meters from the middle and farther than the ground's edge."""
         spots = self._spots(reach, n, share, gap=12.0, inside=self.land.half + 10)
         members = bpy.data.collections.new(name)
         angles = np.arange(group) * 2.4
@@ -97,13 +97,13 @@ class Planting:
     def undergrowth(
         self, ground: Any, name: str, data: Any, *, size: float, density: float, scale: tuple[float, float]
     ) -> None:
-        """Copies of one mesh that geometry nodes put on one ground mesh where it is level."""
+        """Let geometry nodes put copies of one mesh on one ground mesh where it is level."""
         plant = bpy.data.objects.new(name, data)
         plant.scale = (size, size, size)
         _by_nodes(ground, plant, density=density, seed=int(self.rng.integers(1000)), scale=scale)
 
     def _spots(self, half: float, n: int, share: Share, *, gap: float, inside: float = 0.0) -> np.ndarray:
-        """Up to n places (k, 2) in the square of side 2 * half, outside that of `inside`, at least `gap` apart."""
+        """Return up to n places (k, 2) in the square of side 2 * half, outside that of `inside`, `gap` apart."""
         xy = self.rng.uniform(-half, half, (6 * n, 2))
         xy = xy[(np.abs(xy).max(axis=1) >= inside) & (self.rng.random(len(xy)) < share(xy[:, 0], xy[:, 1]))]
         taken: dict[tuple[int, int], list[np.ndarray]] = {}
@@ -129,7 +129,7 @@ class Planting:
         tilt: float,
         lying: bool = False,
     ) -> list[Any]:
-        """An object at each place that shares the mesh of its kind, unevenly scaled a little and turned at random.
+        """Add an object at each place that shares its kind's mesh, unevenly scaled a little and turned at random.
 
         What is `lying` leans as the ground does; all else grows upright, but for a random `tilt` in radians.
         """

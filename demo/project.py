@@ -63,7 +63,7 @@ AERIAL = {
 
 
 def write_config(folder: Path, text: str) -> Path:
-    """Path of a config written into `folder`.
+    """Return path of a config written into `folder`.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def create_project(
     small: bool = False,
     values: Mapping[str, Any] = NOTHING,
 ) -> Path:
-    """Path of the config written into `folder`, beside the demo assets.
+    """Return path of the config written into `folder`, beside the demo assets.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def create_project(
 
 
 def project_text(*, small: bool = False, values: Mapping[str, Any] = NOTHING) -> str:
-    """The config that `create_project` writes."""
+    """Return the config that `create_project` writes."""
     return config_text(
         vehicles=[
             {

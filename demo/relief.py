@@ -57,7 +57,7 @@ class Course:
         self.left = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1)
 
     def nearest(self, x: Field, y: Field) -> tuple[Field, np.ndarray]:
-        """Distance in meters to the line, and the index of its nearest point, for each (x, y)."""
+        """Return the distance in meters to the line, and the index of its nearest point, for each (x, y)."""
         distance, index = KDTree(self.xy).query(np.stack(np.broadcast_arrays(x, y), axis=-1))
         return distance, index
 
@@ -74,7 +74,7 @@ class Course:
 
 
 def sheet(xs: Field, ys: Field, height: Height) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (v, 3) and quads (f, 4) of the terrain over a grid of lines x and y."""
+    """Return vertices (v, 3) and quads (f, 4) of the terrain over a grid of lines x and y."""
     x, y = np.meshgrid(xs, ys, indexing="ij")
     vertices = np.stack([x, y, height(x, y)], axis=-1).reshape(-1, 3)
     return vertices, quads(len(xs), len(ys))
@@ -87,7 +87,7 @@ def quads(rows: int, columns: int) -> np.ndarray:
 
 
 def ribbon(course: Course, z: Field, across: Field, rise: Field) -> tuple[np.ndarray, np.ndarray]:
-    """A strip along a course: at each offset to the left a rise above the course's profile z."""
+    """Return a strip along a course: at each offset to the left a rise above the course's profile z."""
     xy = course.xy[:, None] + course.left[:, None] * across[None, :, None]
     height = z[:, None] + rise[None]
     vertices = np.concatenate([xy, height[..., None]], axis=-1).reshape(-1, 3)

@@ -29,27 +29,27 @@ class Shape:
         return joined([self, other])
 
     def moved(self, x: Number = 0.0, y: Number = 0.0, z: Number = 0.0) -> Shape:
-        """The shape shifted."""
+        """Return the shape shifted."""
         return Shape(self.vertices + np.array([x, y, z], float), self.faces)
 
     def turned(self, axis: str, degrees: Number, about: Point = (0.0, 0.0, 0.0)) -> Shape:
-        """The shape turned about an axis ("x", "y" or "z") through a point."""
+        """Return the shape turned about an axis ("x", "y" or "z") through a point."""
         rotation = rotation_about(np.eye(3)["xyz".index(axis)], np.radians(degrees))
         center = np.asarray(about, float)
         return Shape((self.vertices - center) @ rotation.T + center, self.faces)
 
     def scaled(self, x: Number, y: Number, z: Number) -> Shape:
-        """The shape stretched about the origin; a mirror image keeps its faces outward."""
+        """Return the shape stretched about the origin; a mirror image keeps its faces outward."""
         faces = self.faces if x * y * z > 0 else tuple(face[::-1] for face in self.faces)
         return Shape(self.vertices * np.array([x, y, z], float), faces)
 
     def pair(self) -> Shape:
-        """The shape and its mirror image on the other side of the vehicle."""
+        """Return the shape and its mirror image on the other side of the vehicle."""
         return self + self.scaled(1.0, -1.0, 1.0)
 
 
 def joined(shapes: Iterable[Shape]) -> Shape:
-    """All shapes in one."""
+    """Return all shapes in one."""
     parts = list(shapes)
     starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
     faces = [tuple(i + int(k) for i in face) for k, part in zip(starts, parts, strict=False) for face in part.faces]
@@ -69,40 +69,40 @@ def loft(rings: ArrayLike, *, hollow: bool = False) -> Shape:
 
 
 def block(low: Point, high: Point) -> Shape:
-    """A box between two corners."""
+    """Return a box between two corners."""
     (x0, y0, z0), (x1, y1, z1) = low, high
     return stack([(z0, [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]), (z1, [(x0, y0), (x1, y0), (x1, y1), (x0, y1)])])
 
 
 def box(size: Point, at: Point) -> Shape:
-    """A box of a size standing on the point `at`, the middle of its underside."""
+    """Return a box of a size standing on the point `at`, the middle of its underside."""
     (sx, sy, sz), (x, y, z) = size, at
     return block((x - sx / 2, y - sy / 2, z), (x + sx / 2, y + sy / 2, z + sz))
 
 
 def stack(levels: Sequence[tuple[Number, Outline]]) -> Shape:
-    """A solid whose horizontal outline (x, y) at each height z is given."""
+    """Return a solid whose horizontal outline (x, y) at each height z is given."""
     return loft([[(x, y, z) for x, y in outline] for z, outline in levels])
 
 
 def prism(outline: Outline, y0: Number, y1: Number) -> Shape:
-    """A side profile (x, z) drawn out from y0 to y1."""
+    """Return a side profile (x, z) drawn out from y0 to y1."""
     return loft([[(x, y, z) for x, z in outline] for y in (y0, y1)])
 
 
 def slab(outline: Outline, half_width: float) -> Shape:
-    """A side profile (x, z) drawn out to both sides of the middle."""
+    """Return a side profile (x, z) drawn out to both sides of the middle."""
     return prism(outline, -half_width, half_width)
 
 
 def lathe(profile: Outline, *, sides: int = 20, hollow: bool = False) -> Shape:
-    """A profile (radius, y) turned about the y axis: solid between its ends, or a ring round its closed outline."""
+    """Turn a profile (radius, y) about the y axis: solid between its ends, or a ring round its closed outline."""
     angles = np.arange(sides) * 2 * np.pi / sides
     return loft([[(r * np.cos(a), y, r * np.sin(a)) for a in angles] for r, y in profile], hollow=hollow)
 
 
 def tube(start: Point, end: Point, radius: float, end_radius: float | None = None, *, sides: int = 12) -> Shape:
-    """A cylinder, or a cone where the end radius differs, between two points."""
+    """Return a cylinder, or a cone where the end radius differs, between two points."""
     a, b = np.asarray(start, float), np.asarray(end, float)
     along = (b - a) / np.linalg.norm(b - a)
     u = np.cross(along, [0.0, 0.0, 1.0] if abs(along[2]) < 0.9 else [1.0, 0.0, 0.0])
@@ -113,23 +113,23 @@ def tube(start: Point, end: Point, radius: float, end_radius: float | None = Non
 
 
 def profile_tube(stations: Sequence[tuple[float, float]], *, sides: int = 14, y: float = 0.0, z: float = 0.0) -> Shape:
-    """A round body along +x through stations (x, radius): a barrel, a missile."""
+    """Return a round body along +x through stations (x, radius): a barrel, a missile."""
     return lathe([(r, x) for x, r in stations], sides=sides).turned("z", -90).moved(y=y, z=z)
 
 
 def path_tube(points: Sequence[Point], radius: float, *, sides: int = 6) -> Shape:
-    """A bent bar through points: a rail, a hoop, a handle."""
+    """Return a bent bar through points: a rail, a hoop, a handle."""
     return joined(tube(a, b, radius, sides=sides) for a, b in pairwise(points))
 
 
 def hoop(x: float, half: float, z0: float, z1: float) -> list[tuple[float, float, float]]:
-    """A tarpaulin hoop's points across the vehicle at x: upright sides, a rounded roof."""
+    """Return a tarpaulin hoop's points across the vehicle at x: upright sides, a rounded roof."""
     bow = [(half, z0), (half, z1 - 0.42), (half * 0.93, z1 - 0.2), (half * 0.72, z1 - 0.06), (half * 0.35, z1)]
     return [(x, y, z) for y, z in bow] + [(x, -y, z) for y, z in reversed(bow)]
 
 
 def shell(rows: ArrayLike, *, thickness: float) -> Shape:
-    """A sheet through rows of points, as a thin solid: each strip of it is drawn inward (down) by the thickness."""
+    """Return a sheet through rows of points, as a thin solid: each strip is drawn inward (down) by the thickness."""
     outer = np.array(rows, float)
     center = outer.mean(axis=(0, 1))
     lift = (outer - center) * [0.0, 1.0, 1.0]
@@ -145,7 +145,7 @@ def shell(rows: ArrayLike, *, thickness: float) -> Shape:
 
 
 def ellipsoid(size: Point, at: Point, *, sides: int = 16, rings: int = 8, floor: float = -1.0) -> Shape:
-    """An ellipsoid of half axes `size`, cut off below `floor` (-1 keeps all of it)."""
+    """Return an ellipsoid of half axes `size`, cut off below `floor` (-1 keeps all of it)."""
     heights = np.sin(np.linspace(np.arcsin(max(floor, -0.995)), np.arcsin(0.995), rings))
     angles = np.arange(sides) * 2 * np.pi / sides
     unit = [[(np.sqrt(1 - h * h) * np.cos(a), np.sqrt(1 - h * h) * np.sin(a), h) for a in angles] for h in heights]
@@ -153,7 +153,7 @@ def ellipsoid(size: Point, at: Point, *, sides: int = 16, rings: int = 8, floor:
 
 
 def track(circles: Sequence[tuple[float, float, float]], y: float, width: float, *, pitch: float, sag: float) -> Shape:
-    """A track of single links laid round circles (x, z, radius) of wheels, hanging by `sag` between the upper ones."""
+    """Lay a track of single links round circles (x, z, radius) of wheels, hanging by `sag` between the upper ones."""
     angles = np.linspace(0, 2 * np.pi, 73)[:-1]
     rim = np.concatenate([np.stack([x + r * np.cos(angles), z + r * np.sin(angles)], -1) for x, z, r in circles])
     loop = rim[ConvexHull(rim).vertices]  # counter-clockwise: forward along the ground, back along the top
@@ -177,7 +177,7 @@ def track(circles: Sequence[tuple[float, float, float]], y: float, width: float,
 
 
 def _outward(shape: Shape) -> Shape:
-    """The shape with its faces turned outward, judged by its signed volume."""
+    """Return the shape with its faces turned outward, judged by its signed volume."""
     points = shape.vertices - shape.vertices.mean(axis=0)
     volume = 0.0
     for face in shape.faces:

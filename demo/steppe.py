@@ -37,7 +37,7 @@ TRACK = [(-299, -155), (-180, -110), (-60, -150), (50, -90), (160, -130), (299, 
 
 
 def dry_steppe(path: Path, *, rng: np.random.Generator) -> Path:
-    """A plain with dunes, a wadi with steep banks, rocks and shrubs, a gravel track, 600 m square."""
+    """Return a plain with dunes, a wadi with steep banks, rocks and shrubs, a gravel track, 600 m square."""
     land, noise = Land(300.0), Noise(rng)
     wadi, course = Course(WADI), Course(TRACK)
 

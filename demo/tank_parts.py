@@ -10,12 +10,12 @@ from hulldown.demo.shapes import Outline, Shape, block, box, joined, path_tube, 
 
 
 def mirrored(outline: Outline) -> Outline:
-    """A plan outline (x, y) closed by its mirror image; give the left half from front to rear."""
+    """Return a plan outline (x, y) closed by its mirror image; give the left half from front to rear."""
     return [*outline, *((x, -y) for x, y in reversed(outline))]
 
 
 def barrel(x0: float, x1: float, z: float, radius: float, *, evacuator: float, brake: bool = False) -> Shape:
-    """A gun barrel with thermal sleeve bands, a bore evacuator at a share of its length and maybe a muzzle brake."""
+    """Return a gun barrel with thermal sleeve bands, a bore evacuator at a share of its length, and perhaps a brake."""
     e, length = x0 + evacuator * (x1 - x0), x1 - x0
     stations = [
         (x0, radius * 1.5),
@@ -35,7 +35,7 @@ def barrel(x0: float, x1: float, z: float, radius: float, *, evacuator: float, b
 
 
 def skirts(m: BlendModel, p: Paints, x0: float, x1: float, y: float, z0: float, z1: float, panels: int) -> None:
-    """A row of side plates with gaps, by an array and a mirror modifier."""
+    """Add a row of side plates with gaps, by an array and a mirror modifier."""
     step = (x1 - x0) / panels
     plate = prism(
         [(x0 + 0.02, z1), (x0 + 0.02, z0 + 0.05), (x0 + 0.1, z0), (x0 + step - 0.02, z0), (x0 + step - 0.02, z1)],
@@ -77,7 +77,7 @@ def fittings(m: BlendModel, p: Paints, *, front: float, rear: float, half: float
 
 
 def machine_gun(m: BlendModel, p: Paints, at: tuple[float, float, float], *, part: str = "turret") -> None:
-    """A heavy machine gun on a pintle."""
+    """Add a heavy machine gun on a pintle."""
     x, y, z = at
     gun = box((0.55, 0.12, 0.15), (x, y, z + 0.25)) + tube(
         (x + 0.2, y, z + 0.34), (x + 1.25, y, z + 0.4), 0.025, sides=8

@@ -26,7 +26,7 @@ from hulldown.demo.tank_parts import barrel, engine_deck, fittings, machine_gun,
 
 
 def mbt_dome(m: BlendModel, p: Paints, folder: Path) -> None:
-    """A low tank with a round cast turret, reactive bricks, fuel drums at the rear, six road wheels."""
+    """Build a low tank with a round cast turret, reactive bricks, fuel drums at the rear, six road wheels."""
     gear = Running(6, -2.3, 0.86, 0.38, 1.42, 0.56, sprocket=(-3.05, 0.66, 0.3), idler=(2.85, 0.66, 0.27))
     chassis.tracks(m, p, gear)
     m.add("Hull_Lower", slab([(-3.35, 1.0), (-3.2, 0.45), (2.7, 0.45), (3.3, 0.9), (3.0, 1.1)], 1.1), p.body)
@@ -107,7 +107,7 @@ def mbt_dome(m: BlendModel, p: Paints, folder: Path) -> None:
 
 
 def mbt_classic(m: BlendModel, p: Paints, folder: Path) -> None:
-    """A tank of the 1950s: rounded long turret, open running gear with rollers, broad fenders full of boxes."""
+    """Build a tank of the 1950s: rounded long turret, open running gear with rollers, broad fenders full of boxes."""
     gear = Running(6, -2.2, 0.84, 0.36, 1.32, 0.58, sprocket=(-3.1, 0.82, 0.32), idler=(2.95, 0.78, 0.3), rollers=4)
     chassis.tracks(m, p, gear)
     m.add(

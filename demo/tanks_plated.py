@@ -25,7 +25,7 @@ from hulldown.demo.tank_parts import barrel, engine_deck, fittings, machine_gun,
 
 
 def mbt_wedge(m: BlendModel, p: Paints, folder: Path) -> None:
-    """A modern tank with arrow-shaped add-on armor on its turret, deep skirts, seven road wheels."""
+    """Build a modern tank with arrow-shaped add-on armor on its turret, deep skirts, seven road wheels."""
     gear = Running(7, -2.35, 0.78, 0.35, 1.47, 0.60, sprocket=(-3.15, 0.62, 0.33), idler=(3.1, 0.62, 0.31))
     chassis.tracks(m, p, gear)
     m.add("Hull_Lower", slab([(-3.6, 1.1), (-3.3, 0.48), (3.0, 0.48), (3.72, 0.92), (3.3, 1.2)], 1.12), p.body)
@@ -101,7 +101,7 @@ def mbt_wedge(m: BlendModel, p: Paints, folder: Path) -> None:
 
 
 def mbt_slab(m: BlendModel, p: Paints, folder: Path) -> None:
-    """A wide, low desert tank of flat plates, painted from an external image."""
+    """Build a wide, low desert tank of flat plates, painted from an external image."""
     image = bpy.data.images.load(str(folder / "textures" / "desert_blocks.png"))
     paint = materials.image_paint("Desert_Blocks", image, dust="#b59b74", by_uv=True)
     p = Paints(paint, p.rubber, p.steel, p.dark, p.glass, p.canvas, p.wood, p.lamp, p.red)

@@ -11,7 +11,7 @@ from hulldown.demo.shapes import block, box, hoop, joined, path_tube, prism, she
 
 
 def cab_over(m: BlendModel, p: Paints, *, x0: float, x1: float, z0: float, z1: float, half: float) -> None:
-    """A flat-nosed cab with windscreen, side windows, doors, grille, mirrors, steps and bumper."""
+    """Add a flat-nosed cab with windscreen, side windows, doors, grille, mirrors, steps and bumper."""
     waist = z0 + 0.52 * (z1 - z0)
     outline = [
         (x0, z0),
@@ -90,7 +90,7 @@ def mirrors(m: BlendModel, p: Paints, x: float, half: float, z: float) -> None:
 
 
 def drop_side_bed(m: BlendModel, p: Paints, *, x0: float, x1: float, z: float, half: float, side: float) -> None:
-    """A cargo bed with boarded sides, stakes and a tailgate."""
+    """Add a cargo bed with boarded sides, stakes and a tailgate."""
     m.add("Bed_Planks", block((x0, -half, z), (x1, half, z + 0.12)), p.wood, bevel=0.01)
     boards = [
         block((x0, half - 0.05, z + 0.14 + k * side / 3), (x1, half, z + 0.1 + (k + 1) * side / 3)) for k in range(3)
@@ -118,7 +118,7 @@ def drop_side_bed(m: BlendModel, p: Paints, *, x0: float, x1: float, z: float, h
 def canopy(
     m: BlendModel, p: Paints, *, x0: float, x1: float, z0: float, z1: float, half: float, hoops: int = 5
 ) -> None:
-    """A tarpaulin sagging between hoops, open at the rear, with straps."""
+    """Add a tarpaulin sagging between hoops, open at the rear, with straps."""
     rings = []
     stations = np.linspace(x0, x1, 4 * (hoops - 1) + 1)
     for k, x in enumerate(stations):

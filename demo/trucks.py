@@ -14,7 +14,7 @@ from hulldown.demo.truck_parts import cab_over, canopy, drop_side_bed, mirrors
 
 
 def truck_canvas(m: BlendModel, p: Paints, folder: Path) -> None:
-    """A bonneted 6x6 with a canvas over its bed."""
+    """Build a bonneted 6x6 with a canvas over its bed."""
     axles = (2.55, -1.35, -2.75)
     chassis.wheels(m, p, axles, y=1.0, radius=0.58, width=0.4)
     chassis.ladder_frame(m, p, -3.7, 3.5, 1.05)
@@ -87,7 +87,7 @@ def truck_canvas(m: BlendModel, p: Paints, folder: Path) -> None:
 
 
 def truck_cargo(m: BlendModel, p: Paints, folder: Path) -> None:
-    """A cab-over 4x4 with an open drop-side bed full of crates."""
+    """Build a cab-over 4x4 with an open drop-side bed full of crates."""
     axles = (2.2, -1.9)
     chassis.wheels(m, p, axles, y=1.05, radius=0.62, width=0.42)
     chassis.ladder_frame(m, p, -3.4, 3.1, 1.15)
@@ -144,7 +144,7 @@ def truck_cargo(m: BlendModel, p: Paints, folder: Path) -> None:
 
 
 def truck_tanker(m: BlendModel, p: Paints, folder: Path) -> None:
-    """A cab-over 8x8 with an oval fuel tank, catwalk and ladder, modeled in centimeters."""
+    """Build a cab-over 8x8 with an oval fuel tank, catwalk and ladder, modeled in centimeters."""
     axles = (3.05, 1.65, -1.6, -3.0)
     chassis.wheels(m, p, axles, y=1.05, radius=0.6, width=0.42)
     chassis.ladder_frame(m, p, -4.2, 3.9, 1.12)

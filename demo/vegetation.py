@@ -30,7 +30,7 @@ class Plant:
         self._count += len(vertices)
 
     def limb(self, points: Points, radii: np.ndarray, *, sides: int = 7) -> None:
-        """A branch or trunk through points, in slot 0."""
+        """Add a branch or trunk through points, in slot 0."""
         along = np.gradient(points, axis=0)
         along /= np.linalg.norm(along, axis=1, keepdims=True)
         side = np.cross(along, [0.31, 0.95, 0.05])
@@ -50,7 +50,7 @@ class Plant:
         self.add(corners.reshape(-1, 3), np.arange(4 * len(centers)).reshape(-1, 4), slot)
 
     def mesh(self, name: str, materials: list[Any], *, smooth: bool = True) -> Any:
-        """The finished Blender mesh."""
+        """Return the finished Blender mesh."""
         mesh = bpy.data.meshes.new(name)
         mesh.from_pydata(np.concatenate(self.vertices), [], np.concatenate(self.faces))
         for material in materials:
@@ -68,7 +68,7 @@ def _directions(n: int, rng: np.random.Generator) -> Points:
 
 
 def _foliage(plant: Plant, center: np.ndarray, size: np.ndarray, n: int, leaf: float, rng: np.random.Generator) -> None:
-    """A clump of sprays, denser toward its surface, leaning outward."""
+    """Add a clump of sprays, denser toward its surface, leaning outward."""
     out = _directions(n, rng)
     at = center + out * size * (rng.random((n, 1)) ** 0.4)
     along = out + _directions(n, rng) * 0.9
@@ -79,7 +79,7 @@ def _foliage(plant: Plant, center: np.ndarray, size: np.ndarray, n: int, leaf: f
 
 
 def broadleaf(name: str, materials: list[Any], *, height: float, spread: float, rng: np.random.Generator) -> Any:
-    """A tree with a forked trunk and a crown of clumps."""
+    """Return a tree with a forked trunk and a crown of clumps."""
     plant = Plant()
     fork = height * 0.32
     lean = rng.normal(0, 0.04, 2)
@@ -108,7 +108,7 @@ def broadleaf(name: str, materials: list[Any], *, height: float, spread: float, 
 
 
 def conifer(name: str, materials: list[Any], *, height: float, spread: float, rng: np.random.Generator) -> Any:
-    """A spruce: whorls of drooping fronds that get shorter to the top."""
+    """Return a spruce: whorls of drooping fronds that get shorter to the top."""
     plant = Plant()
     t = np.linspace(-0.03, 1, 5)
     plant.limb(np.stack([0 * t, 0 * t, height * t], axis=-1), height * 0.016 * (1.03 - t) + 0.01)
@@ -136,7 +136,7 @@ def conifer(name: str, materials: list[Any], *, height: float, spread: float, rn
 def bush(
     name: str, materials: list[Any], *, height: float, rng: np.random.Generator, leaf: float = 0.11, clumps: int = 7
 ) -> Any:
-    """A bush of leafy clumps on a few stems."""
+    """Return a bush of leafy clumps on a few stems."""
     plant = Plant()
     for k in range(clumps):
         angle = k * 2.4
@@ -160,7 +160,7 @@ def tussock(
     radius: float,
     rng: np.random.Generator,
 ) -> Any:
-    """A patch of clumps of grass as hair curves: seen by the camera, but nothing a vehicle could not stand on."""
+    """Return clumps of grass as hair curves: seen by the camera, but nothing a vehicle could not stand on."""
     curves = bpy.data.hair_curves.new(name)
     t = np.linspace(0, 1, 4)
     curves.add_curves([len(t)] * blades)
@@ -182,7 +182,7 @@ def tussock(
 
 
 def boulder(name: str, material: Any, *, flat: float, rng: np.random.Generator) -> Any:
-    """A weathered block about a meter in radius, sunk a little."""
+    """Return a weathered block about a meter in radius, sunk a little."""
     noise = Noise(rng)
     lat, lon = np.linspace(-np.pi / 2, np.pi / 2, 15), np.linspace(0, 2 * np.pi, 25)
     a, b = np.meshgrid(lat, lon[:-1], indexing="ij")

@@ -94,7 +94,7 @@ def write_vehicle(name: str, folder: Path, *, rng: np.random.Generator) -> Path:
 
 
 def _paints(body: Any) -> Paints:
-    """What is not the body is of the same materials on most of them."""
+    """Return what is not the body is of the same materials on most of them."""
     return Paints(
         body=body,
         rubber=materials.plain("Rubber", "#2b2a28", rough=0.85, mottle=0.3),

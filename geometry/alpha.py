@@ -151,7 +151,7 @@ class Footprints:
     def count(
         self, low: Float[np.ndarray, "m 2"], high: Float[np.ndarray, "m 2"]
     ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-        """Marked texels, and all texels, that lookups from `low` to `high` may take; coordinates as of `opacity`."""
+        """Count marked and all texels that lookups from `low` to `high` may take; coordinates as of `opacity`."""
         height, width = self._alpha.texels.shape
         size = np.array([width, height], dtype=np.float64)
         room = 0.5 + ROUNDING if self._alpha.smooth else ROUNDING
@@ -172,7 +172,7 @@ class Footprints:
         return self._below(c, d) - self._below(a, d) - self._below(c, b) + self._below(a, b)
 
     def _below(self, column: Float[np.ndarray, " m"], row: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-        """Marked texels left of a column and below a row of the plane that the image repeats over."""
+        """Return marked texels left of a column and below a row of the plane that the image repeats over."""
         height, width = self._alpha.texels.shape
         times_x, left_x = np.divmod(column, width)
         times_y, left_y = np.divmod(row, height)
@@ -204,7 +204,7 @@ class Cutouts:
     maps: tuple[AlphaMap, ...]
 
     def of(self, faces: Int[np.ndarray, " k"]) -> Cutouts | None:
-        """The same for a mesh that has these ascending faces of this one's and no others; None if none is cut out."""
+        """Return the same for a mesh of these ascending faces of this one's alone; None if none is cut out."""
         place = np.searchsorted(faces, self.face)
         kept = place < len(faces)
         kept[kept] = faces[place[kept]] == self.face[kept]
@@ -213,7 +213,7 @@ class Cutouts:
         return Cutouts(place[kept], self.uv[kept], self.face_map[kept], self.maps)
 
     def cuts(self) -> UInt8[np.ndarray, " m"]:
-        """What its texture makes of each face; a code of `Cut`."""
+        """Return what its texture makes of each face; a code of `Cut`."""
         cuts = np.full(len(self.face), Cut.MIXED, dtype=np.uint8)
         low, high = self.uv.min(axis=1).astype(np.float64), self.uv.max(axis=1).astype(np.float64)
         for number, alpha in enumerate(self.maps):
@@ -230,7 +230,7 @@ class Cutouts:
 
 
 def merged_cutouts(cutouts: Sequence[Cutouts | None], face_counts: Sequence[int]) -> Cutouts | None:
-    """The cut-outs of meshes put one after the other; None if there are none."""
+    """Return the cut-outs of meshes put one after the other; None if there are none."""
     maps: dict[tuple[object, ...], int] = {}
     every: list[AlphaMap] = []
     found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []

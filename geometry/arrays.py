@@ -68,7 +68,7 @@ def positive(value: ArrayLike, name: str) -> np.ndarray:
 
 
 def are_numbers(values: Iterable[object]) -> bool:
-    """Whether all values are finite numbers; true and false are not.
+    """Return whether all values are finite numbers; true and false are not.
 
     Examples
     --------
@@ -118,7 +118,7 @@ def batches(n: int, size: int) -> Iterator[Int[np.ndarray, " k"]]:
 
 
 def joined(keys: Int[np.ndarray, " k"], wanted: Int[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
-    """All pairs (i, j) with `keys[i] == wanted[j]`, where `wanted` ascends; ordered by i, then by j."""
+    """Return all pairs (i, j) with `keys[i] == wanted[j]`, where `wanted` ascends; ordered by i, then by j."""
     first, last = np.searchsorted(wanted, keys, "left"), np.searchsorted(wanted, keys, "right")
     i, number = numbered(last - first)
     return i, first[i] + number
@@ -148,7 +148,7 @@ def rounds(group: Int[np.ndarray, " k"], *, first: int = 1, growth: int = 2) -> 
 
 
 def spread(n: int, most: int) -> Int[np.ndarray, " k"]:
-    """Indices of at most `most` of `n` things, ascending, spread evenly from the first to the last.
+    """Return indices of at most `most` of `n` things, ascending, spread evenly from the first to the last.
 
     Examples
     --------

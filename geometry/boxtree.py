@@ -54,7 +54,7 @@ class BoxTree:
         directions: Float[np.ndarray, "n 3"],
         max_distance: Float[np.ndarray, " n"],
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"], Float[np.ndarray, " p"]]:
-        """All boxes that each ray crosses within its distance, which counts in lengths of the direction.
+        """Return all boxes that each ray crosses within its distance, which counts in lengths of the direction.
 
         A box that a ray passes by less than rounding may be among them.
 
@@ -105,7 +105,7 @@ class BoxTree:
     def _packets(
         self, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
     ) -> Int[np.ndarray, " p"]:
-        """The first ray of each packet: rays side by side that go much the same way, or one ray alone."""
+        """Return the first ray of each packet: rays side by side that go much the same way, or one ray alone."""
         block = np.arange(0, len(origins), PACKET)
         alone = np.ones(len(block), dtype=bool)
         if len(block) and len(self._size):
@@ -119,7 +119,7 @@ class BoxTree:
     def overlapping(
         self, low: Float[np.ndarray, "n d"], high: Float[np.ndarray, "n d"]
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
-        """All pairs (query, box) where the query's own box touches the box; every pair once."""
+        """Return all pairs (query, box) where the query's own box touches the box; every pair once."""
         d = low.shape[1]
 
         def touch(query: np.ndarray, boxes: np.ndarray) -> np.ndarray:
@@ -132,7 +132,7 @@ class BoxTree:
     def _descend(
         self, n: int, touch: Callable[[np.ndarray, np.ndarray], Bool[np.ndarray, "v f"]]
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
-        """Walks all queries down; returns the pairs of query and box that touch, boxes by their place in the order."""
+        """Walk all queries down; return the pairs of query and box that touch, boxes by their place in the order."""
         pairs = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))]
         waiting = [(0, np.arange(n), np.zeros(n, dtype=np.int64))] if self._levels else []
         while waiting:
@@ -156,7 +156,7 @@ def _entries(
     along: Float[np.ndarray, "p 3"],
     reach: Float[np.ndarray, " p"],
 ) -> tuple[Int[np.ndarray, " q"], Float[np.ndarray, " q"]]:
-    """Which rays cross their boxes within their reach, and the distance to the box."""
+    """Return which rays cross their boxes within their reach, and the distance to the box."""
     entry, leave = np.zeros(len(start)), reach
     for axis in range(3):
         speed = along[:, axis]
@@ -175,7 +175,7 @@ def _entries(
 
 
 def _morton_order(bounds: Float[np.ndarray, "k 2 d"]) -> Int[np.ndarray, " k"]:
-    """Boxes along a Morton curve through their centers, in cubes of a 1024th of the widest axis.
+    """Return boxes along a Morton curve through their centers, in cubes of a 1024th of the widest axis.
 
     Cubes, so that an axis of little extent (the height of trees in a wood) does not scatter neighbors along the curve.
     """

@@ -60,7 +60,7 @@ class CutoutCaster(RayCaster):
             self._step = BEYOND * float(np.spacing(np.float32(0.5 * np.linalg.norm(high - low))))
 
     def cast(self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf) -> RayHits:
-        """The first face along each ray that hides where it is met; arguments as for `RayCaster.cast`."""
+        """Return the first face along each ray that hides where it is met; arguments as for `RayCaster.cast`."""
         start, along, reach = checked_rays(origins, directions, max_distance)
         distance, face = np.full(len(start), np.inf), np.full(len(start), -1, dtype=np.int32)
         if self._opaque is not None:
@@ -74,13 +74,13 @@ class CutoutCaster(RayCaster):
     def occluded(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Bool[np.ndarray, " n"]:
-        """Whether anything that hides lies along each ray; arguments as for `RayCaster.cast`."""
+        """Return whether anything that hides lies along each ray; arguments as for `RayCaster.cast`."""
         return self._left(origins, directions, max_distance, hard=True) == 0.0
 
     def transmittance(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Float[np.ndarray, " n"]:
-        """How much of the light along each ray gets through, from 0 to 1; arguments as for `RayCaster.cast`."""
+        """Return how much of the light along each ray gets through, from 0 to 1; arguments as for `RayCaster.cast`."""
         return self._left(origins, directions, max_distance, hard=False)
 
     def _left(
@@ -102,7 +102,7 @@ class CutoutCaster(RayCaster):
         *,
         hard: bool,
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-        """Share of light that mixed faces leave on each ray of unit direction; distance and face of its last hit."""
+        """Return the light that mixed faces leave on each ray of unit direction; distance and face of its last hit."""
         n = len(start)
         left, distance, hit = np.ones(n), np.full(n, np.inf), np.full(n, -1)
         if self._mixed is None:
@@ -210,7 +210,7 @@ class Solidity:
         middle: Float[np.ndarray, "p 3"],
         half_sides: Float[np.ndarray, "p 3 3"],
     ) -> Bool[np.ndarray, " p"]:
-        """Whether a face may be at least `HIDES` opaque somewhere inside a box; true for faces without a texture.
+        """Tell whether a face may be at least `HIDES` opaque somewhere in a box; true for faces without a texture.
 
         Parameters
         ----------

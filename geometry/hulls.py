@@ -46,7 +46,7 @@ def extreme_points(points: Float[np.ndarray, "n 3"], *, near: float = 0.0) -> In
 
 
 def inner_point(points: Float[np.ndarray, "n 2"], wanted: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
-    """The wanted point if it's inside the points' convex hull, else the hull's centroid; `wanted` if there is no hull.
+    """Return the wanted point if it's in the points' convex hull, else the hull's centroid; `wanted` without a hull.
 
     A point nearer to the hull's edge than a thousandth of the hull's size is not inside.
     """

@@ -92,7 +92,7 @@ class InstancedScene:
         self._widest = float(np.linalg.norm(np.ptp(roomy, axis=1), axis=1).max(initial=0.0))
 
     def cast(self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf) -> InstanceHits:
-        """The first face along each ray; arguments as for `RayCaster.cast`."""
+        """Return the first face along each ray; arguments as for `RayCaster.cast`."""
         start, along, limit = checked_rays(origins, directions, max_distance)
         hits, reach = InstanceHits.missed(len(start)), limit.copy()
         for begin in range(0, len(start), RAYS):
@@ -105,7 +105,7 @@ class InstancedScene:
     def occluded(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Bool[np.ndarray, " n"]:
-        """Whether anything lies along each ray; arguments as for `RayCaster.cast`."""
+        """Return whether anything lies along each ray; arguments as for `RayCaster.cast`."""
         start, along, reach = checked_rays(origins, directions, max_distance)
         blocked = np.zeros(len(start), dtype=bool)
         for begin in range(0, len(start), RAYS):
@@ -114,7 +114,7 @@ class InstancedScene:
         return blocked
 
     def normals(self, instance: Int[np.ndarray, " n"], face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-        """Unit normals, in the world, of faces of instances' own meshes; nan for faces without area there."""
+        """Return unit normals, in the world, of faces of instances' own meshes; nan for faces without area there."""
         triangles = np.empty((len(face), 3, 3))
         which = self.instance_mesh[instance]
         for mesh in np.unique(which):
@@ -126,7 +126,7 @@ class InstancedScene:
     def overlapping(
         self, low: Float[np.ndarray, "n 3"], high: Float[np.ndarray, "n 3"]
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
-        """All pairs of a query's box (low to high, in the world) and an instance whose bounds touch it."""
+        """Return all pairs of a query's box (low to high, in the world) and an instance whose bounds touch it."""
         return self._tree.overlapping(low, high)
 
     def transmittance_by(
@@ -269,7 +269,7 @@ def _roomy(bounds: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "k 2 3"]:
 
 
 def _box_mesh(bounds: Float[np.ndarray, "k 2 3"]) -> Mesh:
-    """The sides of all boxes."""
+    """Return the sides of all boxes."""
     low, high = bounds[:, 0], bounds[:, 1]
     corners = np.stack([np.where([b & 1, b & 2, b & 4], high, low) for b in range(8)], axis=1)
     sides = np.array([[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]])

@@ -112,11 +112,11 @@ class Mesh:
         return self.vertices[self.faces]
 
     def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-        """Unit normals of these faces, by their winding; nan for faces without area."""
+        """Return unit normals of these faces, by their winding; nan for faces without area."""
         return unit_normals(self.vertices[self.faces[face]])
 
     def nearest_face(self, point: ArrayLike) -> int:
-        """The face that is nearest to a point (3,)."""
+        """Return the face that is nearest to a point (3,)."""
         import trimesh
 
         triangles = self.triangles
@@ -126,18 +126,18 @@ class Mesh:
         return int(np.nanargmin(apart))
 
     def of_faces(self, face: Int[np.ndarray, " k"]) -> Mesh:
-        """These ascending faces and the vertices that they use, without others."""
+        """Return these ascending faces and the vertices that they use, without others."""
         used, faces = np.unique(self.faces[face], return_inverse=True)
         cutouts = self.cutouts and self.cutouts.of(face)
         return Mesh(self.vertices[used], faces.reshape(-1, 3), self.name, cutouts)
 
     def at(self, points: Float[np.ndarray, "v 3"]) -> Mesh:
-        """The same faces with their vertices elsewhere."""
+        """Return the same faces with their vertices elsewhere."""
         return Mesh(points, self.faces, self.name, self.cutouts)
 
     @classmethod
     def load(cls, path: str | Path) -> Mesh:
-        """The triangles of a mesh file, without Blender: PLY, STL, OBJ, glTF or GLB.
+        """Return the triangles of a mesh file, without Blender: PLY, STL, OBJ, glTF or GLB.
 
         A file of many meshes is read as one, each where the scene puts it. Coordinates stay those of the file: glTF is
         y up by its own rules, and is not turned. For vehicles and sceneries, with names, materials and modifiers,
@@ -223,7 +223,7 @@ def _refuse_format(path: Path) -> None:
 
 
 def unit_normals(triangles: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3"]:
-    """Unit normals of triangles, by their winding; nan for those without area."""
+    """Return unit normals of triangles, by their winding; nan for those without area."""
     a, b, c = np.moveaxis(triangles, 1, 0)
     normal = np.cross(b - a, c - a)
     length = np.sqrt(np.einsum("ij,ij->i", normal, normal))
@@ -241,7 +241,7 @@ def first_alike(points: Float[np.ndarray, "n d"]) -> Int[np.ndarray, " n"]:
 
 
 def merge(meshes: Sequence[Mesh], *, name: str = "merged") -> tuple[Mesh, Int[np.ndarray, " f"]]:
-    """All meshes as one, and for every face the index of the mesh it came from."""
+    """Return all meshes as one, and for every face the index of the mesh it came from."""
     if not meshes:
         raise ValueError("meshes: expected at least one mesh, got none")
     offsets = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])

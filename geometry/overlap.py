@@ -46,7 +46,7 @@ OPEN = 4  # free rays needed if the first is blocked; below a wide sheet, two le
 def boxes_touch(
     half_a: Float[np.ndarray, "p 3"], half_b: Float[np.ndarray, "p 3"], a_from_b: Float[np.ndarray, "p 4 4"]
 ) -> Bool[np.ndarray, " p"]:
-    """Whether two boxes, each about the origin of its own frame, touch.
+    """Return whether two boxes, each about the origin of its own frame, touch.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def boxes_touch(
 def triangles_touch_box(
     corners: Sequence[Sequence[Float[np.ndarray, " p"]]], half: Sequence[Float[np.ndarray, " p"]]
 ) -> Bool[np.ndarray, " p"]:
-    """Whether each triangle touches its box about the origin.
+    """Return whether each triangle touches its box about the origin.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ class Obstacles:
     def touched(
         self, half: Float[np.ndarray, "n 3"], world_from_box: Float[np.ndarray, "n 4 4"]
     ) -> Bool[np.ndarray, " n"]:
-        """Whether each box touches a triangle of an instance, or is shut in by one on all sides and above.
+        """Return whether each box touches a triangle of an instance, or is shut in by one on all sides and above.
 
         A triangle with a cutout texture is touched where the texture is opaque.
 
@@ -176,7 +176,7 @@ class Obstacles:
         return touched
 
     def open_above(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Whether light reaches each point: the ray upwards, or `OPEN` others, meet no obstacle.
+        """Return whether light reaches each point: the ray upwards, or `OPEN` others, meet no obstacle.
 
         Parameters
         ----------
@@ -198,7 +198,7 @@ class Obstacles:
         return is_open
 
     def below(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Whether the first thing below each point is an obstacle, and no dome around the ground."""
+        """Return whether the first thing below each point is an obstacle, and no dome around the ground."""
         met = self._scene.cast(point, np.tile([0.0, 0.0, -1.0], (len(point), 1)))
         near, hit = met.distance <= ROOM, np.flatnonzero(met.instance >= 0)
         near[hit] |= ~self._around[met.instance[hit]]

@@ -72,7 +72,7 @@ def tan(angle: float) -> float:
 
 
 def arctan2(y: ArrayLike, x: ArrayLike) -> Float[np.ndarray, "..."]:
-    """Angle in radians, -pi to pi, of the direction (x, y); 0 of (0, 0)."""
+    """Return angle in radians, -pi to pi, of the direction (x, y); 0 of (0, 0)."""
     down, across = np.abs(y), np.abs(x)
     larger = np.maximum(down, across)
     ratio = np.asarray(np.minimum(down, across) / np.where(larger > 0.0, larger, 1.0))
@@ -83,7 +83,7 @@ def arctan2(y: ArrayLike, x: ArrayLike) -> Float[np.ndarray, "..."]:
 
 
 def arcsin(sine: ArrayLike) -> Float[np.ndarray, "..."]:
-    """Angle in radians, -pi/2 to pi/2, with this sine."""
+    """Return angle in radians, -pi/2 to pi/2, with this sine."""
     x = np.asarray(sine, dtype=np.float64)
     return arctan2(x, np.sqrt((1.0 - x) * (1.0 + x)))
 

@@ -42,7 +42,7 @@ def orient(
     px: Float[np.ndarray, " n"],
     py: Float[np.ndarray, " n"],
 ) -> Int8[np.ndarray, " n"]:
-    """The exact sign of twice the area of (a, b, p): 1 with p left of the line from a to b, 0 on it, -1 right of it.
+    """Return the exact sign of the area of (a, b, p): 1 with p left of the line from a to b, 0 on it, -1 right of it.
 
     Exact for all coordinates within 1e100 in size.
     """
@@ -121,7 +121,7 @@ def integers(*values: Float[np.ndarray, " n"]) -> tuple[list[Shaped[np.ndarray, 
 def heights(
     corners: Float[np.ndarray, "n 3 3"], x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
 ) -> tuple[Shaped[np.ndarray, " n"], Shaped[np.ndarray, " n"]]:
-    """The exact height of each triangle's plane at each point, as integers: numerators and positive denominators.
+    """Return the exact height of each triangle's plane at each point: integer numerators, positive denominators.
 
     The triangles must have an XY area. Dividing the integers rounds once, to the nearest float64.
     """
@@ -136,7 +136,7 @@ def heights(
 
 
 def normals(corners: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3"]:
-    """Unit upward normals of triangles that have an XY area, from exact cross products."""
+    """Return unit upward normals of triangles that have an XY area, from exact cross products."""
     (ax, ay, az, bx, by, bz, cx, cy, cz), _ = integers(*corners.reshape(-1, 9).T)
     x = (by - ay) * (cz - az) - (bz - az) * (cy - ay)
     y = (bz - az) * (cx - ax) - (bx - ax) * (cz - az)

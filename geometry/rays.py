@@ -101,7 +101,7 @@ class RayCaster:
         return self._built
 
     def cast(self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf) -> RayHits:
-        """The first face along each ray.
+        """Return the first face along each ray.
 
         Parameters
         ----------
@@ -129,7 +129,7 @@ class RayCaster:
     def occluded(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Bool[np.ndarray, " n"]:
-        """Whether anything lies along each ray; arguments as for `cast`."""
+        """Return whether anything lies along each ray; arguments as for `cast`."""
         start, unit, limit = checked_rays(origins, directions, max_distance)
         blocked = np.zeros(len(start), dtype=bool)
         for i, entry, along, reach, _ in self._blocks(start, unit, limit):
@@ -144,11 +144,11 @@ class RayCaster:
         return 1.0 - self.occluded(origins, directions, max_distance=max_distance)
 
     def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-        """Unit normals of these faces, by their winding; nan for faces without area."""
+        """Return unit normals of these faces, by their winding; nan for faces without area."""
         return self.mesh.normals(face)
 
     def down(self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
-        """The topmost face under each point, or -1, in float32; neither checked nor sorted nor threaded."""
+        """Return the topmost face under each point, or -1, in float32; neither checked nor sorted nor threaded."""
         return self._scene.run(self._above(x, y), _DOWN)
 
     def below(
@@ -189,7 +189,7 @@ class RayCaster:
     def _blocks(
         self, start: Float[np.ndarray, "n 3"], unit: Float[np.ndarray, "n 3"], limit: Float[np.ndarray, " n"]
     ) -> Iterator[tuple[Int[np.ndarray, " k"], np.ndarray, np.ndarray, np.ndarray, Float[np.ndarray, " k"]]]:
-        """Indices of rays, in blocks; origins, directions, and limits for Embree; how far the origins were moved."""
+        """Yield indices of rays, in blocks; origins, directions, and limits for Embree; how far origins were moved."""
         relative = start - self._center
         nearest = -np.einsum("ij,ij->i", relative, unit)  # along the ray, to where it passes the center
         # No ray enters the bounding sphere before this distance, so that the start is moved there in float64.
@@ -235,7 +235,7 @@ _DOWN = np.array([[0, 0, -1]], dtype=np.float32)
 
 
 def coherent_blocks(points: Float[np.ndarray, "n d"]) -> Iterator[Int[np.ndarray, " k"]]:
-    """Indices of all points, in blocks that are compact in space and in an order that keeps neighbors together.
+    """Yield indices of all points, in blocks that are compact in space and in an order that keeps neighbors together.
 
     A Morton curve over a 256 x 256 raster of the two widest axes: 16-bit keys, which NumPy sorts by radix in a
     hundredth of the time that tracing takes, and that give most of what a finer curve would.

@@ -88,7 +88,7 @@ def _alike(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Iterator[tuple[int
 
 
 def _steps(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
-    """Steps along the sides of each mixed face, so that lookups stay within `LOOKUPS`."""
+    """Return steps along the sides of each mixed face, so that lookups stay within `LOOKUPS`."""
     sizes = np.array([alpha.texels.shape[::-1] for alpha in cutouts.maps])[cutouts.face_map[mixed]]
     texels = (np.ptp(cutouts.uv[mixed], axis=1) * sizes).max(axis=1)
     steps = np.clip(np.ceil(FINE * texels), LEAST, MOST)

@@ -15,7 +15,7 @@ from hulldown.geometry.portable import sin_cos
 
 
 def apply(b_from_a: ArrayLike, points_a: ArrayLike) -> Float[np.ndarray, "... n 3"]:
-    """Points of frame a in frame b.
+    """Return points of frame a in frame b.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def rotate(
 
 
 def product(a: Float[np.ndarray, "*#n 3 3"], b: Float[np.ndarray, "*#n 3 k"]) -> Float[np.ndarray, "*n 3 k"]:
-    """`a @ b` as explicit sums, without checks; leading axes broadcast.
+    """Return `a @ b` as explicit sums, without checks; leading axes broadcast.
 
     A matrix product may round differently with the number of rows, and rows of plans and labels must not depend on
     others. For many small matrices it's also faster.
@@ -94,7 +94,7 @@ def invert_affine(b_from_a: Float[np.ndarray, "... 4 4"]) -> Float[np.ndarray, "
 
 
 def rigid(rotation: ArrayLike, translation: ArrayLike) -> Float[np.ndarray, "... 4 4"]:
-    """The 4x4 matrix of a (..., 3, 3) rotation followed by a (..., 3) translation; leading axes broadcast."""
+    """Return the 4x4 matrix of a (..., 3, 3) rotation followed by a (..., 3) translation; leading axes broadcast."""
     r = checked(rotation, "rotation", ("...", 3, 3))
     t = checked(translation, "translation", ("...", 3))
     lead = np.broadcast_shapes(r.shape[:-2], t.shape[:-1])
@@ -137,7 +137,7 @@ def rotation_z(angle: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
 
 
 def tilt_to(normal: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
-    """The smallest rotation that takes +z to the unit `normal` (..., 3), which must not point to -z.
+    """Return the smallest rotation that takes +z to the unit `normal` (..., 3), which must not point to -z.
 
     References
     ----------
@@ -159,7 +159,7 @@ def tilt_to(normal: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
 
 
 def facing(yaw: ArrayLike, up: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
-    """The rotation whose z axis is `up` and whose x axis, seen from above, points along `yaw`.
+    """Return the rotation whose z axis is `up` and whose x axis, seen from above, points along `yaw`.
 
     This is the tilt that keeps the heading: the vertical plane that holds the x axis does not turn, whatever `up` is.
     (`tilt_to(up) @ rotation_z(yaw)`, the smallest tilt after the turn, lets the heading drift by up to about a

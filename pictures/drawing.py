@@ -23,7 +23,7 @@ IGNORED = (170, 170, 170)
 
 
 def color_of(category_id: int) -> tuple[int, int, int]:
-    """The color of a category, the same in every picture."""
+    """Return the color of a category, the same in every picture."""
     return PALETTE[(category_id - 1) % len(PALETTE)]
 
 
@@ -42,7 +42,7 @@ def draw(
     *,
     masks: bool = True,
 ) -> Image.Image:
-    """A copy of a picture with its annotations on it.
+    """Return a copy of a picture with its annotations on it.
 
     Lines are drawn just outside the boxes, so that they hide nothing inside, but never outside the picture.
 
@@ -148,7 +148,7 @@ def _broken(text: str, font: ImageFont.FreeTypeFont, width: int) -> str:
 
 
 def _narrow(word: str, font: ImageFont.FreeTypeFont, width: int) -> list[str]:
-    """A word in parts that are at most `width` pixels wide."""
+    """Return a word in parts that are at most `width` pixels wide."""
     parts = [""]
     for letter in word:
         parts[-1:] = [parts[-1] + letter] if font.getlength(parts[-1] + letter) <= width else [parts[-1], letter]

@@ -46,7 +46,7 @@ class ExactGround:
     def count(
         self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
     ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """How many faces contain each point, and whether it is strictly inside all of them."""
+        """Return how many faces contain each point, and whether it is strictly inside all of them."""
         faces, on_edge = np.zeros(len(x), dtype=np.intp), np.zeros(len(x), dtype=bool)
         for batch, over in self._containing(x, y, np.full(len(x), -np.inf)):
             n = batch.stop - batch.start
@@ -55,7 +55,7 @@ class ExactGround:
         return faces, ~on_edge
 
     def tops(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], proposal: Int[np.ndarray, " n"]) -> Hits:
-        """The highest ground face at each point; ties go to the lowest face.
+        """Return the highest ground face at each point; ties go to the lowest face.
 
         Parameters
         ----------
@@ -78,7 +78,7 @@ class ExactGround:
     def _least(
         self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], proposal: Int[np.ndarray, " n"]
     ) -> Float[np.ndarray, " n"]:
-        """A height that the top of each point certainly reaches: that of the proposed face if it contains the point."""
+        """Return a height that each point's top certainly reaches: the proposed face's if it contains the point."""
         g = self._ground
         least = np.full(len(x), -np.inf)
         row = np.flatnonzero(proposal >= 0)
@@ -120,7 +120,7 @@ class ExactGround:
         return over
 
     def _highest(self, at: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]], over: _Over) -> _Over:
-        """One pair a point."""
+        """Return one pair a point."""
         alone = _alone(over.point)
         rest = over[np.flatnonzero(~alone)]
         if not len(rest.point):
@@ -176,7 +176,7 @@ class ExactGround:
         return normal
 
     def _alike(self, vertices: Int[np.ndarray, "k 3"]) -> Int[np.ndarray, "k 3"]:
-        """One number for all vertices at the same place."""
+        """Return one number for all vertices at the same place."""
         g = self._ground
         used, local = np.unique(vertices, return_inverse=True)
         places = np.column_stack([g.x[used], g.y[used], g.z[used]])
@@ -188,7 +188,7 @@ class ExactGround:
 
 
 def _alone(point: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
-    """Whether each number of a sorted list differs from its neighbors."""
+    """Return whether each number of a sorted list differs from its neighbors."""
     changes = np.concatenate([[True], point[1:] != point[:-1], [True]]) if len(point) else np.ones(1, dtype=bool)
     return changes[:-1] & changes[1:]
 

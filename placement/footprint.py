@@ -23,7 +23,7 @@ FOOT = 0.01  # of the footprint's longer side: a foot is no higher than this abo
 
 
 def contact_footprint(vertices: ArrayLike) -> Float[np.ndarray, "2 2"]:
-    """Lowest and highest (x, y) of the lowest band of a mesh, which touches the ground.
+    """Return lowest and highest (x, y) of the lowest band of a mesh, which touches the ground.
 
     A long barrel, a raised dozer blade, or an antenna widens the bounding box without touching the ground; wheels,
     tracks, and skids are low. The band begins at the lowest vertex and is doubled until it's wide enough to stand on.
@@ -69,7 +69,7 @@ class Underside:
 
 
 def underside(mesh: Mesh, *, known: Float[np.ndarray, "a b"] | None = None) -> Underside:
-    """The underside of a vehicle over its contact footprint.
+    """Return the underside of a vehicle over its contact footprint.
 
     The minimum over the hit of a ray straight up through each cell's middle, and vertices and edges in the cell,
     since no such ray meets an upright sheet.
@@ -118,7 +118,7 @@ def _lowest_faces(mesh: Mesh, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray,
 
 
 def _along_edges(mesh: Mesh, step: Float[np.ndarray, "2"]) -> Float[np.ndarray, "n 3"]:
-    """Points along all edges that are longer than a step, at most a step apart."""
+    """Return points along all edges that are longer than a step, at most a step apart."""
     points = [np.zeros((0, 3))]
     for i, j in ((0, 1), (1, 2), (2, 0)):
         start, end = mesh.faces[:, i], mesh.faces[:, j]
@@ -159,7 +159,7 @@ class Samples:
         return Samples(self.xy[which], self.height[which], self.foot[which], self.center[which])
 
     def solid(self) -> Samples:
-        """Samples below the underside."""
+        """Return samples below the underside."""
         kept = np.isfinite(self.height)
         return Samples(self.xy[kept], self.height[kept], self.foot[kept], self.center)
 

@@ -76,7 +76,7 @@ class Ground:
 
     @classmethod
     def of(cls, mesh: Mesh) -> Ground:
-        """The ground of a mesh."""
+        """Return the ground of a mesh."""
         x, y, z = (np.ascontiguousarray(column) for column in mesh.vertices.T)
         low, high = mesh.bounds[:, 2]
         largest = max(-low, high)
@@ -100,7 +100,7 @@ class Ground:
         return cls(x, y, z, corners, kept, slope, well_conditioned, bound)
 
     def boxes(self) -> tuple[Float[np.ndarray, "3 f"], Float[np.ndarray, "3 f"]]:
-        """Lowest and highest corner of every face's box."""
+        """Return lowest and highest corner of every face's box."""
         low, high = np.empty(self.corners.shape), np.empty(self.corners.shape)
         for begin in range(0, self.corners.shape[1], _CHUNK):
             part = slice(begin, begin + _CHUNK)
@@ -120,7 +120,7 @@ class Ground:
     def height_bounds(
         self, face: Int[np.ndarray, " n"], x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Two heights between which each face is at a point in it; the rounding of these sums is counted, too."""
+        """Return two heights between which each face is at a point in it, the rounding of these sums included."""
         error = 2.0 * self.height_error[face]
         z = np.where(error < np.inf, self.heights(face, x, y), 0.0)
         return z - error, z + error
@@ -141,7 +141,7 @@ def plane_heights(
 
 
 def upward(slope: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-    """Unit upward normals of planes of these slopes."""
+    """Return unit upward normals of planes of these slopes."""
     normal = np.empty((len(slope), 3))
     with np.errstate(over="ignore", invalid="ignore"):  # only on faces that are not well-conditioned
         up = slope.real**2
@@ -168,7 +168,7 @@ def _prepare(
     Bool[np.ndarray, " f"],
     Float[np.ndarray, " f"],
 ]:
-    """Which way each face turns, its slopes dz/dx and dz/dy, whether float64 can keep the promises, its heights' error.
+    """Return how each face turns, dz/dx and dz/dy, whether float64 can keep the promises, its heights' error.
 
     For a face with corner a and differences d₁, d₂ to the others, let W = dx₁dy₂ − dy₁dx₂, p and q the sizes of its
     two products, κ = (p + q)/|W|, α = (|dy₁dz₂| + |dz₁dy₂|)/|W|, β = (|dz₁dx₂| + |dx₁dz₂|)/|W|, X and Y the largest

@@ -19,7 +19,7 @@ class Rejection(IntEnum):
     phrase: str
 
     def __new__(cls, code: int, phrase: str) -> Rejection:
-        """A code with its phrase."""
+        """Return a code with its phrase."""
         member = int.__new__(cls, code)
         member._value_ = code
         member.phrase = phrase

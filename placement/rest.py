@@ -23,7 +23,7 @@ def averaged(
     normals: Float[np.ndarray, "k m 3"],
     valid: Bool[np.ndarray, "k m"],
 ) -> Rest:
-    """The plane through the mean of the hits, normal to the mean of their normals.
+    """Return the plane through the mean of the hits, normal to the mean of their normals.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def averaged(
 def least_squares(
     samples: Float[np.ndarray, "m 2"], heights: Float[np.ndarray, "k m"], valid: Bool[np.ndarray, "k m"]
 ) -> Rest:
-    """The plane with the least sum of squared vertical distances to the hits."""
+    """Return the plane with the least sum of squared vertical distances to the hits."""
     x, y = samples.T
     weight = valid / np.maximum(valid.sum(axis=1), 1)[:, None]
     known = np.where(valid, heights, 0.0)
@@ -76,7 +76,7 @@ def least_squares(
 
 
 def support(samples: Samples, heights: Float[np.ndarray, "k m"], valid: Bool[np.ndarray, "k m"]) -> Rest:
-    """The lowest plane above all hits at the center of the footprint, where the center of gravity is taken to be.
+    """Return the lowest plane above all hits at the footprint's center, where the center of gravity is taken to be.
 
     Where the underside is higher than the plane, a hit may be as much higher too. That height is taken straight up from
     the plane: docs/settling.md bounds what this leaves out.

@@ -91,7 +91,7 @@ def settle(
     rules: SettleRules = DEFAULT_RULES,
     threads: int = 1,
 ) -> Settled:
-    """The resting pose of a vehicle at each candidate position, or why there is none.
+    """Return the resting pose of a vehicle at each candidate position, or why there is none.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ def settle_each(
 
 
 def _by_neighborhood(xy: Float[np.ndarray, "k 2"], size: int) -> Int[np.ndarray, " k"]:
-    """An order in which every run of about `size` positions covers little ground: strips along x, each sorted by y."""
+    """Order positions so that every run of about `size` covers little ground: strips along x, each sorted by y."""
     by_x = np.argsort(xy[:, 0])
     strips = max(1, round(math.sqrt(len(xy) / size)))
     return np.concatenate([strip[np.argsort(xy[strip, 1])] for strip in np.array_split(by_x, strips)])
@@ -284,5 +284,5 @@ def _rest(
 
 
 def _inclination(normal: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
-    """Angle in radians between unit normals and +z; unlike the arccosine exact near 0."""
+    """Return angle in radians between unit normals and +z; unlike the arccosine exact near 0."""
     return arctan2(hypot(normal[:, 0], normal[:, 1]), normal[:, 2])

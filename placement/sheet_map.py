@@ -98,7 +98,7 @@ class SheetMap:
         self._counts = self._sheets(xy[unbalanced(corners, xy)], count).ravel()
 
     def count(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> UInt8[np.ndarray, " n"]:
-        """The number of sheets at each point, or UNKNOWN; 0 outside the bounds."""
+        """Return the number of sheets at each point, or UNKNOWN; 0 outside the bounds."""
         column, row = self._cells(x, 0), self._cells(y, 1)
         row *= self._columns
         row += column
@@ -161,7 +161,7 @@ class SheetMap:
 
 
 def unbalanced(corners: Int[np.ndarray, "3 f"], xy: Float[np.ndarray, "v 2"]) -> Int[np.ndarray, "e 2"]:
-    """The edges, as vertex pairs, that have faces on their left not exactly as often as on their right.
+    """Return the edges, as vertex pairs, that have faces on their left not exactly as often as on their right.
 
     Vertices at the same XY are the same; most edges are settled by their vertex numbers, without a look at coordinates.
     """

@@ -33,7 +33,7 @@ _LEAVING = np.array([0, 2, 0, 0, 1, 2, 1, 0])
 def highest_triangles(
     samples_xy: Float[np.ndarray, "m 2"], heights: Float[np.ndarray, "n m"], center: Float[np.ndarray, "2"]
 ) -> Int[np.ndarray, "n 3"]:
-    """The triangle of samples around the center that carries it highest; -1 where there is none.
+    """Return the triangle of samples around the center that carries it highest; -1 where there is none.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def _any_of(missing: np.ndarray, basis: Int[np.ndarray, "n 3"]) -> np.ndarray:
 def _starts(
     samples: bytes, x: float, y: float
 ) -> tuple[Int[np.ndarray, " s"], Int[np.ndarray, "t 3"], Float32[np.ndarray, "s t"]]:
-    """Some samples, the triangles of these around the center, and by how much each sample carries it in each."""
+    """Return some samples, the triangles of these around the center, and by how much each sample carries it in each."""
     samples_xy, center = np.frombuffer(samples).reshape(-1, 2), np.array([[x, y]])
     m = len(samples_xy)
     spread = np.rint(np.linspace(0, m - 1, min(m, STARTS))).astype(int)
@@ -106,7 +106,7 @@ def _starts(
 
 
 def _highest(steps: Float[np.ndarray, "n s"], shares: Float32[np.ndarray, "s t"]) -> Int[np.ndarray, " n"]:
-    """Which triangle carries the center highest; of equals the first."""
+    """Return which triangle carries the center highest; of equals the first."""
     n, s = steps.shape
     padded = np.zeros((-(-n // _ROWS), _ROWS, s), dtype=np.float32)
     padded.reshape(-1, s)[:n] = steps
@@ -156,7 +156,7 @@ def planes(corners: Float[np.ndarray, "n 3 2"], heights: Float[np.ndarray, "n 3"
 def above_planes(
     samples_xy: Float[np.ndarray, "m 2"], heights: Float[np.ndarray, "n m"], plane: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n m"]:
-    """How far each sample is above its row's plane."""
+    """Return how far each sample is above its row's plane."""
     # No matrix product: its rounding may depend on the number of rows, and here it may decide between triangles.
     x, y = np.ascontiguousarray(samples_xy.T)
     above = heights - plane[:, 2:]

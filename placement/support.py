@@ -42,7 +42,7 @@ class Rest:
 def support_plane(
     samples_xy: Float[np.ndarray, "m 2"], heights: Float[np.ndarray, "n m"], valid: Bool[np.ndarray, "n m"]
 ) -> Rest:
-    """The lowest plane above all valid samples, for each row of heights.
+    """Return the lowest plane above all valid samples, for each row of heights.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def _over_an_edge(
     idle: Int[np.ndarray, " n"],
     plane: Float[np.ndarray, "n 3"],
 ) -> Float[np.ndarray, "n 3"]:
-    """The mean of the plane and of what it becomes when tipped over the two contacts that carry everything.
+    """Return the mean of the plane and of what it becomes when tipped over the two contacts that carry everything.
 
     Tipped away from the idle contact, it first meets the sample that is least below it for its distance from the edge.
     """
@@ -123,7 +123,7 @@ def _over_one_contact(
     nudge: Float[np.ndarray, "2"],
     plane: Float[np.ndarray, "n 3"],
 ) -> Float[np.ndarray, "n 3"]:
-    """The mean of the planes that a nudge of the center to each of four sides gives, the first of which is known.
+    """Return the mean of the planes that a nudge of the center to each of four sides gives; the first is known.
 
     A sample right below the center (there is one wherever n is odd and the ground is convex) can be tipped about in any
     direction: one of them, taken at random, would be further from the truth than their mean.

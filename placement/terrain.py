@@ -78,7 +78,7 @@ class Terrain:
         return self._bounds.copy()
 
     def top_hits(self, xy: ArrayLike, *, method: Method = "certified", threads: int = 1) -> Hits:
-        """The highest ground at each point.
+        """Return the highest ground at each point.
 
         Parameters
         ----------
@@ -161,7 +161,7 @@ class Terrain:
         z: Float[np.ndarray, " k"],
         slope: Complex[np.ndarray, " k"],
     ) -> Bool[np.ndarray, " k"]:
-        """Whether so many sheets less one are found under a face, each certainly lower than the one before."""
+        """Return whether so many sheets less one are found under a face, each certainly lower than the one before."""
         found = np.zeros(len(x), dtype=bool)
         row, n = np.arange(len(x)), 1
         apart = 4.0 * HEIGHT_ULPS * np.spacing(np.abs(self._bounds[:, 2]).max())
@@ -180,7 +180,7 @@ class Terrain:
     def _inside(
         self, face: Int[np.ndarray, " k"], x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]
     ) -> tuple[Bool[np.ndarray, " k"], Float[np.ndarray, " k"], Complex[np.ndarray, " k"]]:
-        """Whether each point is certainly inside its well-conditioned face; the face's height there, and its slope."""
+        """Tell which points are certainly in their well-conditioned faces; the face's height there, and its slope."""
         g = self._ground
         corners = [corner[face].astype(np.intp) for corner in g.corners]  # -1 reads the last face
         dx, dy = [g.x[c] - x for c in corners], [g.y[c] - y for c in corners]
@@ -218,7 +218,7 @@ def _columns(
 
 
 def _strictly_inside(dx: list[Float[np.ndarray, " k"]], dy: list[Float[np.ndarray, " k"]]) -> Bool[np.ndarray, " k"]:
-    """Whether each point is certainly inside its counter-clockwise triangle, given the corners relative to it."""
+    """Tell which points are certainly inside their counter-clockwise triangles, given corners relative to them."""
     inside = np.ones(len(dx[0]), dtype=bool)
     for a, b in ((0, 1), (1, 2), (2, 0)):
         left, right = dx[a] * dy[b], dy[a] * dx[b]

@@ -116,7 +116,7 @@ def _differing(
 
 
 def _alike(first: Any, second: Any) -> bool:
-    """Whether two JSON values are equal up to rounding."""
+    """Return whether two JSON values are equal up to rounding."""
     if isinstance(first, float) and isinstance(second, float):
         return math.isclose(first, second, rel_tol=0.0, abs_tol=ROUNDING)
     if isinstance(first, list) and isinstance(second, list):

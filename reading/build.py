@@ -54,7 +54,7 @@ class BuiltVehicle:
 
 
 def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle:
-    """The vehicle among the pieces, its parts merged into one mesh (paper, section 2.1.3).
+    """Return the vehicle among the pieces, its parts merged into one mesh (paper, section 2.1.3).
 
     What might not belong to it is proposed for `drop` if the vehicle without it has fewer doubts.
 
@@ -77,7 +77,7 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
 
 
 def _build(name: str, upright: Upright, options: Options) -> tuple[BuiltVehicle, list[Stray]]:
-    """The vehicle with all other doubts, and what might not belong to it."""
+    """Return the vehicle with all other doubts, and what might not belong to it."""
     pieces, meshes, markers = upright.drawn.pieces, upright.drawn.meshes, upright.drawn.markers
     roles = vehicle_roles(pieces, keep=options.keep, drop=options.drop)
     kept = [i for i, role in enumerate(roles) if role.use == "vehicle"]
@@ -226,7 +226,7 @@ def build_scenery(
 
 
 def _is_partly_water(piece: Piece, drawn: Evaluated, meters: Float[np.ndarray, "4 4"]) -> bool:
-    """Whether the faces of ground with a material named like water are water: together wide and mostly level."""
+    """Return whether the faces of ground with a material named like water are water: together wide and mostly level."""
     if piece.mesh not in drawn.wet:
         return False
     part, meters_from_mesh = _part_of(piece.mesh, drawn, wet=True), meters @ piece.pose
@@ -236,12 +236,12 @@ def _is_partly_water(piece: Piece, drawn: Evaluated, meters: Float[np.ndarray, "
 
 
 def _part_of(number: int, drawn: Evaluated, *, wet: bool) -> Mesh:
-    """The faces of a mesh with a material named like water, or the others."""
+    """Return the faces of a mesh with a material named like water, or the others."""
     return drawn.meshes[number].of_faces(np.flatnonzero(drawn.wet[number] == wet))
 
 
 def _there(wanted: str, pieces: Sequence[Piece]) -> str:
-    """Names in the file, most similar to the wanted one first."""
+    """Return names in the file, most similar to the wanted one first."""
     names = sorted({piece.name for piece in pieces})
     alike = get_close_matches(wanted, names, n=8, cutoff=0.4)
     return ", ".join(repr(name) for name in (alike or names[:8])) or "nothing that is rendered"

@@ -109,7 +109,7 @@ def cached(
 
 
 def _entry(entry: Path, path: Path) -> Exported | None:
-    """The entry, if it's complete and its sources are unchanged."""
+    """Return the entry, if it's complete and its sources are unchanged."""
     note = unseal(entry, _Note)
     # Relative paths of textures change their meaning in another folder.
     if note is None or ((note.files or note.report.missing) and note.path != str(path.resolve())):
@@ -134,7 +134,7 @@ def make_cache(cache: Path) -> None:
 
 
 def _locked(entry: Path) -> AbstractContextManager[object]:
-    """The lock of an entry, held to the end of a block.
+    """Return the lock of an entry, held to the end of a block.
 
     Raises
     ------
@@ -150,12 +150,12 @@ def _locked(entry: Path) -> AbstractContextManager[object]:
 
 
 def new_folder(cache: Path) -> tempfile.TemporaryDirectory[str]:
-    """A temporary folder in the cache for a new entry, removed after the block unless it was sealed."""
+    """Return a temporary folder in the cache for a new entry, removed after the block unless it was sealed."""
     return tempfile.TemporaryDirectory(prefix=".new-", dir=cache.resolve(), ignore_cleanup_errors=True)
 
 
 def entry_name(*parts: object) -> str:
-    """The name of the entry made from `parts`; different for every user."""
+    """Return the name of the entry made from `parts`; different for every user."""
     return hmac.digest(_key(), json.dumps(parts).encode(), "sha256").hex()[:24]
 
 
@@ -174,7 +174,7 @@ def seal(made: Path, entry: Path, note: object) -> None:
 
 
 def unseal(entry: Path, kind: type[Note]) -> Note | None:
-    """The note of an entry, of this type; None unless this user sealed it and its files are unchanged."""
+    """Return the note of an entry, of this type; None unless this user sealed it and its files are unchanged."""
     try:
         if entry.is_symlink():
             return None
@@ -194,7 +194,7 @@ def _seal_of(body: bytes) -> bytes:
 
 
 def _key() -> bytes:
-    """The user's secret key, created on first use."""
+    """Return the user's secret key, created on first use."""
     state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
     path = state / "hulldown" / "cache.key"
     try:

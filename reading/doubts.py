@@ -25,7 +25,7 @@ USUAL_UNITS = (1.0, 0.01, 0.001, 0.0254, 0.3048, 100.0, 10.0, 0.1)
 
 
 def vehicle_doubts(report: FileReport, options: Options) -> tuple[Doubt, ...]:
-    """Doubts about a vehicle's size and dropped pieces."""
+    """Return doubts about a vehicle's size and dropped pieces."""
     doubts = []
     length, width, height = report.size
     longest, rows = max(report.size), report.rows
@@ -77,7 +77,7 @@ def scenery_doubts(
     wet: Sequence[str] = (),
     parked: Mapping[str, Sequence[str]] = MappingProxyType({}),
 ) -> tuple[Doubt, ...]:
-    """Doubts about a scenery, missing ground first. Ground in `wet` is partly water; `parked` are vehicles."""
+    """Return doubts about a scenery, missing ground first. Ground in `wet` is partly water; `parked` are vehicles."""
     doubts = []
     used = [(piece, role) for piece, role in zip(pieces, roles, strict=True) if role.use not in ("dropped", "removed")]
     if not any(role.use == "ground" for _, role in used):
@@ -175,7 +175,7 @@ def scenery_doubts(
 
 
 def _perhaps_water(used: Sequence[tuple[Piece, PieceRole]], wet: Sequence[str]) -> list[Doubt]:
-    """Doubts about possible water: parts of the ground's mesh, and small sheets without a name."""
+    """Return doubts about possible water: parts of the ground's mesh, and small sheets without a name."""
     ground = [piece for piece, role in used if role.use == "ground"]
     dressed = [(p.name, m) for p in ground if p.name not in wet for m in p.materials if is_water_name(m)]
     doubts = [
@@ -200,7 +200,7 @@ def _perhaps_water(used: Sequence[tuple[Piece, PieceRole]], wet: Sequence[str]) 
 
 
 def _proposed_ground(among: Sequence[Piece]) -> str:
-    """The config line that makes the widest of these pieces ground."""
+    """Return the config line that makes the widest of these pieces ground."""
     able = [piece for piece in among if not (piece.hair or piece.scattered)]
     if not able:
         return "name what is to be ground in this scenery's `ground`"
@@ -215,7 +215,7 @@ def _proposed_ground(among: Sequence[Piece]) -> str:
 
 
 def _level_area(pieces: Sequence[Piece]) -> float:
-    """Square meters of pieces seen from above that are nearly level."""
+    """Return square meters of pieces seen from above that are nearly level."""
     return sum(piece.level * piece.area for piece in pieces)
 
 

@@ -131,7 +131,7 @@ def mend(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"]
 
 
 def mean_luminance(pixels: Float[np.ndarray, "h w 3"]) -> float:
-    """Mean luminance over the sphere of an equirectangular sky in linear Rec. 709."""
+    """Return mean luminance over the sphere of an equirectangular sky in linear Rec. 709."""
     height = len(pixels)
     rows = pixels.mean(axis=1, dtype=np.float64) @ LUMINANCE
     weight = np.cos((np.arange(height) + 0.5) / height * np.pi - np.pi / 2)

@@ -100,7 +100,7 @@ def write_pictures(inspected: Sequence[Inspected], path: Path) -> list[Path]:
 
 
 def draw(asset: VehicleShape | Scenery, picture: Path | None = None, *, size: int = 480) -> Image.Image:
-    """A vehicle or scenery shaded from four sides; parts, or ground and obstacles, in colors; pivots marked.
+    """Return a vehicle or scenery shaded from four sides; parts, or ground and obstacles, in colors; pivots marked.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def draw(asset: VehicleShape | Scenery, picture: Path | None = None, *, size: in
         colors = {ground: COLORS[3], f"obstacles ({len(asset.instance_names)})": OBSTACLE}
 
     def number(hits: SceneHits) -> Int[np.ndarray, " n"]:
-        """The number of the color of each hit."""
+        """Return the number of the color of each hit."""
         if isinstance(asset, VehicleShape):
             return asset.vertex_part[asset.mesh.faces[hits.face, 0]]
         return (hits.kind == Kind.OBSTACLE).astype(int)
@@ -155,7 +155,7 @@ def draw(asset: VehicleShape | Scenery, picture: Path | None = None, *, size: in
 
 
 def _worth_seeing(scenery: Scenery, boxes: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "2 3"]:
-    """Bounds of the ground and the objects on it, without hills on the horizon; of everything without ground."""
+    """Return bounds of the ground and the objects on it, without hills on the horizon; of everything without ground."""
     if scenery.ground is not None:
         low, high = scenery.ground.bounds
         middle = boxes.mean(axis=1)
@@ -185,7 +185,7 @@ class _View:
         self.depth = float(np.linalg.norm(bounds[1] - bounds[0]))
 
     def look(self, world: Scene) -> tuple[SceneHits, Float[np.ndarray, " n"]]:
-        """The hit of each pixel, and its brightness by the angle between surface and light."""
+        """Return the hit of each pixel, and its brightness by the angle between surface and light."""
         center = (np.arange(self.size) + 0.5 - self.size / 2) / self.scale
         x, y = np.meshgrid(center, -center)
         start = self.middle + x[..., None] * self.right + y[..., None] * self.up - self.depth * self.sight

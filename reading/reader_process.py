@@ -51,7 +51,7 @@ class Job:
     options: Options = field(default_factory=Options)
 
     def file(self, name: str) -> Path:
-        """A file in the folder."""
+        """Return a file in the folder."""
         return Path(self.folder, name)
 
 
@@ -122,7 +122,7 @@ def export(
 
 
 def job_for(path: Path, folder: Path, *, kind: str | None, options: Options = DEFAULTS) -> Job:
-    """The reader's job; arguments as of `export`.
+    """Return the reader's job; arguments as of `export`.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def job_for(path: Path, folder: Path, *, kind: str | None, options: Options = DE
 
 
 def exported_by(job: Job) -> Exported:
-    """The export of a finished job.
+    """Return the export of a finished job.
 
     Raises
     ------
@@ -149,7 +149,7 @@ def exported_by(job: Job) -> Exported:
 
 
 def export_in(folder: Path, report: FileReport, files: Iterable[str]) -> Exported:
-    """The export whose files are in a folder."""
+    """Return the export whose files are in a folder."""
     picture = folder / PICTURE if report.kind == "vehicle" else None
     return Exported(report, folder / "bundle.npz", folder / "tidy.blend", picture, tuple(files))
 
@@ -188,7 +188,7 @@ class _Refused(TypedDict):
 
 
 def found_by(job: Job, kind: type[Found]) -> Found:
-    """What the reading process found in a file, as the type that it tells.
+    """Return what the reading process found in a file, as the type that it tells.
 
     Raises
     ------

@@ -25,7 +25,7 @@ PLAIN = 0.2  # standard deviation over mean of what is below the horizon: 0 in p
 
 
 def shows_land(sky: Float[np.ndarray, "m n 3"]) -> bool:
-    """Whether an HDRI shows more than one plain color below its horizon; parameters as of `backdrop`."""
+    """Return whether an HDRI shows more than one plain color below its horizon; parameters as of `backdrop`."""
     elevation = 90.0 - (np.arange(len(sky)) + 0.5) / len(sky) * 180.0
     below = (sky @ LUMINANCE)[(elevation < -3.0) & (elevation > -30.0)]
     return bool(below.size and below.std() > PLAIN * below.mean())

@@ -22,7 +22,7 @@ from hulldown.planning.plan_file import Plan
 
 
 def categories_of(plan: Plan, shapes: Mapping[str, VehicleShape]) -> list[dict[str, Any]]:
-    """Records of the categories of a plan, without ids; with `keypoints` and `skeleton`, if its config labels any.
+    """Return records of a plan's categories, without ids; with `keypoints` and `skeleton`, if its config labels any.
 
     Raises
     ------
@@ -62,7 +62,7 @@ class Segmenter:
         ]
 
     def _seen(self, row: Row, vehicle: PlannedVehicle) -> SeenVehicle:
-        """A row's vehicle in its scene; a target that is left out of the picture, as if it were there."""
+        """Return a row's vehicle in its scene; a target that is left out of the picture, as if it were there."""
         posed = self._scenes.posed(vehicle)
         others = self._scenes.scene(row, [other for other in row.vehicles if other is not vehicle])
         whole, visible = vehicle_masks(posed, row.camera, xywh=np.array(vehicle.bbox), world=others)

@@ -80,7 +80,7 @@ class MaskReport:
     findings: tuple[Finding, ...]
 
     def table(self) -> Table:
-        """A row for each annotation."""
+        """Return a row for each annotation."""
         table = Table(title="annotations against masks rendered by Cycles", title_justify="left")
         for column in ("image", "vehicle", "pixels", "box error (px)", "mask IoU"):
             table.add_column(column, justify="left" if column in ("image", "vehicle") else "right")
@@ -157,7 +157,7 @@ def verify_masks(
 
 
 def _intruder(folder: Path, name: str, row: Row, segmenter: Segmenter) -> Finding | None:
-    """Whether an empty background's picture shows the outline of the vehicle that it was framed on."""
+    """Return whether an empty background's picture shows the outline of the vehicle that it was framed on."""
     try:
         pixels = read_pixels(folder / name)
     except DatasetError:  # found elsewhere

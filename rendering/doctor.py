@@ -50,7 +50,7 @@ class Diagnosis:
         return confinement() if self.landlock >= NETWORK_ABI else f"{confinement()}, which doesn't cover the network"
 
     def table(self) -> Table:
-        """A table without the problems, for a terminal."""
+        """Return a table without the problems, for a terminal."""
         table = Table(show_header=False, box=None)
         table.add_row("python", self.python)
         table.add_row("system", self.system)

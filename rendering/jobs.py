@@ -31,7 +31,7 @@ from hulldown.rendering.blender.messages import (
 
 
 def readable(library: Library) -> tuple[Path, ...]:
-    """Paths that Blender may read: the folders of the config's files and of their rendered twins, and the HDRIs.
+    """Return paths that Blender may read: the folders of the config's files and of their rendered twins, and the HDRIs.
 
     Neither a plan's header nor an asset adds to it.
     """
@@ -42,7 +42,7 @@ def readable(library: Library) -> tuple[Path, ...]:
 
 
 def render_job(row: Row, library: Library, settings: CyclesSettings, output: Path) -> RenderJob:
-    """The job of rendering a row.
+    """Return the job of rendering a row.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def render_job(row: Row, library: Library, settings: CyclesSettings, output: Pat
 
 
 def mask_job(row: Row, library: Library, output: Path) -> MaskJob:
-    """The job of rendering a row's masks; parameters and errors as of `render_job`."""
+    """Return the job of rendering a row's masks; parameters and errors as of `render_job`."""
     vehicles = [_vehicle(structs.replace(vehicle, paint=[]), library, row) for vehicle in row.vehicles]
     return MaskJob(scenery=_scenery(row, library), vehicles=vehicles, camera=_camera(row), output=str(output))
 
@@ -108,7 +108,7 @@ def _vehicle(vehicle: PlannedVehicle, library: Library, row: Row) -> VehicleInpu
 
 
 def _paint(coats: Sequence[Coat], materials: Sequence[MaterialRow]) -> list[PaintInput]:
-    """The paint of each painted material."""
+    """Return the paint of each painted material."""
     rows = {row.name: row for row in materials}
     return [
         PaintInput(

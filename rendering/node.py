@@ -49,7 +49,7 @@ def shared_files(library: Library) -> dict[str, tuple[int, int]]:
 
 
 def refusal(client: Mapping[str, str], require_confinement: bool, files: Mapping[str, tuple[int, int]]) -> str:
-    """Reason why this process can't render for a client; empty if it can.
+    """Return the reason why this process can't render for a client; empty if it can.
 
     Parameters
     ----------

@@ -36,7 +36,7 @@ class Outline:
         self.labels = np.array([labels for _, _, labels, _ in self.rows], dtype=np.int64)
 
     def first_annotations(self, run: Run) -> Int[np.ndarray, " images"]:
-        """The id of each image's first label, which depends on the plan alone."""
+        """Return the id of each image's first label, which depends on the plan alone."""
         return np.cumsum(self.labels) - self.labels + run.annotation_offset + 1
 
 
@@ -67,7 +67,7 @@ class Part:
             raise ValueError(f"share: expected (k, n) with k from 1 to n, got {self.share}")
 
     def of(self, outline: Outline) -> list[OutlineRow]:
-        """The part's rows, ordered so that workers can keep loaded assets; shares have neighbors."""
+        """Return the part's rows, ordered so that workers can keep loaded assets; shares have neighbors."""
         rows, (k, n) = sorted(outline.rows[: self.limit]), self.share
         return rows[(k - 1) * len(rows) // n : k * len(rows) // n]
 

@@ -175,7 +175,7 @@ class Pool:
 
 
 def _next(queues: Sequence[deque[int]], i: int) -> int | None:
-    """The next job of a queue; an empty queue takes half of the longest one's."""
+    """Return the next job of a queue; an empty queue takes half of the longest one's."""
     if not queues[i]:
         longest = max(queues, key=len)
         half = [longest.pop() for _ in range((len(longest) + 1) // 2)]

@@ -322,7 +322,7 @@ class Blender:
         return self._hear(seconds)
 
     def _hear(self, seconds: float) -> dict[str, Any]:
-        """The next answer, within the limits of time and memory."""
+        """Return the next answer, within the limits of time and memory."""
         assert self._child is not None
         end = time.monotonic() + seconds
         while True:
@@ -363,7 +363,7 @@ class Blender:
 
 
 def worker_command(program: str | None) -> list[str]:
-    """The command of a worker, in this Python with the bpy module, or in an installed Blender."""
+    """Return the command of a worker, in this Python with the bpy module, or in an installed Blender."""
     if program is None:
         return [sys.executable, "-P", str(WORKER)]
     options = ["--background", "--factory-startup", "--disable-autoexec", "--python-exit-code", "1"]
@@ -371,7 +371,7 @@ def worker_command(program: str | None) -> list[str]:
 
 
 def _written(job: RenderJob | MaskJob) -> bytes:
-    """The contents of a job's output file."""
+    """Return the contents of a job's output file."""
     output = Path(job.output)
     if isinstance(job, RenderJob):
         size = job.camera.intrinsics

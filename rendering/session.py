@@ -193,7 +193,7 @@ class Session:
         return self.unfinished / f"{row.index}{Path(row.file_name).suffix}"
 
     def _row(self, index: int) -> Row:
-        """A row of the plan, read when needed; refused if the plan's file was replaced meanwhile."""
+        """Return a row of the plan, read when needed; refused if the plan's file was replaced meanwhile."""
         if stamp_of(self._plan.path) != self._stamp:
             raise ConfigError(
                 "is not what it was when this run began",

@@ -137,7 +137,7 @@ def render(
 def _pool(
     engine: Engine, logs: Path, library: Library, session: Session, stopping: Callable[[], bool]
 ) -> Pool | ClusterPool:
-    """The pool for a session."""
+    """Return the pool for a session."""
     if engine.scheduler is None:
         confinement = Confinement(session.unfinished, readable(library))
         return Pool(logs, engine, say=session.say, stopping=stopping, confinement=confinement)
@@ -148,7 +148,7 @@ def _pool(
 
 @contextlib.contextmanager
 def render_bar() -> Iterator[Callable[[Progress], None]]:
-    """A bar on stderr, with the messages above it; yields what `render` calls."""
+    """Show a bar on stderr, with the messages above it; yield what `render` calls."""
     with titled_bar(unit="images") as advance:
 
         def show(progress: Progress) -> None:

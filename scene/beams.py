@@ -156,7 +156,7 @@ def _in_view(
 
 
 def _corners(scene: InstancedScene, instance: Int[np.ndarray, " p"]) -> Float[np.ndarray, "p 8 3"]:
-    """Corners of instances' bounds, grown by more than rounding, in the world."""
+    """Return corners of instances' bounds, grown by more than rounding, in the world."""
     corners = np.where(_CORNERS, scene.bounds[instance, None, 1], scene.bounds[instance, None, 0])
     pad = 1e-5 * np.ptp(scene.bounds[instance], axis=1) + 1e-9
     return corners + np.where(_CORNERS, 1.0, -1.0) * pad[:, None]
@@ -168,7 +168,7 @@ def _pairs(
     world_from_camera: Float[np.ndarray, "n 4 4"],
     far: Float[np.ndarray, "n r"],
 ) -> Iterator[tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]]:
-    """Rays and instances that may meet, in blocks, each camera's nearest instances first.
+    """Yield rays and instances that may meet, in blocks, each camera's nearest instances first.
 
     `far` is how far each ray still looks: callers lower it as rays meet something.
     """

@@ -45,7 +45,7 @@ class CameraRoom:
         vehicles: Sequence[PosedVehicle] = (),
         vehicle_clearance: float = 0.0,
     ) -> UInt8[np.ndarray, " n"]:
-        """A code of `Rejection` for each place: the first that applies of ground, height, water, obstacles, vehicles.
+        """Return a `Rejection` for each place: the first that applies of ground, height, water, obstacles, vehicles.
 
         Parameters
         ----------
@@ -88,7 +88,7 @@ class CameraRoom:
 
 
 def _distance_to(vehicle: PosedVehicle, place: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    """Distance to the nearest bounding box of a part; 0 inside."""
+    """Return the distance to the nearest bounding box of a part; 0 inside."""
     world = np.tile(np.eye(4), (len(place), 1, 1))
     distance = np.full(len(place), np.inf)
     row, parts = vehicle.seen_from(world)

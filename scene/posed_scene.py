@@ -40,7 +40,7 @@ class Plane:
     z: float
 
     def cast(self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf) -> RayHits:
-        """Where each ray meets the plane; arguments as for `RayCaster.cast`."""
+        """Return where each ray meets the plane; arguments as for `RayCaster.cast`."""
         o, d = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         with np.errstate(divide="ignore", invalid="ignore"):
             at = (self.z - o[:, 2]) / d[:, 2] * np.linalg.norm(d, axis=1)
@@ -50,7 +50,7 @@ class Plane:
     def occluded(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Bool[np.ndarray, " n"]:
-        """Whether the plane lies along each ray."""
+        """Return whether the plane lies along each ray."""
         return self.cast(origins, directions, max_distance=max_distance).hit
 
     def transmittance(
@@ -120,7 +120,7 @@ class Scene:
 
     @classmethod
     def of(cls, scenery: Scenery, *, fallback_z: float | None = None) -> Scene:
-        """A scenery without vehicles.
+        """Return a scenery without vehicles.
 
         Parameters
         ----------
@@ -137,7 +137,7 @@ class Scene:
         return cls(ground, InstancedScene(scenery.obstacle_meshes, scenery.instance_mesh, scenery.world_from_instance))
 
     def with_vehicles(self, vehicles: Sequence[PosedVehicle]) -> Scene:
-        """The same ground and obstacles with these vehicles."""
+        """Return the same ground and obstacles with these vehicles."""
         return replace(self, vehicles=vehicles)
 
     def rows(self, index: Int[np.ndarray, " k"]) -> Scene:
@@ -204,7 +204,7 @@ class Scene:
         along: Float[np.ndarray, "n 3"],
         cast: Callable[[Thing, Float[np.ndarray, " n"]], RayHits],
     ) -> SceneHits:
-        """The nearest hit of several casts, each within the distance of the hits before."""
+        """Return the nearest hit of several casts, each within the distance of the hits before."""
         hits = SceneHits.missed(len(along))
         for kind, i, thing in self._things():
             met = cast(thing, hits.distance)
@@ -238,7 +238,7 @@ class Scene:
         row: Int[np.ndarray, " n"] | None = None,
         max_distance: ArrayLike = np.inf,
     ) -> Bool[np.ndarray, " n"]:
-        """Whether anything lies along each ray.
+        """Return whether anything lies along each ray.
 
         Parameters
         ----------
@@ -267,7 +267,7 @@ class Scene:
         return blocked
 
     def sees_sky(self, camera: Camera) -> Bool[np.ndarray, " n"]:
-        """Whether nothing lies along the ray through the center of each pixel of a camera, row by row.
+        """Return whether nothing lies along the ray through the center of each pixel of a camera, row by row.
 
         As `occluded`, and faster in a wood.
         """

@@ -78,7 +78,7 @@ class VehicleTarget:
         camera_from_vehicle: Float[np.ndarray, "n 4 4"],
         articulation: Articulation | Sequence[Articulation] | Float[np.ndarray, "n p"],
     ) -> list[tuple[TargetPart, Float[np.ndarray, "n 4 4"]]]:
-        """The parts to cast against, and their poses in n cameras' frames."""
+        """Return the parts to cast against, and their poses in n cameras' frames."""
         poses = self.shape.vehicle_from_parts(articulation)
         if (poses == np.eye(4)).all():
             return [(part, camera_from_vehicle) for part in self.at_rest]
@@ -131,7 +131,7 @@ class PosedVehicle:
     def seen_from(
         self, world_from_camera: Float[np.ndarray, "n 4 4"]
     ) -> tuple[Int[np.ndarray, " k"], list[tuple[TargetPart, Float[np.ndarray, "k 4 4"]]]]:
-        """The camera of each pose, and the parts to cast against with their poses in the cameras' frames."""
+        """Return the camera of each pose, and the parts to cast against with their poses in the cameras' frames."""
         row = np.arange(len(world_from_camera)) if self.row is None else self.row
         camera_from_vehicle = compose(invert_rigid(world_from_camera)[row], self.world_from_vehicle)
         return row, self.target.placed(camera_from_vehicle, self.articulation)
@@ -144,7 +144,7 @@ class PosedVehicle:
         row: Int[np.ndarray, " n"] | None = None,
         max_distance: ArrayLike = np.inf,
     ) -> RayHits:
-        """The first face of the shape's mesh along each ray in the world; arguments as for `RayCaster.cast`.
+        """Return the first face of the shape's mesh along each ray in the world; arguments as for `RayCaster.cast`.
 
         Parameters
         ----------
@@ -169,7 +169,7 @@ class PosedVehicle:
         row: Int[np.ndarray, " n"] | None = None,
         max_distance: ArrayLike = np.inf,
     ) -> Bool[np.ndarray, " n"]:
-        """Whether the vehicle lies along each ray in the world; arguments as for `cast`."""
+        """Return whether the vehicle lies along each ray in the world; arguments as for `cast`."""
         return self.cast(origins, directions, row=row, max_distance=max_distance).hit
 
     def first_hits(
@@ -178,7 +178,7 @@ class PosedVehicle:
         world_from_camera: Float[np.ndarray, "n 4 4"],
         asked: Bool[np.ndarray, " k"],
     ) -> RayHits:
-        """The first face of the shape's mesh along each of n cameras' rays that is asked for."""
+        """Return the first face of the shape's mesh along each of n cameras' rays that is asked for."""
         hits = _missed(len(asked))
         for part, at, rays in self.through(camera_rays, world_from_camera, asked):
             met = part.caster.cast(*rays)
@@ -206,7 +206,7 @@ class PosedVehicle:
                 yield part, camera[some[0]] * camera_rays.count + some[1], rays
 
     def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-        """Unit normals, in the world, of faces of the shape's mesh in the one pose; nan for faces without area."""
+        """Return unit normals in the world of faces of the shape's mesh in the one pose; nan for faces without area."""
         shape = self.target.shape
         parts = self.world_from_vehicle[0] @ shape.vehicle_from_parts(self.articulation)
         part = shape.vertex_part[shape.mesh.faces[face, 0]]
@@ -215,7 +215,7 @@ class PosedVehicle:
     def _pairs(
         self, row: Int[np.ndarray, " n"] | None, rays: int
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
-        """All pairs of a pose and a ray of the same camera."""
+        """Return all pairs of a pose and a ray of the same camera."""
         k = len(self.world_from_vehicle)
         if row is None or self.row is None:
             if k != 1 and self.row is None:

@@ -98,7 +98,7 @@ def visible_fraction(
 
 
 def jittered(n: int, *, rng: np.random.Generator) -> Float[np.ndarray, "n 2"]:
-    """One uniform point in each of n cells of equal area that tile the unit square."""
+    """Return one uniform point in each of n cells of equal area that tile the unit square."""
     rows = max(1, round(math.sqrt(n)))
     columns = np.full(rows, n // rows)
     columns[: n % rows] += 1
@@ -139,7 +139,7 @@ def _count(
 def _rays(
     low: Float[np.ndarray, "n 2"], high: Float[np.ndarray, "n 2"], lens: Lenses, pattern: Float[np.ndarray, "r 2"]
 ) -> tuple[CameraRays, Float[np.ndarray, " n"]]:
-    """Rays in windows at unit depth, uniform in the image, and the area of the windows in square pixels."""
+    """Return rays in windows at unit depth, uniform in the image, and the area of the windows in square pixels."""
     extent = np.clip(high - low, 0.0, None)
     if not lens.distorted:
         return CameraRays(low, extent, pattern), extent.prod(axis=1) * lens.focal.prod(axis=1)

@@ -23,13 +23,13 @@ with quiet():
 
 
 def collated(batch: Sequence[Example]) -> tuple[Any, list[dict[str, Tensor]]]:
-    """The pictures of a batch, and their targets, as RF-DETR's own collation makes them."""
+    """Return the pictures of a batch, and their targets, as RF-DETR's own collation makes them."""
     pictures, targets = collate_fn([_target(k, example) for k, example in enumerate(batch)])
     return pictures, list(targets)
 
 
 def _target(k: int, example: Example) -> tuple[Tensor, dict[str, Tensor]]:
-    """An example in RF-DETR's form: boxes as center and size, in shares of the picture."""
+    """Return an example in RF-DETR's form: boxes as center and size, in shares of the picture."""
     height, width = example.picture.shape[1:]
     boxes = box_convert(example.xyxy, "xyxy", "cxcywh")
     target = {

@@ -32,7 +32,7 @@ class SmallModule(pl.LightningModule):
         self._backbone_rate = settings.learning_rate * (BACKBONE_RATE if pretrained else 1.0)
 
     def training_step(self, batch: tuple[Tensor, list[Tensor], list[Tensor]], batch_idx: int) -> Tensor:
-        """The loss of a batch."""
+        """Return the loss of a batch."""
         pictures, xyxy, labels = batch
         return center_loss(self.model(pictures), xyxy, labels)
 
@@ -63,13 +63,13 @@ class AveragedWeights(WeightAveraging):
 
 
 def _averaged(average: torch.Tensor, weights: torch.Tensor, steps: int | torch.Tensor) -> torch.Tensor:
-    """The average after another step; `steps` is the number before it."""
+    """Return the average after another step; `steps` is the number before it."""
     decay = min(AVERAGE_DECAY, (2 + int(steps)) / (11 + int(steps)))
     return average + (1.0 - decay) * (weights - average)  # exactly the same where weights don't change
 
 
 def collated(batch: Sequence[Example]) -> tuple[Tensor, list[Tensor], list[Tensor]]:
-    """The pictures of a batch, and the corners and classes of each one's boxes."""
+    """Return the pictures of a batch, and the corners and classes of each one's boxes."""
     pictures = torch.stack([example.picture for example in batch])
     return pictures, [example.xyxy for example in batch], [example.label for example in batch]
 

@@ -185,7 +185,7 @@ class Training:
             torch.use_deterministic_algorithms(before[0], warn_only=before[1])
 
     def _checkpoint(self) -> dict[str, Any]:
-        """The contents of the checkpoint.
+        """Return the contents of the checkpoint.
 
         Raises
         ------
@@ -241,7 +241,7 @@ class Recorder(pl.Callback):
         self._waited = 0.0
 
     def state_dict(self) -> dict[str, object]:
-        """The rows for a checkpoint."""
+        """Return the rows for a checkpoint."""
         return {"rows": self.rows, "validated": self.validated}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:

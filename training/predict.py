@@ -215,7 +215,7 @@ def _detected(
 
 
 def _category_ids(classes: Sequence[str], pictures: Pictures) -> tuple[list[int], tuple[str, ...]]:
-    """The dataset's id of each of the detector's classes, by name; new, higher ids for missing ones."""
+    """Return the dataset's id of each of the detector's classes, by name; new, higher ids for missing ones."""
     by_name = pictures.categories
     if not by_name:
         return list(range(1, len(classes) + 1)), ()
@@ -257,7 +257,7 @@ def _draw(
 
 
 def _key(run: Path, pictures: Pictures, classes: Sequence[str], tile: tuple[int, int] | None) -> str:
-    """A key of the results: weights, classes, images, and tiles."""
+    """Return a key of the results: weights, classes, images, and tiles."""
     digest = hashlib.sha256(sha256_of(weights_of(run)).encode())
     images = [[record["id"], record["file_name"], record["width"], record["height"]] for record in pictures.records]
     digest.update(orjson.dumps([list(classes), images, sorted(pictures.categories.items()), tile]))
@@ -265,7 +265,7 @@ def _key(run: Path, pictures: Pictures, classes: Sequence[str], tile: tuple[int,
 
 
 def _resumed(path: Path, key: str) -> dict[int, Found]:
-    """An interrupted call's results by image, which are all that its file then has.
+    """Return an interrupted call's results by image, which are all that its file then has.
 
     A file with another key is ignored, and so is a truncated last line.
     """

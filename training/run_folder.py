@@ -40,11 +40,11 @@ class RunFolder:
         self.best = path / BEST_NAME  # weights of the best validation so far, with `keep = "best"`
 
     def before(self, draws: int) -> Path:
-        """The folder of the finished run of `draws`, before it was extended."""
+        """Return the folder of the finished run of `draws`, before it was extended."""
         return self.path / f"before-{draws}"
 
     def finished(self) -> dict[str, Any] | None:
-        """The contents of run.json, if the run is finished."""
+        """Return the contents of run.json, if the run is finished."""
         if not (self.path / RUN_NAME).exists() or not self.weights.exists():
             return None
         run = read_run(self.path)

@@ -22,7 +22,7 @@ FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.05)
 
 
 def subset_name(fraction: float) -> str:
-    """The folder's name of a fraction: its percentage.
+    """Return the folder's name of a fraction: its percentage.
 
     Examples
     --------

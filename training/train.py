@@ -174,7 +174,7 @@ def _draws(
     folder: RunFolder, sources: Sequence[LabeledPictures], settings: Settings, *,
     shares: Sequence[float], draws_file: Path | None, after: int,
 ) -> Draws:  # fmt: skip
-    """The draws of a run: those in its folder, those of a file, or new ones that follow the first `after`."""
+    """Return the draws of a run: those in its folder, those of a file, or new ones that follow the first `after`."""
     names, files = [source.name for source in sources], [source.file_names for source in sources]
     if draws_file is not None and not folder.draws.exists():
         replace_file(folder.draws, read_file(draws_file, partial(DatasetError, path=draws_file), most=DATA))
@@ -188,7 +188,7 @@ def _draws(
 
 
 def usable_weights(settings: Settings) -> Path | None:
-    """The file that training starts from; None: random weights.
+    """Return the file that training starts from; None: random weights.
 
     Raises
     ------
@@ -205,7 +205,7 @@ def usable_weights(settings: Settings) -> Path | None:
 
 
 def _workers() -> int:
-    """One worker per core except the training one, at most 8."""
+    """Return one worker per core except the training one, at most 8."""
     return max(1, min(8, len(os.sched_getaffinity(0)) - 1 if hasattr(os, "sched_getaffinity") else 1))
 
 

@@ -113,7 +113,7 @@ named_folder = argument("NAME=DIR, such as real=photographs", _named_folder)
 
 
 def threshold_or_best(text: str) -> float | str:
-    """A confidence, or the word best."""
+    """Return a confidence, or the word best."""
     return text if text == "best" else fraction(text)
 
 
@@ -167,7 +167,7 @@ def add_planned(sub: argparse.ArgumentParser) -> None:
 
 
 def planned_library(plan: Path | Plan, arguments: argparse.Namespace) -> Library:
-    """The assets of a plan, read by the arguments of `add_planned`."""
+    """Return the assets of a plan, read by the arguments of `add_planned`."""
     from hulldown.planning.inputs.loading import load_planned_library
     from hulldown.planning.plan_file import read_plan
 

@@ -29,7 +29,7 @@ def add_scheduler(sub: argparse.ArgumentParser, help_text: str) -> None:
 
 
 def scheduler_of(arguments: argparse.Namespace) -> Scheduler | None:
-    """The scheduler in the arguments; None without one."""
+    """Return the scheduler in the arguments; None without one."""
     if arguments.scheduler is None:
         return None
     given = {name: getattr(arguments, name) for name in ("tls_ca_file", "tls_client_cert", "tls_client_key")}
@@ -38,7 +38,7 @@ def scheduler_of(arguments: argparse.Namespace) -> Scheduler | None:
 
 @contextmanager
 def training_workers(scheduler: Scheduler, *, say: Callable[[str], None] = say) -> Iterator[Launch]:
-    """A function that runs runs of a study on the training workers of a cluster."""
+    """Provide a function that runs runs of a study on the training workers of a cluster."""
     from hulldown.base.code import difference, versions
 
     with needing_dask():

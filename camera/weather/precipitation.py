@@ -121,14 +121,14 @@ class Streaks:
 
 
 def view_of(world_from_camera: np.ndarray, intrinsics: Intrinsics, exposure_s: float) -> View:
-    """The symmetric view around a camera's image, whose principal point may be off-center."""
+    """Return the symmetric view around a camera's image, whose principal point may be off-center."""
     half = intrinsics.half_tangents
     pixel = 2.0 * half[0] / intrinsics.width if intrinsics.pinhole is None else 1.0 / intrinsics.pinhole[0]
     return View(world_from_camera[:3, :3], half, pixel, exposure_s)
 
 
 def rain_sizes(rate_mm_h: float) -> Sizes:
-    """Drops of rain: N(D) = 8000 exp(-4.1 R^-0.21 D) (Marshall and Palmer), falling as Gunn and Kinzer measured.
+    """Return drops of rain: N(D) = 8000 exp(-4.1 R^-0.21 D) (Marshall and Palmer), falling as Gunn and Kinzer measured.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def snow_sizes(extinction: float) -> Sizes:
 
 
 def drops_in_view(sizes: Sizes, view: View, wind_m_s: tuple[float, float], *, seed: int) -> Drops:
-    """Drops that are large enough in the image to be seen, uniform in the air in front of the camera.
+    """Draw drops that are large enough in the image to be seen, uniform in the air in front of the camera.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ def _volume(view: View, reach: np.ndarray, behind: float) -> np.ndarray:
 
 
 def _reaches(sizes: Sizes, speed: np.ndarray, view: View, behind: float) -> np.ndarray:
-    """Distance up to which drops of each class are drawn, (k,)."""
+    """Return the distance up to which drops of each class are drawn, (k,)."""
     distances = np.geomspace(NEAREST, FARTHEST, 100)
     radius = (sizes.edges[1:] + sizes.edges[:-1])[:, None] / 2.0 / math.sqrt(2.0)
     wide = np.maximum(radius, WIDEST * view.pixel * distances)

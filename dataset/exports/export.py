@@ -133,7 +133,7 @@ def export(
 
 
 def _key(layout: str, head: Record, items: Mapping[str, Sequence[Item]]) -> str:
-    """A hash of everything that determines an export, besides the content of pictures without a seal."""
+    """Return a hash of everything that determines an export, besides the content of pictures without a seal."""
     key = hashlib.sha256(orjson.dumps([layout, head]))
     for split, of_split in items.items():
         for item in of_split:
@@ -155,7 +155,7 @@ def _check_masks(images: Sequence[Record], labels: Mapping[int, Sequence[Record]
 
 
 def _outlined(annotation: Record, size: tuple[int, int], within: float) -> Record:
-    """A label with its mask as polygons; crowds keep run lengths, as COCO's readers expect."""
+    """Return a label with its mask as polygons; crowds keep run lengths, as COCO's readers expect."""
     if not annotation.get("segmentation") or annotation.get("iscrowd"):
         return annotation
     return changed(annotation, segmentation=polygons(annotation["segmentation"], *size, within=within))

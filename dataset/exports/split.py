@@ -18,7 +18,7 @@ _WITHOUT, _IMAGES = -1, -2  # labels for images without objects, and for images;
 
 
 def group_of(image: Record, annotations: Sequence[Record]) -> str:
-    """The group of an image that must stay together: shots of one position show one vehicle on the same ground.
+    """Return the group of an image that must stay together: shots of one position show one vehicle on the same ground.
 
     The first vehicle's position, to the millimeter, identifies the group, so another plan's shots of the same place
     belong to it too. Images without poses, such as photographs, are groups of their own, as are those whose poses
@@ -33,7 +33,7 @@ def group_of(image: Record, annotations: Sequence[Record]) -> str:
 
 
 def _place(pose: Any) -> str | None:
-    """The position in a pose; None if it isn't a matrix."""
+    """Return the position in a pose; None if it isn't a matrix."""
     try:
         return " ".join(f"{float(pose[i][3]):.3f}" for i in range(3))
     except (TypeError, ValueError, IndexError, KeyError):
@@ -131,5 +131,5 @@ def _stratified(has: sparse.csr_matrix, shares: Float[np.ndarray, " s"]) -> Int[
 
 
 def shuffled(name: str, seed: int) -> bytes:
-    """A sort key for an order that depends on the names and the seed alone."""
+    """Return a sort key for an order that depends on the names and the seed alone."""
     return hashlib.sha256(f"{seed} {name}".encode()).digest()

@@ -38,7 +38,7 @@ class Fields(Struct):
 
 
 def space_of(vehicle: PlannedVehicle, row: Row) -> dict[str, Any]:
-    """A label's fields about the vehicle's position in the camera's frame.
+    """Return a label's fields about the vehicle's position in the camera's frame.
 
     Parameters
     ----------

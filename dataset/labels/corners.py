@@ -36,7 +36,7 @@ class Fields(Struct):
 
 
 def box_corners(box: Mapping[str, Any], intrinsics: Intrinsics) -> Float[np.ndarray, "8 2"]:
-    """The corners of a `bbox_3d` in pixels; nan where one isn't in front of the near plane.
+    """Return the corners of a `bbox_3d` in pixels; nan where one isn't in front of the near plane.
 
     Returns
     -------
@@ -67,7 +67,7 @@ def _problems(label: Record, image: Record, category: Record) -> Iterator[str]:
 
 
 def ground_corners(label: Record, image: Record) -> Float[np.ndarray, "4 2"]:
-    """Pixels of the lower side of a label's `bbox_3d`: front left, front right, rear right, rear left.
+    """Return pixels of the lower side of a label's `bbox_3d`: front left, front right, rear right, rear left.
 
     Raises
     ------

@@ -52,7 +52,7 @@ def _problems(label: Record, image: Record, category: Record) -> Iterator[str]:
 
 
 def visible_corners(label: Record, image: Record) -> Float[np.ndarray, "4 2"]:
-    """Corners in pixels of a label's `obb`; without one, of its mask's rectangle; without a mask, of its box.
+    """Return corners in pixels of a label's `obb`; without one, of its mask's rectangle; without a mask, of its box.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def visible_corners(label: Record, image: Record) -> Float[np.ndarray, "4 2"]:
 
 
 def is_rectangle(value: Any) -> TypeGuard[list[float]]:
-    """Whether this is [center x, center y, width, height, angle], finite and with an area."""
+    """Return whether this is [center x, center y, width, height, angle], finite and with an area."""
     return is_list_of_numbers(value) and len(value) == 5 and bool(min(value[2:4]) > 0)
 
 

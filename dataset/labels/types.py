@@ -33,10 +33,10 @@ Label = msgspec.defstruct(
 
 
 def fields_of_row(vehicle: PlannedVehicle, row: Row) -> dict[str, Any]:
-    """The fields of a label that its row determines, beside those that datasets copy from rows."""
+    """Return the fields of a label that its row determines, beside those that datasets copy from rows."""
     return {key: value for kind in LABEL_TYPES if kind.of_row for key, value in kind.of_row(vehicle, row).items()}
 
 
 def fields_of_scene(vehicle: SeenVehicle) -> dict[str, Any]:
-    """The fields of a label that need the scene."""
+    """Return the fields of a label that need the scene."""
     return {key: value for kind in LABEL_TYPES if kind.of_scene for key, value in kind.of_scene(vehicle).items()}

@@ -45,7 +45,7 @@ def short(name: str) -> str:
 
 
 def svg(figure: Figure) -> bytes:
-    """A chart as SVG, with the same bytes each time."""
+    """Return a chart as SVG, with the same bytes each time."""
     file = io.BytesIO()
     for axes in figure.axes:
         axes.title.set_fontsize(9)
@@ -124,7 +124,7 @@ def shares(title: str, names: Shaped[np.ndarray, " n"]) -> Figure:
 
 
 def bars(title: str, values: Mapping[str, float], *, width: float = 3.6, color: str = BLUE) -> Figure:
-    """A bar for each name, from top to bottom."""
+    """Return a bar for each name, from top to bottom."""
     figure, axes = axes_of(title, width, 0.7 + 0.24 * max(len(values), 3))
     axes.barh(range(len(values)), list(values.values()), color=color, height=0.62)
     axes.set_yticks(range(len(values)), [short(name) for name in values])

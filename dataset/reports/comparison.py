@@ -247,7 +247,7 @@ def compare(
 
 
 def boxes_in(dataset: Dataset) -> Photographs:
-    """The boxes of a dataset or a plan in the form of photographs, without crowds."""
+    """Return the boxes of a dataset or a plan in the form of photographs, without crowds."""
     labels, images = dataset.labels, dataset.of_images
     rows = np.flatnonzero(~labels["crowd"])
     image = labels["image"][rows]
@@ -358,6 +358,6 @@ def _small(picture: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "h2 w2 3"]:
 
 
 def _inside(folder: Path, name: str) -> Path | None:
-    """A picture of a COCO file; None if it's missing, or outside of the file's folder."""
+    """Return a picture of a COCO file; None if it's missing, or outside of the file's folder."""
     path = folder / name
     return path if name and path.is_file() and path.resolve().is_relative_to(folder.resolve()) else None

@@ -129,7 +129,7 @@ def _facts(dataset: Dataset) -> list[str]:
 
 
 def _classes(dataset: Dataset) -> list[list[str]]:
-    """The row of each class: its name, images, labels, labels by size, and vehicles."""
+    """Return the row of each class: its name, images, labels, labels by size, and vehicles."""
     labels, rows = dataset.labels, []
     for name in dataset.categories.values():
         of_class = labels["category"] == name
@@ -167,7 +167,7 @@ def _of_conditions(dataset: Dataset) -> dict[str, Figure]:
 
 
 def _maps(dataset: Dataset) -> dict[str, Figure]:
-    """A map of vehicles and cameras for each scenery."""
+    """Return a map of vehicles and cameras for each scenery."""
     scenery = dataset.of_images["scenery"]
     cameras = poses_of([image.record for image in dataset.images], "world_from_camera")[:, :2, 3]
     firsts = [image.labels[0].record if image.labels else {} for image in dataset.images]
@@ -191,7 +191,7 @@ def _facets(dataset: Dataset) -> list[Facet]:
 
 
 def _tile(dataset: Dataset, i: int) -> Tile:
-    """An image's thumbnail: facets of all its labels, sort values of its first."""
+    """Return an image's thumbnail: facets of all its labels, sort values of its first."""
     image, labels, images = dataset.images[i], dataset.labels, dataset.of_images
     rows = np.flatnonzero(labels["image"] == i)
     conditions = [str(images[key][i]) for key in CONDITIONS]
@@ -245,7 +245,7 @@ def _shapes(image: Image, dataset: Dataset) -> list[Shape]:
 
 
 def _oriented(label: Mapping[str, Any], image: Mapping[str, Any]) -> list[Float[np.ndarray, "_ 2"]]:
-    """Lines around the visible mask, and around the ground under the vehicle, with an arrow to its front."""
+    """Return lines around the visible mask, and around the ground under the vehicle, with an arrow to its front."""
     rings = [rectangle_corners(label["obb"])] if is_rectangle(label.get("obb")) else []
     if label.get("bbox_3d") is not None:
         with contextlib.suppress(DatasetError):  # a part of it is behind the camera

@@ -69,7 +69,7 @@ class Records:
         self.highest = max(self.highest, record["id"])
 
     def ordered(self, offsets: Iterable[int]) -> Iterator[bytes]:
-        """Records, those above the lowest offset by id, so the order in which images were finished doesn't matter."""
+        """Return records, those above the lowest offset by id, so the order of finished images doesn't matter."""
         lowest = min(offsets, default=math.inf)
         return (record for _, record in sorted(self.rows, key=lambda row: max(row[0], lowest)))
 
@@ -105,7 +105,7 @@ class Document:
         return {str(record.get("name")): record["id"] for record in reversed(self.categories)}
 
     def new_categories(self, records: Iterable[Record]) -> list[Record]:
-        """The records with new names, each once, with the next ids."""
+        """Return the records with new names, each once, with the next ids."""
         known = self.category_ids
         new: dict[str, Record] = {}
         for record in records:
@@ -154,7 +154,7 @@ class Document:
         self.annotations.highest = max(self.annotations.highest, run.annotation_offset + run.annotations)
 
     def to_dict(self) -> Coco:
-        """The whole as one COCO dictionary, in the order it is written."""
+        """Return the whole as one COCO dictionary, in the order it is written."""
         head, *records = self._parts()
         images, annotations = ([orjson.loads(record) for record in of_kind] for of_kind in records)
         return cast(Coco, {**head, "images": images, "annotations": annotations})
@@ -171,7 +171,7 @@ class Document:
             write_coco(file, *self._parts())
 
     def _parts(self) -> tuple[Record, Iterator[bytes], Iterator[bytes]]:
-        """All but the records, images, and annotations, in the order they're written."""
+        """Return all but the records, images, and annotations, in the order they're written."""
         head, runs = self.head, self.runs.values()
         if runs and isinstance(info := head.get("info", {}), dict):
             head = {**head, "info": {**rendered_info(), **info, "hulldown_runs": msgspec.to_builtins(list(runs))}}
@@ -323,7 +323,7 @@ def _read_annotations(path: Path) -> Document:
 
 
 def _with_slashes(image: Record) -> Record:
-    """The record with slashes in its name, which has backslashes if it was written on Windows."""
+    """Return the record with slashes in its name, which has backslashes if it was written on Windows."""
     name = image.get("file_name")
     return {**image, "file_name": name.replace("\\", "/")} if isinstance(name, str) and "\\" in name else image
 

@@ -21,7 +21,7 @@ RESERVED = (
 
 
 def place_of(file_name: str) -> str:
-    """The normal form of a name: ``images/./1.png`` and ``images//1.png`` are the same file.
+    """Return the normal form of a name: ``images/./1.png`` and ``images//1.png`` are the same file.
 
     Examples
     --------
@@ -69,22 +69,22 @@ def check_annotation(record: Record, name: str) -> None:
 
 
 def is_box(value: Any) -> TypeGuard[list[float]]:
-    """Whether this is [x, y, width, height], finite; width and height may be below 0."""
+    """Return whether this is [x, y, width, height], finite; width and height may be below 0."""
     return is_list_of_numbers(value) and len(value) == 4
 
 
 def is_list_of_numbers(value: Any) -> TypeGuard[list[float]]:
-    """Whether this is a list of finite numbers."""
+    """Return whether this is a list of finite numbers."""
     return isinstance(value, list) and are_numbers(value)
 
 
 def new_category(name: str) -> dict[str, Any]:
-    """The record of a new class; its id is assigned later."""
+    """Return the record of a new class; its id is assigned later."""
     return {"id": 0, "name": name, "supercategory": "vehicle"}
 
 
 def free_id(record: Record, name: str, following: int, *used: Container[int]) -> int:
-    """The record's requested id, if it's free, or the next one without a request."""
+    """Return the record's requested id, if it's free, or the next one without a request."""
     wanted = record.get("id")
     if wanted is None:
         return following

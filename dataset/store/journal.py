@@ -94,7 +94,7 @@ class Journal:
 
 
 def read_journal(path: Path) -> Iterator[Record]:
-    """The records of a journal in order; empty without a file.
+    """Yield the records of a journal in order; empty without a file.
 
     A last line without its newline was never acknowledged and is left out.
 
@@ -121,7 +121,7 @@ def read_journal(path: Path) -> Iterator[Record]:
 
 
 def last_merged(path: Path) -> int:
-    """The number of a journal's last `MERGED` line; 0 if there is none."""
+    """Return the number of a journal's last `MERGED` line; 0 if there is none."""
     if not path.exists():
         return 0
     with _opened(path) as file:
@@ -143,7 +143,7 @@ def replaced(path: Path) -> Iterator[BinaryIO]:
 
 
 def is_cut_off(path: Path) -> bool:
-    """Whether a journal's last line has no newline; false if there is no journal."""
+    """Return whether a journal's last line has no newline; false if there is no journal."""
     return path.exists() and _whole_lines(path) < path.stat().st_size
 
 

@@ -85,7 +85,7 @@ def place(picture: Path, folder: Path, name: str) -> None:
 
 
 def own_picture(folder: Path, name: str, allowed: Sequence[Path] = ()) -> Path:
-    """The file of a dataset's picture with links resolved, which must be in an allowed folder.
+    """Return the file of a dataset's picture with links resolved, which must be in an allowed folder.
 
     Parameters
     ----------
@@ -142,6 +142,6 @@ def link_or_copy(source: Path, target: Path) -> None:
 
 
 def writing(folder: Path, name: str) -> AbstractContextManager[None]:
-    """A block that writes a picture: its OSErrors become `DatasetError`."""
+    """Return a block that writes a picture: its OSErrors become `DatasetError`."""
     remedy = "make room and run the same command again, which goes on from here"
     return DatasetError.explaining(f"{name} cannot be written", path=folder, remedy=remedy)

@@ -36,39 +36,39 @@ class Run(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     annotations: _Count
 
     def file_name(self, planned: str) -> str:
-        """The name in the dataset of an image with the name `planned` in the plan."""
+        """Return the name in the dataset of an image with the name `planned` in the plan."""
         path = PurePosixPath(planned)
         return str(path.with_name(self.prefix + path.name))
 
     def planned(self, file_name: str) -> str:
-        """The name in the plan of an image with the name `file_name` in the dataset."""
+        """Return the name in the plan of an image with the name `file_name` in the dataset."""
         path = PurePosixPath(file_name)
         return str(path.with_name(path.name.removeprefix(self.prefix)))
 
     def has_image(self, image_id: int) -> bool:
-        """Whether an image's id is reserved here."""
+        """Return whether an image's id is reserved here."""
         return self.image_offset < image_id <= self.image_offset + self.images
 
     def owns(self, image_id: int, file_name: str) -> bool:
-        """Whether an image is the plan's: its id and name are both reserved here."""
+        """Return whether an image is the plan's: its id and name are both reserved here."""
         return self.has_image(image_id) and PurePosixPath(file_name).name.startswith(self.prefix)
 
     def has_annotation(self, annotation_id: int) -> bool:
-        """Whether an annotation's id is reserved here."""
+        """Return whether an annotation's id is reserved here."""
         return self.annotation_offset < annotation_id <= self.annotation_offset + self.annotations
 
 
 def plan_key(plan: Path) -> str:
-    """A plan's key: the SHA-256 of its file."""
+    """Return a plan's key: the SHA-256 of its file."""
     return sha256_of(plan)
 
 
 def runs_of(coco: Record) -> list[Run]:
-    """The reservations for plans in a COCO dictionary by `dataset.store.document`; ValueError if they were damaged."""
+    """Return the reservations for plans in a COCO dictionary; ValueError if they were damaged."""
     info = coco.get("info")
     return msgspec.convert(info.get("hulldown_runs", []) if isinstance(info, dict) else [], list[Run])
 
 
 def find_run(coco: Record, key: str) -> Run | None:
-    """The reservation for a plan in a COCO dictionary; None if there is none."""
+    """Return the reservation for a plan in a COCO dictionary; None if there is none."""
     return next((run for run in runs_of(coco) if run.key == key), None)

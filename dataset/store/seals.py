@@ -28,7 +28,7 @@ def digest(content: bytes) -> str:
 
 
 def seal_of(record: Record) -> str:
-    """The correct seal of a record: the hash of its other fields, in the order of their names."""
+    """Return the correct seal of a record: the hash of its other fields, in the order of their names."""
     rest = {key: value for key, value in record.items() if key != RECORD_KEY}
     return digest(orjson.dumps(rest, option=orjson.OPT_SORT_KEYS))
 
@@ -40,7 +40,7 @@ def sealed(record: Record) -> Record:
 
 
 def broken(record: Record) -> bool:
-    """Whether a record's seal is wrong; null is the seal of records edited on purpose."""
+    """Return whether a record's seal is wrong; null is the seal of records edited on purpose."""
     seal = record.get(RECORD_KEY)
     return seal is not None and seal != seal_of(record)
 
@@ -58,6 +58,6 @@ def seal_line(line: bytes) -> bytes:
 
 
 def line_is_broken(line: bytes) -> bool:
-    """Whether a sealed journal line was changed, or its seal isn't at its end."""
+    """Return whether a sealed journal line was changed, or its seal isn't at its end."""
     content, end = line[:-_SEAL_LENGTH], line[-_SEAL_LENGTH:]
     return end != _LINE_START + digest(content).encode() + _LINE_END

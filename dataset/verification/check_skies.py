@@ -98,7 +98,7 @@ class SkyCheck:
     def _sky(
         self, image: Record, height: int
     ) -> tuple[Float[np.ndarray, "h w 3"], Bool[np.ndarray, "h w"], Float[np.ndarray, "h w 1"]]:
-        """Rays of the small picture: directions, which of them see sky, and transmittances."""
+        """Return rays of the small picture: directions, which of them see sky, and transmittances."""
         intrinsics = Intrinsics.of_record(image).resized(WIDTH, height)
         camera = Camera(intrinsics, np.array(image["world_from_camera"], dtype=np.float64))
         x, y = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(height) + 0.5)
@@ -110,7 +110,7 @@ class SkyCheck:
 
 
 def sky_check(plan: Plan, coco: Coco, read: Callable[[], Library]) -> SkyCheck | None:
-    """A check of a plan's images in a dataset; None if there are none.
+    """Return a check of a plan's images in a dataset; None if there are none.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def sky_check(plan: Plan, coco: Coco, read: Callable[[], Library]) -> SkyCheck |
 
 
 def _labeled(image: Record, labels: Sequence[Record], shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
-    """The boxes of all labels, in the small picture; unusable ones are found elsewhere."""
+    """Return the boxes of all labels, in the small picture; unusable ones are found elsewhere."""
     taken = np.zeros(shape, dtype=bool)
     for x, y, w, h in (label["bbox"] for label in labels if is_box(label.get("bbox"))):
         sides = np.array([x, y, x + w, y + h]).clip(0, max(image["width"], image["height"])) * WIDTH / image["width"]

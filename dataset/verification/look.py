@@ -38,7 +38,7 @@ _MIXED = np.array([[3, 1, 0], [1, 2, 1], [0, 1, 3]]) / 8
 
 
 def is_rendered(image: Record) -> bool:
-    """Whether an image record is of a rendered picture: photographs' records lack two keys."""
+    """Return whether an image record is of a rendered picture: photographs' records lack two keys."""
     return any(image.get(key) is not None for key in (PICTURE_KEY, "world_from_camera"))
 
 

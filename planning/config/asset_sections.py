@@ -107,7 +107,7 @@ class ModelEntry(FileEntry):
     """patterns of its sceneries; empty: all"""
 
     def is_for(self, scenery: str) -> bool:
-        """Whether it may be placed on the scenery of this name."""
+        """Return whether it may be placed on the scenery of this name."""
         return not self.sceneries or any(fnmatchcase(scenery, pattern) for pattern in self.sceneries)
 
 

@@ -43,7 +43,7 @@ def ranged(lowest: float, highest: float, kind: type = float, *, optional: bool 
 
 
 def is_absent(value: Any) -> bool:
-    """Whether an optional key has its default, and is left out of a plan's header."""
+    """Return whether an optional key has its default, and is left out of a plan's header."""
     return value is None or value == (0.0, 0.0)
 
 

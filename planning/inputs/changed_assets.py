@@ -38,17 +38,17 @@ def refuse_changed(plan: PlanFile, assets: Assets) -> None:
 
 
 def _digests(source: Source) -> tuple[str, str]:
-    """The digests of a file and of its rendered copy."""
+    """Return the digests of a file and of its rendered copy."""
     return source.sha256, source.mended_sha256 if isinstance(source, HdriSource) else ""
 
 
 def _is_read_alike(was: Source, now: Source) -> bool:
-    """Whether a file's geometry is that of the plan, as far as the plan tells."""
+    """Return whether a file's geometry is that of the plan, as far as the plan tells."""
     if not (isinstance(was, GeometrySource) and isinstance(now, GeometrySource) and was.geometry and now.geometry):
         return True
     return was.geometry.agrees(now.geometry)
 
 
 def _blenders(plan: PlanFile) -> str:
-    """The Blenders that read the assets, for an error."""
+    """Return the Blenders that read the assets, for an error."""
     return f"with bpy {plan.header.versions.get('bpy', 'unknown')}; here is {version_of('bpy') or 'none'}"

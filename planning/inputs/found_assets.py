@@ -135,7 +135,7 @@ def _hdri(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> FoundFil
 
 
 def _models(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> list[FoundFile]:
-    """A file's vehicles, as it's read by the keys that it needs, or its scenery."""
+    """Return a file's vehicles, as it's read by the keys that it needs, or its scenery."""
     folder_kind = next((KINDS[name.lower()] for name in reversed(path.parent.parts) if name.lower() in KINDS), None)
     kind = "vehicle" if folder_kind == "distractor" else folder_kind
 

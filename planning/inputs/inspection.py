@@ -21,7 +21,7 @@ from hulldown.reading.reader_process import Exported, export
 
 
 def drawn_assets(path: Path) -> int:
-    """Number of vehicles and sceneries that `inspect_file` draws.
+    """Return the number of vehicles and sceneries that `inspect_file` draws.
 
     Raises
     ------

@@ -93,7 +93,7 @@ class Pixels:
 
 
 def part_table(artist: Artist) -> list[dict[str, Any]]:
-    """Number the parts of all vehicles of a plan, from 1."""
+    """Return the number the parts of all vehicles of a plan, from 1."""
     parts = [(name, part) for name, shape in artist.shapes.items() for part in shape.part_names]
     return [{"id": i, "vehicle": name, "part": part} for i, (name, part) in enumerate(parts, start=1)]
 

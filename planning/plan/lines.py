@@ -80,7 +80,7 @@ class PlanFile(os.PathLike[str]):
         return self.header.images
 
     def __iter__(self) -> Iterator[Row]:
-        """Rows one at a time.
+        """Yield rows one at a time.
 
         Raises
         ------

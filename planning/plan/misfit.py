@@ -22,7 +22,7 @@ def misfit(line: bytes, kind: type[Struct], error: Exception) -> str:
 
 
 def _problem(record: dict[str, Any], kind: type[Struct], path: str) -> str | None:
-    """The first missing or wrong field of a record at a path; None if there is none."""
+    """Return the first missing or wrong field of a record at a path; None if there is none."""
     declared, hints = fields(kind), get_type_hints(kind, include_extras=True)
     lacking = [name for name, field in declared.items() if name not in record and not field.optional]
     if lacking:
@@ -37,7 +37,7 @@ def _problem(record: dict[str, Any], kind: type[Struct], path: str) -> str | Non
 
 
 def _is(value: object, kind: Any) -> bool:
-    """Whether a value of JSON has a declared type and range."""
+    """Return whether a value of JSON has a declared type and range."""
     try:
         msgspec.convert(value, kind, dec_hook=decoded_pose)
     except (msgspec.ValidationError, ValueError, OverflowError, SystemError):  # the last two: of integers without end

@@ -134,7 +134,7 @@ class Likeness:
         return box
 
     def companions(self, box: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-        """Number of other boxes in the photograph of each box; -1 without a box."""
+        """Return the number of other boxes in the photograph of each box; -1 without a box."""
         return np.where(box >= 0, self.photographs.count[self.photographs.image[box]] - 1, -1)
 
     def wishes(

@@ -72,7 +72,7 @@ def depth_in_water(site: Site, instances: Instances) -> Float[np.ndarray, " n"]:
 
 
 def sees_sky(site: Site, instances: Instances) -> Bool[np.ndarray, " n"]:
-    """Whether light of the sky reaches the top of each vehicle."""
+    """Return whether light of the sky reaches the top of each vehicle."""
     fleet, model = instances.fleet, instances.model
     top = fleet.center[model].copy()
     top[:, 2] += fleet.size[model, 2] / 2 + ABOVE
@@ -80,7 +80,7 @@ def sees_sky(site: Site, instances: Instances) -> Bool[np.ndarray, " n"]:
 
 
 def clear_of_obstacles(site: Site, instances: Instances, clearance: float) -> Bool[np.ndarray, " n"]:
-    """Whether all parts of each vehicle keep the clearance to obstacles."""
+    """Return whether all parts of each vehicle keep the clearance to obstacles."""
     half, world_from_box = _boxes(instances, clearance)
     clear = np.ones(len(instances), dtype=bool)
     for box in range(half.shape[1]):
@@ -91,7 +91,7 @@ def clear_of_obstacles(site: Site, instances: Instances, clearance: float) -> Bo
 
 
 def clear_of_vehicles(instances: Instances, others: Instances, clearance: float) -> Bool[np.ndarray, " p"]:
-    """Whether all parts of p pairs of vehicles keep the clearance, which extends sideways and upward from both."""
+    """Tell which of p pairs of vehicles keep the clearance, which extends sideways and upward from both."""
     clear = np.ones(len(instances), dtype=bool)
     # Pairs whose bounding spheres don't meet need no boxes.
     reach = instances.fleet.reach[instances.model] + others.fleet.reach[others.model] + 2.0 * clearance
@@ -111,7 +111,7 @@ def clear_of_vehicles(instances: Instances, others: Instances, clearance: float)
 
 
 def _boxes(instances: Instances, clearance: float) -> tuple[Float[np.ndarray, "n b 3"], Float[np.ndarray, "n b 4 4"]]:
-    """Half sizes and poses of the boxes of all parts, extended by the clearance sideways and upward."""
+    """Return half sizes and poses of the boxes of all parts, extended by the clearance sideways and upward."""
     fleet, model = instances.fleet, instances.model
     center = fleet.box_center[model] + [0.0, 0.0, clearance / 2]
     world_from_box = compose(instances.world_from_parts(), rigid(np.eye(3), center))

@@ -286,7 +286,7 @@ class _Search:
         return join(tries)
 
     def _clear_of_others(self, which: Int[np.ndarray, " q"], settled: Settled) -> Bool[np.ndarray, " q"]:
-        """Whether these tries of extras are clear of the target and of the extras with places."""
+        """Return whether these tries of extras are clear of the target and of the extras with places."""
         tried = replace(self.table.at(which), world_from_vehicle=settled.world_from_vehicle)
         standing = self.table.at(np.flatnonzero(self.table.found))
         of_tried, of_standing = joined(tried.row, standing.row)

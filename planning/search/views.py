@@ -202,7 +202,7 @@ def views_of_others(
 def air_contrasts(
     instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"], visibility_m: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """Share of each vehicle's contrast after haze, between the camera and the center of its box."""
+    """Return share of each vehicle's contrast after haze, between the camera and the center of its box."""
     away = instances.centers - world_from_camera[:, :3, 3]
     return air_contrast(visibility_m, np.sqrt((away * away).sum(axis=1)))
 
@@ -224,7 +224,7 @@ def visible_shares(
 def pixels_shown(
     site: Site, subjects: Instances, others: Instances, views: Views, rows: Int[np.ndarray, " k"]
 ) -> Bool[np.ndarray, " k"]:
-    """Whether the subject of each of these cameras covers the center of any pixel, so that its mask isn't empty."""
+    """Tell which of these cameras' subjects cover the center of any pixel, so that their masks aren't empty."""
     framed = ~np.isnan(views.boxes.xywh[rows, 0])
     rows, shown = rows[framed], np.zeros(len(rows), dtype=bool)
     world, subject = site.world.with_vehicles(others.beside(rows)[0].posed()), subjects.take(rows).posed()

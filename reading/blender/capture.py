@@ -25,7 +25,7 @@ class _Capture(bpy.types.RenderEngine):
     error: BaseException | None = None
 
     def render(self, depsgraph: Any) -> None:
-        """Called by Blender, which prints exceptions and continues, so they're stored and raised later."""
+        """Store exceptions, to be raised later: Blender, which calls this, prints them and continues."""
         try:
             if _Capture.visit:
                 _Capture.visit(depsgraph)

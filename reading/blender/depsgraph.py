@@ -164,7 +164,7 @@ class _Reader:
         self._add_piece(instance, key, drawn.data.name, hair=drawn.type == "CURVES")
 
     def _hiding(self, drawn: Any) -> Mesh | None:
-        """A mesh that hides what an object's data hides; None if that's nothing."""
+        """Return a mesh that hides what an object's data hides; None if that's nothing."""
         if drawn.type == "CURVES":
             return curves_mesh(drawn.data, drawn.name)
         return points_mesh(drawn.data, drawn.name) if drawn.type == "POINTCLOUD" else _faces(drawn, self.cutouts)
@@ -252,7 +252,7 @@ class _Reader:
     def _bounds(
         self, name: str, pose: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "n 3"]
     ) -> Float[np.ndarray, "2 3"]:
-        """Bounds of a mesh's points where it's drawn, in meters."""
+        """Return bounds of a mesh's points where it's drawn, in meters."""
         _refuse_endless(name, pose)
         with np.errstate(over="ignore", invalid="ignore"):
             seen = apply(self.meters @ pose, points)
@@ -328,13 +328,13 @@ def _is_scattered(instance: Any) -> bool:
 
 
 def _carries_itself(instance: Any) -> bool:
-    """Whether the instance has no object of its own: the surface of a curve, or a mesh that geometry nodes made."""
+    """Tell whether an instance has no object of its own: a curve's surface, or a mesh that geometry nodes made."""
     inner = instance.instance_object
     return inner is None or inner.original == instance.parent.original
 
 
 def _is_own_surface(instance: Any) -> bool:
-    """Whether this is the mesh that a curve, text or metaball is drawn as."""
+    """Return whether this is the mesh that a curve, text or metaball is drawn as."""
     if not _carries_itself(instance) or instance.parent.type == "MESH":
         return False
     return bool(np.array_equal(np.array(instance.matrix_world), np.array(instance.parent.matrix_world)))
@@ -355,7 +355,7 @@ def _named(drawn: Any) -> Iterator[None]:
 
 
 def _is_clear(drawn: Any) -> bool:
-    """Whether all materials of its faces are transparent."""
+    """Return whether all materials of its faces are transparent."""
     dressed = [slot.material for slot in drawn.material_slots]
     if drawn.type == "MESH" and len(dressed) > 1:
         worn = read(drawn.data.polygons, "material_index", np.int32)

@@ -67,7 +67,7 @@ def take_duplicates() -> dict[str, list[Duplicate]]:
 
 
 def _alike() -> dict[tuple[object, ...], list[Any]]:
-    """Groups of the file's plain objects that differ in name and pose alone."""
+    """Return groups of the file's plain objects that differ in name and pose alone."""
     users = bpy.data.user_map()
     plain = [obj for obj in bpy.data.objects if _is_plain(obj) and _is_unused(users.get(obj, set()))]
     within: dict[Any, list[Any]] = defaultdict(list)
@@ -96,7 +96,7 @@ def _contents(meshes: set[Any]) -> dict[Any, object]:
 
 
 def _content(mesh: Any) -> object:
-    """A key that two meshes share only if they're drawn alike with the same materials.
+    """Return a key that two meshes share only if they're drawn alike with the same materials.
 
     The key is the mesh itself if it has content that isn't compared: a text attribute, a custom property, a library; or
     if it's damaged.
@@ -123,7 +123,7 @@ def _content(mesh: Any) -> object:
 
 
 def _is_plain(obj: Any) -> bool:
-    """Whether it draws its mesh at its own location, rotation, and scale, and nothing else."""
+    """Return whether it draws its mesh at its own location, rotation, and scale, and nothing else."""
     if obj.type != "MESH" or obj.library or obj.override_library or obj.animation_data or obj.parent:
         return False
     if obj.modifiers or obj.constraints or obj.particle_systems or obj.instance_type != "NONE":
@@ -140,7 +140,7 @@ def _is_unused(users: set[Any]) -> bool:
 
 
 def _around(collection: Any, users: dict[Any, set[Any]]) -> set[Any]:
-    """All that uses a collection, or a collection that it is in."""
+    """Return all that uses a collection, or a collection that it is in."""
     found: set[Any] = set()
     ring = [collection]
     while ring:
@@ -151,6 +151,6 @@ def _around(collection: Any, users: dict[Any, set[Any]]) -> set[Any]:
 
 
 def _look(obj: Any, names: Sequence[str]) -> tuple[object, ...]:
-    """What an object adds to its mesh, values of the properties `names` included."""
+    """Return what an object adds to its mesh, values of the properties `names` included."""
     slots = tuple((slot.link, slot.material) for slot in obj.material_slots)
     return (*look_of(obj), obj.is_holdout, obj.is_shadow_catcher, slots, *(own_property(obj, name) for name in names))

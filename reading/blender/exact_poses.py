@@ -60,7 +60,7 @@ class Poses:
         return _agreed(outer @ offset @ within, _span(outer, outer_size, inner_size), seen)
 
     def chain(self, evaluated: Any, delta: Float[np.ndarray, "4 4"] | None = None) -> tuple[Link, ...]:
-        """`evaluated` and all its parents, bones included; `delta` moves their poses to where they are instanced."""
+        """Return `evaluated` and its parents, bones included; `delta` moves their poses to where they are instanced."""
         links: list[Link] = []
         current, moved = evaluated, np.eye(4) if delta is None else delta
         while current is not None:
@@ -76,7 +76,7 @@ class Poses:
         return tuple(links)
 
     def _collections_of(self, evaluated: Any) -> tuple[str, ...]:
-        """Names of the collections an object is in, nearest first, then those around them."""
+        """Return names of the collections an object is in, nearest first, then those around them."""
         original = evaluated.original
         if original not in self._collections:
             ring, found = self._around[original], dict[Any, None]()
@@ -87,7 +87,7 @@ class Poses:
         return self._collections[original]
 
     def _composed(self, evaluated: Any) -> tuple[np.ndarray | None, float]:
-        """The pose in float64, None where it cannot be composed, and the largest number met on the way."""
+        """Return the pose in float64, None where it cannot be composed, and the largest number met on the way."""
         key = evaluated.original.as_pointer()
         if key not in self._exact:
             self._exact[key] = self._compose(evaluated, key)
@@ -126,7 +126,7 @@ def _agreed(exact: np.ndarray | None, size: float, seen: np.ndarray) -> np.ndarr
 
 
 def _bases(objects: Sequence[Any]) -> Float[np.ndarray, "n 4 4"]:
-    """The poses that objects have of themselves."""
+    """Return the poses that objects have of themselves."""
 
     def read(name: str) -> np.ndarray:
         return np.array([getattr(obj, name)[:] for obj in objects], np.float64).reshape(len(objects), -1)

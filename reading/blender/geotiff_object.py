@@ -70,7 +70,7 @@ def open_terrain(path: Path, options: Options) -> tuple[Elevations, list[str]]:
 
 
 def _beside(path: Path, name: str) -> Path:
-    """A file next to the elevations in `path`."""
+    """Return a file next to the elevations in `path`."""
     file = Path(os.path.normpath(path.parent / name))
     if not is_inside(file, asset_folders(path)):
         raise AssetError("isn't in the folder of the elevations or the one around it", path=file, remedy="move it")
@@ -110,7 +110,7 @@ def _add_buildings(buildings: Sequence[Building], terrain: Elevations) -> int:
 
 
 def _by_slope(tree: Any) -> Any:
-    """A color: rock where it's steep, grass where it's level, in patches."""
+    """Return a color: rock where it's steep, grass where it's level, in patches."""
     normal, place = (add_node(tree, kind).outputs for kind in ("NewGeometry", "TexCoord"))
     brightness, uneven = 1.0, add_node(tree, "SeparateXYZ", {0: normal["Normal"]}).outputs["Z"]
     for scale, depth in PATCHES:
@@ -132,7 +132,7 @@ def _over(
     low: Float[np.ndarray, "2"],
     high: Float[np.ndarray, "2"],
 ) -> Any:
-    """A color: the picture over the rectangle from `low` to `high`, and `below` where the picture is transparent."""
+    """Return a color: the picture over the rectangle from `low` to `high`, and `below` where it's transparent."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "orthophoto.png")
         Image.fromarray(picture).save(file, compress_level=1)

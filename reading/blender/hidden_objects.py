@@ -29,7 +29,7 @@ def list_hidden(scene: Any, result: Evaluated, duplicates: Mapping[str, Sequence
 
 
 def _switched_off(layer: Any, already: bool) -> Iterator[tuple[str, bool]]:
-    """Whether a collection, or one around it, is hidden from render or left out of the view layer."""
+    """Yield whether a collection, or one around it, is hidden from render or left out of the view layer."""
     off = already or layer.exclude or layer.collection.hide_render
     yield layer.collection.name, off
     for inner in layer.children:
@@ -46,7 +46,7 @@ def _why_hidden(obj: Any, off: Mapping[str, bool]) -> tuple[str, By]:
 
 
 def why_unseen(drawn: Any, depsgraph: Any) -> Unseen | None:
-    """Reason why the camera doesn't see an object although it's drawn; None if it does."""
+    """Return the reason why the camera doesn't see an object although it's drawn; None if it does."""
     original = drawn.original
     if not drawn.visible_camera:
         return Unseen.RAY_VISIBILITY
@@ -63,5 +63,5 @@ def why_unseen(drawn: Any, depsgraph: Any) -> Unseen | None:
 
 
 def is_hidden(original: Any) -> bool:
-    """Whether its own or its collection's eye or monitor icon hides it."""
+    """Return whether its own or its collection's eye or monitor icon hides it."""
     return bool(original.hide_viewport or not original.visible_get())

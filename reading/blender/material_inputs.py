@@ -71,11 +71,11 @@ class ObjectInputs:
         }
 
     def values(self, instance: Any) -> tuple[Value, ...]:
-        """The value of each key for anything that `depsgraph.object_instances` yields."""
+        """Return the value of each key for anything that `depsgraph.object_instances` yields."""
         return tuple(self._value(instance, *key) for key in self.keys)
 
     def of_duplicate(self, values: Sequence[Value], name: str, pose: Float[np.ndarray, "4 4"]) -> tuple[Value, ...]:
-        """The values of an object that differs in name and pose alone."""
+        """Return the values of an object that differs in name and pose alone."""
         own = {
             (OBJECT_INFO, "Random"): _number(random_number(name)),
             (OBJECT_INFO, "Location"): _vector(pose[:3, 3].tolist()),
@@ -117,7 +117,7 @@ class ObjectInputs:
         return _as_value(getattr(particle, name.lower().replace(" ", "_"))) or NONE
 
     def _of_points(self, instance: Any, name: str) -> Value | None:
-        """An attribute that geometry nodes gave an instance; None if there is none."""
+        """Return an attribute that geometry nodes gave an instance; None if there is none."""
         parent = instance.parent
         key = parent.original.as_pointer()
         if key not in self._instances:
@@ -160,13 +160,13 @@ def hashed(first: int, second: int) -> int:
 
 
 def found_property(owners: Iterable[Any], name: str) -> Value:
-    """The property of the first of these data that has it, as an attribute node gives it; zeros if none has."""
+    """Return the property of the first of these data that has it, as an attribute node gives it; zeros if none has."""
     found = (own_property(owner, name) for owner in owners if owner is not None)
     return next((value for value in found if value is not None), NONE)
 
 
 def own_property(owner: Any, name: str) -> Value | None:
-    """A property of an object or other data as an attribute node gives it; None if it has none."""
+    """Return a property of an object or other data as an attribute node gives it; None if it has none."""
     if name in owner:
         return _as_value(owner[name])
     try:
@@ -176,7 +176,7 @@ def own_property(owner: Any, name: str) -> Value | None:
 
 
 def _as_value(given: Any) -> Value | None:
-    """A number or a few of them as Blender makes an attribute of them; None for anything else."""
+    """Return a number or a few of them as Blender makes an attribute of them; None for anything else."""
     if isinstance(given, bool | int | float):
         return _number(given)
     try:

@@ -171,7 +171,7 @@ def _missing(drawn: Evaluated, roles: Sequence[PieceRole]) -> tuple[Missing, ...
 
 
 def _rows(drawn: Evaluated, roles: Sequence[PieceRole]) -> tuple[ObjectRow, ...]:
-    """One row for all pieces of an object with the same role, then objects that aren't pieces."""
+    """Return one row for all pieces of an object with the same role, then objects that aren't pieces."""
     groups: dict[tuple[str, PieceRole], list[Piece]] = defaultdict(list)
     for piece, role in zip(drawn.pieces, roles, strict=True):
         groups[piece.name, role].append(piece)

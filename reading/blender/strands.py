@@ -58,7 +58,7 @@ def points_mesh(cloud: Any, name: str) -> Mesh | None:
 
 
 def strand_systems(drawn: Any) -> list[Any]:
-    """The particle systems of an evaluated object that draw strands, and not copies of objects."""
+    """Return the particle systems of an evaluated object that draw strands, and not copies of objects."""
     systems = [m.particle_system for m in drawn.modifiers if m.type == "PARTICLE_SYSTEM" and m.show_render]
     drawing = [s for s in systems if s.settings.type == "HAIR" and s.settings.render_type == "PATH"]
     return [s for s in drawing if len(s.particles) or len(s.child_particles)]  # Blender crashes on curves of none

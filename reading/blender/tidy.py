@@ -48,12 +48,12 @@ def lasting(drawn: Any, data: Any, materials: Sequence[Any]) -> Any:
 
 
 def look_of(drawn: Any) -> tuple[Any, ...]:
-    """The look that a piece's object adds to its mesh: values of `LOOK`."""
+    """Return the look that a piece's object adds to its mesh: values of `LOOK`."""
     return (*(getattr(drawn, name) for name in VISIBILITY), drawn.pass_index, tuple(drawn.color))
 
 
 def _is_as_in_the_file(drawn: Any, data: Any, materials: Sequence[Any]) -> bool:
-    """Whether a mesh is drawn unchanged, so that no copy is needed."""
+    """Return whether a mesh is drawn unchanged, so that no copy is needed."""
     obj, file = drawn.original, drawn.original.data
     if not isinstance(file, bpy.types.Mesh) or not isinstance(data, bpy.types.Mesh):
         return False
@@ -141,7 +141,7 @@ def write_scenery(
 
 
 def _carrier(thing: Any, poses: Float[np.ndarray, "k 4 4"], inputs: Sequence[Sequence[Value]]) -> Any:
-    """One object that draws `thing` in all these poses; ten thousand objects would take minutes."""
+    """Return one object that draws `thing` in all these poses; ten thousand objects would take minutes."""
     points = bpy.data.meshes.new(thing.name)
     points.vertices.add(len(poses))
     # Blender stores matrices column by column.

@@ -59,7 +59,7 @@ def _named_files(path: Path) -> Iterator[tuple[bytes, str]]:
 
 
 def _damaged() -> tuple[type[Exception], ...]:
-    """Errors of a file that is damaged or ends early."""
+    """Return errors of a file that is damaged or ends early."""
     common = (OSError, EOFError, ValueError, struct.error, zlib.error)
     try:
         import zstandard

@@ -50,28 +50,28 @@ MORE = "HULLDOWN_READ"  # folders besides those of the assets that may be read, 
 
 @cache
 def abi() -> int:
-    """The kernel's version of Landlock; 0: none."""
+    """Return the kernel's version of Landlock; 0: none."""
     if not sys.platform.startswith("linux"):
         return 0
     return max(0, ctypes.CDLL(None).syscall(CREATE_RULESET, None, ctypes.c_size_t(0), ctypes.c_uint32(GET_ABI)))
 
 
 def unconfined() -> str:
-    """Reason why processes aren't confined on this machine; empty if they are."""
+    """Return the reason why processes aren't confined on this machine; empty if they are."""
     if not abi():
         return "this kernel has no Landlock"
     return f"switched off by {OFF}" if os.environ.get(OFF, "").lower() == "off" else ""
 
 
 def confinement() -> str:
-    """The confinement on this machine, for records: "Landlock 4", or the reason why there is none."""
+    """Return the confinement on this machine, for records: "Landlock 4", or the reason why there is none."""
     return f"none: {why}" if (why := unconfined()) else f"Landlock {abi()}"
 
 
 def confined(
     command: Sequence[str], *, read: Iterable[Path | str], write: Iterable[Path | str], devices: Iterable[str] = ()
 ) -> list[str]:
-    """A command that runs `command` confined; `command` itself if that's impossible or switched off.
+    """Return a command that runs `command` confined; `command` itself if that's impossible or switched off.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def confined(
 
 
 def _python() -> list[str]:
-    """Where this Python, hulldown, and installed packages are; other files in the folders of `sys.path` aren't open."""
+    """Return where this Python, hulldown, and packages are; other files in the folders of `sys.path` aren't open."""
     own = [f"{prefix}/{name}" for prefix in (sys.prefix, sys.base_prefix) for name in PYTHON]
     return [*own, str(HERE), *(str(path) for entry in _searched() for path in _installed(entry))]
 
@@ -129,7 +129,7 @@ def asset_folders(path: Path) -> list[Path]:
 
 
 def is_inside(path: Path, folders: Iterable[Path | str]) -> bool:
-    """Whether a file, links followed, is in one of these folders or of those in ``HULLDOWN_READ``."""
+    """Return whether a file, links followed, is in one of these folders or of those in ``HULLDOWN_READ``."""
     more = [folder for folder in os.environ.get(MORE, "").split(os.pathsep) if folder]
     real = Path(os.path.realpath(path))
     return any(real.is_relative_to(os.path.realpath(folder)) for folder in [*folders, *more])
@@ -183,7 +183,7 @@ def _allow(ruleset: int, path: str, rights: int) -> None:
 
 
 def _call(number: int, *arguments: object) -> int:
-    """A system call; its result."""
+    """Return a system call; its result."""
     result = int(ctypes.CDLL(None, use_errno=True).syscall(number, *arguments))
     if result < 0:
         raise OSError(ctypes.get_errno(), f"Landlock: {os.strerror(ctypes.get_errno())}")

@@ -44,7 +44,7 @@ def _refuse(path: Path, named: str) -> None:
 
 
 def material_libraries(path: Path) -> Iterator[Path]:
-    """The .mtl files of an OBJ file that exist and may be read.
+    """Yield the .mtl files of an OBJ file that exist and may be read.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def _check_gltf(path: Path) -> None:
 
 
 def compression(path: Path) -> str:
-    """The extension that compresses the meshes of a glTF file that Blender has opened, or nothing.
+    """Return the extension that compresses the meshes of a glTF file that Blender has opened, or nothing.
 
     Blender's modules decode Draco up to 5.0, not in 5.2.3, and none decodes meshopt.
     """

@@ -68,7 +68,7 @@ class ObjectRow:
 
 
 def gathered(rows: Sequence[ObjectRow]) -> tuple[ObjectRow, ...]:
-    """The rows, with numbered copies (Tree.001, Tree.002, ...) in one row where there are many of them.
+    """Return the rows, with numbered copies (Tree.001, Tree.002, ...) in one row where there are many of them.
 
     Copies of the same kind and use are gathered. The row has their name with an asterisk, the
     reason of the first, the total count, and the largest size.
@@ -84,13 +84,13 @@ def gathered(rows: Sequence[ObjectRow]) -> tuple[ObjectRow, ...]:
 
 
 def _stem(name: str) -> str:
-    """A name without its number."""
+    """Return a name without its number."""
     stem = name.rstrip("0123456789")
     return stem.rstrip(" ._-") if stem != name else name
 
 
 def _dropped_together(rows: Sequence[ObjectRow]) -> list[ObjectRow]:
-    """Rows of used objects, then of dropped ones, with one row per reason if they're many."""
+    """Return rows of used objects, then of dropped ones, with one row per reason if they're many."""
     families: dict[str, list[ObjectRow]] = {}
     for row in rows:
         if row.use == "dropped":
@@ -104,14 +104,14 @@ def _dropped_together(rows: Sequence[ObjectRow]) -> list[ObjectRow]:
 
 
 def _together(family: Sequence[ObjectRow], name: str, why: str) -> ObjectRow:
-    """One row for all, as large as the largest."""
+    """Return one row for all, as large as the largest."""
     x, y, z = (max(lengths) for lengths in zip(*(row.size for row in family), strict=True))
     count, triangles = sum(row.count for row in family), max(row.triangles for row in family)
     return replace(family[0], name=name, why=why, count=count, triangles=triangles, size=(x, y, z))
 
 
 def xyz(vector: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
-    """A vector for reports."""
+    """Return a vector for reports."""
     return float(vector[0]), float(vector[1]), float(vector[2])
 
 
@@ -214,7 +214,7 @@ class FileReport:
     things: tuple[Thing, ...] = ()
 
     def table(self) -> Table:
-        """A table of every object and its use, for a terminal."""
+        """Return a table of every object and its use, for a terminal."""
         table = Table(title=escape(f"{self.path}: {self.kind}"), title_justify="left")
         for column in ("object", "used as", "why", "count", "triangles", "size (m)"):
             justify: Literal["left", "right"] = "right" if column in ("count", "triangles", "size (m)") else "left"
@@ -226,7 +226,7 @@ class FileReport:
         return table
 
     def lines(self) -> list[str]:
-        """Lines below the table: size, moving parts, doubts."""
+        """Return lines below the table: size, moving parts, doubts."""
         size = " x ".join(f"{x:.2f}" for x in self.size)
         lines = [f"size {size} m, {self.triangles:,} triangles, {self.up} up, 1 unit = {self.unit:g} m"]
         lines += [self.axes] if self.axes else []
@@ -271,7 +271,7 @@ class SkyReport:
     kind: str = "hdri"
 
     def table(self) -> Table:
-        """Its figures, for a terminal."""
+        """Return its figures, for a terminal."""
         table = Table(title=escape(f"{self.path}: HDRI"), title_justify="left", show_header=False)
         red, green, blue = self.irradiance
         for what, value in (
@@ -283,7 +283,7 @@ class SkyReport:
         return table
 
     def lines(self) -> list[str]:
-        """Lines below the table."""
+        """Return lines below the table."""
         return [*self.notes, *(f"doubt: {doubt}" for doubt in self.doubts)]
 
 

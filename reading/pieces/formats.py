@@ -33,7 +33,7 @@ LFS_POINTER = b"version https://git-lfs"  # Git LFS leaves such a text in place 
 
 
 def first_bytes(path: Path) -> bytes:
-    """The first bytes of a regular file: reading a FIFO would wait forever, and a device has no end.
+    """Return the first bytes of a regular file: reading a FIFO would wait forever, and a device has no end.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def first_bytes(path: Path) -> bytes:
 
 
 def kind_of_file(path: Path) -> str:
-    """Kind of a path: "a file", "a folder", "a FIFO", "a socket", "a device", or "" if it doesn't exist."""
+    """Return kind of a path: "a file", "a folder", "a FIFO", "a socket", "a device", or "" if it doesn't exist."""
     try:
         return _kind(path.stat().st_mode)
     except (OSError, ValueError):
@@ -70,7 +70,7 @@ def _kind(mode: int) -> str:
 
 
 def format_of(path: Path) -> str:
-    """The format of the file `path`: "blend", "gltf", "fbx", "obj", or "geotiff".
+    """Return the format of the file `path`: "blend", "gltf", "fbx", "obj", or "geotiff".
 
     Raises
     ------

@@ -170,7 +170,7 @@ BACKDROPS = ("sky", "skydome", "sky sphere", "backdrop", "cloud", "atmosphere", 
 
 
 def words(name: str) -> tuple[str, ...]:
-    """The lower-case words of `name`, without Blender's ``.001``.
+    """Return the lower-case words of `name`, without Blender's ``.001``.
 
     Split at anything but letters and digits, between letters and digits, and at camelCase.
     """
@@ -189,7 +189,7 @@ def _words(text: str) -> tuple[str, ...]:
 
 
 def first_match(name: str, patterns: Iterable[str]) -> str | None:
-    """The first of `patterns` that matches `name`, or None.
+    """Return the first of `patterns` that matches `name`, or None.
 
     Parameters
     ----------
@@ -208,14 +208,14 @@ def first_match(name: str, patterns: Iterable[str]) -> str | None:
 
 @lru_cache(maxsize=4096)  # a name is held against many patterns, one after the other
 def _joined(name: str) -> tuple[str, ...]:
-    """The words of a name, and all that are neighbors written as one."""
+    """Return the words of a name, and all that are neighbors written as one."""
     parts = words(name)
     return tuple("".join(parts[i:k]) for i in range(len(parts)) for k in range(i + 1, len(parts) + 1))
 
 
 @lru_cache(maxsize=256)
 def _compiled(patterns: tuple[str, ...]) -> tuple[dict[str, int], list[tuple[int, str]]]:
-    """The number of the first pattern with each word, written as one, and the globs with their numbers."""
+    """Return the number of the first pattern with each word, written as one, and the globs with their numbers."""
     globs = [(i, pattern.lower()) for i, pattern in enumerate(patterns) if any(c in pattern for c in "*?[")]
     numbers: dict[str, int] = {}
     for i, pattern in enumerate(patterns):
@@ -227,7 +227,7 @@ def _compiled(patterns: tuple[str, ...]) -> tuple[dict[str, int], list[tuple[int
 
 
 def hints(name: str, stems: Iterable[str]) -> str | None:
-    """The first of `stems` that a word of `name` begins or ends with, or differs from by one letter; None if none.
+    """Return the first of `stems` that a word of `name` begins or ends with, or nearly is; None if none.
 
     Accents make no difference. Stems of up to four letters must be a whole word or begin or end a longer one, and are
     never taken for another by a slip, which keeps the first letter: the Spanish "pieza" is no Polish "wieza". Scripts
@@ -250,7 +250,7 @@ def _folded(text: str) -> str:
 
 
 def _one_apart(a: str, b: str) -> bool:
-    """Whether one letter put in, left out or exchanged makes one word of the other."""
+    """Return whether one letter put in, left out or exchanged makes one word of the other."""
     if len(a) > len(b):
         a, b = b, a
     same = next((i for i, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), len(a))

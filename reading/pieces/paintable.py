@@ -48,7 +48,7 @@ class MaterialRow:
 
 
 def is_one_color(texels: Float[np.ndarray, "k 3"], weight: Float[np.ndarray, " k"]) -> bool:
-    """Whether nearly all texels have one color, in linear light: paint, not an atlas with windows and tires."""
+    """Return whether nearly all texels have one color, in linear light: paint, not an atlas with windows and tires."""
     srgb = srgb_from_linear(texels)
     order = np.argsort(srgb, axis=0)
     middle = np.argmax(np.cumsum(weight[order], axis=0) >= weight.sum() / 2, axis=0)
@@ -58,13 +58,13 @@ def is_one_color(texels: Float[np.ndarray, "k 3"], weight: Float[np.ndarray, " k
 
 
 def _is_dark(color: Sequence[float]) -> bool:
-    """Whether a linear color is like rubber's: dark, and neutral or bluish."""
+    """Return whether a linear color is like rubber's: dark, and neutral or bluish."""
     low, high = min(color), max(color)
     return high < DARK and (high - low < NEUTRAL * high or color[2] >= color[0])
 
 
 def parts_left_alone(names: Sequence[str], areas: np.ndarray, materials: Sequence[int]) -> np.ndarray:
-    """Whether each part of a vehicle is a wheel, a window, or the like by its name.
+    """Return whether each part of a vehicle is a wheel, a window, or the like by its name.
 
     Parameters
     ----------
@@ -100,18 +100,18 @@ def told_apart(rows: Sequence[MaterialRow], *, parts: bool) -> list[MaterialRow]
 
 
 def left_alone_by_name(name: str) -> str:
-    """Reason why a material of this name isn't paint; empty if there is none."""
+    """Return the reason why a material of this name isn't paint; empty if there is none."""
     word = first_match(name, NOT_PAINT)
     return f"{word!r} is in its name" if word and not first_match(name, PAINT) else ""
 
 
 def matches(name: str, pattern: str) -> bool:
-    """Whether a pattern matches a material's name, as `reading.pieces.naming.first_match` or as a whole."""
+    """Return whether a pattern matches a material's name, as `reading.pieces.naming.first_match` or as a whole."""
     return name.lower() == pattern.lower() or first_match(name, [pattern]) is not None
 
 
 def painted(materials: Sequence[MaterialRow], coats: Sequence[Sequence[str]]) -> dict[str, int]:
-    """The coat of each painted material by name: the first with a matching pattern.
+    """Return the coat of each painted material by name: the first with a matching pattern.
 
     Parameters
     ----------

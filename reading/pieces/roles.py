@@ -262,7 +262,7 @@ def _names(piece: Piece) -> list[str]:
 
 
 def is_wanted(piece: Piece, keep: Sequence[str]) -> bool:
-    """Whether the config keeps it by name."""
+    """Return whether the config keeps it by name."""
     return any(first_match(name, keep) for name in _names(piece))
 
 
@@ -282,7 +282,7 @@ def _is_sheet(piece: Piece) -> bool:
 
 
 def _vehicle_by_place(piece: Piece, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> PieceRole | None:
-    """Reason to drop a piece next to the rest, which is between `low` and `high`; None to keep it."""
+    """Return the reason to drop a piece next to the rest, which is between `low` and `high`; None to keep it."""
     size, height = float(max(high[:2] - low[:2])), float(high[2] - low[2])
     under = bool(piece.bounds[1, 2] <= low[2] + UNDERSIDE * height)
     if named := _stage_name(piece):

@@ -288,7 +288,7 @@ def _in_meters(
 
 
 def _meters(unit: str | None, wkt: str, path: Path) -> float:
-    """Meters per unit of elevation: of the band, or of the vertical datum, or 1."""
+    """Return meters per unit of elevation: of the band, or of the vertical datum, or 1."""
     import pyproj
     from pyproj.database import get_units_map
 

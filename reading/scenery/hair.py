@@ -77,7 +77,7 @@ def hair_mesh(
 
 
 def _pieces(cubic: Float[np.ndarray, "s 4 4"], radius: Float[np.ndarray, " s"]) -> Int[np.ndarray, " s"]:
-    """How many: a chord over a t of 1 / n is off by at most an eighth of the greatest second derivative / n^2.
+    """Return how many: a chord over a t of 1 / n is off by at most an eighth of the greatest second derivative / n^2.
 
     The part of the derivative along the stretch doesn't bend it.
     """
@@ -90,7 +90,7 @@ def _pieces(cubic: Float[np.ndarray, "s 4 4"], radius: Float[np.ndarray, " s"]) 
 
 
 def _cut(cubic: Float[np.ndarray, "s 4 4"], n: int) -> Float[np.ndarray, "k 2 4"]:
-    """Both ends, and the radius there, of n pieces of each stretch."""
+    """Return both ends, and the radius there, of n pieces of each stretch."""
     at = (np.arange(n + 1)[:, None] / n) ** np.arange(4) @ cubic
     return np.stack([at[:, :-1], at[:, 1:]], axis=2).reshape(-1, 2, 4)
 

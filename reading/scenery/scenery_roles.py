@@ -27,7 +27,7 @@ _DRY = (*NOT_WATER, *GROUND, *(word for word in NOT_GROUND if word not in ("wate
 
 
 def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[PieceRole]:
-    """The use of each piece of a scenery, and the reason.
+    """Return the use of each piece of a scenery, and the reason.
 
     The ground-plane inventory is paper, section 2.1.5.
 
@@ -81,7 +81,7 @@ def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[PieceRole]:
 
 
 def unmatched(pieces: Sequence[Piece], options: Options) -> tuple[str, str] | None:
-    """The first key and pattern of a scenery without a match; None if all match."""
+    """Return the first key and pattern of a scenery without a match; None if all match."""
     for key in ("drop", "water", "not_ground", "ground"):
         for pattern in getattr(options, key) or ():
             drawn = any(piece.carrier and _is(piece.carrier, pattern) for piece in pieces) and key == "drop"
@@ -91,7 +91,7 @@ def unmatched(pieces: Sequence[Piece], options: Options) -> tuple[str, str] | No
 
 
 def matching(piece: Piece, patterns: Sequence[str]) -> tuple[str, str, str] | None:
-    """The first pattern that matches a piece: the kind of name, the name, and the pattern.
+    """Return the first pattern that matches a piece: the kind of name, the name, and the pattern.
 
     Parameters
     ----------
@@ -164,12 +164,12 @@ def _by_config(piece: Piece, options: Options) -> PieceRole | None:
 
 
 def is_water_name(name: str) -> bool:
-    """Whether a name means water, and not something in or near it."""
+    """Return whether a name means water, and not something in or near it."""
     return not first_match(name, _DRY) and first_match(name, (*WATER, *WATERS)) is not None
 
 
 def _water(piece: Piece) -> PieceRole | None:
-    """The role of water by name or material: wide, level, and not named like ground, a house, or a rock."""
+    """Return the role of water by name or material: wide, level, and not named like ground, a house, or a rock."""
     if not is_wide_and_level(piece, least=NARROWEST):
         return None
     own = [("object", piece.name), ("mesh", piece.data)]

@@ -28,7 +28,7 @@ DROWNED = 0.5  # meters of ground below such a sheet
 
 
 def level_share(mesh: Mesh, meters_from_mesh: Float[np.ndarray, "4 4"]) -> tuple[float, float]:
-    """Share of a mesh's area with a slope of at most 30 degrees on either side, and its square meters.
+    """Return share of a mesh's area with a slope of at most 30 degrees on either side, and its square meters.
 
     Parameters
     ----------
@@ -45,19 +45,19 @@ def level_share(mesh: Mesh, meters_from_mesh: Float[np.ndarray, "4 4"]) -> tuple
 
 
 def is_wide_and_level(piece: Piece, *, least: float) -> bool:
-    """Whether a piece is at least `least` meters wide, no higher than wide, and mostly level."""
+    """Return whether a piece is at least `least` meters wide, no higher than wide, and mostly level."""
     length, width, height = piece.size
     return bool(min(length, width) >= least and height <= max(length, width) and piece.level >= LEVEL)
 
 
 def is_open_land(piece: Piece) -> bool:
-    """Whether a piece is mostly level, wide, and open below, as land is and vehicles aren't."""
+    """Return whether a piece is mostly level, wide, and open below, as land is and vehicles aren't."""
     open_below = COVERED <= piece.filled <= ONE_SIDE
     return bool(open_below and piece.level >= GROUND_LEVEL and 2 * piece.size[2] <= min(piece.size[:2]))
 
 
 def ground_by_shape(pieces: Sequence[Piece], among: Sequence[int], solid: Sequence[Piece]) -> list[int]:
-    """Pieces that are large, level, lowest, and together carry the rest; possibly none.
+    """Return pieces that are large, level, lowest, and together carry the rest; possibly none.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def _may_be_ground(piece: Piece, least: float) -> bool:
 
 
 def _carries(piece: Piece, rest: Float[np.ndarray, "n 2 3"]) -> bool:
-    """Whether most pieces with their middle above or below a piece don't reach below it; true if it's the only one."""
+    """Tell whether most pieces with their middle above or below a piece don't reach below it; true if it's alone."""
     low, high = piece.bounds
     middle = rest.mean(axis=1)[:, :2]
     there = ((middle >= low[:2]) & (middle <= high[:2])).all(axis=1) & (rest != piece.bounds).any(axis=(1, 2))
@@ -112,7 +112,7 @@ def sheets_between(
     *,
     least: float = SHEET,
 ) -> list[int]:
-    """Pieces that are wide flat sheets between the lowest and the highest ground, like a lake."""
+    """Return pieces that are wide flat sheets between the lowest and the highest ground, like a lake."""
     if not ground:
         return []
     lowest, highest = min(b[0, 2] for b in ground), max(b[1, 2] for b in ground)
@@ -121,7 +121,7 @@ def sheets_between(
 
 
 def _is_sheet(piece: Piece, least: float) -> bool:
-    """Whether a piece is a single wide flat sheet, not one of many scattered ones."""
+    """Return whether a piece is a single wide flat sheet, not one of many scattered ones."""
     flat = piece.size[2] <= FLAT * max(piece.size[:2]) and piece.filled >= FILLED
     return bool(flat and is_wide_and_level(piece, least=least) and not piece.scattered)
 
@@ -191,14 +191,14 @@ def carpets(
 
 
 def _is_under(piece: Piece, wide: Piece) -> bool:
-    """Whether a piece is under most of a wide one, as walls are under a roof."""
+    """Return whether a piece is under most of a wide one, as walls are under a roof."""
     return bool(
         piece.bounds[0, 2] < wide.bounds[0, 2] - DROWNED and _overlap(piece.bounds, wide.bounds) > COVERED * wide.area
     )
 
 
 def _stands_on(piece: Piece, wide: Piece) -> bool:
-    """Whether a piece is smaller than a wide one, larger than what is on roofs, and on it."""
+    """Return whether a piece is smaller than a wide one, larger than what is on roofs, and on it."""
     size, (low, high) = piece.size, wide.bounds
     on_it = _overlap(piece.bounds, wide.bounds) > 0.9 * piece.area
     bottom = low[2] - DROWNED <= piece.bounds[0, 2] <= high[2] + DROWNED
@@ -206,7 +206,7 @@ def _stands_on(piece: Piece, wide: Piece) -> bool:
 
 
 def enclosing(pieces: Sequence[Piece]) -> Piece | None:
-    """The largest piece, if it isn't a sheet and all others are inside its bounds, as in a sky dome; else None."""
+    """Return the largest piece if it isn't a sheet and all others are inside its bounds, as in a sky dome."""
     if len(pieces) < 2:
         return None
     bounds = np.array([piece.bounds for piece in pieces])

@@ -22,7 +22,7 @@ OUT = 0.01  # meters from a wheel's outer side
 
 
 def keypoint_of(name: str) -> str | None:
-    """The keypoint of an empty with this name; None if it isn't one."""
+    """Return the keypoint of an empty with this name; None if it isn't one."""
     found = _NAMED.fullmatch(name)
     return (found[1] or name) if found else None
 
@@ -88,7 +88,7 @@ def known_points(
 
 
 def _muzzle(shape: VehicleShape, part: int) -> Float[np.ndarray, "3"] | None:
-    """The point just ahead of the middle of the gun's front end; None for a gun without length or unseen."""
+    """Return the point just ahead of the middle of the gun's front end; None for a gun without length or unseen."""
     points = shape.seen_of(part)
     if not len(points):
         return None
@@ -106,7 +106,7 @@ def _muzzle(shape: VehicleShape, part: int) -> Float[np.ndarray, "3"] | None:
 
 
 def _roof(shape: VehicleShape, part: int) -> Float[np.ndarray, "3"]:
-    """The point where the turret's axis leaves its roof."""
+    """Return the point where the turret's axis leaves its roof."""
     mesh = shape.mesh.of_faces(np.flatnonzero(shape.vertex_part[shape.mesh.faces[:, 0]] == part))
     low, high = mesh.bounds
     x, y, _ = shape.part_pivot[part]

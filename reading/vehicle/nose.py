@@ -133,7 +133,7 @@ def find_forward(
 
 
 def forward_said(angle: float) -> str:
-    """An angle as the key `forward` has it."""
+    """Return an angle as the key `forward` has it."""
     quarter = round(angle / (np.pi / 2))
     if abs(angle - quarter * np.pi / 2) < 1e-9:
         return '"' + ("+x", "+y", "-x", "-y")[quarter % 4] + '"'
@@ -149,7 +149,7 @@ def snapped(angle: float, within: float = SNAP) -> float:
 def _line(
     solids: Solids, wheels: Wheels | None, gun: Sequence[bool], corners: Float[np.ndarray, "f 3 3"]
 ) -> tuple[float, str]:
-    """The angle of the vehicle's long axis, in either direction."""
+    """Return the angle of the vehicle's long axis, in either direction."""
     if wheels is not None:
         across = wheels.across[:2] / max(float(np.linalg.norm(wheels.across[:2])), 1e-12)
         center = solids.center[wheels.index][:, :2]
@@ -173,7 +173,7 @@ def _line(
 
 
 def _line_of_surface(corners: Float[np.ndarray, "f 3 3"]) -> tuple[float, str]:
-    """The axis x or y: the one whose mirror plane the vertices have, or the longer one."""
+    """Return the axis x or y: the one whose mirror plane the vertices have, or the longer one."""
     points = np.unique(corners.reshape(-1, 3), axis=0)
     size = np.ptp(points, axis=0)
     tree, some = cKDTree(points), points[:: max(1, len(points) // VERTICES)]
@@ -188,7 +188,7 @@ def _line_of_surface(corners: Float[np.ndarray, "f 3 3"]) -> tuple[float, str]:
 
 
 def slant(corners: Float[np.ndarray, "f 3 3"], ahead: Float[np.ndarray, "3"]) -> float:
-    """The end that windshields, hoods, and bows slant to: 1 or -1, 2 or -2 if nearly all do, or 0.
+    """Return the end that windshields, hoods, and bows slant to: 1 or -1, 2 or -2 if nearly all do, or 0.
 
     Sterns are upright.
     """
@@ -206,7 +206,7 @@ def slant(corners: Float[np.ndarray, "f 3 3"], ahead: Float[np.ndarray, "3"]) ->
 
 
 def _mirror_line(solids: Solids) -> tuple[float, str]:
-    """The line of the mirror plane of the largest solids, if there is one and x isn't; else x."""
+    """Return the line of the mirror plane of the largest solids, if there is one and x isn't; else x."""
     largest = np.argsort(-solids.size.prod(axis=1))[:MIRRORED]
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) / 2
     corners = np.einsum("ck,nk,nkj->ncj", signs, solids.size[largest], solids.axes[largest])
@@ -237,7 +237,7 @@ def _mirror_line(solids: Solids) -> tuple[float, str]:
 def gun_barrel(
     solids: Solids, ahead: Float[np.ndarray, "3"], middle: Float[np.ndarray, "3"], half: float
 ) -> int | None:
-    """The solid of a gun's barrel: long, slender, along the vehicle, above its lower third, with a free end.
+    """Return the solid of a gun's barrel: long, slender, along the vehicle, above its lower third, with a free end.
 
     Parameters
     ----------
@@ -267,7 +267,7 @@ def gun_barrel(
 
 
 def _muzzle_end(solids: Solids, ahead: Float[np.ndarray, "3"], half: float, named: Sequence[bool]) -> tuple[float, int]:
-    """The end at which the longest piece named gun protrudes from the rest, and that piece; (0, -1) if none does.
+    """Return the end at which the longest piece named gun protrudes, and that piece; (0, -1) if none does.
 
     A gun on a hull reaches back over all of it, and its mesh has a mantlet or a brake, so that no barrel is found.
     """
@@ -297,7 +297,7 @@ def _muzzle_end(solids: Solids, ahead: Float[np.ndarray, "3"], half: float, name
 
 
 def _votes(solids: Solids, names: Sequence[str], along: Float[np.ndarray, " n"]) -> float:
-    """Mean distance of front-named pieces ahead of rear-named ones, in half lengths; 1 if all of both kinds agree."""
+    """Return how far front-named pieces are ahead of rear-named ones, in half lengths; 1 if all agree."""
     places: dict[int, list[float]] = {1: [], -1: []}
     for piece, name in enumerate(names):
         sign = bool(first_match(name, FRONT)) - bool(first_match(name, REAR))
@@ -336,7 +336,7 @@ def _shape_votes(
 def rising(
     solids: Solids, ahead: Float[np.ndarray, "3"], length: float, *, named: Bool[np.ndarray, " n"] | bool = False
 ) -> float:
-    """The end to which launch tubes rise, which isn't the tail; 0 if there are none.
+    """Return the end to which launch tubes rise, which isn't the tail; 0 if there are none.
 
     Without a name, at least two must be parallel and alike.
     """
@@ -354,7 +354,7 @@ def rising(
 
 
 def _mirrors(solids: Solids, ahead: Float[np.ndarray, "3"], middle: Float[np.ndarray, "3"], length: float) -> float:
-    """The end at which a pair of small solids protrudes farthest to the sides, high up, like mirrors; or 0."""
+    """Return the end at which a pair of small solids protrudes farthest to the sides, high up, like mirrors; or 0."""
     across = np.cross([0.0, 0.0, 1.0], ahead)
     low, high = solids.bounds[:, 0, 2].min(), solids.bounds[:, 1, 2].max()
     reach = np.einsum("nk,nk->n", solids.size / 2, np.abs(solids.axes @ across))

@@ -30,7 +30,7 @@ Marked = Mapping[Key, tuple[str, str]]  # the part that an object is regardless 
 
 
 def _turret_word(name: str, stems: tuple[str, ...]) -> bool:
-    """Whether a word is or begins with "turret", as in "turretgunbase"."""
+    """Return whether a word is or begins with "turret", as in "turretgunbase"."""
     return bool(first_match(name, stems)) or any(word.startswith(stems) for word in words(name))
 
 
@@ -51,12 +51,12 @@ TIERS = {
 
 
 def key_of(link: Link) -> Key:
-    """A key that identifies one drawn object."""
+    """Return a key that identifies one drawn object."""
     return link.name, link.pose.tobytes()
 
 
 def pivot_named(name: str) -> str | None:
-    """The part whose pivot an object is by name, written as one word or several; None if it isn't one."""
+    """Return the part whose pivot an object is by name, written as one word or several; None if it isn't one."""
     joined = "".join(words(name)).rstrip("0123456789")
     for word in HELPER_WORDS:
         for rest in (joined.removeprefix(word), joined.removesuffix(word)):
@@ -86,11 +86,11 @@ class Naming:
     marked: Marked = field(default_factory=dict)
 
     def part_of(self, chain: Sequence[Link]) -> str | None:
-        """The part that the first object of `chain` belongs to, by the nearest name of a part; None: the hull."""
+        """Return the part that the first object of `chain` belongs to, by the nearest part's name; None: the hull."""
         return self.decided(chain)[0]
 
     def decided(self, chain: Sequence[Link]) -> tuple[str | None, str, str]:
-        """The part, the kind of name that decided, and the name."""
+        """Return the part, the kind of name that decided, and the name."""
         for i, link in enumerate(chain):
             if mark := self.marked.get(key_of(link)):
                 return (*mark, link.name)
@@ -102,7 +102,7 @@ class Naming:
 
 
 def names_of_parts(whole: PlacedPieces, options: Options, *, no_gun: Collection[str]) -> dict[str, str]:
-    """The part that each name of an object or a collection names, if any.
+    """Return the part that each name of an object or a collection names, if any.
 
     Parameters
     ----------

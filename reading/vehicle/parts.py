@@ -66,7 +66,7 @@ class Parts:
 
 
 def find_parts(whole: PlacedPieces, options: Options = DEFAULTS) -> Parts:
-    """The hull, the turret and the gun among the pieces of a vehicle, by the config's turret, gun, and pivots.
+    """Return the hull, the turret and the gun among the pieces of a vehicle, by the config's turret, gun, and pivots.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def find_parts(whole: PlacedPieces, options: Options = DEFAULTS) -> Parts:
 
 
 def _named(whole: PlacedPieces, options: Options) -> tuple[Naming, list[Doubt]]:
-    """What names each piece's part, and doubts."""
+    """Return what names each piece's part, and doubts."""
     naming, doubts = screened(whole, options), list[Doubt]()
     for find in (riding, by_shape):
         marked, more = find(whole, [naming.part_of(piece.chain) for piece in whole.pieces], options)
@@ -124,7 +124,7 @@ def _named(whole: PlacedPieces, options: Options) -> tuple[Naming, list[Doubt]]:
 
 
 def _missing_parts(names: Sequence[str], options: Options, no_guns: Collection[str]) -> list[Doubt]:
-    """Doubts about a turret without a gun, or a gun without a turret, unless the config confirms it."""
+    """Return doubts about a turret without a gun, or a gun without a turret, unless the config confirms it."""
     if TURRET_PART in names and GUN_PART not in names and options.gun is None:
         those = f" ({quoted(sorted(no_guns), most=3)} are shaped like drums)" if no_guns else ""
         return [_parts(f'it has a turret but no gun was found{those}; set gun to its name, or to "" if it has none')]
@@ -134,7 +134,7 @@ def _missing_parts(names: Sequence[str], options: Options, no_guns: Collection[s
 
 
 def _raising_axis(own: Float[np.ndarray, "n 3"], pivot: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-    """The horizontal axis about which positive angles raise the part that extends from the pivot."""
+    """Return the horizontal axis about which positive angles raise the part that extends from the pivot."""
     out = own[:, :2] - pivot[:2]
     reach = np.linalg.norm(out, axis=1)
     tip = out[reach >= 0.95 * reach.max()].mean(axis=0)
@@ -144,7 +144,7 @@ def _raising_axis(own: Float[np.ndarray, "n 3"], pivot: Float[np.ndarray, "3"]) 
 
 
 def screened(whole: PlacedPieces, options: Options) -> Naming:
-    """What names parts, without calling drum-shaped ones guns."""
+    """Return what names parts, without calling drum-shaped ones guns."""
     chains = [piece.chain for piece in whole.pieces]
     no_guns: set[str] = set()
     while True:
@@ -169,7 +169,7 @@ def _clusters(bounds: Float[np.ndarray, "k 2 3"], among: Int[np.ndarray, " n"]) 
 
 
 def _is_drum(own: Float[np.ndarray, "n 3"], body: Float[np.ndarray, "m 3"]) -> bool:
-    """Whether a piece is small, stubby or crosswise, and low or behind the middle."""
+    """Return whether a piece is small, stubby or crosswise, and low or behind the middle."""
     low, high = body.min(axis=0), body.max(axis=0)
     off = own - own.mean(axis=0)
     axes = np.linalg.eigh(off.T @ off)[1].T[::-1]
@@ -185,7 +185,7 @@ def _is_drum(own: Float[np.ndarray, "n 3"], body: Float[np.ndarray, "m 3"]) -> b
 
 
 def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Options) -> tuple[Marked, list[Doubt]]:
-    """The gun, and the turret if none is named, by a barrel's shape and its parents; and doubts."""
+    """Return the gun, and the turret if none is named, by a barrel's shape and its parents; and doubts."""
     if options.gun is not None or GUN_PART in part_of:
         return {}, []
     pieces, solids, bounds = whole.pieces, whole.solids, whole.bounds
@@ -228,7 +228,7 @@ def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Option
 
 
 def _carried(pieces: Sequence[Piece]) -> dict[Key, list[int]]:
-    """The pieces that each object carries, itself included."""
+    """Return the pieces that each object carries, itself included."""
     carried: dict[Key, list[int]] = {}
     for i, piece in enumerate(pieces):
         for link in piece.chain:
@@ -237,7 +237,7 @@ def _carried(pieces: Sequence[Piece]) -> dict[Key, list[int]]:
 
 
 def riding(whole: PlacedPieces, part_of: Sequence[str | None], options: Options) -> tuple[Marked, list[Doubt]]:
-    """Pieces on a turret without children, for files without a hierarchy; and a doubt about them."""
+    """Return pieces on a turret without children, for files without a hierarchy; and a doubt about them."""
     chains = [piece.chain for piece in whole.pieces]
     members = [i for i, part in enumerate(part_of) if part == TURRET_PART and options.turret is None]
     if not members or any(len(chains[i]) > 1 and chains[i][1].kind == "MESH" for i in members):
@@ -269,7 +269,7 @@ def riding(whole: PlacedPieces, part_of: Sequence[str | None], options: Options)
 
 
 def unnamed(whole: PlacedPieces) -> list[Doubt]:
-    """A doubt about possible aiming parts: by parents, by a name, or by shape if names are meaningless.
+    """Return a doubt about possible aiming parts: by parents, by a name, or by shape if names are meaningless.
 
     The shapes are a ring and rising tubes; a truck of numbered objects has neither, so there is no doubt.
     """
@@ -301,7 +301,7 @@ def unnamed(whole: PlacedPieces) -> list[Doubt]:
 
 
 def _may_aim(solids: Solids, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> bool:
-    """Whether there are rising tubes, or a level ring in the upper part, as under turrets."""
+    """Return whether there are rising tubes, or a level ring in the upper part, as under turrets."""
     size = high - low
     ring = (solids.round_about >= 0) & (np.abs(solids.axle[:, 2]) > 0.99) & (2 * solids.radius > RING * size[1])
     ring &= solids.center[:, 2] > low[2] + LOW * size[2]

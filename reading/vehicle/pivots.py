@@ -146,7 +146,7 @@ def find_pivot(
 
 
 def _asked(whole: PlacedPieces, part: str, options: Options) -> Pivot | None:
-    """The pivot that the config names, as a point of the file or as an object."""
+    """Return the pivot that the config names, as a point of the file or as an object."""
     key = PIVOT_KEYS[part]
     wanted = getattr(options, key)
     if wanted is None:
@@ -161,7 +161,7 @@ def _asked(whole: PlacedPieces, part: str, options: Options) -> Pivot | None:
 
 
 def _nodes(own: PlacedPieces, naming: Naming, part: str) -> list[Node]:
-    """The objects of a part and their parents."""
+    """Return the objects of a part and their parents."""
     links: dict[Key, tuple[Link, bool]] = {}
     faces: dict[Key, int] = {}
     carried = [(piece.chain, piece.faces) for piece in own.pieces]
@@ -230,7 +230,7 @@ def turret_guess(turret: PlacedPieces, hull: PlacedPieces, *, trunnions: Float[n
 
 
 def cheeks(gun: PlacedPieces, mount: PlacedPieces) -> Float[np.ndarray, "3"] | None:
-    """The axis between two upright plates of a mount that hold a gun; None if there are none.
+    """Return the axis between two upright plates of a mount that hold a gun; None if there are none.
 
     A bearing sits near the top of its plate, in the middle of what is level there.
     """

@@ -155,7 +155,7 @@ class PlacedPieces:
 
 
 def find_solids(points: Sequence[Float[np.ndarray, "_ 3"]], faces: Sequence[Int[np.ndarray, "_ 3"]]) -> Solids:
-    """The solids of all pieces.
+    """Return the solids of all pieces.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def find_solids(points: Sequence[Float[np.ndarray, "_ 3"]], faces: Sequence[Int[
 
 
 def _loose(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> list[Float[np.ndarray, "_ 3"]]:
-    """Points of each connected piece; coincident vertices are merged."""
+    """Return points of each connected piece; coincident vertices are merged."""
     used = vertices[faces.ravel()]
     step = max(float(np.ptp(used, axis=0).max()), 1e-30) * 1e-6
     _, first, corner = np.unique(np.round(used / step).astype(np.int64), axis=0, return_index=True, return_inverse=True)
@@ -193,7 +193,7 @@ def _loose(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) ->
 
 
 def _shape(cloud: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    """Its own axes, extents, middle, and the axis that it's round about, or -1."""
+    """Return its own axes, extents, middle, and the axis that it's round about, or -1."""
     off = cloud - cloud.mean(axis=0)
     moments, vectors = np.linalg.eigh(off.T @ off)
     found = -1
@@ -217,7 +217,7 @@ def _shape(cloud: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, np.
 
 
 def touching(bounds: Float[np.ndarray, "k 2 3"], slack: Float[np.ndarray, "*k k"] | float) -> Int[np.ndarray, " k"]:
-    """The number of the cluster of each box; boxes of a cluster come closer to each other than the slack of two."""
+    """Return each box's cluster; boxes of a cluster come closer to each other than the slack of two."""
     near = np.ones((len(bounds), len(bounds)), bool)
     for low, high in zip(bounds[:, 0].T, bounds[:, 1].T, strict=True):
         near &= low[:, None] < high + slack
@@ -226,7 +226,7 @@ def touching(bounds: Float[np.ndarray, "k 2 3"], slack: Float[np.ndarray, "*k k"
 
 
 def find_wheels(solids: Solids) -> Wheels | None:
-    """The largest set of similar discs side by side on one plane, or None."""
+    """Return the largest set of similar discs side by side on one plane, or None."""
     discs = np.flatnonzero(
         (solids.round_about >= 0)
         & (solids.size[np.arange(len(solids)), np.maximum(solids.round_about, 0)] < 2.5 * solids.radius)

@@ -111,7 +111,7 @@ def with_solids_of(upright: Upright, kept: Sequence[int]) -> Upright:
 
 
 def up_matrix(axis: str) -> Float[np.ndarray, "4 4"]:
-    """The rotation that turns an axis of the file ("z", "y", "x", or with a minus) to z.
+    """Return the rotation that turns an axis of the file ("z", "y", "x", or with a minus) to z.
 
     About x for y and -y, about y for x and -x, and a half turn about x for -z.
     """
@@ -129,12 +129,12 @@ def up_matrix(axis: str) -> Float[np.ndarray, "4 4"]:
 
 
 def meters_from_file(unit: float, up: str) -> Float[np.ndarray, "4 4"]:
-    """The transform from a file's coordinates to meters, z up, with the same origin."""
+    """Return the transform from a file's coordinates to meters, z up, with the same origin."""
     return np.diag([unit, unit, unit, 1.0]) @ up_matrix(up)
 
 
 def heading(upright: Upright, kept: Sequence[int], options: Options) -> tuple[Direction[float], Solids, Wheels | None]:
-    """The nose of the kept pieces, their solids numbered as in `kept`, and their wheels; z up.
+    """Return the nose of the kept pieces, their solids numbered as in `kept`, and their wheels; z up.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def heading(upright: Upright, kept: Sequence[int], options: Options) -> tuple[Di
 
 
 def _corners(upright: Upright, kept: Sequence[int]) -> Float[np.ndarray, "f 3 3"]:
-    """The triangles of pieces."""
+    """Return the triangles of pieces."""
     pieces, meshes = [upright.drawn.pieces[i] for i in kept], upright.drawn.meshes
     placed = [apply(upright.meters @ p.pose, meshes[p.mesh].vertices)[meshes[p.mesh].faces] for p in pieces]
     return np.concatenate(placed)
@@ -176,7 +176,7 @@ def _angle(forward: str | float | tuple[float, ...]) -> float:
 
 
 def vehicle_from_upright(angle: float) -> Float[np.ndarray, "4 4"]:
-    """The rotation about z from a nose at `angle` to +x; exact for multiples of a right angle."""
+    """Return the rotation about z from a nose at `angle` to +x; exact for multiples of a right angle."""
     turned = np.eye(4)
     rotation = rotation_z(-angle)
     quarter = abs(angle / (np.pi / 2) - np.round(angle / (np.pi / 2))) < 1e-12

@@ -48,7 +48,7 @@ class Stray:
     small: bool
 
     def doubt(self, *, helps: bool) -> Doubt:
-        """A doubt that proposes to drop them if that `helps`, and else to look first."""
+        """Return a doubt that proposes to drop them if that `helps`, and else to look first."""
         advice = f"set drop = {as_key(self.drop)} if that" if helps else "look at it, and name it in drop if it"
         return Doubt(DoubtKind.STRAY, f"{self.text}; {advice} isn't part of it")
 
@@ -162,7 +162,7 @@ def find_strays(
 
 
 def _is_regular(piece: Piece, points: Float[np.ndarray, "v 3"]) -> bool:
-    """Whether it's named like a new cube or sphere, and as wide as high."""
+    """Return whether it's named like a new cube or sphere, and as wide as high."""
     named = [word for word in words(piece.name) if not word.isdigit()]
     off = points - points.mean(axis=0)
     moments = np.linalg.eigvalsh(off.T @ off)
@@ -171,7 +171,7 @@ def _is_regular(piece: Piece, points: Float[np.ndarray, "v 3"]) -> bool:
 
 
 def _is_backdrop(own: Float[np.ndarray, "v 3"], mesh: Mesh, sure: Float[np.ndarray, "n 2 3"]) -> bool:
-    """Whether it's a studio backdrop: level below the sure parts, wider on all sides, with nothing above them.
+    """Return whether it's a studio backdrop: level below the sure parts, wider on all sides, with nothing above them.
 
     A hull under a turret is wider too, but reaches lower than the turret does; a body around its seats has a roof.
     """

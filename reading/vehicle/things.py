@@ -92,7 +92,7 @@ def _said(thing: Thing) -> str:
 
 
 def side_by_side(bounds: Float[np.ndarray, "k 2 3"]) -> list[list[int]]:
-    """Groups of pieces that are things of comparable size apart from each other; empty if it's one thing."""
+    """Return groups of pieces that are things of comparable size apart from each other; empty if it's one thing."""
     if len(bounds) < 2:
         return []
     label = touching(bounds, NEAR * float(np.ptp(bounds, axis=1).max()))
@@ -111,7 +111,7 @@ def side_by_side(bounds: Float[np.ndarray, "k 2 3"]) -> list[list[int]]:
 
 
 def _library(whole: PlacedPieces) -> list[list[int]]:
-    """Pieces in one place that are all called vehicles, of several kinds, and are all as large as one."""
+    """Return pieces in one place that are all called vehicles, of several kinds, and are all as large as one."""
     size = np.ptp(whole.bounds, axis=1)
     large = (size >= LIKE * size.max(axis=0)).all(axis=1)
     kinds = [first_match(piece.name, VEHICLES) for piece in whole.pieces]
@@ -120,7 +120,7 @@ def _library(whole: PlacedPieces) -> list[list[int]]:
 
 
 def _coupled(a: Float[np.ndarray, "2 3"], b: Float[np.ndarray, "2 3"]) -> bool:
-    """Whether one follows the other in line and close, like a trailer, or is above it."""
+    """Return whether one follows the other in line and close, like a trailer, or is above it."""
     gap = np.maximum(a[0] - b[1], b[0] - a[1])
     shared = (np.minimum(a[1], b[1]) - np.maximum(a[0], b[0])) / np.minimum(a[1] - a[0], b[1] - b[0])
     length = max(float(np.ptp(a, axis=0)[:2].max()), float(np.ptp(b, axis=0)[:2].max()))
@@ -132,7 +132,7 @@ def _coupled(a: Float[np.ndarray, "2 3"], b: Float[np.ndarray, "2 3"]) -> bool:
 
 
 def copies(whole: PlacedPieces, meshes: Sequence[Mesh]) -> list[int]:
-    """Pieces that repeat the surface of others in place, the coarser ones; empty if most of it is drawn once."""
+    """Return pieces that repeat the surface of others in place, the coarser ones; empty if most of it is drawn once."""
     if spare := _levels(whole):
         return spare
     pieces, bounds = whole.pieces, whole.bounds
@@ -164,7 +164,7 @@ def copies(whole: PlacedPieces, meshes: Sequence[Mesh]) -> list[int]:
 
 
 def _levels(whole: PlacedPieces) -> list[int]:
-    """Pieces whose names, or their parents', give a level of detail beside a finer one of nearly the same extent."""
+    """Return pieces whose names, or their parents', give a level of detail beside a finer one of like extent."""
     level = np.array([_level(piece) for piece in whole.pieces])
     found = np.unique(level[level >= 0])
     boxes = [whole.bounds[level == k] for k in found]
@@ -195,7 +195,7 @@ def triangle_areas(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, " f
 
 
 def _samples(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "n 3"]:
-    """Points all over triangles, always the same."""
+    """Return points all over triangles, always the same."""
     area = triangle_areas(corners)
     if not area.sum() > 0:
         return corners[0, :1]
@@ -206,13 +206,13 @@ def _samples(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "n 3"]:
 
 
 def _alike(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "m 3"]) -> bool:
-    """Whether two surfaces are close to each other nearly everywhere."""
+    """Return whether two surfaces are close to each other nearly everywhere."""
     close = CLOSE * float(np.linalg.norm(np.ptp(a, axis=0)))
     return all((cKDTree(to).query(of[:SAMPLES])[0] <= close).mean() >= MOSTLY for of, to in ((a, b), (b, a)))
 
 
 def _encloses(points: Float[np.ndarray, "v 3"], area: float, cloud: Float[np.ndarray, "n 3"]) -> bool:
-    """Whether a mesh of this area is convex and around nearly all of the cloud."""
+    """Return whether a mesh of this area is convex and around nearly all of the cloud."""
     try:
         hull = ConvexHull(points)
     except QhullError:
@@ -223,7 +223,7 @@ def _encloses(points: Float[np.ndarray, "v 3"], area: float, cloud: Float[np.nda
 
 
 def patterns_of(members: Sequence[int], pieces: Sequence[Piece]) -> tuple[str, ...]:
-    """Patterns for `keep` or `drop` that match these pieces and no others, a few; empty if that's impossible.
+    """Return patterns for `keep` or `drop` that match these pieces and no others, a few; empty if that's impossible.
 
     Parameters
     ----------
@@ -257,7 +257,7 @@ def patterns_of(members: Sequence[int], pieces: Sequence[Piece]) -> tuple[str, .
 
 
 def _candidates(pieces: Sequence[Piece]) -> list[str]:
-    """Patterns that may match the first of these pieces and others: names around them, words, and globs."""
+    """Return patterns that may match the first of these pieces and others: names around them, words, and globs."""
     first, names = pieces[0], [piece.name for piece in pieces]
     own = words(first.name)
     around = [name for link in first.chain[::-1] for name in (*link.collections[::-1], link.name)]
@@ -270,6 +270,6 @@ def _candidates(pieces: Sequence[Piece]) -> list[str]:
 
 
 def _common(names: Sequence[str]) -> str:
-    """The longest common beginning."""
+    """Return the longest common beginning."""
     low, high = min(names), max(names)
     return low[: next((i for i, (x, y) in enumerate(zip(low, high, strict=False)) if x != y), len(low))]

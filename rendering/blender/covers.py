@@ -59,15 +59,15 @@ class Group:
         self.share.default_value = 0.0
 
     def add(self, kind: str, inputs: dict[Any, Any] | None = None, /, **settings: Any) -> Any:
-        """A node with inputs set to values or linked to sockets."""
+        """Return a node with inputs set to values or linked to sockets."""
         return add_node(self.tree, kind, inputs, **settings)
 
     def maths(self, operation: str, *values: Any, clamp: bool = False) -> Any:
-        """One operation on numbers."""
+        """Return one operation on numbers."""
         return maths(self.tree, operation, *values, clamp=clamp)
 
     def dot(self, a: Any, b: Any) -> Any:
-        """The scalar product of two vectors."""
+        """Return the scalar product of two vectors."""
         return self.add("VectorMath", {0: a, 1: b}, operation="DOT_PRODUCT").outputs["Value"]
 
     def ramp(self, value: Any, low: float, high: float) -> Any:
@@ -99,7 +99,7 @@ class Group:
 
 
 def wetting(name: str, *, film: bool) -> Any:
-    """A group before a principled shader's color, roughness, and coat; `film`: with a film of water on top."""
+    """Return a group before a principled shader's color, roughness, and coat; `film`: with a film of water on top."""
     floats = ("Roughness", "Specular IOR Level", "Coat Weight", "Coat Roughness")
     kinds = {"Base Color": "Color", **dict.fromkeys(floats, "Float")}
     g = Group(name, {**kinds, "Metallic": "Float"}, kinds)
@@ -119,7 +119,7 @@ def wetting(name: str, *, film: bool) -> Any:
 
 
 def soaking(name: str) -> Any:
-    """A group before a diffuse shader's color; such a surface is fully porous."""
+    """Return a group before a diffuse shader's color; such a surface is fully porous."""
     g = Group(name, {"Color": "Color"}, {"Color": "Color"})
     return g.end(Color=_times(g, g.given["Color"], g.maths("MULTIPLY_ADD", g.share, WET_DIFFUSE - 1, 1.0)))
 
@@ -129,7 +129,7 @@ def _times(g: Group, vector: Any, factor: Any) -> Any:
 
 
 def snow(name: str) -> Any:
-    """A group between a surface and the output: white where it's level enough, and open to the sky.
+    """Return a group between a surface and the output: white where it's level enough, and open to the sky.
 
     Only camera rays test for open sky; bounced light sees snow under roofs too.
 
@@ -164,7 +164,7 @@ def snow(name: str) -> Any:
 
 
 def dust(name: str, *, climbs: bool) -> Any:
-    """A group before the output: a thin brown film on level surfaces; near the ground too if it `climbs`.
+    """Return a group before the output: a thin brown film on level surfaces; near the ground too if it `climbs`.
 
     Parameters
     ----------

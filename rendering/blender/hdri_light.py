@@ -87,7 +87,7 @@ class HdriWorld:
             self._tree.links.new(output, socket)
 
     def _color_space(self, path: str) -> str:
-        """The file's color space, or Blender's default for such a file."""
+        """Return the file's color space, or Blender's default for such a file."""
         if path not in self._colors:
             # It holds no pixels, and to remove it would cost what a new image in the graph does.
             self._colors[path] = bpy.data.images.load(path).colorspace_settings.name
@@ -132,7 +132,7 @@ class HdriWorld:
 
 
 def sky_map(width: int) -> int:
-    """Columns of Cycles' importance map for an HDRI of `width` columns.
+    """Return columns of Cycles' importance map for an HDRI of `width` columns.
 
     A texel of the map is as bright as the HDRI at its center. If a sun is in the texel but not at its center,
     light is found by chance: pictures are too dark, with fireflies. For wider HDRIs, more than `SKY_MAP` change
@@ -152,7 +152,7 @@ class _Veil:
         self._mix = add_node(tree, "Mix", {0: share, 6: color}, data_type="RGBA")
 
     def at(self, horizon: float, color: np.ndarray) -> Any:
-        """The visible color: even below an elevation in radians, the HDRI above."""
+        """Return the visible color: even below an elevation in radians, the HDRI above."""
         self._share.inputs["From Min"].default_value, self._share.inputs["From Max"].default_value = fade(horizon)
         self._mix.inputs[7].default_value = (*color, 1.0)
         return self._mix.outputs[2]
@@ -172,7 +172,7 @@ class _Lifted:
         self._lifted = add_node(tree, "CombineXYZ", {0: x, 1: y, 2: seen})
 
     def at(self, horizon: float) -> Any:
-        """The directions, lifted to an elevation in radians."""
+        """Return the directions, lifted to an elevation in radians."""
         self._slope.inputs[1].default_value = math.tan(min(horizon, HIGHEST))
         return self._lifted.outputs[0]
 
@@ -197,7 +197,7 @@ class _Dimmed:
         self._mix = add_node(tree, "MixShader", {0: share, 1: self._glow.outputs[0], 2: light})
 
     def by(self, air: Sequence[AirLayer], below: float, glow: np.ndarray) -> Any:
-        """The dimmed light; see `HdriWorld.dim`."""
+        """Return the dimmed light; see `HdriWorld.dim`."""
         whole = sum(layer.extinction for layer in air)
         for number, (more, overhead, steepness) in enumerate(self._layers):
             layer = air[number] if number < len(air) else AirLayer(0.0, 0.0, 1.0)

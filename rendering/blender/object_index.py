@@ -54,7 +54,7 @@ class IndexPictures:
         self._plain = bpy.data.materials.new("hulldown index")
 
     def maps(self, vehicles: Sequence[Sequence[Any]]) -> np.ndarray:
-        """The vehicle at each pixel's center.
+        """Return the vehicle at each pixel's center.
 
         Parameters
         ----------
@@ -112,7 +112,7 @@ def _index(tree: Any) -> Any:
 
 
 def _is_only_volume(obj: Any) -> bool:
-    """Whether a mesh has only volume shaders, so that it hides nothing as a surface."""
+    """Return whether a mesh has only volume shaders, so that it hides nothing as a surface."""
     if obj.type == "VOLUME":
         return True
     materials = [slot.material for slot in obj.material_slots if slot.material is not None]

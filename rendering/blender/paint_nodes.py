@@ -42,7 +42,7 @@ class Paintable:
         self._numbers: dict[str, int] = {}  # of those that have been painted
 
     def is_first(self, paints: Sequence[PaintInput]) -> bool:
-        """Whether one of these materials is painted for the first time."""
+        """Return whether one of these materials is painted for the first time."""
         return any(p.material in self._materials and p.material not in self._numbers for p in paints)
 
     def paint(self, objects: Iterable[Any], paints: Sequence[PaintInput]) -> None:
@@ -87,7 +87,7 @@ class Paintable:
         return color_inputs
 
     def _own(self, name: str) -> Any:
-        """A local copy of a material, since linked ones can't be changed."""
+        """Return a local copy of a material, since linked ones can't be changed."""
         material = self._materials[name]
         if material.library is None:
             return material
@@ -100,7 +100,7 @@ class Paintable:
 
 
 def _names(number: int) -> tuple[str, str]:
-    """Names of the properties with a material's color, and with its changes of hue, saturation, and value."""
+    """Return names of the properties with a material's color, and with its changes of hue, saturation, and value."""
     return f"{PREFIX}{number} color", f"{PREFIX}{number} shift"
 
 
@@ -117,7 +117,7 @@ def _insert(tree: Any, number: int, paint: PaintInput) -> None:
 
 
 def _painted(tree: Any, socket: Any, number: int, paint: PaintInput) -> Any:
-    """An output with a socket's painted color."""
+    """Return an output with a socket's painted color."""
     color, shift = (
         add_node(tree, "Attribute", attribute_type="OBJECT", attribute_name=name) for name in _names(number)
     )

@@ -51,7 +51,7 @@ class Renderer:
         return {"device": self._device, "devices": count}
 
     def _ready(self, job: RenderJob | MaskJob) -> Stage:
-        """The stage for a job, loaded if it isn't the last job's."""
+        """Return the stage for a job, loaded if it isn't the last job's."""
         wanted = type(job), job.scenery
         if any(job.camera.intrinsics.distortion) and self._device.split()[0] not in LENS_DEVICES:
             problem = f"Cycles renders `camera.distortion` on {' and '.join(LENS_DEVICES)} only, not on {self._device}"

@@ -127,7 +127,7 @@ class Lens:
 
     @classmethod
     def of(cls, sensor: Sensor, width: int, height: int, axis: tuple[float, float]) -> Lens:
-        """The lens of a camera, whose axis meets a picture at (x, y)."""
+        """Return the lens of a camera, whose axis meets a picture at (x, y)."""
         corner = math.hypot(width, height) / 2.0
         scales = [1.0 + sensor.aberration_px / corner, 1.0, 1.0 - sensor.aberration_px / corner]
         rows: list[list[AxisWeights]] = []
@@ -168,7 +168,7 @@ class AxisWeights:
 
 
 def _point_spread(sigma: float) -> np.ndarray:
-    """A Gaussian of a standard deviation in pixels, band-limited to pixels: weights at each 1/`_STEPS` pixel from 0 on.
+    """Return a Gaussian of a deviation in pixels, band-limited to pixels: weights at each 1/`_STEPS` pixel from 0 on.
 
     A narrow Gaussian, simply sampled, would blur too little. Without blur it interpolates.
     """

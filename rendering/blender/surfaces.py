@@ -106,14 +106,14 @@ class Surfaces:
 
 
 def _materials() -> Iterator[tuple[Any, Shape]]:
-    """The materials of scenery and vehicles, and the shape of their trees, which changes with new nodes."""
+    """Yield the materials of scenery and vehicles, and the shape of their trees, which changes with new nodes."""
     for material in list(bpy.data.materials):
         if material.node_tree and not material.is_grease_pencil and not material.name.startswith(OURS):
             yield material, tuple((tree.name, len(tree.nodes)) for tree in trees(material.node_tree))
 
 
 def _is_water(material: Any) -> bool:
-    """Whether a material is water, where snow melts: transparent, or named so."""
+    """Return whether a material is water, where snow melts: transparent, or named so."""
     wet = first_match(material.name, (*WATER, *WATERS)) and not first_match(material.name, NOT_WATER)
     return bool(wet) or is_clear(material)
 

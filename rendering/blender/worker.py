@@ -86,12 +86,12 @@ def _find_hulldown() -> None:
 
 
 def _unusable(problem: str, remedy: str) -> dict[str, str]:
-    """The answer that ends the run, since all images would fail."""
+    """Return the answer that ends the run, since all images would fail."""
     return {"unusable": problem, "remedy": remedy}
 
 
 def _claim_stdout() -> Any:
-    """A stream to the supervisor; file descriptor 1 is redirected to the log, for C code that prints."""
+    """Return a stream to the supervisor; file descriptor 1 is redirected to the log, for C code that prints."""
     stream = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     return stream

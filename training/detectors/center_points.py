@@ -88,7 +88,7 @@ class CenterNetwork(nn.Module):
         return self.backbone(x)
 
     def forward(self, pictures: UInt8[Tensor, "n 3 h w"]) -> CenterMaps:
-        """Maps of RGB pictures."""
+        """Return maps of RGB pictures."""
         levels = self.levels(pictures)
         found = self.across[-1](levels[-1])
         finer = zip(levels[:-1], self.across[:-1], self.merged, strict=True)
@@ -137,7 +137,7 @@ def center_bumps(xyxy: Float[Tensor, "k 4"], height: int, width: int) -> Float[T
 
 
 def center_loss(maps: CenterMaps, xyxy: Sequence[Float[Tensor, "_ 4"]], labels: Sequence[Int[Tensor, " _"]]) -> Tensor:
-    """The focal loss of centers and, over the cells near each, the loss of boxes and the cross-entropy of classes.
+    """Return the focal loss of centers and, over cells near each, the loss of boxes and cross-entropy of classes.
 
     The focal loss treats each class separately and mostly teaches whether there is an object: a small network finds
     objects long before it distinguishes classes.
@@ -200,7 +200,7 @@ def corners(box: Float[Tensor, "k 4"], row: Int[Tensor, " k"], column: Int[Tenso
 
 
 def peaks(maps: CenterMaps, count: int) -> tuple[Float[Tensor, "n k 4"], Float[Tensor, "n k"], Int[Tensor, "n k"]]:
-    """The k most likely objects of each picture, by falling score: cells at least as likely as their eight neighbors.
+    """Return each picture's k most likely objects by falling score: cells as likely as all of their neighbors.
 
     Returns
     -------

@@ -170,7 +170,7 @@ def _kind(path: Path, head: bytes) -> str:
 
 
 def first_line(error: BaseException) -> str:
-    """The first line of an error's text."""
+    """Return the first line of an error's text."""
     return str(error).strip().split("\n")[0][:200] or type(error).__name__
 
 

@@ -60,7 +60,7 @@ COCO_LOGITS = 91  # of the pre-trained heads, which number classes as COCO does
 
 
 def starting_weights(settings: Settings) -> Path | None:
-    """The file that training starts from; RF-DETR's own is downloaded if necessary.
+    """Return the file that training starts from; RF-DETR's own is downloaded if necessary.
 
     Raises
     ------
@@ -176,7 +176,7 @@ def normalized(pictures: Tensor) -> Tensor:
 
 
 def save_detr(module: RFDETRModelModule, classes: Sequence[str], network: Any) -> dict[str, object]:
-    """The contents of a weights file, which `rfdetr.RFDETR.from_checkpoint` opens too."""
+    """Return the contents of a weights file, which `rfdetr.RFDETR.from_checkpoint` opens too."""
     state = {key: value.detach().cpu() for key, value in network.state_dict().items()}
     config = BestModelCallback._serialize_model_config(module, state)
     name = type(module.model_config).__name__.removesuffix("Config")
@@ -232,7 +232,7 @@ class DetrDetector:
 
     @torch.inference_mode()
     def features(self, images: Sequence[UInt8[np.ndarray, "_ _ 3"]]) -> Float[np.ndarray, "n d"]:
-        """Mean of the DINOv2 encoder's last feature map over each RGB image, (n, d)."""
+        """Return mean of the DINOv2 encoder's last feature map over each RGB image, (n, d)."""
         found = []
         for start in range(0, len(images), ENCODED):
             batch = network_pictures(images[start : start + ENCODED], self._size).to(self._device)

@@ -67,7 +67,7 @@ class SmallDetector:
 
 
 def starting_weights(settings: Settings) -> Path | None:
-    """The file that training starts from; torchvision's own is downloaded if necessary.
+    """Return the file that training starts from; torchvision's own is downloaded if necessary.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def starting_weights(settings: Settings) -> Path | None:
 
 
 def starting_network(classes: Sequence[str], weights: Path | None, *, frozen: bool = False) -> CenterNetwork:
-    """A network with random weights, those of a small model, or a backbone's; what the file lacks stays random.
+    """Return a network with random weights, those of a small model, or a backbone's; what the file lacks stays random.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def starting_network(classes: Sequence[str], weights: Path | None, *, frozen: bo
 
 
 def save_small(network: CenterNetwork, classes: Sequence[str], size: tuple[int, int]) -> dict[str, object]:
-    """The contents of a weights file."""
+    """Return the contents of a weights file."""
     state = {key: value.detach().cpu() for key, value in network.state_dict().items()}
     return {"hulldown": WEIGHTS_KIND, "classes": list(classes), "size": list(size), "model": state}
 

@@ -55,7 +55,7 @@ class TiledDetector:
 
 
 def _found(detector: Detector, tiles: list[UInt8[np.ndarray, "_ _ 3"]]) -> list[sv.Detections]:
-    """The detections in some tiles, in their pixels."""
+    """Return the detections in some tiles, in their pixels."""
     return [
         sv.Detections(
             np.concatenate((one.xywh[:, :2], one.xywh[:, :2] + one.xywh[:, 2:]), axis=1),

@@ -139,5 +139,5 @@ def weighted_averages(
 
 
 def class_mean(each: Float[np.ndarray, "r c *more"]) -> Float[np.ndarray, "r *more"]:
-    """The mean over classes with labels, as in COCO; nan without any."""
+    """Return the mean over classes with labels, as in COCO; nan without any."""
     return ratio(np.nansum(each, axis=1), (~np.isnan(each)).sum(axis=1))

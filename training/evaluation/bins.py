@@ -53,7 +53,7 @@ class BinnedField:
 
 
 def fields(labels: Labels, predictions: Predictions) -> list[BinnedField]:
-    """All attributes with bins; those that no label has are left out, as are empty bins.
+    """Return all attributes with bins; those that no label has are left out, as are empty bins.
 
     Stored values come first; otherwise distance, elevation, side, and slope follow from stored poses, and contrast
     is measured in the pictures.
@@ -133,7 +133,7 @@ def _field(
     of_label: Int[np.ndarray, " g"],
     of_detection: Int[np.ndarray, " d"] | None,
 ) -> BinnedField:
-    """A field without empty bins."""
+    """Return a field without empty bins."""
     used = of_label if of_detection is None else np.concatenate([of_label, of_detection])
     there = np.bincount(used[used >= 0], minlength=len(bins)) > 0
     new = np.append(np.cumsum(there) - 1, -1)
@@ -198,7 +198,7 @@ def figures_of(field: BinnedField, seen: Matching) -> BinFigures:
 def _share(
     part: Float[np.ndarray, "positions b"], whole: Float[np.ndarray, "positions b"]
 ) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, "b 2"]]:
-    """A ratio of sums over positions, with its interval."""
+    """Return a ratio of sums over positions, with its interval."""
     trials = whole.sum(axis=0)
     value = ratio(part.sum(axis=0), trials)
     ends = share_interval(value, ratio_error(part, whole), freedom=(whole > 0).sum(axis=0) - 1, trials=trials)
@@ -206,7 +206,7 @@ def _share(
 
 
 def worst(found: Sequence[BinFigures]) -> list[str]:
-    """Sentences about the bins of the lowest recall, by the upper end of their interval, one per field.
+    """Return sentences about the bins of the lowest recall, by the upper end of their interval, one per field.
 
     Bins with fewer labels than `ENOUGH`, or with a recall at or above the overall one, are left out.
     """

@@ -47,12 +47,12 @@ def resamples(groups: int, *, times: int = RESAMPLES) -> Iterator[Float[np.ndarr
 def resampled_sums(
     sums: Float[np.ndarray, "groups *columns"], *, times: int = RESAMPLES
 ) -> Float[np.ndarray, "r *columns"]:
-    """Sums over the groups of each resample; the resamples depend on the number of groups alone."""
+    """Sum over the groups of each resample; the resamples depend on the number of groups alone."""
     return np.concatenate([np.tensordot(weights, sums, 1) for weights in resamples(len(sums), times=times)])
 
 
 def standard_error(resampled: Float[np.ndarray, "r *shape"], groups: ArrayLike) -> Float[np.ndarray, "*shape"]:
-    """The standard error by resampling; nan with fewer groups than `FEWEST`, or if most resamples are undefined.
+    """Return the standard error by resampling; nan with fewer groups than `FEWEST`, or if most resamples are undefined.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def standard_error(resampled: Float[np.ndarray, "r *shape"], groups: ArrayLike) 
 def ratio_error(
     part: Float[np.ndarray, "groups *shape"], whole: Float[np.ndarray, "groups *shape"]
 ) -> Float[np.ndarray, "*shape"]:
-    """The standard error of a ratio of sums by the delta method, without resampling."""
+    """Return the standard error of a ratio of sums by the delta method, without resampling."""
     groups = (whole > 0).sum(axis=0)
     total = whole.sum(axis=0)
     off = part - ratio(part.sum(axis=0), total) * whole
@@ -84,7 +84,7 @@ def ratio_error(
 def share_interval(
     value: ArrayLike, error: ArrayLike, *, freedom: ArrayLike, trials: ArrayLike = np.inf
 ) -> Float[np.ndarray, "2 *shape"]:
-    """The 95 % interval of a figure between 0 and 1; nan if `error` is.
+    """Return the 95 % interval of a figure between 0 and 1; nan if `error` is.
 
     It's Wilson's interval with the number of trials that has this `error`.
 
@@ -119,7 +119,7 @@ def share_interval(
 def difference_interval(
     value: ArrayLike, error: ArrayLike, *, freedom: ArrayLike, labels: ArrayLike
 ) -> Float[np.ndarray, "2 *shape"]:
-    """The 95 % interval of a paired difference; nan if `error` is.
+    """Return the 95 % interval of a paired difference; nan if `error` is.
 
     Two labels are added, one gained and one lost (Bonett and Price), since few changes underestimate the spread.
 
@@ -141,7 +141,7 @@ def difference_interval(
 def combined_error(
     tests: ArrayLike, seeds: ArrayLike, *, test_freedom: ArrayLike, seed_freedom: ArrayLike
 ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
-    """Standard error from test pictures and from seeds together, and its degrees of freedom (Satterthwaite)."""
+    """Return standard error from test pictures and from seeds together, and its degrees of freedom (Satterthwaite)."""
     first, second = np.asarray(tests, dtype=np.float64) ** 2, np.asarray(seeds, dtype=np.float64) ** 2
     both = first + second
     shrink = ratio(first**2, test_freedom) + np.where(second > 0, ratio(second**2, seed_freedom), 0.0)
@@ -153,7 +153,7 @@ def figure_intervals(
     resampled: Mapping[str, Float[np.ndarray, " r"]],
     wholes: Mapping[str, Float[np.ndarray, " groups"]],
 ) -> dict[str, Float[np.ndarray, "2"]]:
-    """Intervals of figures by name, from their values, those of every resample, and the denominator of each group."""
+    """Return intervals of figures from their values, those of every resample, and the denominator of each group."""
     found = {}
     for key, whole in wholes.items():
         groups = int((whole > 0).sum())

@@ -173,13 +173,13 @@ class DetectorComparison:
 
 
 def best_threshold(labels: Labels, predictions: Predictions, *, iou: float = 0.5) -> float | None:
-    """The highest confidence with the highest F1 over all classes; None without detections."""
+    """Return the highest confidence with the highest F1 over all classes; None without detections."""
     curve = curves(match(labels, predictions, overlapping(labels, predictions, at_least=iou), iou=iou))
     return float(curve["threshold"][np.argmax(curve["f1"])]) if len(curve["f1"]) else None
 
 
 def equal_count(labels: Labels, predictions: Predictions) -> float:
-    """The confidence that as many detections have as there are labels; 0 if there are fewer."""
+    """Return the confidence that as many detections have as there are labels; 0 if there are fewer."""
     wanted = int((~labels.crowd).sum())
     return float(np.sort(predictions.score)[-wanted]) if 0 < wanted <= len(predictions.score) else 0.0
 

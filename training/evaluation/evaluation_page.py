@@ -82,7 +82,7 @@ WORDS = {"figures": FIGURES, "averages": AVERAGES, "meanings": MEANINGS, "source
 
 
 def evaluation_page(one: Evaluation, report: Mapping[str, Any], tiles: Sequence[Tile], unread: str) -> str:
-    """The page about one file of detections, from its evaluation, its `report.report`, and its `thumbnails`."""
+    """Return the page about one file of detections, from its evaluation, its `report.report`, and its `thumbnails`."""
     loss, counts = one.errors.loss, report["confusion"]["counts"]
     return render(
         TEMPLATE,
@@ -113,7 +113,7 @@ def evaluation_page(one: Evaluation, report: Mapping[str, Any], tiles: Sequence[
 def comparison_page(
     evaluations: Sequence[Evaluation], reports: Mapping[str, Mapping[str, Any]], compared: Sequence[DetectorComparison]
 ) -> str:
-    """The page that compares several files of detections, which have their own pages in folders of their names."""
+    """Return the page that compares files of detections, which have their own pages in folders of their names."""
     changes = [
         (f"{FIGURES[key]}: {one.second[:LONGEST]}", one.difference[key], *one.intervals[key].tolist())
         for one in compared
@@ -153,7 +153,7 @@ def precision_recall(evaluations: Sequence[Evaluation]) -> Figure:
 
 
 def marker_of(values: np.ndarray) -> str:
-    """The marker of a curve: a dot if it has one point."""
+    """Return the marker of a curve: a dot if it has one point."""
     return "-" if len(values) > 1 else "."
 
 
@@ -203,7 +203,7 @@ def facets(one: Evaluation) -> list[Facet]:
 
 
 def thumbnails(one: Evaluation) -> tuple[list[Tile], str]:
-    """The largest and most visible misses, the most confident false positives, and the matches of lowest IoU.
+    """Return the largest and most visible misses, the most confident false positives, and the matches of lowest IoU.
 
     The second value is the error of the first unreadable picture; it's empty if all were read.
     """
@@ -276,7 +276,7 @@ def _about(one: Evaluation, outcome: str, k: int) -> tuple[list[str], dict[str, 
 
 
 def _cut(one: Evaluation, image: int, around: Float[np.ndarray, "4"], whole: Image.Image) -> Image.Image:
-    """A box's surroundings at a tile's size, with the boxes of all labels and counted detections."""
+    """Return a box's surroundings at a tile's size, with the boxes of all labels and counted detections."""
     center = around[:2] + around[2:] / 2.0
     ratio = TILE[0] / TILE[1]
     width = max(AROUND * around[2], AROUND * around[3] * ratio, LEAST)

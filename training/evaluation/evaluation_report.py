@@ -138,7 +138,7 @@ def _best_threshold(labels: Labels, predictions: Predictions, iou: float, source
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
-    """Names of files of detections: the file's, with its folder if needed to distinguish them, else numbered."""
+    """Return names of files of detections: the file's, with its folder if needed to distinguish them, else numbered."""
     for names in (
         [path.stem for path in paths],
         [path.resolve().parent.name or path.stem for path in paths],
@@ -168,7 +168,7 @@ def metrics_csv(reports: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def report(one: Evaluation) -> dict[str, Any]:
-    """The report about one file of detections; undefined values are None."""
+    """Return the report about one file of detections; undefined values are None."""
     predictions = one.predictions
     listed = predictions.class_names
     names = [name if listed.count(name) == 1 else f"{name} ({c + 1})" for c, name in enumerate(listed)]
@@ -198,7 +198,7 @@ def report(one: Evaluation) -> dict[str, Any]:
 
 
 def causes(one: Evaluation) -> dict[str, int]:
-    """Number of errors of each cause above the threshold: false positives, and labels without any detection."""
+    """Count errors of each cause above the threshold: false positives, and labels without any detection."""
     confident = one.predictions.score >= one.threshold.value
     counts = {name: int((confident & (one.errors.cause == k)).sum()) for k, name in enumerate(CAUSES)}
     missed = one.seen.missed.copy()

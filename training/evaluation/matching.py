@@ -142,7 +142,7 @@ def oriented_overlaps(
 
 
 def overlapping(labels: Labels, predictions: Predictions, *, at_least: float = 0.1) -> Overlaps:
-    """All pairs of a detection and a label of its image, of any class, with enough overlap.
+    """Return all pairs of a detection and a label of its image, of any class, with enough overlap.
 
     Detections beyond the first hundred of their class and image have no pairs. Oriented detections are
     compared with the labels' `dataset.labels.oriented_box.visible_corners`.

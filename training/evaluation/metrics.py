@@ -25,7 +25,7 @@ FIGURES = (*SHARES, *MEANS)
 def sums_by(
     matching: Matching, *, of_detection: Int[np.ndarray, " d"], of_label: Int[np.ndarray, " g"], bins: int
 ) -> Float[np.ndarray, "positions bins 6"]:
-    """`SUMS` of each bin in each position.
+    """Return `SUMS` of each bin in each position.
 
     Parameters
     ----------
@@ -100,14 +100,14 @@ def curves(matching: Matching, *, label: int | None = None) -> dict[str, Float[n
 def _by_score(
     score: Float[np.ndarray, " d"], counted: Bool[np.ndarray, " d"]
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " k"]]:
-    """Counted detections by falling score, and the places of the last one of each score."""
+    """Return counted detections by falling score, and the places of the last one of each score."""
     rows = np.flatnonzero(counted)
     rows = rows[np.argsort(-score[rows], kind="stable")]
     return rows, np.flatnonzero(np.diff(score[rows], append=np.nan) != 0.0)
 
 
 def confusion(matching: Matching) -> Int[np.ndarray, "k k"]:
-    """The confusion matrix: rows are true classes, columns detected ones, the last of each is the background.
+    """Return the confusion matrix: rows are true classes, columns detected ones, the last of each is the background.
 
     The diagonal has the true positives. The rest is matched again, ignoring classes, by the same rule; what
     remains is background.
@@ -130,7 +130,7 @@ def confusion(matching: Matching) -> Int[np.ndarray, "k k"]:
 
 
 def sums_at_best(matching: Matching, weights: Float[np.ndarray, "r positions"]) -> Float[np.ndarray, "r c 6"]:
-    """`SUMS` of each class in each resample of positions, at the threshold of the best F1 in that resample.
+    """Return `SUMS` of each class in each resample of positions, at the threshold of the best F1 in that resample.
 
     `weights` are the count of each position in each resample.
     """

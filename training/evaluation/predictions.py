@@ -113,7 +113,7 @@ def read_predictions(path: Path | str, labels: Labels, *, name: str | None = Non
 def predictions_of(
     found: list[Any], labels: Labels, *, path: Path, name: str, names: Mapping[int, str] | None = None
 ) -> Predictions:
-    """Detections from a list; `names` are those of categories that the dataset lacks.
+    """Return detections from a list; `names` are those of categories that the dataset lacks.
 
     Raises
     ------
@@ -163,7 +163,7 @@ def _unusable(problem: str, path: Path, labels: Labels) -> DatasetError:
 
 
 def _names(beside: Mapping[str, Any]) -> dict[int, str]:
-    """Names of the listed categories by id."""
+    """Return names of the listed categories by id."""
     listed = beside.get("categories")
     records = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
     return {

@@ -89,7 +89,7 @@ def _losses(matching: Matching, cause: Int[np.ndarray, " d"], meant: Int[np.ndar
         counted: Bool[np.ndarray, " d"],
         left: Int[np.ndarray, " c"],
     ) -> float:
-        """Mean AP over classes with labels; if none is left in one, it's perfect without false positives, else 0."""
+        """Return mean AP over classes with labels; if none is left in one, it's 1 without false positives, else 0."""
         each = []
         for c in np.flatnonzero(wanted):
             right = true[order][(counted & (label == c))[order]][None]

@@ -69,7 +69,7 @@ class DrawnExamples(Dataset[Example]):
         return example(self.augment(self._sample(k), int(self.draws.seed[k])), self.size)
 
     def _sample(self, k: int) -> Sample:
-        """The sample of draw k before augmentation. Small datasets are kept in memory, since reading is slow."""
+        """Return the sample of draw k before augmentation. Small datasets are kept in memory, since reading is slow."""
         key = int(self.draws.source[k]), int(self.draws.image[k])
         if key in self._kept:
             return self._kept[key]
@@ -85,14 +85,14 @@ class DrawnExamples(Dataset[Example]):
 
 
 def at_work_size(sample: Sample, size: tuple[int, int]) -> Sample:
-    """A sample at the size for augmentation: shrunk, but no side smaller than the network's."""
+    """Return a sample at the size for augmentation: shrunk, but no side smaller than the network's."""
     height, width = sample.picture.shape[:2]
     scale = max(size[0] / width, size[1] / height)
     return sample if scale >= 1.0 else sample.resized(round(width * scale), round(height * scale))
 
 
 def example(sample: Sample, size: tuple[int, int]) -> Example:
-    """A sample at a network's size (width, height)."""
+    """Return a sample at a network's size (width, height)."""
     seen = replace(sample, masks=()).resized(*size)
     corners = np.concatenate((seen.xywh[:, :2], seen.xywh[:, :2] + seen.xywh[:, 2:]), axis=1)
     return Example(
@@ -135,7 +135,7 @@ class Batches(Sampler[list[int]]):
         return len(self._steps)
 
     def __len__(self) -> int:
-        """Number of batches, including those before `first`, which Lightning skips."""
+        """Return the number of batches, including those before `first`, which Lightning skips."""
         return len(self._steps) * self._parts
 
     def __iter__(self) -> Iterator[list[int]]:

@@ -44,7 +44,7 @@ class Draws:
         return len(self.source)
 
     def counts(self, sizes: Sequence[int]) -> list[Int[np.ndarray, " images"]]:
-        """Number of draws of each picture of each source."""
+        """Return the number of draws of each picture of each source."""
         return [np.bincount(self.image[self.source == i], minlength=size) for i, size in enumerate(sizes)]
 
     def take(self, rows: slice | Int[np.ndarray, " k"]) -> Draws:
@@ -86,7 +86,7 @@ def make_draws(sizes: Sequence[int], budget: int, *, seed: int, shares: Sequence
 
 
 def source_shares(sizes: Mapping[str, int], shares: Mapping[str, float]) -> list[float]:
-    """Each source's share of the draws: that in `shares`, or a part of the rest by its number of pictures in `sizes`.
+    """Return each source's share of the draws: that in `shares`, or a part of the rest by its pictures in `sizes`.
 
     Raises
     ------

@@ -88,7 +88,7 @@ class Settings(BaseModel):
 
 
 def _changed(lines: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Lines of an augmentation with changes; keys of a line that the changes leave out stay."""
+    """Return lines of an augmentation with changes; keys of a line that the changes leave out stay."""
     both = {key: {**lines[key], **changes[key]} for key in lines if isinstance(changes.get(key), Mapping)}
     return {**lines, **changes, **both}
 
@@ -114,7 +114,7 @@ def load_settings(path: Path | None, changes: Mapping[str, Any]) -> Settings:
 
 
 def rate_factor(step: int, settings: Settings, steps: int) -> float:
-    """The learning rate of a step, from 0 on, as a share of the highest; `steps` is their number in the run."""
+    """Return the learning rate of a step, from 0 on, as a share of the highest; `steps` is their number in the run."""
     rise = math.ceil(settings.warmup * steps)
     if step < rise:
         return (step + 1) / (rise + 1)

@@ -121,7 +121,7 @@ def read_sources(
 
 
 def follow_masks(asked: bool | None, sources: Sequence[LabeledPictures]) -> bool:
-    """Whether boxes follow masks when a picture is turned: one rule for all compared datasets.
+    """Return whether boxes follow masks when a picture is turned: one rule for all compared datasets.
 
     A box follows its mask closely, and without one the ellipse in it. If the two were mixed, photographs without masks
     would get smaller boxes than renders.
@@ -232,7 +232,7 @@ def _checked(folder: Path) -> Coco:
 
 
 def _classes(coco: Mapping[str, Any]) -> list[str]:
-    """Names of the boxes' classes, each once, in the order of ids."""
+    """Return names of the boxes' classes, each once, in the order of ids."""
     return list(dict.fromkeys(c["name"] for c in labeled_categories(coco["categories"], coco["annotations"])))
 
 

@@ -35,7 +35,7 @@ def study_runs(config: StudyConfig) -> list[tuple[NamedArm, float | None, int]]:
 
 
 def arm_draws(arm: Arm, photographs: Int[np.ndarray, " k"], synthetic: int, *, budget: int, seed: int) -> Draws:
-    """The draws of a run of an arm; `Draws.source` is an index into its `SOURCES`.
+    """Return the draws of a run of an arm; `Draws.source` is an index into its `SOURCES`.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ TRIED_STEPS = 3
 
 
 def overview(study: Path, manifest: Manifest) -> list[dict[str, Any]]:
-    """A row for each run: draws, draws per image, and whether it's finished. The study's folder may be missing."""
+    """Return a row for each run: draws, draws per image, whether it's finished. The study may not have begun."""
     rows = []
     for run in manifest.runs:
         settings, begun = run.settings, (study / RUNS_NAME / run.folder).exists()

@@ -86,7 +86,7 @@ class Manifest(BaseModel):
     warnings: tuple[str, ...] = Field(default=(), exclude=True)  # to show before the study runs
 
     def run(self, name: str) -> PlannedRun:
-        """The run with a name."""
+        """Return the run with a name."""
         return next(run for run in self.runs if run.name == name)
 
 
@@ -173,12 +173,12 @@ def read_manifest(folder: Path) -> Manifest:
 
 
 def draws_path(study: Path, run: PlannedRun) -> Path:
-    """The file of draws of a run."""
+    """Return the file of draws of a run."""
     return study / DRAWS_NAME / f"{run.folder}.csv"
 
 
 def predictions_paths(study: Path, manifest: Manifest, run: PlannedRun) -> dict[str, Path]:
-    """A run's files of detections in the test pictures and, if there are any, in the validation pictures.
+    """Return a run's files of detections in the test pictures and, if there are any, in the validation pictures.
 
     Their names are specific to these pictures.
     """
@@ -190,7 +190,7 @@ def predictions_paths(study: Path, manifest: Manifest, run: PlannedRun) -> dict[
 
 
 def _key(settings: Settings, digests: Mapping[str, str], draws: bytes) -> str:
-    """A hash of everything that determines a run."""
+    """Return a hash of everything that determines a run."""
     weights = None
     if settings.weights not in (None, "none"):
         weights = sha256_of(Path(str(settings.weights)))
@@ -204,7 +204,7 @@ def _key(settings: Settings, digests: Mapping[str, str], draws: bytes) -> str:
 
 
 def _shares(config: StudyConfig, real: LabeledPictures) -> dict[tuple[int, float], Int[np.ndarray, " k"]]:
-    """The photographs of each seed and fraction, as indices into the source."""
+    """Return the photographs of each seed and fraction, as indices into the source."""
     coco = read_coco(config.real)
     index = {name: i for i, name in enumerate(real.file_names)}
     number = {image["id"]: index[str(image["file_name"])] for image in coco["images"]}

@@ -167,7 +167,7 @@ def cells(runs: Sequence[Judged]) -> list[Cell]:
 
 
 def estimate(cell: Cell, measure: str, *, minus: Cell | None = None) -> Estimate:
-    """A measure of a cell; with `minus`, its difference from that cell over their common seeds, at least one."""
+    """Return a measure of a cell; with `minus`, its difference from that cell over their common seeds, at least one."""
     seeds = sorted(cell.judged.keys() & (minus or cell).judged.keys())
     values, again = _of_seeds(cell, measure, seeds)
     if minus is not None:
@@ -191,7 +191,7 @@ def estimate(cell: Cell, measure: str, *, minus: Cell | None = None) -> Estimate
 def _of_seeds(
     cell: Cell, measure: str, seeds: Sequence[int]
 ) -> tuple[Float[np.ndarray, " seeds"], Float[np.ndarray, "seeds r"]]:
-    """A measure of each seed, and the same in every resample of the test positions."""
+    """Return a measure of each seed, and the same in every resample of the test positions."""
     runs = [cell.judged[seed] for seed in seeds]
     return np.array([one.values[measure] for one in runs]), np.stack([one.resampled[measure] for one in runs])
 
@@ -229,7 +229,7 @@ class Equivalent(NamedTuple):
 
 
 def equivalent_photographs(real: Sequence[Cell], cell: Cell, measure: str) -> Equivalent | None:
-    """The worth of a cell's synthetic images in photographs; None if no difference is shown.
+    """Return the worth of a cell's synthetic images in photographs; None if no difference is shown.
 
     Photographs must be shown to help: the real arm with the most must be better than that with the fewest. The cell
     must be shown to differ from the real arm with as many photographs, and the interval of its worth must exclude 0.
@@ -261,7 +261,7 @@ def equivalent_photographs(real: Sequence[Cell], cell: Cell, measure: str) -> Eq
 def needed(
     counts: Float[np.ndarray, " n"], curve: Float[np.ndarray, "n r"], wanted: Float[np.ndarray, " r"]
 ) -> Float[np.ndarray, " r"]:
-    """The least number of photographs for a wanted value of a curve; inf if it's never reached.
+    """Return the least number of photographs for a wanted value of a curve; inf if it's never reached.
 
     Between two fractions, a curve is linear in the logarithm of the count, and below the least fraction in the count
     itself, from 0. Falling parts are replaced by the maximum so far.
@@ -349,5 +349,5 @@ def _label_sums(one: Evaluation, field: BinnedField) -> Float[np.ndarray, "posit
 
 
 def known_ends(ends: Float[np.ndarray, "2"]) -> list[float] | None:
-    """The ends of an interval; None if there is none."""
+    """Return the ends of an interval; None if there is none."""
     return None if np.isnan(ends).any() else ends.tolist()

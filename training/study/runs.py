@@ -91,7 +91,7 @@ class Done:
 
 
 def is_finished(study: Path, manifest: Manifest, run: PlannedRun) -> bool:
-    """Whether a run has everything for the report."""
+    """Return whether a run has everything for the report."""
     found = predictions_paths(study, manifest, run).values()
     return RunFolder(study / RUNS_NAME / run.folder).finished() is not None and all(path.exists() for path in found)
 
@@ -184,7 +184,7 @@ def in_processes(
 
 
 def gpu_places(options: RunOptions) -> list[RunOptions]:
-    """The options of simultaneous runs: one per GPU, else one."""
+    """Return the options of simultaneous runs: one per GPU, else one."""
     import torch
 
     count = torch.cuda.device_count() if options.device != "cpu" else 0
@@ -250,7 +250,7 @@ def run_here(study: Path, name: str, options: RunOptions, wanted: Callable[[], b
 
 
 def unseen(study: Path, manifest: str) -> str:
-    """Reason why this machine can't do runs of the study with this manifest, such as unseen files; empty if it can."""
+    """Return why this machine can't do runs of the study with this manifest, such as unseen files; empty if it can."""
     try:
         if manifest_digest(study) != manifest:
             return f"sees another study in {study}"
@@ -261,7 +261,7 @@ def unseen(study: Path, manifest: str) -> str:
 
 
 def manifest_digest(study: Path) -> str:
-    """The SHA-256 of a study's manifest."""
+    """Return the SHA-256 of a study's manifest."""
     return sha256_of(study / MANIFEST_NAME)
 
 
@@ -270,7 +270,7 @@ def _write_failures(out: Path, failed: Mapping[str, str]) -> None:
 
 
 def read_failures(out: Path) -> dict[str, str]:
-    """Name -> reason of the runs that failed before."""
+    """Return the name -> reason of the runs that failed before."""
     path = out / FAILURES_NAME
     refuse = partial(ConfigError, path=path, remedy="delete it")
     return read_json(path, dict[str, str], refuse, what="a table of failures") if path.exists() else {}

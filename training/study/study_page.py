@@ -44,7 +44,7 @@ BARS = 0.8  # share of the width for the bars of one measure
 
 
 def charts_of(report: Record) -> dict[str, tuple[str, Figure]]:
-    """The charts of a report by name, with descriptions."""
+    """Return the charts of a report by name, with descriptions."""
     found = {}
     of_shares = sorted((cell for cell in report["cells"] if cell["fraction"] is not None), key=itemgetter("fraction"))
     for fraction, group in groupby(of_shares, itemgetter("fraction")):
@@ -69,7 +69,7 @@ def charts_of(report: Record) -> dict[str, tuple[str, Figure]]:
 
 
 def page(report: Record, charts: Mapping[str, tuple[str, Figure]], *, layout: str = "page.html") -> str:
-    """The report as HTML or, with ``page.md``, as Markdown with charts from files next to it.
+    """Return the report as HTML or, with ``page.md``, as Markdown with charts from files next to it.
 
     `charts` are those of `charts_of`.
     """
@@ -91,7 +91,7 @@ def page(report: Record, charts: Mapping[str, tuple[str, Figure]], *, layout: st
 
 
 def _paper(report: Record) -> list[list[str]]:
-    """Rows of the paper's figures, each followed by the study's."""
+    """Return rows of the paper's figures, each followed by the study's."""
     cell_of = {(cell["fraction"], cell["arm"]): cell for cell in report["cells"]}
     rows = []
     for fraction, arms in PAPER.items():
@@ -107,7 +107,7 @@ def _bins_name(name: str) -> str:
 
 
 def color_of(arm: str) -> str:
-    """The color of an arm, the same in every chart; of a named arm by its name."""
+    """Return the color of an arm, the same in every chart; of a named arm by its name."""
     return COLORS.get(arm, SPARE[sum(arm.encode()) % len(SPARE)])
 
 
@@ -152,7 +152,7 @@ def _bars(axis: Axes, cell: Record, keys: Sequence[str], *, shift: float, width:
 
 
 def over_photographs(cells: Sequence[Record], measures: Sequence[str]) -> Figure:
-    """Each measure over the number of photographs, for every arm in cells of report.json.
+    """Return each measure over the number of photographs, for every arm in cells of report.json.
 
     Bands are intervals, dots are seeds. An arm without photographs is a level line.
     """
@@ -187,7 +187,7 @@ def over_photographs(cells: Sequence[Record], measures: Sequence[str]) -> Figure
 
 
 def png(figure: Figure) -> bytes:
-    """A figure as PNG, with the same bytes each time."""
+    """Return a figure as PNG, with the same bytes each time."""
     file = io.BytesIO()
     figure.savefig(file, format="png", dpi=150, metadata={"Software": None})
     return file.getvalue()

@@ -94,7 +94,7 @@ def compared_runs(study: Path | str) -> dict[str, Any]:
 
 
 def _compared(manifest: Manifest, runs: Sequence[Judged]) -> dict[str, Any]:
-    """The part of the report that is computed from detections and labels alone, so it's reproducible."""
+    """Return the part of the report that is computed from detections and labels alone, so it's reproducible."""
     found = cells(runs)
     compared, real = pairs(found), [cell for cell in found if cell.arm == "real"]
     records = [_pair_record(first, second) for first, second in compared]
@@ -191,7 +191,7 @@ def _time(study: Path, run: PlannedRun) -> float | None:
 
 
 def difference_words(first: Cell, second: Cell, measure: str, found: Estimate) -> str:
-    """A sentence about a pair of arms by one measure; `found` is second minus first."""
+    """Return a sentence about a pair of arms by one measure; `found` is second minus first."""
     title = TITLES[measure]
     if np.isnan(found.value):
         return f"{second.name} minus {first.name}: {title} is undefined without detections."
@@ -211,7 +211,7 @@ def difference_words(first: Cell, second: Cell, measure: str, found: Estimate) -
 
 
 def worth_words(name: str, measure: str, found: Equivalent) -> str:
-    """A sentence about the worth of a cell's synthetic images in photographs."""
+    """Return a sentence about the worth of a cell's synthetic images in photographs."""
     title = TITLES[measure]
     if np.isinf(found.photographs) and found.most <= 0:
         return f"By {title}, {name} is better than all photographs alone, so its worth has no upper bound."
@@ -227,7 +227,7 @@ def worth_words(name: str, measure: str, found: Equivalent) -> str:
 
 
 def bin_words(found: Sequence[BinDifference]) -> list[str]:
-    """Sentences about the bins with the largest gains and losses of recall whose interval excludes 0."""
+    """Return sentences about the bins with the largest gains and losses of recall whose interval excludes 0."""
     known = [(one, one.interval) for one in found if one.interval and one.labels >= ENOUGH]
     known.sort(key=lambda pair: -pair[0].difference)
     gained = [(one, ends) for one, ends in known if ends[0] > 0][:MOST_BINS]
@@ -240,7 +240,7 @@ def bin_words(found: Sequence[BinDifference]) -> list[str]:
 
 
 def sureness(manifest: Manifest, compared: int) -> str:
-    """A note on the meaning of the intervals, of which `compared` are of differences."""
+    """Return a note on the meaning of the intervals, of which `compared` are of differences."""
     seeds, images = len(manifest.config.seeds), manifest.datasets["test"].images
     trainings = (
         "With one seed, they don't cover other trainings."

@@ -75,7 +75,7 @@ class Shares:
     progress: Callable[[int, int], None]
 
     def __iter__(self) -> Iterator[tuple[str, Iterator[Item]]]:
-        """Each split with its items."""
+        """Yield each split with its items."""
         done = count(1)
         for split, items in self.items.items():
             yield split, self._counted(items, done)
@@ -97,7 +97,7 @@ class Shares:
 
 
 def sound_pictures(folder: Path, images: Sequence[Record], allowed: Sequence[Path]) -> list[Path]:
-    """The picture's file of each image, links resolved; a picture with the hash in its record isn't decoded.
+    """Return the picture's file of each image, links resolved; a picture with the hash in its record isn't decoded.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def sound_pictures(folder: Path, images: Sequence[Record], allowed: Sequence[Pat
 
 
 def flat_names(images: Sequence[Record]) -> list[str]:
-    """A name without folders for each image; stems are unique, since label files have them.
+    """Return a name without folders for each image; stems are unique, since label files have them.
 
     Dots in stems become underscores, because some readers take the first dot for the suffix's.
     """

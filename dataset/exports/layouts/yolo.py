@@ -29,7 +29,7 @@ Lines: TypeAlias = Callable[[Item, Mapping[int, int]], list[str]]
 
 
 def label_lines(item: Item, numbers: Mapping[int, int]) -> list[str]:
-    """One line for each label, in shares of the image; crowds are left out, as YOLO has none.
+    """Return one line for each label, in shares of the image; crowds are left out, as YOLO has none.
 
     Class, center, and size of its box; or, if any label has polygons, class and corners for all, since readers
     expect one or the other in a file. Several polygons are bridged into one.
@@ -50,7 +50,7 @@ def label_lines(item: Item, numbers: Mapping[int, int]) -> list[str]:
 
 
 def corner_lines(item: Item, numbers: Mapping[int, int], *, corners_of: CornersOf) -> list[str]:
-    """One line for each label: class and corners of its oriented box; crowds are left out."""
+    """Return one line for each label: class and corners of its oriented box; crowds are left out."""
     lines = []
     for label in item.labels:
         if not label.get("iscrowd"):

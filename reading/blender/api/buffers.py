@@ -29,7 +29,7 @@ STORED = {
 
 
 def read(elements: Any, name: str, dtype: DTypeLike, width: int = 1) -> np.ndarray:
-    """A property of all elements of a collection, `width` numbers each, one after the other."""
+    """Return a property of all elements of a collection, `width` numbers each, one after the other."""
     values = np.empty(width * len(elements), dtype=dtype)
     elements.foreach_get(name, values)
     return values
@@ -54,7 +54,7 @@ def coordinates(mesh: Any, layer: str) -> np.ndarray | None:
 
 
 def pixels(image: Any, size: tuple[int, int] | None = None) -> np.ndarray:
-    """Pixels (h, w, 4), float32, of an image, resized to a width and height; the first row is the lowest."""
+    """Return pixels (h, w, 4), float32, of an image, resized to a width and height; the first row is the lowest."""
     if size and size != tuple(image.size):
         resized = image.copy()
         try:

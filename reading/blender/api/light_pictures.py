@@ -31,7 +31,7 @@ def see_pixel_centers(scene: Any) -> None:
 
 
 def rendered(scene: Any) -> np.ndarray:
-    """The light (h, w, 4), float32, of a scene that writes light; the first row is the lowest."""
+    """Return the light (h, w, 4), float32, of a scene that writes light; the first row is the lowest."""
     with tempfile.TemporaryDirectory() as folder:
         scene.render.filepath = str(Path(folder, "light.exr"))
         bpy.ops.render.render(write_still=True, scene=scene.name)

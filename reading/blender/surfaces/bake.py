@@ -33,7 +33,7 @@ TEXTURES = tuple(f"Tex{name}" for name in ("Noise", "Voronoi", "Wave", "Magic", 
 
 
 def opacities(materials: Sequence[Any]) -> dict[int, Lookup | float]:
-    """The opacity of materials, by their pointers, without those that aren't a monotone function of one lookup."""
+    """Return the opacity of materials by pointer, without those that aren't a monotone function of one lookup."""
     found: dict[int, Lookup | float] = {}
     shown, lookups = [], dict[int, Lookup | None]()
     with ExitStack() as copies:
@@ -56,7 +56,7 @@ def opacities(materials: Sequence[Any]) -> dict[int, Lookup | float]:
 
 @contextmanager
 def _emitting(materials: Sequence[Any]) -> Iterator[list[Any]]:
-    """Copies of materials that emit their opacity."""
+    """Provide copies of materials that emit their opacity."""
     copies = [material.copy() for material in materials]
     groups = [group for copy in copies for group in _own_groups(copy.node_tree)]
     try:
@@ -69,7 +69,7 @@ def _emitting(materials: Sequence[Any]) -> Iterator[list[Any]]:
 
 @contextmanager
 def _grades(values: Float[np.ndarray, " g"]) -> Iterator[Any]:
-    """An image of one row with these values in all channels."""
+    """Provide an image of one row with these values in all channels."""
     image = bpy.data.images.new("hulldown grades", len(values), 1, alpha=True, float_buffer=True, is_data=True)
     image.alpha_mode = "CHANNEL_PACKED"
     image.pixels.foreach_set(np.repeat(values.astype(np.float32), 4))
@@ -90,7 +90,7 @@ def _look_up(material: Any, image: Any) -> None:
 
 
 def baked(material: Any, size: int) -> Cutter:
-    """The opacity of a material, over the range of its coordinates.
+    """Return the opacity of a material, over the range of its coordinates.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def _own_groups(tree: Any) -> Iterator[Any]:
 
 
 def _layer(material: Any) -> str:
-    """The one layer of coordinates that the opacity depends on; "" is the one that is rendered."""
+    """Return the one layer of coordinates that the opacity depends on; "" is the one that is rendered."""
     output = material_output(material)
     found = {_layer_read_by(node, socket) for node, socket in upstream(output.inputs["Surface"], ())}
     layers = sorted(layer for layer in found if layer is not None)
@@ -136,7 +136,7 @@ def _layer(material: Any) -> str:
 
 
 def _layer_read_by(node: Any, socket: Any) -> str | None:
-    """The layer of coordinates that a node reads; None if it reads none."""
+    """Return the layer of coordinates that a node reads; None if it reads none."""
     kind = node.bl_idname.removeprefix("ShaderNode")
     if kind == "UVMap" and not node.from_instancer:
         return str(node.uv_map)
@@ -151,7 +151,7 @@ def _layer_read_by(node: Any, socket: Any) -> str | None:
 
 
 def _range(material: Any, layer: str) -> Float[np.ndarray, "2 2"]:
-    """Lowest and highest coordinates of meshes with the material, and of 0 and 1."""
+    """Return lowest and highest coordinates of meshes with the material, and of 0 and 1."""
     low, high = np.zeros(2), np.ones(2)
     for mesh in bpy.data.meshes:
         if material.name not in mesh.materials:
@@ -167,7 +167,7 @@ def _range(material: Any, layer: str) -> Float[np.ndarray, "2 2"]:
 def _render(
     materials: Sequence[Any], layer: str, uv: Float[np.ndarray, "2 2"], size: Sequence[int]
 ) -> Float32[np.ndarray, "n h w"]:
-    """The light of materials, from 0 to 1, each on a rectangle of its own.
+    """Return the light of materials, from 0 to 1, each on a rectangle of its own.
 
     Parameters
     ----------

@@ -20,22 +20,22 @@ Rows = Sequence[tuple[Any, Any]]  # three of an affine transform, each a vector 
 
 
 def reads(materials: Iterable[Any]) -> tuple[Key, ...]:
-    """What the materials read of objects: type of the node or of its attribute, and name."""
+    """Return what the materials read of objects: type of the node or of its attribute, and name."""
     return tuple(dict.fromkeys(key for _, node in _nodes(materials) for key, _ in _inputs(node)))
 
 
 def names_read(materials: Iterable[Any]) -> list[str]:
-    """Names of the attributes of objects that the materials read."""
+    """Return names of the attributes of objects that the materials read."""
     return [name for kind, name in reads(materials) if kind in ("OBJECT", "INSTANCER")]
 
 
 def reads_places(materials: Iterable[Any]) -> bool:
-    """Whether a material reads a point's position in the file."""
+    """Return whether a material reads a point's position in the file."""
     return any(True for _, node in _nodes(materials) for _ in _places(node))
 
 
 def placed_objects(materials: Iterable[Any]) -> set[Any]:
-    """The objects in whose coordinates the materials read positions."""
+    """Return the objects in whose coordinates the materials read positions."""
     return {obj for _, node in _nodes(materials) for _, obj in _places(node) if obj is not None}
 
 
@@ -77,7 +77,7 @@ def keep_inputs(
 
 
 def _nodes(materials: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
-    """Every node of these materials and of the groups in them, after its tree; each once, none of libraries."""
+    """Yield every node of these materials and of the groups in them, after its tree; each once, none of libraries."""
     seen = set()
     for material in materials:
         if material.node_tree is None or material.library or material.is_grease_pencil:
@@ -89,7 +89,7 @@ def _nodes(materials: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
 
 
 def _inputs(node: Any) -> Iterator[tuple[Key, Any]]:
-    """What a node reads of an object, and the output that gives it; None if all of them do."""
+    """Yield what a node reads of an object, and the output that gives it; None if all of them do."""
     kind = node.bl_idname
     if kind == ATTRIBUTE and node.attribute_type != "GEOMETRY" and not node.attribute_name.startswith(INPUT):
         yield (node.attribute_type, node.attribute_name), None
@@ -106,7 +106,7 @@ def _inputs(node: Any) -> Iterator[tuple[Key, Any]]:
 
 
 def _places(node: Any) -> Iterator[tuple[Any, Any]]:
-    """Outputs of a node that give a point's position in the file, or by an object in it, which follows."""
+    """Yield outputs of a node that give a point's position in the file, or by an object in it, which follows."""
     if node.bl_idname == GEOMETRY and node.outputs["Position"].is_linked:
         yield node.outputs["Position"], None
     if node.bl_idname == COORDINATES and node.object and node.outputs["Object"].is_linked:
@@ -126,7 +126,7 @@ def _rows(matrix: Float[np.ndarray, "4 4"]) -> Rows:
 
 
 def _moved(tree: Any, position: Any, rows: Rows) -> Any:
-    """A position after an affine transform."""
+    """Return a position after an affine transform."""
     along = [add_node(tree, "VectorMath", {0: position, 1: axis}, operation="DOT_PRODUCT") for axis, _ in rows]
     sums = [maths(tree, "ADD", dot.outputs["Value"], offset) for dot, (_, offset) in zip(along, rows, strict=True)]
     return add_node(tree, "CombineXYZ", dict(enumerate(sums))).outputs[0]

@@ -79,7 +79,7 @@ def material_rows(
 
 
 def _areas(mesh: Any) -> dict[Any, float]:
-    """The area of each material's faces, in the mesh's own units."""
+    """Return the area of each material's faces, in the mesh's own units."""
     if not len(mesh.materials):
         return {}
     worn, area = read(mesh.polygons, "material_index", np.int32), read(mesh.polygons, "area", np.float32)
@@ -92,7 +92,7 @@ def _areas(mesh: Any) -> dict[Any, float]:
 
 
 def why_left_alone(material: Any) -> str:
-    """Reason why a material isn't painted; empty if it can be."""
+    """Return the reason why a material isn't painted; empty if it can be."""
     shaders = [shader for shader, _ in surface_shaders(material)]
     principled = [shader for shader in shaders if shader.type == "BSDF_PRINCIPLED"]
     if is_clear(material):
@@ -107,7 +107,7 @@ def why_left_alone(material: Any) -> str:
 
 
 def _alpha(material: Any) -> float:
-    """The least alpha of a material's shaders that isn't linked to anything."""
+    """Return the least alpha of a material's shaders that isn't linked to anything."""
     sockets = [shader.inputs["Alpha"] for shader, _ in surface_shaders(material) if "Alpha" in shader.inputs]
     return min((float(socket.default_value) for socket in sockets if not socket.is_linked), default=1.0)
 
@@ -141,7 +141,7 @@ class _MeanColors:
         self._seen: dict[tuple[int, ...], Float[np.ndarray, "3"]] = {}
 
     def of_material(self, material: Any) -> tuple[tuple[float, float, float], bool]:
-        """Mean color, and whether its texture has several colors where the meshes wear it."""
+        """Return mean color, and whether its texture has several colors where the meshes wear it."""
         found, several = [], False
         for shader, around in surface_shaders(material):
             if shader.type not in BASE_COLORS:
@@ -215,7 +215,7 @@ class _MeanColors:
 
 
 def _uv_samples(mesh: Any, material: Any, layer: str) -> tuple[Float[np.ndarray, "k 2"], float]:
-    """Points on a UV map, evenly over the faces of a mesh that wear a material, and the area of those faces."""
+    """Return points on a UV map, evenly over the faces of a mesh that wear a material, and the area of those faces."""
     uv = coordinates(mesh, layer)
     slots = [i for i, worn in enumerate(mesh.materials) if worn == material]
     if uv is None or not slots:

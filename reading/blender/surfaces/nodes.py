@@ -9,13 +9,13 @@ Stack = tuple[Any, ...]  # the group nodes that a socket is inside of, the outer
 
 
 def material_output(material: Any) -> Any:
-    """The output node that Cycles uses; None in a damaged tree."""
+    """Return the output node that Cycles uses; None in a damaged tree."""
     tree = material.node_tree
     return tree.get_output_node("CYCLES") if tree is not None and tree.bl_idname == "ShaderNodeTree" else None
 
 
 def source(socket: Any, stack: Stack) -> tuple[Any, Stack] | None:
-    """The output that a socket is linked to; None if it has its own value.
+    """Return the output that a socket is linked to; None if it has its own value.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def source(socket: Any, stack: Stack) -> tuple[Any, Stack] | None:
 
 
 def upstream(socket: Any, stack: Stack) -> Iterator[tuple[Any, Any]]:
-    """Every node that a socket's value depends on, with the used output."""
+    """Yield every node that a socket's value depends on, with the used output."""
     found = source(socket, stack)
     seen = set()
     ring = [found] if found else []
@@ -70,7 +70,7 @@ def upstream(socket: Any, stack: Stack) -> Iterator[tuple[Any, Any]]:
 
 
 def trees(tree: Any) -> Iterator[Any]:
-    """A node tree and the groups in it, each once."""
+    """Yield a node tree and the groups in it, each once."""
     ring, seen = [tree], set()
     while ring:
         at = ring.pop()
@@ -81,16 +81,16 @@ def trees(tree: Any) -> Iterator[Any]:
 
 
 def linked(socket: Any) -> Any:
-    """The output that an input socket is directly linked to; None if there is none."""
+    """Return the output that an input socket is directly linked to; None if there is none."""
     return next((link.from_socket for link in socket.links if link.is_valid and not link.is_muted), None)
 
 
 def group_output(tree: Any) -> Any:
-    """The output node of a group that counts; None if there is none."""
+    """Return the output node of a group that counts; None if there is none."""
     outputs = [node for node in tree.nodes if node.bl_idname == "NodeGroupOutput"]
     return next((node for node in outputs if node.is_active_output), outputs[0] if outputs else None)
 
 
 def _same(sockets: Any, socket: Any) -> Any:
-    """The socket of the same interface item."""
+    """Return the socket of the same interface item."""
     return next((other for other in sockets if other.identifier == socket.identifier), None)

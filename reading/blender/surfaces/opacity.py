@@ -65,7 +65,7 @@ class Lookup:
         return self.image is not None and is_curved(self.image, self.channel)
 
     def bounded(self) -> bool:
-        """Whether all texels are from 0 to 1, where curves are known."""
+        """Return whether all texels are from 0 to 1, where curves are known."""
         if self.image is None or not self.image.is_float:
             return True
         values = texels(self.image, self.channel, alpha_used=True)
@@ -82,7 +82,7 @@ class Cutter:
 
 
 def is_opaque(material: Any) -> bool:
-    """Whether nothing can be seen through a material, whatever its textures."""
+    """Return whether nothing can be seen through a material, whatever its textures."""
     for shader, around in surface_shaders(material):
         if shader.type == TRANSPARENT:
             return False
@@ -94,7 +94,7 @@ def is_opaque(material: Any) -> bool:
 
 
 def lookup_of(material: Any) -> Lookup | None:
-    """The one lookup that the light of a material depends on; None if the light is constant.
+    """Return the one lookup that the light of a material depends on; None if the light is constant.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def lookup_of(material: Any) -> Lookup | None:
 
 
 def _lookups(socket: Any, stack: Stack) -> set[Lookup]:
-    """All that the value of a socket depends on."""
+    """Return all that the value of a socket depends on."""
     found = source(socket, stack)
     if found is None or not found[0].is_output:
         return set()
@@ -148,7 +148,7 @@ def _lookup(node: Any, channel: str, stack: Stack) -> Lookup:
 
 
 def _coordinates(socket: Any, stack: Stack) -> tuple[str, Affine]:
-    """The layer of texture coordinates, and their transform."""
+    """Return the layer of texture coordinates, and their transform."""
     found = source(socket, stack)
     if found is None or not found[0].is_output:
         return "", IDENTITY

@@ -16,7 +16,7 @@ SOCKET = "hulldown opacity"
 
 
 def opacity_socket(material: Any) -> Any:
-    """An output socket with the material's opacity, or a number if it's constant.
+    """Return an output socket with the material's opacity, or a number if it's constant.
 
     Nodes are added to the tree and its groups; the material stays as opaque as before.
     """
@@ -85,14 +85,14 @@ def _of_group(tree: Any, node: Any, given: Any, made: dict[Any, Any]) -> Any:
 
 
 def _interface(tree: Any, name: str, way: str, node: Any) -> Any:
-    """The socket of a group's own input or output node of this name, made if it is not there."""
+    """Return the socket of a group's own input or output node of this name, made if it is not there."""
     if name not in [item.name for item in tree.interface.items_tree]:
         tree.interface.new_socket(name, in_out=way, socket_type="NodeSocketFloat")
     return (node.outputs if way == "INPUT" else node.inputs)[name]
 
 
 def _own(socket: Any) -> Any:
-    """The source of a socket's value: the linked output, or its number."""
+    """Return the source of a socket's value: the linked output, or its number."""
     found = linked(socket)
     return socket.default_value if found is None else found
 

@@ -16,19 +16,19 @@ MIXED = ("MIX_SHADER", "ADD_SHADER")
 
 
 def is_volume(material: Any) -> bool:
-    """Whether a material has a volume and no surface."""
+    """Return whether a material has a volume and no surface."""
     output = material_output(material)
     return bool(output and output.inputs["Volume"].is_linked and not output.inputs["Surface"].is_linked)
 
 
 def is_displaced(material: Any) -> bool:
-    """Whether a material displaces its surface."""
+    """Return whether a material displaces its surface."""
     output = material_output(material)
     return bool(output and output.inputs["Displacement"].is_linked)
 
 
 def is_clear(material: Any) -> bool:
-    """Whether a material is transparent like water or glass, by refraction, transmission, or a volume.
+    """Return whether a material is transparent like water or glass, by refraction, transmission, or a volume.
 
     Leaves cut out by an alpha texture aren't clear: their materials have an opaque shader too.
     """
@@ -44,7 +44,7 @@ def is_clear(material: Any) -> bool:
 
 
 def surface_shaders(material: Any) -> Iterator[tuple[Any, Stack]]:
-    """The shader nodes of a material's surface, each with the group nodes that it is in."""
+    """Yield the shader nodes of a material's surface, each with the group nodes that it is in."""
     output = material_output(material)
     if output:
         yield from _shaders(output.inputs["Surface"], ())
@@ -56,7 +56,7 @@ def _transmits(shader: Any) -> bool:
 
 
 def _shaders(socket: Any, stack: Stack) -> Iterator[tuple[Any, Stack]]:
-    """The shader nodes behind a socket."""
+    """Yield the shader nodes behind a socket."""
     found = source(socket, stack)
     if found is None or not found[0].is_output:
         return

@@ -13,7 +13,7 @@ MOST_PIXELS = 1 << 26  # read at once; of larger images Blender makes a smaller 
 
 
 def is_curved(image: Any, channel: str) -> bool:
-    """Whether texels of a channel are sRGB values, which Cycles makes linear after it has interpolated."""
+    """Return whether texels of a channel are sRGB values, which Cycles makes linear after it has interpolated."""
     return channel != "alpha" and image.colorspace_settings.name == "sRGB"
 
 

@@ -128,12 +128,12 @@ def missing_files(drawn: Collection[str]) -> tuple[Missing, ...]:
 
 
 def _is_unreadable(block: Any) -> bool:
-    """Whether a block is a picture without pixels although its file is there."""
+    """Return whether a block is a picture without pixels although its file is there."""
     return isinstance(block, bpy.types.Image) and block.source == "FILE" and not all(block.size)
 
 
 def _lacks_picture(material: Any) -> bool:
-    """Whether a base color comes from an image node without an image."""
+    """Return whether a base color comes from an image node without an image."""
     for shader, around in surface_shaders(material):
         socket = shader.inputs.get(BASE_COLORS.get(shader.type, ""))
         found = source(socket, around) if socket is not None else None
@@ -154,7 +154,7 @@ def _referring() -> Iterator[Any]:
 
 
 def _path(block: Any) -> str:
-    """The absolute path of a block's file; "" if it has none."""
+    """Return the absolute path of a block's file; "" if it has none."""
     return bpy.path.abspath(block.filepath, library=getattr(block, "library", None)) if block.filepath else ""
 
 
@@ -171,7 +171,7 @@ def _is_there(path: str) -> bool:
 
 
 def _objects_using(block: Any, users: dict[Any, set[Any]]) -> set[str]:
-    """Names of objects that use `block` through materials, node groups, modifiers, and so on."""
+    """Return names of objects that use `block` through materials, node groups, modifiers, and so on."""
     seen, ring, names = {block}, [block], set()
     while ring:
         for user in users.get(ring.pop(), ()):
