@@ -71,6 +71,11 @@ class Hdri:
     notes: tuple[str, ...] = ()
 
     @property
+    def repairs(self) -> tuple[Doubt, ...]:
+        """The notes as doubts."""
+        return tuple(Doubt(DoubtKind.REPAIRED, note) for note in self.notes)
+
+    @property
     def misfits(self) -> tuple[Doubt, ...]:
         """Doubts about whether it fits open land, with a remedy."""
         return tuple(Doubt(DoubtKind.NO_OPEN_LAND, f"{misfit}; {REMEDY}") for misfit in self.light.misfits)

@@ -9,6 +9,7 @@ import pytest
 
 from hulldown.base.errors import AssetError
 from hulldown.reading.hdri import BRIGHTEST, mean_luminance, mend, read_hdris, sky_map
+from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.reading.surroundings import backdrop, small_map
 
 SCRIPT = "hdri_files.py"
@@ -157,6 +158,7 @@ def test_a_repaired_sky_is_rendered_and_has_its_own_hash(written: Path, tmp_path
     sun, again = (read_hdris([written / "sun.exr"], tmp_path / "cache")[0] for _ in range(2))
     assert sun == again
     assert sun.notes == ("2 pixels without end are as bright as its brightest finite one, 5000",)
+    assert [doubt.kind for doubt in sun.repairs] == [DoubtKind.REPAIRED]
     assert sun.path != written / "sun.exr"
     assert sun.sha256 != sun.mended_sha256
     assert sky_map(sun).max() <= 5000.0, "pictures are compared with the rendered sky"

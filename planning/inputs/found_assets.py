@@ -131,7 +131,7 @@ def _hdri(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> FoundFil
         return FoundFile(path, "", (f"shows no open land: {sky.misfits[0]}",))
     if sky.doubts:
         return FoundFile(path, "", tuple(map(str, sky.doubts)))
-    return FoundFile(path, "hdri", sky.notes)
+    return FoundFile(path, "hdri", sky.notes, doubts=sky.repairs)
 
 
 def _models(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> list[FoundFile]:

@@ -71,8 +71,7 @@ class Library:
         files = self.assets.files["hdris"]
         doubts = [(e.report.path, e.report.doubts) for e in (*self.models.values(), *self.sceneries.values())]
         for name, hdri in self.hdris.items():
-            notes = (Doubt(DoubtKind.REPAIRED, note) for note in hdri.notes)
-            doubts.append((files[name].path, (*notes, *hdri.doubts, *hdri.misfits[:backdrop])))
+            doubts.append((files[name].path, (*hdri.repairs, *hdri.doubts, *hdri.misfits[:backdrop])))
         found: dict[str, dict[Doubt, None]] = {}
         for path, lines in doubts:  # a file may have several vehicles
             found.setdefault(path, {}).update(dict.fromkeys(lines))
