@@ -137,10 +137,11 @@ def test_framed_cameras_cut_as_requested(
     np.testing.assert_array_equal(framed[:, :3, 3], poses[:, :3, 3])
     axes = framed[:, :3, :3]
     np.testing.assert_allclose(axes @ np.swapaxes(axes, 1, 2), np.tile(np.eye(3), (200, 1, 1)), atol=1e-14)
-    # With ordinary fields of view, a target that fits is cut exactly as requested, by shares from the whole band. From
-    # steep angles the search doesn't always get there; planning refuses such cameras.
+    # With ordinary fields of view, a target that fits is cut exactly as requested, by shares from the whole band. The
+    # search sometimes stops before it gets there, mostly at steep angles; planning refuses such cameras.
     fits = (high - low < size).all(axis=1)
     assume(lens.fov_x < 1.5 and lens.fov_y < 1.5 and fits.any())
     cut, slack = 1 - (kept / (high - low))[fits].prod(axis=1), 0.01 / (high - low).min()
-    assert np.mean((cut >= least - slack) & (cut <= min(most, 1 - 1e-6) + slack)) >= 0.9
+    as_requested = (cut >= least - slack) & (cut <= min(most, 1 - 1e-6) + slack)
+    assert np.mean(as_requested) >= (0.98 if abs(elevation) < 1.0 else 0.9)
     assert np.ptp(cut) >= 0.9 * (most - least) - slack or fits.sum() < 100
