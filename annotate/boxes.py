@@ -272,7 +272,7 @@ class VehicleBoxes:
 
 
 def truncated_fraction(xywh: ArrayLike, amodal: ArrayLike) -> Float[np.ndarray, "..."]:
-    """Return share of an amodal box's area that the box in the image lacks.
+    """Return the share of an amodal box's area that the box in the image lacks.
 
     For a box without width or height the other side alone counts. It's 1 if `xywh` is nan: out of the image.
 

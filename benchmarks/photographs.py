@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from hulldown.base.files import replacing
-from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, GLOSS, PAINT, SCENERY_FILES, TANK
+from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, DISTRACTORS, GLOSS, PAINT, SCENERY_FILES, TANK
 from hulldown.demo.make_assets import FILES, build_demo_assets
 from hulldown.planning.config.template import config_text
 
@@ -68,8 +68,9 @@ class Photographed:
     train_keys: str = ""
 
 
-def _painted(name: str, weight: float, value: list[float]) -> dict[str, Any]:
-    paint = [{"materials": ["Paint"], "colors": CAR_COLORS, "value": value}]
+def _car(name: str, weight: float) -> dict[str, Any]:
+    """The demo's distractor as a vehicle in more colors."""
+    paint = [{**table, "colors": CAR_COLORS} for table in DISTRACTORS[name]["paint"]]
     return {"path": f"distractors/{name}.blend", "category": "vehicle", "weight": weight, "paint": paint}
 
 
@@ -102,7 +103,7 @@ SETS = {
         resolution=192,
     ),
     "cars": Photographed(  # from above
-        vehicles=[_painted("civilian_car", 3.0, [0.8, 1.2]), _painted("panel_van", 1.0, [0.9, 1.1])],
+        vehicles=[_car("civilian_car", 3.0), _car("panel_van", 1.0)],
         distractors=[],
         sceneries=TOWNS,
         hdris=["hdris/sky_*.exr"],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -46,19 +46,27 @@ def _speed(faces: int, rays: int, rounds: int) -> dict[str, dict[str, float]]:
             queries |= peer(mesh)
         except ImportError:
             continue
-    seconds: dict[str, list[float]] = {name: [] for name in queries}
-    for warming in [True] + [False] * rounds:
-        for name, query in queries.items():
-            some = xy[: len(xy) // FEWER.get(name, 1)]
-            start = time.perf_counter()
-            query(some)
-            if not warming:
-                seconds[name].append((time.perf_counter() - start) * len(xy) / len(some))
+    seconds = timed(queries, xy, rounds, time.perf_counter)
     base = np.array(seconds[RAW])
     return {
         name: {"rays_per_s": rays / float(np.median(took)), "ratio": float(np.median(base / np.array(took)))}
         for name, took in seconds.items()
     }
+
+
+def timed(
+    queries: Mapping[str, Callable], xy: np.ndarray, rounds: int, clock: Callable[[], float]
+) -> dict[str, list[float]]:
+    """Seconds of each query for all points, in each round but a first one that warms up; queries take turns."""
+    seconds: dict[str, list[float]] = {name: [] for name in queries}
+    for warming in [True] + [False] * rounds:
+        for name, query in queries.items():
+            some = xy[: len(xy) // FEWER.get(name, 1)]
+            start = clock()
+            query(some)
+            if not warming:
+                seconds[name].append((clock() - start) * len(xy) / len(some))
+    return seconds
 
 
 def _errors(n: int) -> dict[str, dict[str, dict[str, float]]]:
@@ -74,7 +82,7 @@ def report(results: dict) -> str:
     """Return a Markdown section."""
     speed = results["speed"]
     sizes = [f"{int(n):,}" for n in speed]
-    rows = [(_bold(name), *(_rate(some.get(name)) for some in speed.values())) for name in next(iter(speed.values()))]
+    rows = [(bold(name), *(_rate(some.get(name)) for some in speed.values())) for name in next(iter(speed.values()))]
     return "\n\n".join([
         "## Top hits",
         f"Million points a second, for {results['rays']:,} random ones over hilly terrain, with sorting and repairing. "
@@ -83,7 +91,7 @@ def report(results: dict) -> str:
     ])  # fmt: skip
 
 
-def _bold(name: str) -> str:
+def bold(name: str) -> str:
     return f"**{name}** (default)" if name == DEFAULT else name
 
 
@@ -96,7 +104,7 @@ def hard_cases(results: dict) -> str:
     found = results["errors"]
     methods = [name for name in next(iter(found.values())) if name not in (BLENDER, "hulldown refined")]
     rows = [(case, *(_errors_of(by_method[m]) for m in methods)) for case, by_method in found.items()]
-    return table(["case", *map(_bold, methods)], rows, left=len(methods) + 1)
+    return table(["case", *map(bold, methods)], rows, left=len(methods) + 1)
 
 
 def _errors_of(e: dict[str, float]) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from hulldown.assets.bundle import load_scenery
 from hulldown.benchmarks import top_hits_peers as peers
 from hulldown.benchmarks.tables import table
-from hulldown.benchmarks.top_hits import DEFAULT, FEWER, RAW
+from hulldown.benchmarks.top_hits import RAW, bold, timed
 from hulldown.demo.project import create_project
 from hulldown.geometry.meshes import Mesh
 from hulldown.reading.cache import cached
@@ -55,15 +55,8 @@ def _speed(mesh: Mesh, rays: int, rounds: int) -> dict[str, float]:
             queries |= {name: query for name, query in peer(mesh).items() if "threads" not in name}
         except ImportError:
             continue
-    rates: dict[str, list[float]] = {name: [] for name in queries}
-    for warming in [True] + [False] * rounds:
-        for name, query in queries.items():
-            some = xy[: len(xy) // FEWER.get(name, 1)]
-            start = time.process_time()
-            query(some)
-            if not warming:
-                rates[name].append(len(some) / (time.process_time() - start))
-    return {name: float(np.median(some)) for name, some in rates.items()}
+    seconds = timed(queries, xy, rounds, time.process_time)
+    return {name: rays / float(np.median(took)) for name, took in seconds.items()}
 
 
 def report(results: dict) -> str:
@@ -71,10 +64,7 @@ def report(results: dict) -> str:
     speed = results["speed"]
     head = [f"{name}, {figures['triangles']:,}" for name, figures in speed.items()]
     names = [name for name in next(iter(speed.values())) if name != "triangles"]
-    rows = [
-        (f"**{name}** (default)" if name == DEFAULT else name, *(f"{some[name] / 1e6:.2f}" for some in speed.values()))
-        for name in names
-    ]
+    rows = [(bold(name), *(f"{some[name] / 1e6:.2f}" for some in speed.values())) for name in names]
     return "\n\n".join([
         "## Top hits on ground of several sheets",
         f"Million points a CPU second on one thread, for {results['rays']:,} random ones: hills of one sheet, and the "

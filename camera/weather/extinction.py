@@ -60,7 +60,7 @@ def wetness(rate_mm_h: ArrayLike) -> Float[np.ndarray, "..."]:
 
 
 def air_contrast(visibility_m: ArrayLike, distance_m: ArrayLike) -> Float[np.ndarray, "..."]:
-    """Return share of an object's contrast left after haze at a distance: exp(-3.912 distance / visibility).
+    """Return the share of an object's contrast left after haze at a distance: exp(-3.912 distance / visibility).
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ def image_size(measure: Measure, render: RenderSection) -> float:
 
 
 def fraction_of(amodal: Float[np.ndarray, "n 4"], measure: Measure, render: RenderSection) -> Float[np.ndarray, " n"]:
-    """Return share of the image's height, width, diagonal, or area that these boxes fill; nan without a box."""
+    """Return the share of the image's height, width, diagonal, or area that these boxes fill; nan without a box."""
     size = box_length(amodal[:, 2:], measure)
     return (size**2 if measure == "area" else size) / image_size(measure, render)
 

@@ -202,7 +202,7 @@ def views_of_others(
 def air_contrasts(
     instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"], visibility_m: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """Return share of each vehicle's contrast after haze, between the camera and the center of its box."""
+    """Return the share of each vehicle's contrast after haze, between the camera and the center of its box."""
     away = instances.centers - world_from_camera[:, :3, 3]
     return air_contrast(visibility_m, np.sqrt((away * away).sum(axis=1)))
 

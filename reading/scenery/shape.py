@@ -28,7 +28,7 @@ DROWNED = 0.5  # meters of ground below such a sheet
 
 
 def level_share(mesh: Mesh, meters_from_mesh: Float[np.ndarray, "4 4"]) -> tuple[float, float]:
-    """Return share of a mesh's area with a slope of at most 30 degrees on either side, and its square meters.
+    """Return the share of a mesh's area with a slope of at most 30 degrees on either side, and its square meters.
 
     Parameters
     ----------

@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -71,8 +70,8 @@ class Renderer:
         self._set("vehicles", stage.place_vehicles, job.vehicles)
         self._set("camera", stage.set_camera, job.camera)
         self._set("light", stage.world.set, job.light)
-        expose = partial(cycles.expose, stage.scene, job.settings)
-        self._set("exposure", expose, job.camera.exposure, job.camera.white_balance)
+        camera = job.camera
+        self._set("exposure", cycles.expose, stage.scene, job.settings, camera.exposure, camera.white_balance)
         store = cycles.store_picture if job.sensor is None else store_light
         self._set("format", lambda store: store(stage.scene), store)
         stage.set_weather(job.weather, job.seed)

@@ -270,7 +270,7 @@ def _write_failures(out: Path, failed: Mapping[str, str]) -> None:
 
 
 def read_failures(out: Path) -> dict[str, str]:
-    """Return the name -> reason of the runs that failed before."""
+    """Return the reasons by name of the runs that failed before."""
     path = out / FAILURES_NAME
     refuse = partial(ConfigError, path=path, remedy="delete it")
     return read_json(path, dict[str, str], refuse, what="a table of failures") if path.exists() else {}
