@@ -20,6 +20,7 @@ from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError
 from hulldown.base.files import open_regular, replacing
+from hulldown.base.outside import converted
 
 FORMAT = 12  # also raised when undersides, surfaces, or extreme vertices are computed in another way
 KINDS = {VehicleShape: "vehicle", Scenery: "scenery"}
@@ -95,7 +96,7 @@ def _load(path: Path, wanted: type[Asset]) -> Asset:
         def view(kind: str, first: int, *shape: int) -> np.ndarray:
             return np.asarray(arrays[kind][first : first + math.prod(shape)].reshape(shape))
 
-        return msgspec.convert(tree, wanted, dec_hook=lambda _, place: view(*place))
+        return converted(tree, wanted, dec_hook=lambda _, place: view(*place))
     except FileNotFoundError:
         raise AssetError("does not exist", path=path) from None
     except _DAMAGE as error:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import threading
 import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -30,6 +31,7 @@ LONGEST_NUMBER = 300  # characters: float64 ends at 308
 LONGEST_YAML = 1 << 18  # characters: its parser reads some 50,000 a second
 DOTS = 500  # of a line of TOML: its parser takes quadratic time for keys of many parts
 T = TypeVar("T")
+_ONE_THREAD = threading.RLock()
 Refuse: TypeAlias = Callable[[str], Exception]  # makes an error of a problem, such as partial(ConfigError, path=path)
 
 
@@ -116,10 +118,21 @@ def json_of(content: bytes | memoryview, kind: type[T]) -> T:
     return typed(orjson.loads(content), kind)
 
 
+def converted(
+    value: object, kind: type[T], *, strict: bool = True, dec_hook: Callable[[type, Any], Any] | None = None
+) -> T:
+    """Return what `msgspec.convert` returns, one thread at a time.
+
+    It crashes where a thread meets a type while another one meets it for the first time.
+    """
+    with _ONE_THREAD:
+        return msgspec.convert(value, kind, strict=strict, dec_hook=dec_hook)
+
+
 def typed(value: object, kind: type[T], *, strict: bool = True) -> T:
     """Return parsed JSON, YAML, or TOML as a `kind`; if not `strict`, also from texts. ValueError as of `json_of`."""
     try:
-        found = msgspec.convert(value, kind, strict=strict)
+        found = converted(value, kind, strict=strict)
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
     except msgspec.ValidationError as error:

@@ -25,7 +25,7 @@ from filelock import FileLock
 from hulldown.assets.bundle import FORMAT
 from hulldown.base.errors import AssetError
 from hulldown.base.files import open_regular, replacing
-from hulldown.base.outside import json_of, read_file, sha256_of
+from hulldown.base.outside import converted, json_of, read_file, sha256_of
 from hulldown.reading.confinement.landlock import asset_folders, is_inside, unconfined
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.pieces.asset_report import FileReport
@@ -186,7 +186,7 @@ def unseal(entry: Path, kind: type[Note]) -> Note | None:
         same = all(sha256_of(entry / name) == digest for name, digest in sealed["content"].items())
     except OSError:
         return None
-    return msgspec.convert(sealed["note"], kind) if same and sealed["name"] == entry.name else None
+    return converted(sealed["note"], kind) if same and sealed["name"] == entry.name else None
 
 
 def _seal_of(body: bytes) -> bytes:

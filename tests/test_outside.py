@@ -2,6 +2,8 @@
 
 import ast
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 from hulldown.conftest import PACKAGES
@@ -10,7 +12,8 @@ ROOT = Path(__file__).parents[1]
 # What opens a file for reading, or parses one.
 OPENS = re.compile(
     r"open|.*\.(open|read_text|read_bytes|imread|VideoCapture|fromfile|memmap|from_video_path|model_validate_json)"
-    r"|(json|orjson|pickle|np|torch|yaml|tomllib|marshal)\.(load|loads)|msgspec\.(json|yaml|toml|msgpack)\.(decode|Decoder)"
+    r"|(json|orjson|pickle|np|torch|yaml|tomllib|marshal)\.(load|loads)"
+    r"|msgspec\.(convert|(json|yaml|toml|msgpack)\.(decode|Decoder))"
     r"|ElementTree\.(parse|fromstring|XML|iterparse)|expat\.ParserCreate"
 )
 # Modules with their own calls.
@@ -57,3 +60,30 @@ def test_files_are_opened_and_parsed_in_one_place():
         for line, name in opened(path)
     ]
     assert found == []
+
+
+# Three threads meet a type that holds five others, 30 times. Without the lock of `converted`, msgspec crashes.
+MEETING = """
+import sys, threading
+import msgspec
+from hulldown.base.outside import converted
+
+sys.setswitchinterval(1e-7)
+VALUE = 1
+for _ in range(6):
+    VALUE = {**dict.fromkeys(map(str, range(10)), 1), "of": VALUE}
+for _ in range(30):
+    kind = int
+    for depth in range(6):
+        named = [(str(i), int) for i in range(10)]
+        kind = msgspec.defstruct(f"Level{depth}", [("of", kind), *((f"n{i}", int) for i in range(10))],
+                                 rename={f"n{i}": str(i) for i in range(10)})
+    together = threading.Barrier(3)
+    threads = [threading.Thread(target=lambda: (together.wait(), converted(VALUE, kind))) for _ in range(3)]
+    for thread in threads: thread.start()
+    for thread in threads: thread.join()
+"""
+
+
+def test_threads_meet_a_type_for_the_first_time_together():
+    subprocess.run([sys.executable, "-P", "-c", MEETING], check=True)

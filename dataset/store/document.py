@@ -21,7 +21,7 @@ from hulldown.assets.coco_types import Coco, Record
 from hulldown.assets.foreign_labels import foreign_reader, refuse_nameless
 from hulldown.base.code import version_of
 from hulldown.base.errors import DatasetError
-from hulldown.base.outside import DATA, json_of, json_parts, json_records, read_file
+from hulldown.base.outside import DATA, converted, json_of, json_parts, json_records, read_file
 from hulldown.dataset.store.entries import place_of
 from hulldown.dataset.store.journal import last_merged, read_journal, replaced
 from hulldown.dataset.store.reservations import Run, runs_of
@@ -130,7 +130,7 @@ class Document:
                 raise ValueError(f"category {name!r} with id {number}")
             self.categories.append(category)
         if "run" in line:
-            self.add_run(msgspec.convert(line["run"], Run))
+            self.add_run(converted(line["run"], Run))
         image = line.get("image")
         if image is None or place_of(image["file_name"]) in self.file_names:
             return

@@ -8,7 +8,7 @@ from typing import Annotated, TypeAlias
 import msgspec
 
 from hulldown.assets.coco_types import Record
-from hulldown.base.outside import sha256_of
+from hulldown.base.outside import converted, sha256_of
 
 _Count: TypeAlias = Annotated[int, msgspec.Meta(ge=0)]
 
@@ -66,7 +66,7 @@ def plan_key(plan: Path) -> str:
 def runs_of(coco: Record) -> list[Run]:
     """Return the reservations for plans in a COCO dictionary; ValueError if they were damaged."""
     info = coco.get("info")
-    return msgspec.convert(info.get("hulldown_runs", []) if isinstance(info, dict) else [], list[Run])
+    return converted(info.get("hulldown_runs", []) if isinstance(info, dict) else [], list[Run])
 
 
 def find_run(coco: Record, key: str) -> Run | None:

@@ -7,6 +7,7 @@ from typing import Any, get_type_hints
 import msgspec
 from msgspec import Struct
 
+from hulldown.base.outside import converted
 from hulldown.planning.plan.row import PlannedVehicle, decoded_pose, fields
 
 
@@ -39,7 +40,7 @@ def _problem(record: dict[str, Any], kind: type[Struct], path: str) -> str | Non
 def _is(value: object, kind: Any) -> bool:
     """Return whether a value of JSON has a declared type and range."""
     try:
-        msgspec.convert(value, kind, dec_hook=decoded_pose)
+        converted(value, kind, dec_hook=decoded_pose)
     except (msgspec.ValidationError, ValueError, OverflowError, SystemError):  # the last two: of integers without end
         return False
     return True
