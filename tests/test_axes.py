@@ -167,6 +167,21 @@ def test_origins_at_zero_are_not_pivots_but_the_turret_ring_is() -> None:
     assert [d for d in built.doubts if d.kind == DoubtKind.PIVOT and "gun_pivot" in d.text]
 
 
+@pytest.mark.parametrize(
+    "pose", [turned(0.0), turned(-128.0), np.linalg.inv(up_matrix("-z")), np.linalg.inv(up_matrix("x"))]
+)
+def test_what_reading_had_to_guess_can_be_stated_as_keys(pose: np.ndarray) -> None:
+    for parts in (TANK, {k: m for k, m in TRUCK.items() if k != "Cab"}):
+        built = read(parts, pose)
+        guessed = {doubt.key: doubt.taken for doubt in built.doubts if doubt.key}
+        again = read(parts, pose, **guessed)
+        assert guessed
+        assert not [doubt for doubt in again.doubts if doubt.key]
+        # Angles are rounded to tenths of degrees.
+        assert np.allclose(again.shape.vehicle_from_file, built.shape.vehicle_from_file, atol=1e-3)
+        assert np.allclose(again.shape.part_pivot, built.shape.part_pivot, atol=1e-2)
+
+
 def test_pivots_in_the_config_are_used() -> None:
     pose = turned(90.0)
     built = read(TANK, pose, turret_pivot=(0.0, 0.3, 1.5), gun_pivot="Hull")

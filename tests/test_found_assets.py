@@ -62,10 +62,14 @@ def test_a_folder_becomes_a_config_with_findings_as_comments(
     read_again: list[str] = []
     library = load_library(config, progress=read_again.append)
     assert not read_again
+    text = Path("project/hulldown.toml").read_text(encoding="utf-8")
+    guess = 'path = "../mine/tanks/one/scene.blend"\ncategory = "tanks"\nforward = "+x"\n'
+    assert guess in text
+    Path("project/without.toml").write_text(text.replace('forward = "+x"\n', ""), encoding="utf-8")
+    assert load_library(Config.read("project/without.toml")).assets.files == library.assets.files
     assert all(max(library.assets.vehicles[name].size_xyz) < 6.01 for name in ("pair_a_Hull", "pair_b_Hull"))
     assert [s.path for s in config.assets.sceneries] == ["../mine/outside/park.blend"]
     assert list(hdri_paths(config)) == ["sky [1]"]
-    text = Path("project/hulldown.toml").read_text(encoding="utf-8")
     above = text.partition('path = "../mine/tanks/one/scene.blend"')[0].rpartition("\n\n")[2]
     assert "# size 6.00 x 3.00 x 2.00 m" in above
     assert "# turret on hull: pivot" in above

@@ -43,8 +43,8 @@ class FoundFile:
     """A file of the folder, its kind, and lines of notes on it.
 
     `path` is relative to the folder. `kind` is "vehicle", "scenery", "distractor", "hdri", or "" for an unusable file,
-    whose notes begin with the reason. A file with several vehicles is found once for each, with its entry's `keys`
-    keep and drop, and what its name ends in. `doubts` are among the notes.
+    whose notes begin with the reason. `keys` are those of a vehicle's entry: what reading had to guess, and for each of
+    a file's several vehicles keep and drop, and what its name ends in. `doubts` are among the notes.
     """
 
     path: Path
@@ -142,19 +142,25 @@ def _models(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> list[F
     def read(options: Options = DEFAULTS) -> FileReport:
         return cached(folder / path, cache, kind=kind, options=options, limits=limits)[0].report
 
+    def found(report: FileReport, keys: Mapping[str, Any], *, name: str = "", why: Sequence[str] = ()) -> FoundFile:
+        guessed: dict[str, Any] = {doubt.key: doubt.taken for doubt in report.doubts if doubt.key}
+        if guessed:
+            read(Options(**keys, **guessed))  # for the plan
+        notes = (*why, *report.lines(), *_ground(report))
+        keys = {**keys, **guessed, **({"name": name} if name else {})}
+        return FoundFile(path, folder_kind or report.kind, notes, keys, report.doubts)
+
     whole = read()
     if not whole.things:
-        return [FoundFile(path, folder_kind or whole.kind, (*whole.lines(), *_ground(whole)), doubts=whole.doubts)]
+        return [found(whole, {})]
     why = [f"without keep and drop: {doubt}" for doubt in whole.doubts if doubt.kind == DoubtKind.SEVERAL]
     names = [re.sub(r"\W+", "_", thing.name) for thing in whole.things]
-    found = []
+    each = []
     for number, (thing, name) in enumerate(zip(whole.things, names, strict=True), start=1):
-        keys = {key: list(value) for key, value in (("keep", thing.keep), ("drop", thing.drop)) if value}
-        unique = {"name": name if names.count(name) == 1 else str(number)} if name else {}
-        report = read(Options(keep=thing.keep, drop=thing.drop))
-        notes = (*why, *report.lines())
-        found.append(FoundFile(path, folder_kind or "vehicle", notes, {**unique, **keys}, report.doubts))
-    return found
+        keys: dict[str, Any] = {key: value for key, value in (("keep", thing.keep), ("drop", thing.drop)) if value}
+        unique = str(number) if name and names.count(name) > 1 else name
+        each.append(found(read(Options(**keys)), keys, name=unique, why=why))
+    return each
 
 
 def _ground(report: FileReport) -> list[str]:
@@ -191,7 +197,8 @@ def found_config(
         name += f"_{file.keys['name']}" if "name" in file.keys else ""
         named = {"name": name} if name != path.stem else {}
         category = {"category": _category(folder, path)} if file.kind == "vehicle" else {}
-        return {**entry, **named, **category, **{key: file.keys[key] for key in ("keep", "drop") if key in file.keys}}
+        keys = {k: list(v) if isinstance(v, tuple) else v for k, v in file.keys.items() if k != "name"}
+        return {**entry, **named, **category, **keys}
 
     entries = {kind: [(entry_of(file), file) for file in found if file.kind == kind] for kind in set(KINDS.values())}
     patterns = {path: escape(listed[path]) for path in skies.values()}

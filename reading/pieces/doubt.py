@@ -62,6 +62,8 @@ class Doubt:
         What it's about.
     text
         A sentence for the user, with the config's key to set if there is one.
+    key, taken
+        The config's key that would state what reading had to guess, and the guess; "" where there is none.
 
     Examples
     --------
@@ -71,6 +73,8 @@ class Doubt:
 
     kind: DoubtKind
     text: str
+    key: str = ""
+    taken: str | float | tuple[float, float, float] = ""
 
     def __str__(self) -> str:
         return self.text

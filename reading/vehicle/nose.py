@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -123,21 +124,20 @@ def find_forward(
     toward, why_sign, problem = next(clue for clue in clues if clue[0])
     angle = line if toward > 0 else line + np.pi
     angle = snapped(float(np.arctan2(np.sin(angle), np.cos(angle))))
-    stated = forward_said(angle)
     doubt = None
     if problem:
-        back = forward_said(angle + np.pi)
+        stated, back = (json.dumps(forward_key(a)) for a in (angle, angle + np.pi))
         text = f"{problem}; taken as forward = {stated}, set forward = {back} if it faces backwards"
-        doubt = Doubt(DoubtKind.FORWARD, text)
+        doubt = Doubt(DoubtKind.FORWARD, text, "forward", forward_key(angle))
     return Direction(angle, f"{why}, {why_sign}", doubt)
 
 
-def forward_said(angle: float) -> str:
+def forward_key(angle: float) -> str | float:
     """Return an angle as the key `forward` has it."""
     quarter = round(angle / (np.pi / 2))
     if abs(angle - quarter * np.pi / 2) < 1e-9:
-        return '"' + ("+x", "+y", "-x", "-y")[quarter % 4] + '"'
-    return f"{np.degrees(np.arctan2(np.sin(angle), np.cos(angle))):.1f}"
+        return ("+x", "+y", "-x", "-y")[quarter % 4]
+    return round(float(np.degrees(np.arctan2(np.sin(angle), np.cos(angle)))), 1)
 
 
 def snapped(angle: float, within: float = SNAP) -> float:

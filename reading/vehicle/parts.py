@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
+from hulldown.geometry.transforms import apply
 from hulldown.reading.pieces.asset_report import PartRow, xyz
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.naming import ARMED, BODY, FRONT, NO_TURRET, REAR, TURRET, VEHICLE, first_match
@@ -87,9 +88,9 @@ def find_parts(whole: PlacedPieces, options: Options = DEFAULTS) -> Parts:
             continue
         pivot = find_pivot(whole, by_part, name, naming=naming, behind=behind, options=options)
         if pivot.guessed:
-            doubts.append(
-                Doubt(DoubtKind.PIVOT, f"the {name} turns about {pivot.why}; set {PIVOT_KEYS[name]} if that is wrong")
-            )
+            key, at = PIVOT_KEYS[name], apply(np.linalg.inv(whole.vehicle_from_file), pivot.at[None])[0]
+            text = f"the {name} turns about {pivot.why}; set {key} if that is wrong"
+            doubts.append(Doubt(DoubtKind.PIVOT, text, key, xyz(np.round(at, 6))))
         behind = pivot.at
         axis = np.array([0.0, 0.0, 1.0])
         if name == GUN_PART:

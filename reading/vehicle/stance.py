@@ -97,7 +97,9 @@ def find_up(wheels: Wheels | None, stated: str) -> Direction[str]:
     if axis == stated:
         return Direction(stated, f"as the file states, and {wheels.places} wheels")
     why = f"{wheels.places} wheels lie below the rest of it"
-    doubt = Doubt(DoubtKind.UP, f'{axis} is taken to be up, since {why}; set up = "{stated}" if that is wrong')
+    doubt = Doubt(
+        DoubtKind.UP, f'{axis} is taken to be up, since {why}; set up = "{stated}" if that is wrong', "up", axis
+    )
     sure = stated != "z" or (wheels.places >= CERTAIN and axis != f"-{stated}")
     return Direction(axis, f"{why}, not {stated} as the file states", None if sure else doubt)
 
