@@ -30,6 +30,7 @@ from hulldown.reading.confinement.references import refuse_odd_references
 from hulldown.reading.pieces.formats import format_of
 from hulldown.reading.scenery.buildings import read_buildings
 from hulldown.reading.scenery.geotiff import read_elevations, read_orthophoto
+from hulldown.tests.networks import RUN
 from hulldown.training.detectors.detector import weights_of
 from hulldown.training.evaluation.labels import labels_of
 from hulldown.training.evaluation.predictions import read_predictions
@@ -57,7 +58,6 @@ GLTF = {"asset": {"version": "2.0"}, "buffers": [{"uri": "m.bin", "byteLength": 
 RUNS = {"plans": {"a": {"blender": ["5.0"], "devices": ["CPU"], "systems": ["Linux"], "confinement": ["none"]}}}
 FOUND = [{"image_id": 1, "category_id": 1, "bbox": [9, 9, 20, 20], "score": 0.5}]
 DRAWS = b"draw,source,image,augmentation_seed\n0,s,1.png,5\n"
-RUN = {"model": "small", "status": "finished"}
 STUDY = {"config": {}, "classes": ["tank"], "datasets": {}, "runs": []}
 
 

@@ -10,6 +10,26 @@ from hulldown.training.inputs.settings import load_settings
 
 CLASSES = ("truck", "tank")
 SIZE = small_size(64)
+RUN = {  # run.json as the first version wrote it
+    "status": "finished",
+    "model": "small",
+    "resolution": [64, 48],
+    "classes": list(CLASSES),
+    "budget": 24,
+    "seed": 0,
+    "effective_batch": 4,
+    "batch": 4,
+    "accumulate": 1,
+    "steps": 6,
+    "augmented": True,
+    "sources": {
+        "real": {"folder": "/real", "images": 8, "drawn": 24, "draws_per_image": {"mean": 3.0, "least": 1, "most": 5}}
+    },
+    "device": "cpu",
+    "python": "3.11.9",
+    "versions": {"torch": "2.6.0"},
+    "figures": {"final_loss": 0.5, "seconds": 1.0, "seconds_per_step": 0.2, "peak_memory_mb": None},
+}
 
 
 def small_weights():

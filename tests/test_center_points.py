@@ -117,6 +117,6 @@ def test_it_can_memorize_a_few_pictures(tmp_path):
         "augmentation": still,
     }
     run = train({"demo": pictures}, tmp_path / "run", settings=keys, valid=pictures, workers=0, device="cpu")
-    assert run["figures"]["valid"]["ap50"] == pytest.approx(1.0)
+    assert run.figures.valid["ap50"] == pytest.approx(1.0)
     losses = np.loadtxt(tmp_path / "run" / "metrics.csv", delimiter=",", skiprows=1)[:, 1]
     assert losses[-5:].mean() < losses[:5].mean() / 5

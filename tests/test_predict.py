@@ -12,8 +12,8 @@ from PIL import Image
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.cli import main
 from hulldown.tests.editing import edit, write_dataset
-from hulldown.tests.networks import small_weights
-from hulldown.training.detectors.detector import Detections
+from hulldown.tests.networks import RUN, small_weights
+from hulldown.training.detectors.detector import Detections, weights_of
 from hulldown.training.detectors.tiled import TiledDetector
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.evaluation.predictions import read_predictions
@@ -27,7 +27,7 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     torch.manual_seed(0)
     torch.save(small_weights(), folder / "weights.pt")
-    (folder / "run.json").write_text(json.dumps({"model": "small", "status": "finished"}))
+    (folder / "run.json").write_text(json.dumps(RUN))
     return folder
 
 
@@ -104,6 +104,21 @@ def test_a_mistake_is_a_one_line_error(data, tmp_path, monkeypatch, capsys, comm
     shown = capsys.readouterr()
     assert (shown.out, shown.err.count("\n"), list(tmp_path.iterdir())) == ("", 1, [data])
     assert named in shown.err
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"status": "done"}, r"'done' - at `\$\.status`"),
+        ({"steps": 0.5}, r"\$\.steps"),
+        ({"figures": {"seconds": "long"}}, r"\$\.figures\.seconds"),
+        ({"sources": {"real": {}}}, r"missing required field `folder` - at `\$\.sources"),
+    ],
+)
+def test_a_wrong_run_json_is_refused_with_file_and_key(tmp_path, changes, named):
+    (tmp_path / "run.json").write_text(json.dumps(RUN | changes))
+    with pytest.raises(HulldownError, match=rf"run\.json: isn't a hulldown run \(.*{named}.*; name a folder of"):
+        weights_of(tmp_path)
 
 
 @pytest.fixture

@@ -16,7 +16,8 @@ from PIL import Image
 from hulldown.base.errors import HulldownError
 from hulldown.cli import main
 from hulldown.tests.editing import edit
-from hulldown.tests.test_train import in_child
+from hulldown.tests.networks import RUN
+from hulldown.tests.test_train import CONFIG, in_child
 from hulldown.tests.training_pictures import make_dataset, make_datasets
 from hulldown.training.run_folder import LOCK_NAME, RunFolder
 from hulldown.training.study.arms import SOURCES, arm_draws, study_runs
@@ -60,8 +61,7 @@ def pretend(study, out, name, found=None):
     folder = out / "runs" / run.folder
     folder.mkdir(parents=True)
     (folder / "weights.pt").write_bytes(b"")
-    run_json = {"model": "small", "status": "finished", "figures": {"seconds": 1.0}}
-    (folder / "run.json").write_text(json.dumps(run_json))
+    (folder / "run.json").write_text(json.dumps(RUN))
     for which, path in predictions_paths(out, study, run).items():
         path.write_text(json.dumps(found[which] if found else []))
 
@@ -190,7 +190,7 @@ def refuse(out, run):
     """Put another run's config into a run's folder, so that it fails."""
     other = out / "runs" / run.folder / "config.json"
     other.parent.mkdir(parents=True)
-    other.write_text("{}")
+    other.write_text(json.dumps(CONFIG))
     (out / "study.json").touch()
 
 

@@ -24,6 +24,8 @@ from hulldown.training.inputs.settings import load_settings
 from hulldown.training.predict import load_detector, validation_figures
 from hulldown.training.train import train
 
+CONFIG = {"settings": {"budget": 47}, "classes": ["square"], "data": {}, "valid": None, "weights_sha256": None}
+
 
 @pytest.fixture(scope="module")
 def pictures(tmp_path_factory):
@@ -170,6 +172,12 @@ def test_a_finished_run_is_extended(pictures, tmp_path):
     data, run = {"demo": pictures}, tmp_path / "run"
     with pytest.raises(HulldownError, match=r"config\.json: no such file"):
         train(data, run, settings=small(), more_budget=16, workers=0)
+    run.mkdir()
+    for config, named in (({}, "`settings`"), (CONFIG | {"settings": {"budget": "many"}}, r"\$\.settings\.budget")):
+        (run / "config.json").write_text(json.dumps(config))
+        with pytest.raises(HulldownError, match=rf"config\.json: isn't the config of a run \(.*{named}"):
+            train(data, run, settings=small(), more_budget=16, workers=0)
+    (run / "config.json").unlink()
     whole = train(data, tmp_path / "whole", settings=small(budget=47 + 16 + 8), workers=0, device="cpu")
     train(data, run, settings=small(), workers=0, device="cpu")
     before = (run / "weights.pt").read_bytes()
@@ -177,9 +185,9 @@ def test_a_finished_run_is_extended(pictures, tmp_path):
     assert train_and_die(data, run, small(), more_budget=16, workers=0) == 0
     assert (run / "before-47" / "weights.pt").read_bytes() == before
     extended = train(data, run, settings=small(), more_budget=8, workers=0, device="cpu")
-    assert extended["status"] == "finished"
+    assert extended.status == "finished"
     assert (run / "before-63" / "run.json").exists()
-    assert whole["budget"] == 71
+    assert whole.budget == 71
     drawn = [row[1:] for name in ("before-47", "before-63", ".") for row in rows(run / name / "draws.csv")]
     assert drawn == [row[1:] for row in rows(tmp_path / "whole" / "draws.csv")]
     before, config = (run / "before-63" / "weights.pt").read_bytes(), json.loads((run / "config.json").read_text())
@@ -194,12 +202,12 @@ def test_the_best_weights_are_kept_and_figures_logged(pictures, tmp_path):
     settings = good.model_copy(update={**worse, "keep": "best", "logger": "tensorboard"})
     run = train(data, tmp_path / "run", settings=settings, valid=valid, workers=0, device="cpu")
     curve = rows(tmp_path / "run" / "validation.csv")
-    assert run["figures"]["valid"]["ap50"] == pytest.approx(max(float(row[2]) for row in curve), abs=1e-5)
-    assert run["figures"]["valid"]["step"] < run["steps"]
+    assert run.figures.valid["ap50"] == pytest.approx(max(float(row[2]) for row in curve), abs=1e-5)
+    assert run.figures.valid["step"] < run.steps
     again = validation_figures(load_detector(tmp_path / "run", "cpu"), read_labels(valid))
-    assert again["ap50"] == pytest.approx(run["figures"]["valid"]["ap50"], abs=1e-9)
+    assert again["ap50"] == pytest.approx(run.figures.valid["ap50"], abs=1e-9)
     logged = EventAccumulator(str(tmp_path / "run" / "tensorboard")).Reload()
-    assert len(logged.Scalars("train/loss")) == run["steps"]
+    assert len(logged.Scalars("train/loss")) == run.steps
     assert [event.step for event in logged.Scalars("valid/ap50")] == [int(row[0]) for row in curve]
     with pytest.raises(HulldownError, match="--valid"):
         train({"demo": pictures}, tmp_path / "other", settings=settings, workers=0)

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 from torchvision.ops import box_convert
 
+from hulldown.training.detectors.detector import RunFigures
 from hulldown.training.detectors.detr import DetrDetector, detr_configs, normalized, save_detr
 from hulldown.training.fitting import Training, seed_weights
 from hulldown.training.inputs.data import Example
@@ -44,7 +45,7 @@ def _target(k: int, example: Example) -> tuple[Tensor, dict[str, Tensor]]:
     return normalized(example.picture), target
 
 
-def fit_detr(training: Training) -> dict[str, object]:
+def fit_detr(training: Training) -> RunFigures:
     """Train RF-DETR; returns figures of run.json."""
     model_config, train_config = detr_configs(
         training.settings, training.classes, training.batches.steps, weights=training.weights, device=training.device,

@@ -13,6 +13,7 @@ from torch import Tensor
 from torch.optim.lr_scheduler import LambdaLR
 
 from hulldown.training.detectors.center_points import CenterNetwork, center_loss
+from hulldown.training.detectors.detector import RunFigures
 from hulldown.training.detectors.small import SmallDetector, save_small, starting_network
 from hulldown.training.fitting import Training, seed_weights
 from hulldown.training.inputs.data import Example
@@ -74,7 +75,7 @@ def collated(batch: Sequence[Example]) -> tuple[Tensor, list[Tensor], list[Tenso
     return pictures, [example.xyxy for example in batch], [example.label for example in batch]
 
 
-def fit_small(training: Training) -> dict[str, object]:
+def fit_small(training: Training) -> RunFigures:
     """Train the small network; returns figures of run.json.
 
     On a CPU one thread computes: several cost up to four times as much where others work too, and weights depend on
@@ -88,7 +89,7 @@ def fit_small(training: Training) -> dict[str, object]:
         torch.set_num_threads(threads)
 
 
-def _fitted(training: Training) -> dict[str, object]:
+def _fitted(training: Training) -> RunFigures:
     classes, size, device = training.classes, training.examples.size, training.device
     seed_weights(training.settings)
     frozen, pretrained = training.settings.freeze == "encoder", training.weights is not None

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytorch_lightning as pl
 import torch
+from msgspec.structs import replace
 from pytorch_lightning import loggers as pl_loggers
 from torch.utils.data import DataLoader
 
@@ -22,7 +23,7 @@ from hulldown.base.errors import HulldownError
 from hulldown.base.files import open_regular, replace_file, replacing
 from hulldown.base.outside import DATA, read_file
 from hulldown.base.terminal import duration
-from hulldown.training.detectors.detector import DAMAGED, Detector, first_line, load_tensors
+from hulldown.training.detectors.detector import DAMAGED, Detector, RunFigures, first_line, load_tensors
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.inputs.data import Batches, DrawnExamples, Example
@@ -34,7 +35,7 @@ ESTIMATE_AFTER = 10  # steps
 CHECKPOINT_S = 60.0
 VALIDATIONS = 10  # points of a run's curve; the last one is the result
 # Lightning's extras are off: this module does them, and only the budget ends a run.
-_OURS: Mapping[str, Any] = {
+_OURS: Mapping[str, bool | int | str] = {
     "enable_checkpointing": False,
     "enable_progress_bar": False,
     "enable_model_summary": False,
@@ -102,7 +103,7 @@ class Training:
         collate: Callable[[list[Example]], Any],
         detector: Callable[[Any], Detector],
         saved: Callable[[Any], Mapping[str, object]],
-    ) -> dict[str, object]:
+    ) -> RunFigures:
         """Train a module, or continue from the checkpoint; write weights and metrics.
 
         Parameters
@@ -154,13 +155,14 @@ class Training:
         validated = recorder.validated
         if valid:
             progress = partial(self.progress, "validating")
-            found = figures["valid"] = validation_figures(detector(module.model), valid, progress=progress)
+            found = kept = validation_figures(detector(module.model), valid, progress=progress)
             step = recorder.rows[-1][0]
             best = max(validated, key=lambda row: row[2], default=None)
             validated = [*validated, [step, *(found[key] for key in AVERAGES)]]
             if keep_best and best is not None and best[2] > found["ap50"]:
                 content = read_file(self.folder.best, partial(HulldownError, path=self.folder.best), most=DATA)
-                figures["valid"] = dict(zip(("step", *AVERAGES), best, strict=True))
+                kept = dict(zip(("step", *AVERAGES), best, strict=True))
+            figures = replace(figures, valid=kept)
             log([logger] if logger else [], {f"valid/{key}": found[key] for key in AVERAGES}, int(step))
         replace_file(self.folder.weights, content)
         self.folder.write_metrics(recorder.rows, validated)
@@ -340,20 +342,20 @@ def _shapes(state: Mapping[str, object]) -> dict[str, object]:
     return {key: getattr(value, "shape", None) for key, value in state.items()}
 
 
-def _figures(rows: Sequence[Sequence[float]], settings: Settings, seconds: float) -> dict[str, object]:
+def _figures(rows: Sequence[Sequence[float]], settings: Settings, seconds: float) -> RunFigures:
     """Figures over all steps; times of killed parts are included up to their checkpoints."""
     _, losses, _, took, waited = np.array(rows).T
     tail = losses[-max(1, math.ceil(len(losses) / 20)) :]
     # The first step of a process includes the start of workers.
     steady = slice(1, None) if len(took) > 1 else slice(None)
-    return {
-        "final_loss": float(tail.mean()),
-        "seconds": seconds,
-        "seconds_per_step": float(np.median(took[steady])),
-        "images_per_second": settings.effective_batch / float(np.median(took[steady])),
-        "waited_for_data_share": float(waited[steady].sum() / took[steady].sum()),
-        "peak_memory_mb": _peak_memory_mb(),
-    }
+    return RunFigures(
+        final_loss=float(tail.mean()),
+        seconds=seconds,
+        seconds_per_step=float(np.median(took[steady])),
+        images_per_second=settings.effective_batch / float(np.median(took[steady])),
+        waited_for_data_share=float(waited[steady].sum() / took[steady].sum()),
+        peak_memory_mb=_peak_memory_mb(),
+    )
 
 
 def _peak_memory_mb() -> float | None:

@@ -14,11 +14,13 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 from filelock import FileLock, Timeout
+from msgspec import Meta, Struct
+from msgspec.structs import replace
 
 from hulldown.base.errors import ConfigError, HulldownError
 from hulldown.base.files import replace_file, replacing
 from hulldown.base.outside import read_json, typed
-from hulldown.training.detectors.detector import RUN_NAME, WEIGHTS_NAME, read_run
+from hulldown.training.detectors.detector import RUN_NAME, WEIGHTS_NAME, Run, read_run
 
 CONFIG_NAME, DRAWS_NAME, METRICS_NAME, CURVE_NAME = "config.json", "draws.csv", "metrics.csv", "loss.png"
 VALIDATION_NAME = "validation.csv"
@@ -26,6 +28,34 @@ CHECKPOINT_NAME, BEST_NAME = "checkpoint.ckpt", "best.pt"
 LOCK_NAME = ".hulldown.lock"
 METRICS = ("step", "loss", "learning_rate", "seconds", "waited_for_data_s")
 VALIDATION = ("step", "ap", "ap50", "ap75")
+
+
+_Draws = Annotated[int, Meta(ge=0, le=1_000_000_000)]
+
+
+class RunData(Struct, frozen=True):
+    """A dataset of a run: its number of images, and the hash of its pictures and labels."""
+
+    images: int
+    sha256: str
+
+
+class RunConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What determines a run's weights: the contents of config.json."""
+
+    settings: dict[str, object]  # of `training.inputs.settings.Settings`
+    classes: list[str]
+    data: dict[str, RunData]
+    valid: RunData | None
+    weights_sha256: str | None
+    after: _Draws = 0  # draws of the run that this one extends
+    draws_sha256: str | None = None  # of the user's draws
+    prepared: bool = False  # by `extension`, with other settings and weights to follow
+
+    @property
+    def budget(self) -> int:
+        """The number of draws; ValueError if it isn't one."""
+        return typed(self.settings.get("budget"), _Draws)
 
 
 class RunFolder:
@@ -43,16 +73,18 @@ class RunFolder:
         """Return the folder of the finished run of `draws`, before it was extended."""
         return self.path / f"before-{draws}"
 
-    def finished(self) -> dict[str, Any] | None:
+    def finished(self) -> Run | None:
         """Return the contents of run.json, if the run is finished."""
         if not (self.path / RUN_NAME).exists() or not self.weights.exists():
             return None
         run = read_run(self.path)
-        return run if run.get("status") == "finished" else None
+        return run if run.status == "finished" else None
 
-    def write_json(self, name: str, value: Mapping[str, Any]) -> None:
-        """Replace a file in one step."""
-        replace_file(self.path / name, json.dumps(value, indent=2, ensure_ascii=False).encode() + b"\n")
+    def write(self, record: Run | RunConfig) -> None:
+        """Replace run.json or config.json in one step."""
+        path = self.path / RUN_NAME if isinstance(record, Run) else self.config
+        text = json.dumps(msgspec.to_builtins(record), indent=2, ensure_ascii=False)
+        replace_file(path, text.encode() + b"\n")
 
     def write_metrics(self, rows: Sequence[Sequence[float]], validated: Sequence[Sequence[float]]) -> None:
         """Replace metrics.csv, validation.csv if there is one, and their chart."""
@@ -71,20 +103,6 @@ def content_of(weights: Mapping[str, Any]) -> memoryview:
     return content.getbuffer()
 
 
-_Draws = Annotated[int, msgspec.Meta(ge=0, le=1_000_000_000)]
-
-
-class _Budget(msgspec.Struct):
-    budget: _Draws
-
-
-class _Begun(msgspec.Struct):
-    """What an extension needs of a run's config."""
-
-    settings: _Budget
-    after: _Draws = 0
-
-
 def extension(path: Path, draws: int) -> int:
     """Prepare a finished run for more draws, and return its number of draws; its files move to `RunFolder.before`.
 
@@ -97,12 +115,11 @@ def extension(path: Path, draws: int) -> int:
     """
     folder = RunFolder(path)
     refuse = partial(ConfigError, path=folder.config, remedy="name the folder of a finished run")
-    config = read_json(folder.config, dict[str, Any], refuse, what="the config of a run")
+    config = read_json(folder.config, RunConfig, refuse, what="the config of a run")
     try:
-        begun = typed(config, _Begun)
+        after, budget = config.after, config.budget
     except ValueError as error:
-        raise refuse(f"isn't the config of a run ({error})") from None
-    after, budget = begun.after, begun.settings.budget
+        raise refuse(f"isn't the config of a run ({error} - at `$.settings.budget`)") from None
     with alone_in(path, marker=CONFIG_NAME, what="run"):
         if not folder.finished() and not folder.before(after + budget).exists():
             if after and budget == draws:
@@ -121,9 +138,7 @@ def extension(path: Path, draws: int) -> int:
         for file in files:
             if file != folder.config:  # it marks the folder as a run until the extension replaces it
                 file.unlink()
-        folder.write_json(
-            CONFIG_NAME, {**config, "after": after + budget, "settings": {"budget": draws}, "prepared": True}
-        )
+        folder.write(replace(config, after=after + budget, settings={"budget": draws}, prepared=True))
     return after + budget
 
 
@@ -150,7 +165,7 @@ def alone_in(folder: Path, *, marker: str, what: str) -> Iterator[None]:
 
 
 @contextmanager
-def opened(path: Path, config: Mapping[str, Any]) -> Iterator[RunFolder]:
+def opened(path: Path, config: RunConfig) -> Iterator[RunFolder]:
     """Open and lock a run's folder, made if missing.
 
     Parameters
@@ -158,7 +173,7 @@ def opened(path: Path, config: Mapping[str, Any]) -> Iterator[RunFolder]:
     path
         A folder that is new, empty, or a run's with the same config.
     config
-        The config that determines the weights, as plain JSON.
+        The run's config.
 
     Raises
     ------
@@ -171,16 +186,16 @@ def opened(path: Path, config: Mapping[str, Any]) -> Iterator[RunFolder]:
     if folder.config.exists():
         _check_same(folder.config, config)
     with alone_in(path, marker=CONFIG_NAME, what="run"):
-        folder.write_json(CONFIG_NAME, config)
+        folder.write(config)
         yield folder
 
 
-def _check_same(path: Path, config: Mapping[str, Any]) -> None:
+def _check_same(path: Path, config: RunConfig) -> None:
     refuse = partial(ConfigError, path=path, remedy="name a new folder")
-    before = read_json(path, dict[str, Any], refuse, what="the config of a run")
-    if before.get("prepared") is True:
-        return  # by `extension`
-    was, now = (dict(_flat(value)) for value in (before, msgspec.to_builtins(config)))
+    before = read_json(path, RunConfig, refuse, what="the config of a run")
+    if before.prepared:
+        return
+    was, now = (dict(_flat(msgspec.to_builtins(value))) for value in (before, config))
     for key in sorted({*was, *now}):
         if was.get(key) != now.get(key):
             raise ConfigError(

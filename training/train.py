@@ -8,14 +8,16 @@ import platform
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from msgspec.structs import replace
 
 from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.base.files import replace_file
 from hulldown.base.outside import DATA, read_file, sha256_of
 from hulldown.base.terminal import progress_bars, watched
 from hulldown.base.terminal import say as show_line
-from hulldown.training.detectors.detector import RUN_NAME, chosen_device
+from hulldown.training.detectors.detector import DrawsPerImage, Run, RunFigures, RunSource, chosen_device
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.inputs.draws import Draws, draws_text, make_draws, read_draws, source_shares
 from hulldown.training.inputs.extra import quiet, require_extra
@@ -27,7 +29,7 @@ from hulldown.training.inputs.sources import (
     read_sources,
     shared_pictures,
 )
-from hulldown.training.run_folder import RunFolder, extension, opened
+from hulldown.training.run_folder import RunConfig, RunData, RunFolder, extension, opened
 
 if TYPE_CHECKING:
     import torch
@@ -39,7 +41,7 @@ def train(
     data: Mapping[str, str | os.PathLike[str]],
     out: str | os.PathLike[str],
     *,
-    settings: Settings | Mapping[str, Any] | None = None,
+    settings: Settings | Mapping[str, object] | None = None,
     valid: str | os.PathLike[str] | None = None,
     draws_file: str | os.PathLike[str] | None = None,
     more_budget: int | None = None,
@@ -48,7 +50,7 @@ def train(
     checkpoint_every: int | None = None,
     progress: Callable[[str, int, int], None] | None = None,
     say: Callable[[str], None] | None = None,
-) -> dict[str, Any]:
+) -> Run:
     """Train a detector, or continue a killed training in the same folder.
 
     Parameters
@@ -91,7 +93,7 @@ def train(
     Examples
     --------
     >>> run = train({"synthetic": "dataset"}, "run", settings={"model": "small", "budget": 600})  # doctest: +SKIP
-    >>> run["status"]  # doctest: +SKIP
+    >>> run.status  # doctest: +SKIP
     'finished'
     """
     require_extra()
@@ -134,37 +136,37 @@ def train(
     for shared in [pair for one in held_back for source in sources for pair in shared_pictures(source, one, checked)]:
         say(f"warning: {shared}: the result on it flatters")
     size = small_size(settings.resolution) if small else (settings.resolution, settings.resolution)
-    config = {
-        "settings": settings.model_dump(mode="json", exclude={"logger"}),
-        "classes": list(classes),
-        "data": {source.name: {"images": len(source), "sha256": checked[source.name].sha256} for source in sources},
-        "valid": {"images": len(held_back[0]), "sha256": checked["valid"].sha256} if held_back else None,
-        "weights_sha256": None if weights is None else sha256_of(weights),
-        **({"after": after} if after else {}),
-        **({"draws_sha256": sha256_of(draws_file)} if draws_file is not None else {}),
-    }
+    config = RunConfig(
+        settings=settings.model_dump(mode="json", exclude={"logger"}),
+        classes=list(classes),
+        data={source.name: RunData(len(source), checked[source.name].sha256) for source in sources},
+        valid=RunData(len(held_back[0]), checked["valid"].sha256) if held_back else None,
+        weights_sha256=None if weights is None else sha256_of(weights),
+        after=after,
+        draws_sha256=None if draws_file is None else sha256_of(draws_file),
+    )
     with opened(out, config) as folder:
         if (run := folder.finished()) is not None:
             say(f"{out}: is finished already")
             return run
         draws = _draws(folder, sources, settings, shares=shares, draws_file=draws_file, after=after)
         run = _description(settings, size, classes, data, sources, draws, chosen)
-        folder.write_json(RUN_NAME, run)
+        folder.write(run)
         examples = DrawnExamples(sources, draws, size, table, masks=bool(settings.masks))
         with quiet():
             if small:
                 from hulldown.training.fit_small import fit_small as fit
             else:
                 from hulldown.training.fit_detr import fit_detr as fit
-            run["figures"] = fit(
+            figures = fit(
                 Training(
                     settings, classes, examples, folder, weights=weights, device=chosen,
                     workers=_workers() if workers is None else workers, checkpoint_every=checkpoint_every,
                     valid=labels, progress=progress, say=say,
                 )
             )  # fmt: skip
-        run["status"] = "finished"
-        folder.write_json(RUN_NAME, run)
+        run = replace(run, status="finished", figures=figures)
+        folder.write(run)
         folder.checkpoint.unlink(missing_ok=True)
         folder.best.unlink(missing_ok=True)
         return run
@@ -210,38 +212,36 @@ def _workers() -> int:
 
 
 def _description(
-    settings: Settings, size: tuple[int, int], classes: Sequence[str], data: Mapping[str, str | os.PathLike[str]],
+    settings: Settings, size: tuple[int, int], classes: tuple[str, ...], data: Mapping[str, str | os.PathLike[str]],
     sources: Sequence[LabeledPictures], draws: Draws, device: torch.device,
-) -> dict[str, Any]:  # fmt: skip
+) -> Run:  # fmt: skip
     """run.json of a new run."""
     from hulldown.training.inputs.augment import changed_table
     from hulldown.training.inputs.data import Batches
 
     counts = draws.counts(list(map(len, sources)))
-    return {
-        "status": "running",
-        "model": settings.model,
-        "resolution": list(size),
-        "classes": list(classes),
-        "budget": settings.budget,
-        "seed": settings.seed,
-        "effective_batch": settings.effective_batch,
-        "batch": settings.batch,
-        "accumulate": settings.accumulate,
-        "steps": Batches(settings.budget, batch=settings.batch, parts=settings.accumulate).steps,
-        "masks": settings.masks,
-        "augmented": any(line.probability for line in changed_table(settings.augmentation).values() if not line.group),
-        "sources": {
-            source.name: {
-                "folder": str(Path(data[source.name]).resolve()),
-                "images": len(source),
-                "drawn": int(found.sum()),
-                "draws_per_image": {"mean": float(found.mean()), "least": int(found.min()), "most": int(found.max())},
-            }
+    return Run(
+        status="running",
+        model=settings.model,
+        resolution=size,
+        classes=classes,
+        budget=settings.budget,
+        seed=settings.seed,
+        effective_batch=settings.effective_batch,
+        batch=settings.batch,
+        accumulate=settings.accumulate,
+        steps=Batches(settings.budget, batch=settings.batch, parts=settings.accumulate).steps,
+        masks=settings.masks,
+        augmented=any(line.probability for line in changed_table(settings.augmentation).values() if not line.group),
+        sources={
+            source.name: RunSource(
+                str(Path(data[source.name]).resolve()), len(source), int(found.sum()),
+                DrawsPerImage(float(found.mean()), int(found.min()), int(found.max())),
+            )
             for source, found in zip(sources, counts, strict=True)
         },
-        "device": str(device),
-        "python": platform.python_version(),
-        "versions": {name: importlib.metadata.version(name) for name in VERSIONS},
-        "figures": {},
-    }
+        device=str(device),
+        python=platform.python_version(),
+        versions={name: importlib.metadata.version(name) for name in VERSIONS},
+        figures=RunFigures(),
+    )  # fmt: skip

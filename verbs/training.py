@@ -57,7 +57,7 @@ def _train(arguments: argparse.Namespace) -> None:
         more_budget=arguments.more_budget, workers=arguments.workers, device=arguments.device, say=say,
     )  # fmt: skip
     show_result(arguments, run)
-    if found := run["figures"].get("valid"):
+    if found := run.figures.valid:
         say(f"on {arguments.valid}: AP {found['ap']:.3f}, AP50 {found['ap50']:.3f}")
     say(f"wrote {arguments.output}; next: hulldown predict {arguments.output} DATASET -o predictions.json")
 

@@ -12,10 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
+from msgspec import Struct
 
 from hulldown.base.errors import HulldownError
 from hulldown.base.files import open_regular
@@ -70,7 +71,58 @@ class Detector(Protocol):
         """Detect objects in RGB pictures of any sizes, as one batch."""
 
 
-def read_run(folder: Path) -> dict[str, Any]:
+class RunFigures(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Figures of a finished run; `valid` has those of the validation set, with the step of the best weights."""
+
+    final_loss: float | None = None
+    seconds: float | None = None
+    seconds_per_step: float | None = None
+    images_per_second: float | None = None
+    waited_for_data_share: float | None = None
+    peak_memory_mb: float | None = None
+    valid: dict[str, float] | None = None
+
+
+class DrawsPerImage(Struct, frozen=True):
+    """How often the images of a dataset were drawn."""
+
+    mean: float
+    least: int
+    most: int
+
+
+class RunSource(Struct, frozen=True):
+    """A dataset of a run."""
+
+    folder: str
+    images: int
+    drawn: int
+    draws_per_image: DrawsPerImage
+
+
+class Run(Struct, frozen=True, kw_only=True):
+    """The contents of run.json."""
+
+    status: Literal["running", "finished"]
+    model: str
+    resolution: tuple[int, int]
+    classes: tuple[str, ...]
+    budget: int
+    seed: int
+    effective_batch: int
+    batch: int
+    accumulate: int
+    steps: int
+    masks: bool | None = None  # not in the first runs
+    augmented: bool
+    sources: dict[str, RunSource]
+    device: str
+    python: str
+    versions: dict[str, str]
+    figures: RunFigures
+
+
+def read_run(folder: Path) -> Run:
     """Read run.json of a run folder.
 
     Raises
@@ -79,10 +131,7 @@ def read_run(folder: Path) -> dict[str, Any]:
         If there is none, or it is damaged.
     """
     refuse = partial(HulldownError, path=folder / RUN_NAME, remedy="name a folder of `hulldown train`")
-    run = read_json(folder / RUN_NAME, dict[str, Any], refuse, what="a hulldown run")
-    if not isinstance(run.get("model"), str):
-        raise refuse("isn't a hulldown run")
-    return run
+    return read_json(folder / RUN_NAME, Run, refuse, what="a hulldown run")
 
 
 def weights_of(path: Path) -> Path:
@@ -95,9 +144,8 @@ def weights_of(path: Path) -> Path:
     """
     if not path.is_dir():
         return path
-    run = read_run(path)
-    if run.get("status") != "finished":
-        problem, remedy = f"training is {run.get('status')}, not finished", "run the same `hulldown train` again"
+    if read_run(path).status != "finished":
+        problem, remedy = "training is running, not finished", "run the same `hulldown train` again"
         raise HulldownError(problem, path=path, remedy=remedy)
     return path / WEIGHTS_NAME
 

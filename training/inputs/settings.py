@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from hulldown.base.toml_files import read_toml, validated
 
+Lines: TypeAlias = Mapping[str, Mapping[str, float | list[float]]]  # of Table 1, with probability and numbers
 Model = Literal["small", "nano", "rf-small", "medium", "large"]
 # keys with a flag on the command line
 FLAGS = ("model", "budget", "seed", "resolution", "weights", "freeze", "keep", "logger")
@@ -18,24 +19,23 @@ FLAGS = ("model", "budget", "seed", "resolution", "weights", "freeze", "keep", "
 
 # Off, since a network learns faster without them in a short run.
 _OFF = ("shear", "channel_shuffle", "blur", "gaussian_noise", "compression", "downscale", "shadow", "flare")
-_MILDER = {
+_MILDER: Lines = {
     "shift_scale_rotate": {"probability": 0.8, "shift": 0.1, "scale": [0.7, 1.4], "rotate_deg": 5},
     **{name: {"probability": 0.0} for name in _OFF},
 }
-PRESETS: Mapping[str, Mapping[str, Any]] = {
+PRESETS: Mapping[str, Lines] = {
     # Pictures from above have no up: any turn is as likely as any other.
     "aerial": {"vertical_flip": {"probability": 0.5}, "shift_scale_rotate": {"probability": 1.0, "rotate_deg": 180}},
 }
 # Set here because RF-DETR's default of batches per step changed from 4 to 1 between versions.
-_RF_DETR = {"batch": 4, "accumulate": 4, "learning_rate": 1e-4, "schedule": "step", "augmentation": {}}
-_DEFAULTS: Mapping[str, Mapping[str, Any]] = {
-    "small": {"resolution": 256, "batch": 12, "accumulate": 1, "learning_rate": 2e-3, "schedule": "cosine",
-              "augmentation": _MILDER},
+_RF_DETR = {"batch": 4, "accumulate": 4, "learning_rate": 1e-4, "schedule": "step"}
+_DEFAULTS: Mapping[str, Mapping[str, object]] = {
+    "small": {"resolution": 256, "batch": 12, "accumulate": 1, "learning_rate": 2e-3, "schedule": "cosine"},
     "nano": {"resolution": 384, **_RF_DETR},
     "rf-small": {"resolution": 512, **_RF_DETR},
     "medium": {"resolution": 576, **_RF_DETR},
     "large": {"resolution": 704, **_RF_DETR},
-}  # fmt: skip
+}
 
 
 class Settings(BaseModel):
@@ -56,7 +56,7 @@ class Settings(BaseModel):
     warmup: float = Field(0.02, ge=0.0, lt=1.0, description="share of the steps in which the rate rises from 0")
     drop: float = Field(0.8, gt=0.0, le=1.0, description="share of the steps after which it is a tenth")
     shares: dict[str, float] = Field({}, description="source -> its part of the draws")
-    augmentation: dict[str, Any] = Field(description="line of Table 1 -> its probability and numbers")
+    augmentation: dict[str, object] = Field(description="line of Table 1 -> its probability and numbers")
     masks: bool | None = Field(None, description="boxes of turned pictures follow masks; default: if all have one")
     multi_scale: bool = Field(False, description="RF-DETR's own change of the input's size from batch to batch")
     queries: int | None = Field(None, ge=1, description="objects that RF-DETR can find in a picture")
@@ -71,7 +71,8 @@ class Settings(BaseModel):
         if not isinstance(data, dict):
             return data
         defaults = _DEFAULTS.get(str(data.get("model")), _DEFAULTS["medium"])
-        lines, asked = defaults["augmentation"], data.get("augmentation", {})
+        lines: Mapping[str, object] = _MILDER if data.get("model") == "small" else {}
+        asked = data.get("augmentation", {})
         if isinstance(asked, dict):
             asked = dict(asked)
             if (name := asked.pop("preset", None)) is not None:
@@ -87,13 +88,17 @@ class Settings(BaseModel):
         return self.batch * self.accumulate
 
 
-def _changed(lines: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+def _changed(lines: Mapping[str, object], changes: Mapping[str, object]) -> dict[str, object]:
     """Return lines of an augmentation with changes; keys of a line that the changes leave out stay."""
-    both = {key: {**lines[key], **changes[key]} for key in lines if isinstance(changes.get(key), Mapping)}
+    both = {
+        key: {**line, **change}
+        for key, line in lines.items()
+        if isinstance(line, Mapping) and isinstance(change := changes.get(key), Mapping)
+    }
     return {**lines, **changes, **both}
 
 
-def load_settings(path: Path | None, changes: Mapping[str, Any]) -> Settings:
+def load_settings(path: Path | None, changes: Mapping[str, object]) -> Settings:
     """Load settings from a TOML file, if given, with changes from the command line.
 
     Parameters

@@ -40,13 +40,9 @@ def seconds_per_step(
     study: Path, manifest: Manifest, options: RunOptions, *, say: Callable[[str], None] = lambda line: None
 ) -> float:
     """Seconds per step: of finished runs, else of three steps that are run as a test."""
-    found = []
-    for run in manifest.runs:
-        folder = study / RUNS_NAME / run.folder
-        if (folder / RUN_NAME).exists():
-            figures = read_run(folder).get("figures", {})
-            found += [figures["seconds_per_step"]] if "seconds_per_step" in figures else []
-    if found:
+    folders = (study / RUNS_NAME / run.folder for run in manifest.runs)
+    known = [read_run(folder).figures.seconds_per_step for folder in folders if (folder / RUN_NAME).exists()]
+    if found := [seconds for seconds in known if seconds is not None]:
         return float(np.median(found))
     from hulldown.training.train import train
 
@@ -59,7 +55,8 @@ def seconds_per_step(
             {source: manifest.datasets[source].folder}, Path(place) / "run", settings=tried, device=options.device,
             workers=options.workers,
         )  # fmt: skip
-    return float(tried_run["figures"]["seconds_per_step"])
+    assert tried_run.figures.seconds_per_step is not None, "it's finished"
+    return tried_run.figures.seconds_per_step
 
 
 def hours(rows: list[dict[str, Any]], seconds: float, places: int) -> float:

@@ -186,8 +186,8 @@ def _pair_record(first: Cell, second: Cell) -> dict[str, Any]:
 
 def _time(study: Path, run: PlannedRun) -> float | None:
     """Seconds of a run's training; after a kill, of its last process."""
-    seconds = read_run(study / RUNS_NAME / run.folder).get("figures", {}).get("seconds")
-    return None if seconds is None else round(float(seconds), 1)
+    seconds = read_run(study / RUNS_NAME / run.folder).figures.seconds
+    return None if seconds is None else round(seconds, 1)
 
 
 def difference_words(first: Cell, second: Cell, measure: str, found: Estimate) -> str:
