@@ -3,11 +3,12 @@
 import os
 import resource
 import signal
+from pathlib import Path
 
 import pytest
 import torch
 
-from hulldown.base.errors import ConfigError, HulldownError
+from hulldown.base.errors import ConfigError, DatasetError, HulldownError
 from hulldown.cli import main
 from hulldown.tests.networks import small_weights
 from hulldown.tests.test_train import in_child, nano, small, train_and_die
@@ -100,12 +101,12 @@ def test_a_picture_deleted_during_training_is_a_one_line_error(tmp_path, workers
             for path in (dataset / "images").iterdir():
                 path.unlink()
 
-    with pytest.raises(HulldownError, match=r"^[^ ]*\.png: is missing; put it there") as caught:
+    with pytest.raises(DatasetError, match=r"^[^ ]*\.png: is missing; put it there") as caught:
         train(
             {"demo": dataset}, tmp_path / "run", settings=small(budget=400), device="cpu", workers=workers,
             progress=progress,
         )  # fmt: skip
-    assert "Traceback" not in str(caught.value)
+    assert (Path(caught.value.path).suffix, caught.value.problem) == (".png", "is missing")
 
 
 def test_a_full_disk_is_a_one_line_error_and_leaves_no_weights(pictures, tmp_path, capfd):

@@ -5,10 +5,11 @@ from __future__ import annotations
 import hashlib
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property, partial
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ import pytorch_lightning as pl
 import torch
 from msgspec.structs import replace
 from pytorch_lightning import loggers as pl_loggers
-from torch.utils.data import DataLoader
+from torch.utils.data import DataLoader, Dataset
 
 from hulldown.base.errors import HulldownError
 from hulldown.base.files import open_regular, replace_file, replacing
@@ -138,9 +139,9 @@ class Training:
 
         recorder = Recorder(self, judged if valid else None)
         logger = logger_of(self.settings.logger, self.folder.path) if self.settings.logger else False
-        loader = DataLoader(
-            self.examples, batch_sampler=self.batches, collate_fn=collate, num_workers=self.workers,
-            prefetch_factor=4 if self.workers else None,
+        loader = _Loader(
+            _Fetched(self.examples, collate), batch_sampler=self.batches, collate_fn=itemgetter(0),
+            num_workers=self.workers, prefetch_factor=4 if self.workers else None,
         )  # fmt: skip
         self._run(
             trainer(
@@ -168,7 +169,7 @@ class Training:
         self.folder.write_metrics(recorder.rows, validated)
         return figures
 
-    def _run(self, trainer: pl.Trainer, module: pl.LightningModule, loader: DataLoader[Example]) -> None:
+    def _run(self, trainer: pl.Trainer, module: pl.LightningModule, loader: DataLoader[Any]) -> None:
         before = torch.are_deterministic_algorithms_enabled(), torch.is_deterministic_algorithms_warn_only_enabled()
         checkpoint = str(self.folder.checkpoint) if self.folder.checkpoint.exists() else None
         if checkpoint:
@@ -179,10 +180,6 @@ class Training:
             trainer.fit(module, loader, ckpt_path=checkpoint, weights_only=True if checkpoint else None)
         except SystemExit:  # raised by Lightning on Ctrl-C
             raise KeyboardInterrupt from None
-        except HulldownError as error:
-            # A loader's process passes its error on as text, after its traceback.
-            _, raised, text = str(error).rpartition(f"{type(error).__module__}.{type(error).__qualname__}: ")
-            raise (HulldownError(text) if raised else error) from None
         finally:
             torch.use_deterministic_algorithms(before[0], warn_only=before[1])
 
@@ -209,6 +206,29 @@ class Training:
 
     def _foreign(self, problem: str) -> HulldownError:
         return HulldownError(problem, path=self.folder.checkpoint, remedy="delete it, and training begins anew")
+
+
+class _Fetched(Dataset[Any]):
+    """Batches of examples; an error takes its batch's place, since PyTorch would pass on its text alone."""
+
+    def __init__(self, examples: DrawnExamples, collate: Callable[[list[Example]], Any]) -> None:
+        self._examples, self._collate = examples, collate
+
+    def __getitems__(self, draws: list[int]) -> list[Any]:
+        try:
+            return [self._collate([self._examples[k] for k in draws])]
+        except HulldownError as error:
+            return [error]
+
+
+class _Loader(DataLoader[Any]):
+    """A loader that raises the errors among its batches."""
+
+    def __iter__(self) -> Iterator[Any]:
+        for batch in super().__iter__():
+            if isinstance(batch, HulldownError):
+                raise batch
+            yield batch
 
 
 class Recorder(pl.Callback):
