@@ -4,6 +4,7 @@ import csv
 import json
 import shutil
 
+import msgspec
 import numpy as np
 import pytest
 from PIL import Image
@@ -25,6 +26,13 @@ def stored(folder, coco, **found):
     for name, records in found.items():
         (folder / f"{name}.json").write_text(json.dumps(records))
     return folder
+
+
+def evaluated(dataset, predictions, output, **options):
+    """The contents of report.json, which are those of the returned report."""
+    found = evaluate_files(dataset, predictions, output, **options)
+    assert json.loads(msgspec.json.encode(found)) == json.loads((output / "report.json").read_text())
+    return msgspec.to_builtins(found)
 
 
 @pytest.fixture(scope="module")
@@ -51,12 +59,11 @@ def scene(tmp_path_factory):
 def weak(scene, tmp_path_factory):
     """The report of the dataset and its detections."""
     output = tmp_path_factory.mktemp("weak") / "report"
-    return evaluate_files(scene, [scene / "weak.json"], output), output
+    return evaluated(scene, [scene / "weak.json"], output), output
 
 
 def test_the_report_has_the_documented_keys_and_hand_counted_figures(weak):
     found, output = weak
-    assert json.loads((output / "report.json").read_text()) == json.loads(json.dumps(found))
     assert all(set(one) >= METRICS | {"threshold", "iou"} for one in (found["overall"], *found["per_class"].values()))
     assert (found["threshold"], found["iou"], found["threshold_source"]) == (0.5, 0.5, "given")
     assert (found["images"], found["positions"], found["labels"]) == (6, 2, 18)
@@ -127,7 +134,7 @@ def test_the_page_filters_misses_by_outcome_class_and_bin(weak, browser):
 
 def test_detectors_are_compared_with_the_first(scene, tmp_path, browser):
     shutil.copy(scene / "weak.json", tmp_path / "twin #2.json")
-    found = evaluate_files(scene, [scene / "weak.json", scene / "better.json", tmp_path / "twin #2.json"], tmp_path)
+    found = evaluated(scene, [scene / "weak.json", scene / "better.json", tmp_path / "twin #2.json"], tmp_path)
     better, twin = found["comparisons"]
     assert (better["first"], better["second"]) == ("weak", "better")
     assert better["difference"]["recall"] == pytest.approx(3 / 18, abs=1e-5)
@@ -145,18 +152,18 @@ def test_files_with_equal_names_are_named_by_their_folders(scene, tmp_path):
         (tmp_path / run).mkdir()
         shutil.copy(scene / "none.json", tmp_path / run / "predictions.json")
     paths = [tmp_path / run / "predictions.json" for run in ("a", "b")]
-    assert set(evaluate_files(scene, paths, tmp_path / "r")["runs"]) == {"a", "b"}
+    assert set(evaluated(scene, paths, tmp_path / "r")["runs"]) == {"a", "b"}
 
 
 def test_without_detections_labels_or_images_there_is_a_report(scene, tmp_path):
-    found = evaluate_files(scene, [scene / "none.json"], tmp_path / "r")
+    found = evaluated(scene, [scene / "none.json"], tmp_path / "r")
     for one in (found["overall"], *found["per_class"].values()):
         assert [one[key] for key in ("recall", "f1", "ap", "precision")] == [0, 0, 0, None]
     folder = stored(tmp_path / "alarm", dataset([]), found=results([(1, 1, (0, 0, 9, 9), 0.9)]))
-    found = evaluate_files(folder, [folder / "found.json"], tmp_path / "r")
+    found = evaluated(folder, [folder / "found.json"], tmp_path / "r")
     assert (found["overall"]["fp"], found["overall"]["recall"], found["overall"]["ap"]) == (1, None, None)
     folder = stored(tmp_path / "nothing", dataset([], images=0), found=[])
-    found = evaluate_files(folder, [folder / "found.json"], tmp_path / "r")
+    found = evaluated(folder, [folder / "found.json"], tmp_path / "r")
     assert (found["images"], found["overall"]["ap"]) == (0, None)
 
 
@@ -167,7 +174,7 @@ def test_a_perfect_detector_has_1_and_0_everywhere(tmp_path):
         box["bbox"] = [100.0 * k, 0.0, 50.0, 40.0]
     found = results([(a["image_id"], a["category_id"], a["bbox"], 1.0) for a in coco["annotations"]])
     folder = stored(tmp_path / "d", coco, found=found)
-    got = evaluate_files(folder, [folder / "found.json"], tmp_path / "r")
+    got = evaluated(folder, [folder / "found.json"], tmp_path / "r")
     for one in (got["overall"], *got["per_class"].values()):
         assert {one[key] for key in ("precision", "recall", "f1", "mean_iou", "mean_confidence")} == {1}
         assert {one[key] for key in ("ap", "ap50", "ap75")} == {1}
@@ -180,7 +187,7 @@ def test_a_perfect_detector_has_1_and_0_everywhere(tmp_path):
 
 def test_missing_pictures_are_named_and_do_not_change_figures(scene, weak, tmp_path, browser):
     shutil.copy(scene / "annotations.json", tmp_path)
-    found = evaluate_files(tmp_path, [scene / "weak.json"], tmp_path / "r")
+    found = evaluated(tmp_path, [scene / "weak.json"], tmp_path / "r")
     assert found["overall"] == weak[0]["overall"]
     browser.get((tmp_path / "r" / "report.html").as_uri())
     assert "couldn't be read: images/1.png is missing" in browser.find_element(By.TAG_NAME, "body").text
@@ -190,12 +197,12 @@ def test_the_threshold_can_come_from_a_validation_set(scene, tmp_path):
     boxes = [(1, 1, (x, 0, 9, 9)) for x in (0, 50, 100)]
     found = [(1, 1, (x, 0, 9, 9), score) for x, score in ((0, 0.8), (50, 0.7), (200, 0.6), (300, 0.6), (100, 0.5))]
     valid = stored(tmp_path / "valid", dataset(boxes), found=results(found))
-    got = evaluate_files(scene, [scene / "weak.json"], tmp_path / "r", validation=[valid, valid / "found.json"])
+    got = evaluated(scene, [scene / "weak.json"], tmp_path / "r", validation=[valid, valid / "found.json"])
     assert (got["threshold"], got["threshold_source"]) == (0.7, "validation")
 
 
 def test_a_threshold_chosen_on_the_test_set_is_reported(scene, tmp_path):
-    got = evaluate_files(scene, [scene / "weak.json"], tmp_path, threshold="best")
+    got = evaluated(scene, [scene / "weak.json"], tmp_path, threshold="best")
     assert got["threshold_source"] == got["per_class"]["tank"]["threshold_source"] == "test"
     assert "recall, at a threshold chosen on this set" in (tmp_path / "report.html").read_text()
     assert "chosen on the test set itself" in (tmp_path / "report.html").read_text()

@@ -94,6 +94,7 @@ def _export_model(arguments: argparse.Namespace) -> None:
 
 
 def _evaluate(arguments: argparse.Namespace) -> None:
+    from hulldown.training.evaluation.detector_report import DetectorReports
     from hulldown.training.evaluation.evaluation_report import evaluate_files
 
     found = evaluate_files(
@@ -101,9 +102,10 @@ def _evaluate(arguments: argparse.Namespace) -> None:
         validation=arguments.validation or (),
     )  # fmt: skip
     show_result(arguments, found)
-    for name, one in found.get("runs", {found.get("predictions"): found}).items():
-        figures = (f"{key} {_figure(one['overall'][key])}" for key in ("precision", "recall", "f1", "ap50"))
-        chosen = " (threshold chosen on this very set)" if one["threshold_source"] == "test" else ""
+    reports = found.runs if isinstance(found, DetectorReports) else {found.predictions: found}
+    for name, one in reports.items():
+        figures = (f"{key} {_figure(getattr(one.overall, key))}" for key in ("precision", "recall", "f1", "ap50"))
+        chosen = " (threshold chosen on this very set)" if one.threshold_source == "test" else ""
         say(f"{name}: {', '.join(figures)}{chosen}")
     say(f"look at {arguments.output / 'report.html'}")
 

@@ -6,7 +6,6 @@ import io
 from collections.abc import Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -34,6 +33,7 @@ from hulldown.dataset.reports.page import Facet, Tile, render
 from hulldown.pictures.drawing import BACKGROUND, contact_sheet
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.bins import BinFigures
+from hulldown.training.evaluation.detector_report import DetectorReport
 from hulldown.training.evaluation.evaluate import DetectorComparison, Evaluation
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.metrics import curves
@@ -81,15 +81,15 @@ LABEL_COLOR, FOUND_COLOR = (0, 200, 120), (255, 120, 0)
 WORDS = {"figures": FIGURES, "averages": AVERAGES, "meanings": MEANINGS, "sources": SOURCES}
 
 
-def evaluation_page(one: Evaluation, report: Mapping[str, Any], tiles: Sequence[Tile], unread: str) -> str:
-    """Return the page about one file of detections, from its evaluation, its `report.report`, and its `thumbnails`."""
-    loss, counts = one.errors.loss, report["confusion"]["counts"]
+def evaluation_page(one: Evaluation, report: DetectorReport, tiles: Sequence[Tile], unread: str) -> str:
+    """Return the page about one file of detections, from its evaluation, its report, and its `thumbnails`."""
+    loss, counts = one.errors.loss, report.confusion.counts
     return render(
         TEMPLATE,
         {
             **WORDS,
-            "reports": {report["predictions"]: report},
-            "columns": {"all classes": report["overall"], **report["per_class"]},
+            "reports": {report.predictions: report},
+            "columns": {"all classes": report.overall, **report.per_class},
             "most": MOST,
             "unread": unread,
             "tiles": tiles,
@@ -101,7 +101,7 @@ def evaluation_page(one: Evaluation, report: Mapping[str, Any], tiles: Sequence[
             "shades": [*([n / max(sum(row), 1) for n in row] for row in counts[:-1]), [0.0] * len(counts)],
             "losses": None if np.isnan(loss["missed"]) else losses(loss),
             "recalls": {
-                f"recall by {found.field.title}": recall_bins(found, float(report["overall"]["recall"] or 0.0))
+                f"recall by {found.field.title}": recall_bins(found, report.overall.recall or 0.0)
                 for found in one.bins
                 if (found.labels > 0).sum() > 1  # a single bin equals the whole
             },
@@ -111,7 +111,7 @@ def evaluation_page(one: Evaluation, report: Mapping[str, Any], tiles: Sequence[
 
 
 def comparison_page(
-    evaluations: Sequence[Evaluation], reports: Mapping[str, Mapping[str, Any]], compared: Sequence[DetectorComparison]
+    evaluations: Sequence[Evaluation], reports: Mapping[str, DetectorReport], compared: Sequence[DetectorComparison]
 ) -> str:
     """Return the page that compares files of detections, which have their own pages in folders of their names."""
     changes = [
@@ -125,7 +125,7 @@ def comparison_page(
         {
             **WORDS,
             "reports": reports,
-            "columns": {name: report["overall"] for name, report in reports.items()},
+            "columns": {name: report.overall for name, report in reports.items()},
             "curves": {"precision over recall of each": precision_recall(evaluations)},
             "changes": changes,
             "differences": differences(title, changes),

@@ -4,33 +4,32 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
-import numpy as np
+import msgspec
 import orjson
+from msgspec.structs import asdict
 
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.base.files import make_room, replace_file
 from hulldown.base.terminal import shown
-from hulldown.geometry.arrays import spread
 from hulldown.training.evaluation.average_precision import AVERAGES
-from hulldown.training.evaluation.bins import BinFigures, worst
+from hulldown.training.evaluation.detector_report import (
+    DetectorReport,
+    DetectorReports,
+    report,
+    reported_comparison,
+)
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare
 from hulldown.training.evaluation.evaluation_page import comparison_page, evaluation_page, thumbnails, write_sheets
 from hulldown.training.evaluation.labels import Labels, read_labels
-from hulldown.training.evaluation.metrics import COUNTS, FIGURES, confusion, curves
+from hulldown.training.evaluation.metrics import COUNTS, FIGURES
 from hulldown.training.evaluation.predictions import Predictions, read_predictions
-from hulldown.training.evaluation.tide import CAUSES
 
-DIGITS = 6
 COLUMNS = ("predictions", "scope", *COUNTS, *FIGURES, *AVERAGES, "threshold", "threshold_source", "iou")
-CURVE_POINTS = 200
 
 
 def evaluate_files(
@@ -42,7 +41,7 @@ def evaluate_files(
     iou: float = 0.5,
     validation: Sequence[str | os.PathLike[str]] = (),
     progress: Callable[[int, int], None] | None = None,
-) -> dict[str, Any]:
+) -> DetectorReport | DetectorReports:
     """Evaluate one or several files of detections on a dataset, and write the report.
 
     Parameters
@@ -66,7 +65,7 @@ def evaluate_files(
 
     Returns
     -------
-    The contents of ``report.json``.
+    The contents of ``report.json``: `DetectorReports` for several files of detections.
 
     Raises
     ------
@@ -83,7 +82,7 @@ def evaluate_files(
     ...     _ = dataset.append({"file_name": "1.jpg", "width": 640, "height": 480}, [label])
     >>> result = {"image_id": 1, "category_id": 1, "bbox": [10, 10, 80, 40], "score": 0.9}
     >>> _ = (folder / "found.json").write_bytes(orjson.dumps([result]))
-    >>> evaluate_files(folder, folder / "found.json", folder / "report")["overall"]["recall"]
+    >>> evaluate_files(folder, folder / "found.json", folder / "report").overall.recall
     1.0
     """
     if not (threshold == "best" or (isinstance(threshold, int | float) and 0 <= threshold <= 1)):
@@ -124,7 +123,7 @@ def evaluate_files(
     if len(evaluations) == 1:
         return next(iter(reports.values()))
     compared = [compare(evaluations[0], other) for other in evaluations[1:]]
-    written = {"runs": reports, "comparisons": [plain(asdict(one)) for one in compared]}
+    written = DetectorReports(reports, [reported_comparison(one) for one in compared])
     _write(output, reports, written, comparison_page(evaluations, reports, compared))
     return written
 
@@ -149,86 +148,21 @@ def _names(paths: Sequence[Path]) -> list[str]:
     return [f"{path.stem}-{k}" for k, path in enumerate(paths, start=1)]
 
 
-def _write(folder: Path, reports: Mapping[str, Mapping[str, Any]], written: Mapping[str, Any], page: str) -> None:
+def _write(
+    folder: Path, reports: Mapping[str, DetectorReport], written: DetectorReport | DetectorReports, page: str
+) -> None:
     make_room(folder / "report.html")
     replace_file(folder / "metrics.csv", metrics_csv(reports).encode())
-    replace_file(folder / "report.json", orjson.dumps(written, option=orjson.OPT_INDENT_2) + b"\n")
+    replace_file(folder / "report.json", orjson.dumps(msgspec.to_builtins(written), option=orjson.OPT_INDENT_2) + b"\n")
     replace_file(folder / "report.html", page.encode())
 
 
-def metrics_csv(reports: Mapping[str, Mapping[str, Any]]) -> str:
+def metrics_csv(reports: Mapping[str, DetectorReport]) -> str:
     """CSV with a line for all classes (``overall``) and one for each (``per_class.NAME``), per file of detections."""
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     for name, found in reports.items():
-        rows = {"overall": found["overall"]} | {f"per_class.{key}": row for key, row in found["per_class"].items()}
-        writer.writerows({**row, "predictions": name, "scope": scope} for scope, row in rows.items())
+        rows = {"overall": found.overall} | {f"per_class.{key}": row for key, row in found.per_class.items()}
+        writer.writerows({**asdict(row), "predictions": name, "scope": scope} for scope, row in rows.items())
     return text.getvalue()
-
-
-def report(one: Evaluation) -> dict[str, Any]:
-    """Return the report about one file of detections; undefined values are None."""
-    predictions = one.predictions
-    listed = predictions.class_names
-    names = [name if listed.count(name) == 1 else f"{name} ({c + 1})" for c, name in enumerate(listed)]
-    curve = curves(one.matching)
-    shown = spread(len(curve["threshold"]), CURVE_POINTS)
-    return {
-        "dataset": str(one.labels.path),
-        "predictions": predictions.name,
-        "iou": one.matching.iou_threshold,
-        "threshold": one.threshold.value,
-        "threshold_source": one.threshold.source,
-        "images": len(one.labels.images),
-        "positions": one.labels.positions,
-        "labels": int((~one.labels.crowd).sum()),
-        "overall": {
-            **_record(one),
-            "average_precision": plain(one.summary),
-            "intervals": plain(one.intervals()),
-        },
-        "per_class": {name: {**_record(one, c), "intervals": plain(one.intervals(c))} for c, name in enumerate(names)},
-        "confusion": {"classes": [*names, "background"], "counts": confusion(one.seen).tolist()},
-        "errors": {name: {"count": count, "ap50": plain(one.errors.loss[name])} for name, count in causes(one).items()},
-        "curves": {key: plain(values[shown]) for key, values in curve.items()},
-        "bins": {found.field.name: _bins(found) for found in one.bins},
-        "worst_bins": worst(one.bins),
-    }
-
-
-def causes(one: Evaluation) -> dict[str, int]:
-    """Count errors of each cause above the threshold: false positives, and labels without any detection."""
-    confident = one.predictions.score >= one.threshold.value
-    counts = {name: int((confident & (one.errors.cause == k)).sum()) for k, name in enumerate(CAUSES)}
-    missed = one.seen.missed.copy()
-    missed[one.errors.meant[confident & (one.errors.meant >= 0)]] = False
-    return {**counts, "missed": int(missed.sum())}
-
-
-def plain(value: Any) -> Any:
-    """Numbers and arrays as JSON values, rounded; None for nan and infinity."""
-    if isinstance(value, Mapping):
-        return {key: plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, float | np.floating):
-        return round(float(value), DIGITS) if math.isfinite(value) else None
-    return value
-
-
-def _record(one: Evaluation, label: int | None = None) -> dict[str, Any]:
-    return {
-        **{key: int(value) if key in COUNTS else plain(value) for key, value in one.values(label).items()},
-        "threshold": one.threshold.value,
-        "threshold_source": one.threshold.source,
-        "iou": one.matching.iou_threshold,
-    }
-
-
-def _bins(found: BinFigures) -> list[dict[str, Any]]:
-    figures = [key for key in BinFigures.__slots__ if key != "field"]
-    columns = [found.field.bins, *(plain(getattr(found, key)) for key in figures)]
-    return [dict(zip(("bin", *figures), row, strict=True)) for row in zip(*columns, strict=True)]

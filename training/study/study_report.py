@@ -15,7 +15,7 @@ from hulldown.base.files import replace_file
 from hulldown.base.terminal import tracked
 from hulldown.dataset.reports.charts import svg
 from hulldown.training.detectors.detector import read_run
-from hulldown.training.evaluation.evaluation_report import plain
+from hulldown.training.evaluation.detector_report import plain
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.study.manifest import RUNS_NAME, Manifest, PlannedRun, predictions_paths, read_manifest
 from hulldown.training.study.results import (

@@ -1,0 +1,177 @@
+"""The report about a detector: the contents of report.json, rounded; undefined values are None."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from msgspec import UNSET, Struct, UnsetType
+
+from hulldown.geometry.arrays import spread
+from hulldown.training.evaluation.bins import BinFigures, worst
+from hulldown.training.evaluation.evaluate import DetectorComparison, Evaluation
+from hulldown.training.evaluation.metrics import COUNTS, confusion, curves
+from hulldown.training.evaluation.tide import CAUSES
+
+DIGITS = 6
+CURVE_POINTS = 200
+Ends = list[float | None]  # of an interval
+
+
+class ReportedFigures(Struct, frozen=True, kw_only=True):
+    """Figures over all classes, which alone have COCO's summary, or of one."""
+
+    tp: int
+    fp: int
+    fn: int
+    precision: float | None
+    recall: float | None
+    f1: float | None
+    mean_iou: float | None
+    mean_confidence: float | None
+    mean_confidence_tp: float | None
+    mean_confidence_fp: float | None
+    ap: float | None
+    ap50: float | None
+    ap75: float | None
+    threshold: float
+    threshold_source: str
+    iou: float
+    average_precision: dict[str, float | None] | UnsetType = UNSET
+    intervals: dict[str, Ends]
+
+
+class Confusion(Struct, frozen=True):
+    """A confusion matrix: rows are true classes, columns detected ones."""
+
+    classes: list[str]
+    counts: list[list[int]]
+
+
+class ReportedCause(Struct, frozen=True):
+    """Errors of a cause, and the AP50 that fixing it alone would gain."""
+
+    count: int
+    ap50: float | None
+
+
+class ReportedBin(Struct, frozen=True):
+    """A bin of `BinFigures`."""
+
+    bin: str
+    labels: int
+    found: int
+    recall: float | None
+    recall_interval: Ends
+    mean_iou: float | None
+    detections: int | None
+    precision: float | None
+    precision_interval: Ends
+
+
+class DetectorReport(Struct, frozen=True, kw_only=True):
+    """The report about one file of detections."""
+
+    dataset: str
+    predictions: str
+    iou: float
+    threshold: float
+    threshold_source: str
+    images: int
+    positions: int
+    labels: int
+    overall: ReportedFigures
+    per_class: dict[str, ReportedFigures]
+    confusion: Confusion
+    errors: dict[str, ReportedCause]
+    curves: dict[str, list[float | None]]
+    bins: dict[str, list[ReportedBin]]
+    worst_bins: list[str]
+
+
+class ReportedComparison(Struct, frozen=True):
+    """A `DetectorComparison`."""
+
+    first: str
+    second: str
+    difference: dict[str, float | None]
+    intervals: dict[str, Ends]
+
+
+class DetectorReports(Struct, frozen=True):
+    """The reports about several files of detections by name, and comparisons with the first."""
+
+    runs: dict[str, DetectorReport]
+    comparisons: list[ReportedComparison]
+
+
+def report(one: Evaluation) -> DetectorReport:
+    """Return the report about one file of detections."""
+    predictions = one.predictions
+    listed = predictions.class_names
+    names = [name if listed.count(name) == 1 else f"{name} ({c + 1})" for c, name in enumerate(listed)]
+    curve = curves(one.matching)
+    shown = spread(len(curve["threshold"]), CURVE_POINTS)
+    return DetectorReport(
+        dataset=str(one.labels.path),
+        predictions=predictions.name,
+        iou=one.matching.iou_threshold,
+        threshold=one.threshold.value,
+        threshold_source=one.threshold.source,
+        images=len(one.labels.images),
+        positions=one.labels.positions,
+        labels=int((~one.labels.crowd).sum()),
+        overall=_figures(one),
+        per_class={name: _figures(one, c) for c, name in enumerate(names)},
+        confusion=Confusion([*names, "background"], confusion(one.seen).tolist()),
+        errors={name: ReportedCause(count, plain(one.errors.loss[name])) for name, count in causes(one).items()},
+        curves={key: plain(values[shown]) for key, values in curve.items()},
+        bins={found.field.name: _bins(found) for found in one.bins},
+        worst_bins=worst(one.bins),
+    )
+
+
+def reported_comparison(found: DetectorComparison) -> ReportedComparison:
+    """Return a comparison for the report."""
+    return ReportedComparison(**plain(asdict(found)))
+
+
+def causes(one: Evaluation) -> dict[str, int]:
+    """Count errors of each cause above the threshold: false positives, and labels without any detection."""
+    confident = one.predictions.score >= one.threshold.value
+    counts = {name: int((confident & (one.errors.cause == k)).sum()) for k, name in enumerate(CAUSES)}
+    missed = one.seen.missed.copy()
+    missed[one.errors.meant[confident & (one.errors.meant >= 0)]] = False
+    return {**counts, "missed": int(missed.sum())}
+
+
+def plain(value: Any) -> Any:
+    """Numbers and arrays as JSON values, rounded; None for nan and infinity."""
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return round(float(value), DIGITS) if math.isfinite(value) else None
+    return value
+
+
+def _figures(one: Evaluation, label: int | None = None) -> ReportedFigures:
+    return ReportedFigures(
+        **{key: int(value) if key in COUNTS else plain(value) for key, value in one.values(label).items()},
+        threshold=one.threshold.value,
+        threshold_source=one.threshold.source,
+        iou=one.matching.iou_threshold,
+        average_precision=plain(one.summary) if label is None else UNSET,
+        intervals=plain(one.intervals(label)),
+    )
+
+
+def _bins(found: BinFigures) -> list[ReportedBin]:
+    figures = (plain(getattr(found, key)) for key in BinFigures.__slots__ if key != "field")
+    return [ReportedBin(*row) for row in zip(found.field.bins, *figures, strict=True)]
