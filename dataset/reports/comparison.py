@@ -56,7 +56,7 @@ BOXES = (
     Feature(
         "aspect",
         "box width / height",
-        "camera.elevation_deg, camera.like, or the models, also companions",
+        "camera.elevation_deg, camera.like, turret_limits_deg of vehicles, or the models, also companions",
         log=True,
     ),
     Feature("cut", "boxes that the frame cuts off", "camera.truncated_fraction or camera.like"),
