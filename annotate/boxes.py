@@ -54,7 +54,7 @@ from hulldown.annotate.curves import CurvedView, extremes_of_curved
 from hulldown.annotate.posing import PosedParts, move
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.frustum import Frustum
-from hulldown.camera.lenses import Lenses, Optics, lenses
+from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, Camera
 from hulldown.geometry.arrays import checked
 
@@ -119,7 +119,7 @@ def surface_box(
         raise ValueError(f"faces: expected indices below {len(vertices)}, got {triangles.min()} to {triangles.max()}")
     # The position is subtracted first: far from the origin a product with the whole matrix would lose digits.
     points = (camera.world_from_camera[:3, :3].T @ (vertices - camera.position).T).copy()
-    lens = lenses(camera.intrinsics)
+    lens = camera.intrinsics
     if lens.distorted:
         extremes = np.clip(extremes_of_curved(points, triangles, CurvedView(lens, frame), EMPTY), -FAR, FAR)
     else:
@@ -190,7 +190,7 @@ class VehicleBoxes:
         self,
         world_from_vehicle: ArrayLike,
         world_from_camera: ArrayLike,
-        intrinsics: Optics,
+        intrinsics: Intrinsics,
         articulations: Sequence[Mapping[str, float]] | Float[np.ndarray, "n p"] | None = None,
     ) -> Boxes:
         """Return boxes of n poses at once.
@@ -207,10 +207,10 @@ class VehicleBoxes:
         vehicles = checked(world_from_vehicle, "world_from_vehicle", ("n", 4, 4))
         cameras = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
         n = len(vehicles)
-        lens = lenses(intrinsics)
-        each = lens.spread(n) if lens.focal.ndim == 1 else lens
+        size, fov_x = intrinsics.size, intrinsics.fov_x
+        lenses = fov_x if isinstance(fov_x, np.ndarray) else [fov_x] * n
         turned = [{}] * n if articulations is None else articulations
-        for name, given in (("world_from_camera", cameras), ("intrinsics", each.focal), ("articulations", turned)):
+        for name, given in (("world_from_camera", cameras), ("intrinsics", lenses), ("articulations", turned)):
             if len(given) != n:
                 raise ValueError(f"{name}: expected {n}, one for each vehicle pose, got {len(given)}")
         angles = turned if isinstance(turned, np.ndarray) else self.shape.angles(turned)
@@ -218,25 +218,25 @@ class VehicleBoxes:
         for start in range(0, n, POSES):
             rows = slice(start, min(start + POSES, n))
             camera_from_parts = self._parts.camera_from_parts(vehicles[rows], cameras[rows], angles[rows])
-            if lens.distorted:
+            if intrinsics.distorted:
                 for i, pose in enumerate(camera_from_parts, start=start):
-                    xywh[i], amodal[i] = self._curved_boxes(pose, each.rows(np.array(i)))
+                    xywh[i], amodal[i] = self._curved_boxes(pose, intrinsics)
                 continue
-            hull, nearest, farthest = self._hull(camera_from_parts, each.rows(np.arange(n)[rows]))
+            hull, nearest, farthest = self._hull(camera_from_parts, intrinsics.rows(rows))
             low, high = hull[:, 0], hull[:, 1]
-            boxes, size = np.concatenate([low, high - low], axis=1), each.size[rows]
+            boxes = np.concatenate([low, high - low], axis=1)
             in_front = nearest >= NEAR  # wholly; so are the others
             framed = in_front & (low >= 0.0).all(axis=1) & (high <= size).all(axis=1)
             out_of_frame = in_front & ((high < -CLEAR) | (low > size + CLEAR)).any(axis=1)
             xywh[rows][framed], amodal[rows][in_front] = boxes[framed], boxes[in_front]
             for out, frame, known in ((xywh, True, framed | out_of_frame), (amodal, False, in_front)):
                 for i in np.flatnonzero(~known & (farthest >= NEAR)).tolist():
-                    frustum = Frustum(each.rows(np.array(start + i)), frame=frame)
+                    frustum = Frustum(intrinsics.rows(np.array(start + i)), frame=frame)
                     out[start + i] = _xywh(self._surface.extremes(camera_from_parts[i], frustum))
         return Boxes(xywh, amodal, truncated_fraction(xywh, amodal))
 
     def _curved_boxes(
-        self, camera_from_parts: Float[np.ndarray, "p 3 4"], lens: Lenses
+        self, camera_from_parts: Float[np.ndarray, "p 3 4"], lens: Intrinsics
     ) -> tuple[Float[np.ndarray, "4"], Float[np.ndarray, "4"]]:
         """Return boxes through distorting lenses, in the image and amodal; nan if there is none."""
         amodal = self._curved(camera_from_parts, lens, frame=False)
@@ -247,12 +247,12 @@ class VehicleBoxes:
         return self._curved(camera_from_parts, lens, frame=True) if may_show else np.full(4, np.nan), amodal
 
     def _curved(
-        self, camera_from_parts: Float[np.ndarray, "p 3 4"], lens: Lenses, *, frame: bool
+        self, camera_from_parts: Float[np.ndarray, "p 3 4"], lens: Intrinsics, *, frame: bool
     ) -> Float[np.ndarray, "4"]:
         return _xywh(np.clip(self._surface.curved_extremes(camera_from_parts, CurvedView(lens, frame)), -FAR, FAR))
 
     def _hull(
-        self, camera_from_parts: Float[np.ndarray, "n p 3 4"], lens: Lenses
+        self, camera_from_parts: Float[np.ndarray, "n p 3 4"], lens: Intrinsics
     ) -> tuple[Float[np.ndarray, "n 2 2"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Low and high corners in pixels of n convex hulls, valid for those in front; least and largest depth."""
         n = len(camera_from_parts)

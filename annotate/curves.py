@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 from hulldown.annotate.clipping import clipped, extremes_of_points, next_corner, union
 from hulldown.camera.distortion import bend, distorted, jacobian
 from hulldown.camera.frustum import NEAR_PLANE
-from hulldown.camera.lenses import Lenses
+from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR
 from hulldown.geometry.portable import sin_cos
 
@@ -37,18 +37,14 @@ class CurvedView:
         Whether the image's sides bound what is seen, or the lens's fold alone.
     """
 
-    lens: Lenses
+    lens: Intrinsics
     frame: bool
 
     @property
     def radius(self) -> float:
         """Distance from the axis at unit depth, beyond which nothing is seen."""
-        radius = float(self.lens.radius)
-        if not self.frame:
-            return radius
-        low, high = self.lens.window
-        x, y = np.maximum(-low, high).tolist()
-        return min(radius, math.sqrt(x * x + y * y))
+        x, y = self.lens.half_tangents
+        return min(self.lens.radius, math.sqrt(x * x + y * y)) if self.frame else self.lens.radius
 
     def pixels(self, unit: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Return pixels of points at unit depth, in the image or not."""

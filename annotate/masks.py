@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 from numpy.typing import ArrayLike
 from pycocotools import mask as rle_codec
 
-from hulldown.camera.lenses import Lenses
+from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, Camera, directions
 from hulldown.geometry.arrays import checked, numbered
 from hulldown.geometry.transforms import rotate
@@ -73,7 +73,7 @@ def vehicle_masks(
 def show_pixels(
     subjects: Sequence[PosedVehicle],
     world_from_camera: Float[np.ndarray, "n 4 4"],
-    lens: Lenses,
+    lens: Intrinsics,
     *,
     xywh: Float[np.ndarray, "n 4"],
     world: Scene,

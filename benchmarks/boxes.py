@@ -16,7 +16,6 @@ from hulldown.assets.vehicle import VehicleShape
 from hulldown.benchmarks.scenes import HD
 from hulldown.benchmarks.tables import table
 from hulldown.camera.frustum import Frustum
-from hulldown.camera.lenses import lenses
 from hulldown.camera.projection import Camera
 from hulldown.camera.shell import camera_pose
 from hulldown.geometry.meshes import Mesh
@@ -184,7 +183,7 @@ class _Rules:
         angles = self.parts.shape.angles([turned])
         poses = self.parts.camera_from_parts(pose[None], camera.world_from_camera[None], angles)
         points = move(self.parts.vertices, self.parts.vertex_slices, poses)[:, 0]
-        u0, v0, u1, v1 = extremes_of_mesh(points, self.parts.faces, Frustum(lenses(camera.intrinsics), frame=True))
+        u0, v0, u1, v1 = extremes_of_mesh(points, self.parts.faces, Frustum(camera.intrinsics, frame=True))
         return np.array([u0, v0, u1 - u0, v1 - v0]) if u0 <= u1 else None
 
 

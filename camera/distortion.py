@@ -33,20 +33,10 @@ SIDE = 64  # places along each side of an image at which its bounds at unit dept
 Coefficients = tuple[float, float, float, float, float]
 
 
-def distorted(points: np.ndarray, distortion: np.ndarray, radius: np.ndarray | float = math.inf) -> np.ndarray:
-    """Distort points; nan beyond the visible radius.
-
-    Parameters
-    ----------
-    points
-        (..., 2) of the plane at unit depth.
-    distortion
-        (..., 5) coefficients.
-    radius
-        (...) see `seen_radius`.
-    """
+def distorted(points: np.ndarray, distortion: Coefficients, radius: float = math.inf) -> np.ndarray:
+    """Distort points (..., 2) of the plane at unit depth; nan beyond the visible radius, see `seen_radius`."""
     x, y = points[..., 0], points[..., 1]
-    k1, k2, p1, p2, k3 = (distortion[..., i] for i in range(5))
+    k1, k2, p1, p2, k3 = distortion
     square = x * x + y * y
     with np.errstate(over="ignore", invalid="ignore"):  # infinity is outside the image
         radial = 1.0 + square * (k1 + square * (k2 + square * k3))
@@ -55,10 +45,10 @@ def distorted(points: np.ndarray, distortion: np.ndarray, radius: np.ndarray | f
         return np.where((square <= radius * radius)[..., None], np.stack([across, down], -1), np.nan)
 
 
-def jacobian(points: np.ndarray, distortion: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def jacobian(points: np.ndarray, distortion: Coefficients) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the three different entries of the symmetric Jacobian of `distorted`: xx, xy, yy."""
     x, y = points[..., 0], points[..., 1]
-    k1, k2, p1, p2, k3 = (distortion[..., i] for i in range(5))
+    k1, k2, p1, p2, k3 = distortion
     square = x * x + y * y
     radial = 1.0 + square * (k1 + square * (k2 + square * k3))
     slope = 2.0 * (k1 + square * (2.0 * k2 + square * 3.0 * k3))
@@ -69,27 +59,24 @@ def jacobian(points: np.ndarray, distortion: np.ndarray) -> tuple[np.ndarray, np
     )
 
 
-def bend(length: np.ndarray, distortion: np.ndarray) -> np.ndarray:
+def bend(length: np.ndarray, distortion: Coefficients) -> np.ndarray:
     """Return the greatest second derivative of `distorted`, along any line at unit speed, within so far of the axis."""
-    k1, k2, p1, p2, k3 = np.abs(distortion).tolist()
+    k1, k2, p1, p2, k3 = map(abs, distortion)
     square = length * length
     first = k1 + square * (2.0 * k2 + square * 3.0 * k3)
     second = 2.0 * k2 + square * 6.0 * k3
     return length * (6.0 * first + 4.0 * square * second) + 6.0 * math.sqrt(p1 * p1 + p2 * p2)
 
 
-def undistorted(points: np.ndarray, distortion: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
+def undistorted(points: np.ndarray, distortion: Coefficients, radius: float) -> np.ndarray:
     """Return the points within the radius that `distorted` takes to these, by Newton's method; nan: there are none.
 
     Every point has its own number of rounds, so a result doesn't depend on the other points.
     """
     wanted = np.asarray(points, dtype=np.float64)
-    lead = wanted.shape[:-1]
     target = wanted.reshape(-1, 2)
-    lens = np.broadcast_to(distortion, (*lead, 5)).reshape(-1, 5)
-    limit = np.broadcast_to(radius, lead).reshape(-1)
-    at = _within(target, limit)
-    off = distorted(at, lens) - target
+    at = _within(target, radius)
+    off = distorted(at, distortion) - target
     miss = _length(off)
     close = RESIDUAL * (1.0 + _length(target))
     share = np.ones(len(target))
@@ -97,12 +84,12 @@ def undistorted(points: np.ndarray, distortion: np.ndarray, radius: np.ndarray |
     for _ in range(ROUNDS):
         if not len(active):
             break
-        xx, xy, yy = jacobian(at[active], lens[active])
+        xx, xy, yy = jacobian(at[active], distortion)
         u, v = off[active, 0], off[active, 1]
         scale = share[active] / (xx * yy - xy * xy)
         step = np.stack([(yy * u - xy * v) * scale, (xx * v - xy * u) * scale], -1)
-        tried = _within(at[active] - step, limit[active])
-        tried_off = distorted(tried, lens[active]) - target[active]
+        tried = _within(at[active] - step, radius)
+        tried_off = distorted(tried, distortion) - target[active]
         tried_miss = _length(tried_off)
         better = tried_miss < miss[active]
         rows = active[better]
@@ -148,7 +135,7 @@ def frame_bounds(
     pixels = (sides * [width, height] - [cx, cy]) / [fx, fy]
     if not any(distortion):
         return tuple(pixels.min(axis=(0, 1)).tolist()), tuple(pixels.max(axis=(0, 1)).tolist())
-    unit = undistorted(pixels, np.array(distortion), seen_radius(distortion))
+    unit = undistorted(pixels, distortion, seen_radius(distortion))
     if not np.isfinite(unit).all():
         raise ValueError(
             f"distortion: expected a lens that doesn't fold inside the image, got {distortion!r}, which folds at "
@@ -159,7 +146,7 @@ def frame_bounds(
     return tuple((unit.min(axis=(0, 1)) - bulge).tolist()), tuple((unit.max(axis=(0, 1)) + bulge).tolist())
 
 
-def _within(points: np.ndarray, radius: np.ndarray) -> np.ndarray:
+def _within(points: np.ndarray, radius: float) -> np.ndarray:
     """Return the points, or the nearest on the circle where they are beyond it."""
     length = _length(points)
     with np.errstate(invalid="ignore"):

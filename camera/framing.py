@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from hulldown.camera.lenses import Lenses, Optics, lenses
+from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import directions, project
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.portable import exp, hypot, log
@@ -22,7 +22,7 @@ PLACED_PX = 1e-3
 
 
 def turned(
-    world_from_camera: ArrayLike, intrinsics: Optics, pixel: ArrayLike, roll: ArrayLike = 0.0
+    world_from_camera: ArrayLike, intrinsics: Intrinsics, pixel: ArrayLike, roll: ArrayLike = 0.0
 ) -> Float[np.ndarray, "... 4 4"]:
     """Return the camera turned on the spot so that what was on its optical axis falls on `pixel`, and rolled.
 
@@ -42,8 +42,7 @@ def turned(
     """
     pose = checked(world_from_camera, "world_from_camera", ("...", 4, 4))
     uv = checked(pixel, "pixel", ("...", 2))
-    lens = lenses(intrinsics)
-    seen = directions(lens, uv[..., None, :])[..., 0, :]
+    seen = directions(intrinsics, uv[..., None, :])[..., 0, :]
     seen = seen / np.linalg.norm(seen, axis=-1, keepdims=True)
     about_axis = None
     if np.any(roll):
@@ -54,7 +53,7 @@ def turned(
     rotation = np.array(out[..., :3, :3])
     seen = np.broadcast_to(seen, (*lead, 3))
     flat = hypot(rotation[..., 0, 2], rotation[..., 1, 2])
-    steep = flat <= lens.sin_half_fov_x
+    steep = flat <= intrinsics.sin_half_fov_x
     level = np.asarray(~steep & (np.abs(rotation[..., 2, 0]) < 1e-9) & (flat > np.abs(seen[..., 0])))
     smallest = rotate(tilt_to(seen), rotation)
     out[..., :3, :3] = np.where(level[..., None, None], _panned(rotation, seen, level), smallest)
@@ -99,7 +98,7 @@ def _unit(x: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
 def frame_target(
     world_from_camera: ArrayLike,
     points_world: ArrayLike,
-    intrinsics: Optics,
+    intrinsics: Intrinsics,
     *,
     rng: UniformNumbers,
     roll: ArrayLike = 0.0,
@@ -143,12 +142,10 @@ def frame_target(
         raise ValueError(f"spread: expected 0 to 1, got {spread}")
     if not 0.0 <= truncated[0] <= truncated[1] <= 1.0:
         raise ValueError(f"truncated: expected 0 <= low <= high <= 1, got {truncated}")
-    n = len(poses)
-    lens = lenses(intrinsics)
-    size = np.broadcast_to(lens.size, (n, 2))
+    n, size = len(poses), intrinsics.size
     rolls = np.broadcast_to(np.asarray(roll, dtype=np.float64), (n,))
-    first = turned(poses, lens, lens.center, rolls) if rolls.any() else poses
-    box = _box(first, points, lens)
+    first = turned(poses, intrinsics, intrinsics.center, rolls) if rolls.any() else poses
+    box = _box(first, points, intrinsics)
     known = np.isfinite(box).all(axis=(1, 2))
     extent = np.where(known[:, None], np.maximum(box[:, 1] - box[:, 0], 1e-9), 1.0)
     uniform = rng.random((n, 5))
@@ -158,16 +155,16 @@ def frame_target(
 
     def corner(rows: Int[np.ndarray, " r"], extent: Float[np.ndarray, "r 2"]) -> Float[np.ndarray, "r 2"]:
         # `inside` of the extent is in the frame, the rest sticks out at the low or the high side.
-        cut = np.where(cut_high[rows], size[rows] - inside[rows] * extent, (inside[rows] - 1.0) * extent)
-        return np.where(np.isnan(inside[rows]), place[rows] * (size[rows] - extent), cut)
+        cut = np.where(cut_high[rows], size - inside[rows] * extent, (inside[rows] - 1.0) * extent)
+        return np.where(np.isnan(inside[rows]), place[rows] * (size - extent), cut)
 
-    return _turned_until(poses, points, lens, rolls, start=(first, box), corner=corner)
+    return _turned_until(poses, points, intrinsics, rolls, start=(first, box), corner=corner)
 
 
 def place_boxes(
     world_from_camera: ArrayLike,
     points_world: ArrayLike,
-    intrinsics: Optics,
+    intrinsics: Intrinsics,
     *,
     corners: Float[np.ndarray, "n 4"],
     cut: Bool[np.ndarray, "n 4"],
@@ -193,28 +190,27 @@ def place_boxes(
     """
     poses = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
     points = checked(points_world, "points_world", ("n", "k", 3))
-    lens = lenses(intrinsics)
-    least = np.broadcast_to(kept, (len(poses), 2))
+    size, least = intrinsics.size, np.broadcast_to(kept, (len(poses), 2))
     rolls = np.broadcast_to(np.asarray(roll, dtype=np.float64), (len(poses),))
-    first = turned(poses, lens, lens.center, rolls) if rolls.any() else poses
-    size = np.broadcast_to(lens.size, (len(poses), 2))
+    first = turned(poses, intrinsics, intrinsics.center, rolls) if rolls.any() else poses
     (low, high), (cut_low, cut_high) = (np.split(each, 2, axis=1) for each in (corners, cut))
 
     def corner(rows: Int[np.ndarray, " r"], extent: Float[np.ndarray, "r 2"]) -> Float[np.ndarray, "r 2"]:
-        room, inside = size[rows] - extent, least[rows] * extent
+        room, inside = size - extent, least[rows] * extent
         middle = (low[rows] + high[rows] - extent) / 2.0
         at_low = np.clip(high[rows], inside, extent) - extent
-        places = [middle, at_low, np.maximum(np.minimum(low[rows], size[rows] - inside), room)]
+        places = [middle, at_low, np.maximum(np.minimum(low[rows], size - inside), room)]
         kinds = [cut_low[rows] & cut_high[rows], cut_low[rows], cut_high[rows]]
         return np.select(kinds, places, np.clip(middle, np.minimum(room, 0.0), np.maximum(room, 0.0)))
 
-    return _turned_until(poses, points, lens, rolls, start=(first, _box(first, points, lens)), corner=corner)
+    start = first, _box(first, points, intrinsics)
+    return _turned_until(poses, points, intrinsics, rolls, start=start, corner=corner)
 
 
 def _turned_until(
     poses: Float[np.ndarray, "n 4 4"],
     points: Float[np.ndarray, "m k 3"],
-    lens: Lenses,
+    lens: Intrinsics,
     rolls: Float[np.ndarray, " n"],
     *,
     start: tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, "n 2 2"]],
@@ -222,7 +218,7 @@ def _turned_until(
 ) -> Float[np.ndarray, "n 4 4"]:
     """Turn cameras until the upper left corner of each box is where `corner` wants it for a box of that size."""
     n, (first, box) = len(poses), start
-    best, best_pixel = first.copy(), np.array(np.broadcast_to(lens.center, (n, 2)))
+    best, best_pixel = first.copy(), np.tile(lens.center, (n, 1))
     best_miss = np.full(n, np.inf)
     # Finished cameras stay as they are, so a result doesn't depend on the other cameras.
     todo = np.flatnonzero(np.isfinite(box).all(axis=(1, 2)))
@@ -248,7 +244,7 @@ def _turned_until(
 def _box(
     poses: Float[np.ndarray, "n 4 4"],
     points: Float[np.ndarray, "m k 3"],
-    lens: Lenses,
+    lens: Intrinsics,
 ) -> Float[np.ndarray, "n 2 2"]:
     """Low and high corner of the projected points, nan if one of them is not in front."""
     pixels = project(lens, poses, points).pixels
@@ -257,7 +253,7 @@ def _box(
 
 def _draw_cuts(
     extent: Float[np.ndarray, "n 2"],
-    size: Float[np.ndarray, "n 2"],
+    size: Float[np.ndarray, "2"],
     share: Float[np.ndarray, " n"],
     uniform: Float[np.ndarray, "n 5"],
 ) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, "n 2"]]:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from hulldown.camera.lenses import Lenses
+from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR
 
 NEAR_PLANE = np.array([[0.0, 0.0, 1.0, -NEAR]])
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False)
 class Frustum:
     """A view frustum as half-spaces in the camera's frame.
 
@@ -25,10 +26,10 @@ class Frustum:
         Whether the image's edges are among the half-spaces, or the near plane alone.
     """
 
-    lens: Lenses
+    lens: Intrinsics
     frame: bool
 
-    @property
+    @cached_property
     def _numbers(self) -> tuple[list[float], list[float], list[float]]:
         return self.lens.focal.tolist(), self.lens.center.tolist(), self.lens.size.tolist()
 

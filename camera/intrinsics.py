@@ -1,4 +1,4 @@
-"""A camera's intrinsics: image size, field of view or calibration, and the distance at which a size fills a share.
+"""Intrinsics of one or many cameras: image size, field of view or calibration, pixels, and the plane at unit depth.
 
 Other folders ask cameras for pixels, rays, and bounds. Only `camera/` computes with fields of view and focal lengths.
 This module runs in Blender too, which may have numpy only.
@@ -9,19 +9,22 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hulldown.camera.distortion import NONE, frame_bounds
+from hulldown.camera.distortion import NONE, distorted, frame_bounds, seen_radius, undistorted
+from hulldown.geometry.portable import arctan2, hypot, tan
 
 WHOLE = (int, np.integer)  # built once: building the union for each camera would take longer than the checks
+ALONG = 8  # parts of a window's side at whose ends its image is measured
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Intrinsics:
-    """A camera: one with square pixels and its principal point at the image's center, or a calibrated one.
+    """A calibrated camera, or one or m cameras with square pixels and the principal point at the image's center.
 
     Pixels are continuous: (0, 0) is the outer corner of the top-left pixel, (width, height) that of the bottom-right.
 
@@ -30,7 +33,7 @@ class Intrinsics:
     width, height
         Image size in pixels, at least 1.
     fov_x
-        Horizontal field of view in radians, between 0 and pi.
+        Horizontal field of view in radians, between 0 and pi: a number, or (m,) of m cameras.
     pinhole
         fx, fy, cx, cy in pixels of a calibrated camera, which replace `fov_x`; see `calibrated`.
     distortion
@@ -57,7 +60,7 @@ class Intrinsics:
 
     width: int
     height: int
-    fov_x: float
+    fov_x: float | np.ndarray
     pinhole: tuple[float, float, float, float] | None = None
     distortion: tuple[float, float, float, float, float] = NONE
 
@@ -66,7 +69,8 @@ class Intrinsics:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, WHOLE) or value < 1:
                 raise ValueError(f"{name}: expected a whole number of pixels, at least 1, got {value!r}")
-        if not 0.0 < self.fov_x < math.pi:
+        possible = (self.fov_x > 0.0) & (self.fov_x < math.pi)
+        if not (possible.all() if isinstance(possible, np.ndarray) else possible):
             raise ValueError(f"fov_x: expected radians between 0 and pi, got {self.fov_x!r}")
         object.__setattr__(self, "distortion", tuple(self.distortion))  # lists, from JSON
         if self.pinhole is not None:
@@ -75,7 +79,7 @@ class Intrinsics:
                 raise ValueError(f"pinhole: expected positive fx and fy, cx, and cy, got {self.pinhole!r}")
             if len(self.distortion) != 5:
                 raise ValueError(f"distortion: expected k1, k2, p1, p2, and k3, got {self.distortion!r}")
-            self.bounds  # noqa: B018  # a lens that folds is refused
+            self.window  # noqa: B018  # a lens that folds is refused
 
     @classmethod
     def calibrated(
@@ -123,6 +127,14 @@ class Intrinsics:
         pinhole = (fx * across, fy * down, cx * across, cy * down)
         return replace(self, width=width, height=height, pinhole=pinhole)
 
+    def rows(self, index: np.ndarray | slice) -> Intrinsics:
+        """Select cameras; unchanged if there is one for all."""
+        if not isinstance(self.fov_x, np.ndarray):
+            return self
+        selected = replace(self, fov_x=self.fov_x[index])
+        vars(selected)["focal"] = self.focal[index]  # tangents aren't computed again
+        return selected
+
     @property
     def aspect(self) -> float:
         """Width over height (eq 2)."""
@@ -136,45 +148,118 @@ class Intrinsics:
     @property
     def half_tangents(self) -> tuple[float, float]:
         """Half the width and height at unit depth of the smallest centered image that holds this one."""
+        if self.pinhole is None:
+            half = math.tan(self.fov_x / 2.0)
+            return half, half * self.height / self.width
+        low, high = self.window
+        across, down = np.maximum(-low, high).tolist()
+        return across, down
+
+    @cached_property
+    def focal(self) -> np.ndarray:
+        """(2,) or (m, 2) focal lengths fx and fy in pixels (eq 4)."""
         if self.pinhole is not None:
-            low, high = self.bounds
-            return max(-low[0], high[0]), max(-low[1], high[1])
-        half = math.tan(self.fov_x / 2.0)
-        return half, half * self.height / self.width
-
-    @property
-    def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Lowest and highest (x / z, y / z) of what a calibrated camera sees."""
-        assert self.pinhole is not None
-        return frame_bounds(self.width, self.height, self.pinhole, self.distortion)
-
-    @property
-    def f_px(self) -> float:
-        """Focal length in pixels (eq 4), along x."""
-        if self.pinhole is not None:
-            return self.pinhole[0]
-        from hulldown.geometry.portable import tan  # needs more than numpy
-
+            return np.array(self.pinhole[:2])
         # The same number as eq 4, (height / 2) / tan(fov_y / 2), without the digits that going through fov_y costs.
-        return self.width / 2.0 / tan(self.fov_x / 2.0)
+        f = self.width / 2.0 / tan(self.fov_x / 2.0)
+        return np.stack([f, f], -1)
+
+    def __getstate__(self) -> dict[str, object]:
+        return {name: value for name, value in vars(self).items() if name != "focal"}  # not another numpy's array
 
     @property
-    def focal(self) -> tuple[float, float]:
-        """Focal lengths fx and fy in pixels."""
-        return (self.f_px,) * 2 if self.pinhole is None else self.pinhole[:2]
+    def f_px(self) -> np.ndarray:
+        """() or (m,) focal length in pixels, along x."""
+        return self.focal[..., 0]
 
     @property
     def center(self) -> np.ndarray:
         """(2,) the principal point in pixels."""
-        if self.pinhole is not None:
-            return np.array(self.pinhole[2:])
-        return np.array([self.width / 2.0, self.height / 2.0])
+        return np.array([self.width / 2.0, self.height / 2.0] if self.pinhole is None else self.pinhole[2:])
+
+    @property
+    def size(self) -> np.ndarray:
+        """(2,) width and height in pixels."""
+        return np.array([self.width, self.height], dtype=np.float64)
 
     @property
     def matrix(self) -> np.ndarray:
         """K (3, 3): takes camera coordinates (x right, y down, z forward) to homogeneous pixels before distortion."""
         (fx, fy), (cx, cy) = self.focal, self.center
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def distorted(self) -> bool:
+        """Whether the lens distorts."""
+        return any(self.distortion)
+
+    @property
+    def radius(self) -> float:
+        """Radius at unit depth that the lens sees; see `camera.distortion.seen_radius`."""
+        return seen_radius(self.distortion)
+
+    @property
+    def window(self) -> tuple[np.ndarray, np.ndarray]:
+        """(2,) or (m, 2) corners of the smallest rectangle at unit depth around the image."""
+        focal, center = self.focal, self.center
+        if not self.distorted:
+            return -center / focal, (self.size - center) / focal
+        bounds = frame_bounds(self.width, self.height, (*focal.tolist(), *center.tolist()), self.distortion)
+        return np.array(bounds[0]), np.array(bounds[1])
+
+    @property
+    def fov_x_deg(self) -> np.ndarray:
+        """() or (m,) horizontal field of view in degrees, at the height of the principal point."""
+        if self.pinhole is None:
+            return np.asarray(np.degrees(self.fov_x))
+        fx, _, left, cy = self.pinhole
+        right = self.width - left
+        if self.distorted:
+            low, high = self.at_unit_depth(np.array([[0.0, cy], [self.width, cy]]))[:, 0].tolist()
+            left, right = -low * fx, high * fx
+        return np.asarray(np.degrees(arctan2(left, fx) + arctan2(right, fx)))
+
+    @property
+    def sin_half_fov_x(self) -> np.ndarray:
+        """() or (m,) sine of the angle between the axis and the image's farther side."""
+        if self.distorted:
+            half = self.half_tangents[0]
+            return np.asarray(half / hypot(half, 1.0))
+        half = max(self.center[0], self.width - self.center[0])
+        return np.asarray(half / hypot(half, self.f_px))
+
+    def pixels(self, unit: np.ndarray) -> np.ndarray:
+        """Continuous pixels (..., n, 2) of points (x / z, y / z) at unit depth; nan beyond what the lens sees.
+
+        Without distortion they are monotone along each axis.
+        """
+        if self.distorted:
+            unit = distorted(unit, self.distortion, self.radius)
+        pixels = np.asarray(unit * self.focal[..., None, :])
+        pixels += self.center
+        return pixels
+
+    def at_unit_depth(self, pixels: np.ndarray) -> np.ndarray:
+        """Return points (..., n, 2) at unit depth that project to these pixels; nan where there are none."""
+        unit = (pixels - self.center) / self.focal[..., None, :]
+        return undistorted(unit, self.distortion, self.radius) if self.distorted else unit
+
+    def image_of(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return corners (m, 2) in pixels of a box around the image of each window (m, 2) at unit depth.
+
+        It's the whole image if the lens doesn't see the whole window.
+        """
+        t = np.linspace(0.0, 1.0, ALONG + 1)
+        zero, one = np.zeros_like(t), np.ones_like(t)
+        sides = np.array([[t, zero], [t, one], [zero, t], [one, t]]).transpose(0, 2, 1)
+        pixels = self.pixels(low[:, None] + (high - low)[:, None] * sides.reshape(-1, 2)).reshape(-1, *sides.shape)
+        # Between two places a side bulges by about an eighth of the second difference.
+        bulge = np.abs(np.diff(pixels, n=2, axis=2)).max(axis=(1, 2))
+        first = np.maximum(pixels.min(axis=(1, 2)) - bulge, 0.0)
+        last = np.minimum(pixels.max(axis=(1, 2)) + bulge, self.size)
+        unseen = np.isnan(first).any(axis=1)
+        first[unseen], last[unseen] = 0.0, self.size
+        return first, last
 
     def distance_for(self, size: ArrayLike, target_fraction: ArrayLike) -> np.ndarray:
         """Return the distance at which an upright `size` fills `target_fraction` of the image's height (eqs 5 and 6).
@@ -188,14 +273,9 @@ class Intrinsics:
 
         Returns
         -------
-        (...) meters along the optical axis; the leading axes broadcast.
+        (...) meters along the optical axis; the leading axes broadcast, against those of the cameras too.
         """
-        return face_on_distance(size, target_fraction, focal=self.focal[1], height=self.height)
+        from hulldown.geometry.arrays import positive  # needs more than numpy
 
-
-def face_on_distance(size: ArrayLike, target_fraction: ArrayLike, *, focal: ArrayLike, height: ArrayLike) -> np.ndarray:
-    """Return the distance of `Intrinsics.distance_for` from the vertical focal length and the height in pixels."""
-    from hulldown.geometry.arrays import positive  # needs more than numpy
-
-    fraction = positive(target_fraction, "target_fraction")
-    return np.asarray(positive(size, "size") * np.asarray(focal) / (np.asarray(height) * fraction))
+        fraction = positive(target_fraction, "target_fraction")
+        return np.asarray(positive(size, "size") * self.focal[..., 1] / (self.height * fraction))

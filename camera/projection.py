@@ -10,7 +10,6 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.lenses import Optics, lenses
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.transforms import apply, invert_rigid, rotate
 
@@ -24,13 +23,13 @@ class Projected(NamedTuple):
     depth: Float[np.ndarray, "... n"]  # meters along the optical axis; negative behind the camera
 
 
-def project(intrinsics: Optics, world_from_camera: ArrayLike, points_world: ArrayLike) -> Projected:
+def project(intrinsics: Intrinsics, world_from_camera: ArrayLike, points_world: ArrayLike) -> Projected:
     """Return pixels and depths of world points.
 
     Parameters
     ----------
     intrinsics
-        One for all, or one for each of m poses (m, 4, 4).
+        One camera for all, or one for each of m poses (m, 4, 4).
     world_from_camera
         (..., 4, 4) rigid poses: x right, y down, z forward.
     points_world
@@ -45,21 +44,22 @@ def project(intrinsics: Optics, world_from_camera: ArrayLike, points_world: Arra
     return project_camera(intrinsics, apply(invert_rigid(world_from_camera), points_world))
 
 
-def project_camera(intrinsics: Optics, points_camera: ArrayLike) -> Projected:
+def project_camera(intrinsics: Intrinsics, points_camera: ArrayLike) -> Projected:
     """Project points (..., n, 3) of the camera's frame."""
     points = checked(points_camera, "points_camera", ("...", "n", 3), finite=False)
     depth = points[..., 2]
     ahead = np.where(depth > 0.0, depth, np.nan)[..., None]
     # Just in front of the plane the quotient may overflow to infinity, the right limit.
     with np.errstate(over="ignore"):
-        return Projected(lenses(intrinsics).pixels(points[..., :2] / ahead), depth)
+        return Projected(intrinsics.pixels(points[..., :2] / ahead), depth)
 
 
-def directions(intrinsics: Optics, pixels: ArrayLike) -> Float[np.ndarray, "... n 3"]:
+def directions(intrinsics: Intrinsics, pixels: ArrayLike) -> Float[np.ndarray, "... n 3"]:
     """Camera-frame directions (..., n, 3) through pixels (..., n, 2), with z = 1: depth times them is the point."""
     uv = checked(pixels, "pixels", ("...", "n", 2), finite=False)
-    through = np.ones((*uv.shape[:-1], 3))
-    through[..., :2] = lenses(intrinsics).at_unit_depth(uv)
+    unit = intrinsics.at_unit_depth(uv)
+    through = np.ones((*unit.shape[:-1], 3))
+    through[..., :2] = unit
     return through
 
 

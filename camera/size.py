@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
-from hulldown.camera.lenses import Optics, lenses
+from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import project_camera
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.portable import hypot
@@ -24,7 +24,7 @@ SECANTS = 12  # of a distorting lens: 4 to 6
 
 
 def solve_distance(
-    intrinsics: Optics,
+    intrinsics: Intrinsics,
     world_from_camera: ArrayLike,
     points_world: ArrayLike,
     *,
@@ -75,17 +75,16 @@ def solve_distance(
         raise ValueError("center: expected a point in front of every camera")
     ray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
     local = rotate(camera_axes, points - middle[:, None])
-    lens = lenses(intrinsics)
     # At distance D the pixel of a point is off the center's by f * aside / (D * ray_z + depth).
-    aside = (local[..., :2] - local[..., 2:] * (ray[:, None, :2] / ray[:, None, 2:])) * lens.focal[..., None, :]
+    aside = (local[..., :2] - local[..., 2:] * (ray[:, None, :2] / ray[:, None, 2:])) * intrinsics.focal[..., None, :]
     target = np.sqrt(wanted) if measure == "area" else wanted
     distance = _solve(aside, local[..., 2], target, measure) / ray[:, 2]
-    if not lens.distorted:
+    if not intrinsics.distorted:
         return distance
     points = local if len(local) == m else np.broadcast_to(local, (m, *local.shape[1:]))
 
     def size(at: Float[np.ndarray, " k"], rows: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        seen = project_camera(lens.rows(rows), points[rows] + (ray[rows] * at[:, None])[:, None]).pixels
+        seen = project_camera(intrinsics.rows(rows), points[rows] + (ray[rows] * at[:, None])[:, None]).pixels
         sides = seen.max(axis=1) - seen.min(axis=1)
         return box_length(sides, measure)
 

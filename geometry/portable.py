@@ -2,6 +2,7 @@
 
 NumPy and the C library pick another implementation of these functions for each processor, and those differ in the last
 bits. IEEE 754 leaves no choice for the four operations and the square root. Plans are made with the functions below.
+They run in Blender too, which may have numpy only.
 
 References
 ----------
@@ -13,7 +14,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 # pi/2 in three parts, the first two of 33 bits: their products with small whole numbers are exact.
@@ -44,10 +44,10 @@ _LOG = (
 )  # fmt: skip
 _LN_2 = (6.93147180369123816490e-01, 1.90821492927058770002e-10)
 
-Number = float | Float[np.ndarray, "..."]
+Number = float | np.ndarray
 
 
-def sin_cos(angle: ArrayLike) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+def sin_cos(angle: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Sine and cosine of angles in radians, within 1 ulp; of more than a million turns, less."""
     x = np.asarray(angle, dtype=np.float64)
     turns = np.rint(x * (2.0 / math.pi))
@@ -60,18 +60,18 @@ def sin_cos(angle: ArrayLike) -> tuple[Float[np.ndarray, "..."], Float[np.ndarra
     return np.where(quarter >= 2, -s, s), np.where((quarter == 1) | (quarter == 2), -c, c)
 
 
-def sin(angle: ArrayLike) -> Float[np.ndarray, "..."]:
+def sin(angle: ArrayLike) -> np.ndarray:
     """Sine of angles in radians."""
     return sin_cos(angle)[0]
 
 
-def tan(angle: float) -> float:
-    """Tangent of one angle in radians."""
+def tan(angle: ArrayLike) -> np.ndarray:
+    """Tangent of angles in radians."""
     sine, cosine = sin_cos(angle)
-    return float(sine / cosine)
+    return np.asarray(sine / cosine)
 
 
-def arctan2(y: ArrayLike, x: ArrayLike) -> Float[np.ndarray, "..."]:
+def arctan2(y: ArrayLike, x: ArrayLike) -> np.ndarray:
     """Return angle in radians, -pi to pi, of the direction (x, y); 0 of (0, 0)."""
     down, across = np.abs(y), np.abs(x)
     larger = np.maximum(down, across)
@@ -82,19 +82,19 @@ def arctan2(y: ArrayLike, x: ArrayLike) -> Float[np.ndarray, "..."]:
     return np.where(np.asarray(y) < 0.0, -angle, angle)
 
 
-def arcsin(sine: ArrayLike) -> Float[np.ndarray, "..."]:
+def arcsin(sine: ArrayLike) -> np.ndarray:
     """Return angle in radians, -pi/2 to pi/2, with this sine."""
     x = np.asarray(sine, dtype=np.float64)
     return arctan2(x, np.sqrt((1.0 - x) * (1.0 + x)))
 
 
-def hypot(x: ArrayLike, y: ArrayLike) -> Float[np.ndarray, "..."]:
+def hypot(x: ArrayLike, y: ArrayLike) -> np.ndarray:
     """Length of (x, y), for numbers whose squares stay inside float64."""
     x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
     return np.asarray(np.sqrt(x * x + y * y))
 
 
-def exp(power: ArrayLike) -> Float[np.ndarray, "..."]:
+def exp(power: ArrayLike) -> np.ndarray:
     """E to these powers, from -700 to 700."""
     x = np.asarray(power, dtype=np.float64)
     doublings = np.rint(x / math.log(2.0))
@@ -104,7 +104,7 @@ def exp(power: ArrayLike) -> Float[np.ndarray, "..."]:
     return np.asarray(np.ldexp(1.0 - ((low - r * c / (2.0 - c)) - high), doublings.astype(np.int64)))
 
 
-def log(value: ArrayLike) -> Float[np.ndarray, "..."]:
+def log(value: ArrayLike) -> np.ndarray:
     """Natural logarithm of positive numbers."""
     mantissa, doublings = np.frexp(value)
     small = mantissa < math.sqrt(0.5)
@@ -130,7 +130,7 @@ def _around_zero(x: Number, turns: Number) -> tuple[Number, Number]:
     return sine, whole + (((1.0 - whole) - half) + (z * z * _polynomial(_COS, z) - r * tail))
 
 
-def _arctan_to_one(ratio: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+def _arctan_to_one(ratio: np.ndarray) -> np.ndarray:
     """Arc tangent of numbers from 0 to 1, taken about 0, 1/2 or 1."""
     half, one = (ratio >= 7.0 / 16.0) & (ratio < 11.0 / 16.0), ratio >= 11.0 / 16.0
     t = np.where(half, (2.0 * ratio - 1.0) / (2.0 + ratio), np.where(one, (ratio - 1.0) / (ratio + 1.0), ratio))

@@ -16,7 +16,6 @@ from msgspec.structs import replace
 from hulldown.assets.library import Assets
 from hulldown.base.errors import ConfigError
 from hulldown.base.terminal import shown
-from hulldown.camera.lenses import lenses
 from hulldown.geometry.columns import records
 from hulldown.placement.contact import gap_and_penetration
 from hulldown.planning.block_rows import bounds_in_rows, geo_in_rows, labels_of, seen_in_rows
@@ -166,11 +165,13 @@ def _labels(row: Row, site: Site, vehicles: Instances, stage: PlanStage) -> list
     config, k = stage.config, len(row.planned)
     # Pairs of each vehicle and another one, which isn't the target if that is left out of the picture.
     subject, other = np.nonzero(~np.eye(k, dtype=bool) & ~(row.empty & (np.arange(k) == 0)))
-    cameras = dataclasses.replace(no_views(k), lens=lenses(row.intrinsics).spread(k))
+    cameras = no_views(k)
     cameras.world_from_camera[:] = row.world_from_camera
     visibility = np.full(k, row.weather.visibility_m if row.weather else np.nan)
     others = dataclasses.replace(vehicles.take(other), row=subject)
-    views, pixels = views_of_others(site, vehicles, others, cameras=cameras, visibility_m=visibility, config=config)
+    views, pixels = views_of_others(
+        site, vehicles, others, cameras=cameras, lens=row.intrinsics, visibility_m=visibility, config=config
+    )
     labels = labels_of(views, pixels, config)
     poses = vehicles.world_from_vehicle
     gap, penetration = gap_and_penetration(site.terrain, poses, stage.fleet.contacts.of(vehicles.model))

@@ -199,10 +199,12 @@ def test_a_batch_gives_the_bits_of_its_rows(seeds: list[int], vehicle: int) -> N
     boxes = VehicleBoxes(shape)
     views = [random_view(seed) for seed in seeds]
     poses = np.array([view[1] for view in views]).reshape(-1, 4, 4)
-    cameras = [view[2] for view in views]
+    first = random_view(vehicle)[2].intrinsics
+    cameras = [replace(view[2], intrinsics=replace(first, fov_x=view[2].intrinsics.fov_x)) for view in views]
+    lenses = replace(first, fov_x=np.array([camera.intrinsics.fov_x for camera in cameras]))
     world_from_camera = np.array([camera.world_from_camera for camera in cameras]).reshape(-1, 4, 4)
     angles = [{name: 0.3 * len(view[3]) for name in shape.part_names[1:]} for view in views]
-    found = boxes.boxes(poses, world_from_camera, [camera.intrinsics for camera in cameras], angles)
+    found = boxes.boxes(poses, world_from_camera, lenses, angles)
     for i, camera in enumerate(cameras):
         for frame, rows in ((True, found.xywh), (False, found.amodal)):
             alone = boxes.box(poses[i], camera, angles[i], frame=frame)

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 
 from hulldown.assets.scenery import Scenery
 from hulldown.camera.camera_rays import CameraRays
-from hulldown.camera.lenses import lenses
 from hulldown.camera.projection import NEAR, Camera
 from hulldown.geometry.cutouts import caster_of
 from hulldown.geometry.instances import InstancedScene, InstanceHits
@@ -170,7 +169,7 @@ class Scene:
 
         def trace(band: Int[np.ndarray, " t"]) -> None:
             pixel = (band[:, None] * width + columns[:, None, :]).reshape(-1, TILE * TILE)
-            at = lenses(camera.intrinsics).at_unit_depth(np.stack([pixel % width, pixel // width], axis=-1) + 0.5)
+            at = camera.intrinsics.at_unit_depth(np.stack([pixel % width, pixel // width], axis=-1) + 0.5)
             u, v = np.ascontiguousarray(np.moveaxis(at, -1, 0))  # NumPy takes extremes along it many times faster
             low = np.stack([u.min(axis=1), v.min(axis=1)], axis=1)
             extent = np.maximum(np.stack([u.max(axis=1), v.max(axis=1)], axis=1) - low, 1e-300)

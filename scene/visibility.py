@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
-from hulldown.camera.lenses import Lenses, Optics, lenses
+from hulldown.camera.intrinsics import Intrinsics
 from hulldown.geometry.arrays import checked, numbered
 from hulldown.geometry.transforms import apply
 from hulldown.scene.posed_scene import Scene
@@ -48,7 +48,7 @@ def visible_fraction(
     subjects: Sequence[PosedVehicle],
     world_from_camera: ArrayLike,
     *,
-    intrinsics: Optics,
+    intrinsics: Intrinsics,
     world: Scene = NOTHING,
     rays: int = 256,
     seed: int = 0,
@@ -87,12 +87,11 @@ def visible_fraction(
     if rays < 1:
         raise ValueError(f"rays: expected at least 1, got {rays}")
     pattern = jittered(rays, rng=np.random.default_rng(seed))
-    lens = lenses(intrinsics).spread(n)
     hits, visible, area = np.zeros(n, dtype=np.int64), np.zeros(n), np.zeros(n)
     size = max(1, BLOCK // rays)
     for index in (np.arange(i, min(i + size, n)) for i in range(0, n, size)):
         posed = [subject.rows(index) for subject in subjects]
-        found = _count(posed, world.rows(index), poses[index], lens.rows(index), pattern)
+        found = _count(posed, world.rows(index), poses[index], intrinsics.rows(index), pattern)
         hits[index], visible[index], area[index] = found
     return Visibility(visible / np.where(hits > 0, hits, np.nan), hits, area * hits / rays)
 
@@ -113,7 +112,7 @@ def _count(
     subjects: list[PosedVehicle],
     world: Scene,
     world_from_camera: Float[np.ndarray, "n 4 4"],
-    lens: Lenses,
+    lens: Intrinsics,
     pattern: Float[np.ndarray, "r 2"],
 ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """For each camera: rays on its subject, how many of these see it, and the area that all rays go through."""
@@ -137,12 +136,12 @@ def _count(
 
 
 def _rays(
-    low: Float[np.ndarray, "n 2"], high: Float[np.ndarray, "n 2"], lens: Lenses, pattern: Float[np.ndarray, "r 2"]
+    low: Float[np.ndarray, "n 2"], high: Float[np.ndarray, "n 2"], lens: Intrinsics, pattern: Float[np.ndarray, "r 2"]
 ) -> tuple[CameraRays, Float[np.ndarray, " n"]]:
     """Return rays in windows at unit depth, uniform in the image, and the area of the windows in square pixels."""
     extent = np.clip(high - low, 0.0, None)
     if not lens.distorted:
-        return CameraRays(low, extent, pattern), extent.prod(axis=1) * lens.focal.prod(axis=1)
+        return CameraRays(low, extent, pattern), extent.prod(axis=1) * lens.focal.prod(axis=-1)
     seen = (extent > 0.0).all(axis=1)
     rows, patterns = np.flatnonzero(seen), np.zeros((len(low), *pattern.shape))
     lens, area = lens.rows(rows), np.zeros(len(low))

@@ -33,7 +33,7 @@ from hulldown.tests.test_terrain import METHODS
 ONE, DOWN = np.eye(4)[None], [0.0, 0.0, -1.0]
 POINTS, FACES = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 2.0]]), [[0, 1, 2], [0, 2, 3]]
 FLOOR, CUBE = sheet((0, 0), (10, 10)), box((-1, -1, 0), (1, 1, 2), "cube")
-VGA = Intrinsics(640, 480, 1.0)
+VGA, THREE, NO_CAMERA = (Intrinsics(640, 480, fov_x) for fov_x in (1.0, np.ones(3), np.ones(0)))
 AWAY = camera_pose([0, 0, 0], 50.0, 0.0, 0.0)[None]
 CRATE = vehicle_of(CUBE)
 SEEN = [PosedVehicle(VehicleTarget(CRATE), ONE, {})]
@@ -167,7 +167,7 @@ WRONG = [
     (lambda: VehicleBoxes(CRATE).boxes(ONE[0], ONE, VGA), "world_from_vehicle: expected shape"),
     (lambda: VehicleBoxes(CRATE).boxes(np.nan * ONE, ONE, VGA), "world_from_vehicle: expected finite numbers"),
     (lambda: VehicleBoxes(CRATE).boxes(ONE, ONE.repeat(2, 0), VGA), "world_from_camera: expected 1, one for each"),
-    (lambda: VehicleBoxes(CRATE).boxes(ONE, ONE, [VGA] * 3), "intrinsics: expected 1, one for each"),
+    (lambda: VehicleBoxes(CRATE).boxes(ONE, ONE, THREE), "intrinsics: expected 1, one for each"),
     (lambda: VehicleBoxes(CRATE).boxes(ONE, ONE, VGA, [{}, {}]), "articulations: expected 1, one for each"),
     (lambda: surface_box(POINTS, [[0, 1, 4]], Camera(VGA, ONE[0])), "faces: expected indices below 4"),
 ]
@@ -194,8 +194,8 @@ NO_ROWS = [
     (lambda: camera_pose(np.zeros(3), np.zeros(0), 0.0, 0.0), (0, 4, 4)),
     (lambda: framed(ONE[:0]), (0, 4, 4)),
     (lambda: solved(ONE[:0]), (0,)),
-    (lambda: project([], ONE[:0], POINTS[None]).pixels, (0, 4, 2)),
-    (lambda: VehicleBoxes(CRATE).boxes(ONE[:0], ONE[:0], []).xywh, (0, 4)),
+    (lambda: project(NO_CAMERA, ONE[:0], POINTS[None]).pixels, (0, 4, 2)),
+    (lambda: VehicleBoxes(CRATE).boxes(ONE[:0], ONE[:0], NO_CAMERA).xywh, (0, 4)),
     (lambda: first_alike(np.empty((0, 2))), (0,)),
     (lambda: SCENES[1].bounds, (0, 2, 3)),
 ]

@@ -11,7 +11,6 @@ import pytest
 
 from hulldown.camera.framing import frame_target
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.lenses import lenses
 from hulldown.camera.projection import Camera, project
 from hulldown.camera.shell import camera_pose, shell_axes, shell_place
 from hulldown.camera.size import solve_distance
@@ -37,7 +36,7 @@ def test_a_point_at_half_the_field_of_view_is_at_the_images_edge(fov_deg: float)
     assert camera.f_px * math.tan(camera.fov_y / 2) == pytest.approx(540, rel=1e-12)
     assert camera.half_tangents == pytest.approx((960 / camera.f_px, 540 / camera.f_px), rel=1e-12)
     # A row has 12 decimals.
-    assert lenses(camera).fov_x_deg.round(12) == fov_deg
+    assert camera.fov_x_deg.round(12) == fov_deg
     record = {"width": 1920, "height": 1080, "fov_x_deg": fov_deg}
     assert Intrinsics.of_record(record) == camera == camera.resized(480, 270).resized(1920, 1080)
 
@@ -52,9 +51,12 @@ def test_points_at_or_behind_the_camera_have_a_depth_but_no_pixel() -> None:
 def test_stacks_of_cameras_broadcast() -> None:
     poses = camera_pose([0, 0, 0], np.full(2, 10.0), [0.0, 3.0], 0.3)
     points = np.random.default_rng(0).normal(size=(7, 3))
-    for second in (VGA, Intrinsics(10, 10, 1.0)):
+    for second in (VGA, Intrinsics(640, 480, 1.0)):
         alone = [Camera(each, pose).project(points).pixels for each, pose in zip((VGA, second), poses, strict=True)]
-        np.testing.assert_allclose(project([VGA, second], poses, points).pixels, alone, atol=1e-9)
+        both = Intrinsics(640, 480, np.array([VGA.fov_x, second.fov_x]))
+        np.testing.assert_allclose(project(both, poses, points).pixels, alone, atol=1e-9)
+        swapped = project(both.rows(np.array([1, 0])), poses[::-1], points)
+        np.testing.assert_allclose(swapped.pixels, alone[::-1], atol=1e-9)
     np.testing.assert_allclose(project(VGA, poses, points).pixels[0], alone[0], atol=1e-9)
 
 

@@ -10,7 +10,6 @@ from hulldown.annotate.boxes import VehicleBoxes, surface_box
 from hulldown.base.errors import ConfigError
 from hulldown.camera.distortion import distorted, seen_radius, undistorted
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.lenses import lenses
 from hulldown.camera.projection import Camera
 from hulldown.camera.shell import camera_pose
 from hulldown.geometry.transforms import rigid, rotation_about
@@ -30,14 +29,14 @@ def points_within(radius, n=5000):
 
 @every_lens
 def test_points_equal_opencvs_and_round_trip(name):
-    lens = np.array(LENSES[name])
-    points = points_within(seen_radius(LENSES[name]))
+    lens = LENSES[name]
+    points = points_within(seen_radius(lens))
     image = distorted(points, lens)
-    placed, _ = cv2.projectPoints(np.c_[points, np.ones(len(points))], *np.zeros((2, 3)), np.eye(3), lens)
+    placed, _ = cv2.projectPoints(np.c_[points, np.ones(len(points))], *np.zeros((2, 3)), np.eye(3), np.array(lens))
     np.testing.assert_allclose(image, placed[:, 0], atol=1e-12)
-    back = undistorted(image, lens, seen_radius(LENSES[name]))
+    back = undistorted(image, lens, seen_radius(lens))
     np.testing.assert_allclose(back, points, atol=1e-12)
-    alone = [undistorted(each[None], lens, seen_radius(LENSES[name]))[0] for each in image[:100]]
+    alone = [undistorted(each[None], lens, seen_radius(lens))[0] for each in image[:100]]
     np.testing.assert_array_equal(alone, back[:100])
 
 
@@ -65,7 +64,7 @@ def test_nothing_is_visible_beyond_the_fold():
     pixels, depth = camera.project([[1.2, 0.0, 1.0], [1.3, 0.0, 1.0], [0.0, 3.0, 1.0]])
     assert np.isnan(pixels[:, 0]).tolist() == [False, True, True]
     assert depth.tolist() == [1.0] * 3
-    assert np.isnan(undistorted(np.array([[1e9, 0.0], [np.nan, 0.0]]), np.array(LENSES["folding"]), 1.0)).all()
+    assert np.isnan(undistorted(np.array([[1e9, 0.0], [np.nan, 0.0]]), LENSES["folding"], 1.0)).all()
     # An unlimited wall ends at the circle of the fold.
     wall = sheet((-50, -50), (50, 50), 2.0)
     box = surface_box(wall.vertices, wall.faces, camera, frame=False)
@@ -120,9 +119,9 @@ def test_planned_sizes_and_cuts_are_exact_in_the_distorted_image(measure):
 def test_the_bounds_of_an_image_contain_all_its_rays():
     for lens in LENSES.values():
         intrinsics = Intrinsics.calibrated(1920, 1080, PINHOLE, lens)
-        (low, high), each = intrinsics.bounds, lenses(intrinsics)
+        low, high = intrinsics.window
         pixels = np.stack(np.meshgrid(np.linspace(0, 1920, 200), np.linspace(0, 1080, 113)), -1).reshape(-1, 2)
-        unit = each.at_unit_depth(pixels)
+        unit = intrinsics.at_unit_depth(pixels)
         assert (unit >= low).all()
         assert (unit <= high).all()
         np.testing.assert_allclose([unit.min(axis=0), unit.max(axis=0)], [low, high], atol=0.01)

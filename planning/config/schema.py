@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
 from hulldown.base.toml_files import read_toml, validated
@@ -333,6 +334,10 @@ class Config(Section):
         lens = camera.distortion or Distortion()
         matrix = tuple(camera.intrinsics.model_dump().values())
         return Intrinsics.calibrated(render.width, render.height, matrix, tuple(lens.model_dump().values()))
+
+    def intrinsics(self, fov_x_deg: np.ndarray) -> Intrinsics:
+        """Return the calibrated camera, or cameras with these fields of view (n,)."""
+        return self.calibrated or Intrinsics(self.render.width, self.render.height, np.radians(fov_x_deg))
 
     @model_validator(mode="after")
     def _targets_are_labeled(self) -> Config:

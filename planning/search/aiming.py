@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.camera.framing import frame_target, turned
-from hulldown.camera.lenses import Lenses, lenses
+from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import draw_azimuth, draw_elevation, shell_axes, shell_place
 from hulldown.geometry.columns import take
 from hulldown.geometry.transforms import rigid
@@ -70,7 +70,7 @@ class Aims:
     Parameters
     ----------
     lens
-        n intrinsics.
+        One camera's or n intrinsics.
     roll
         (n,) about the optical axis, radians.
     distance, azimuth, elevation
@@ -85,7 +85,7 @@ class Aims:
         (n, 4, 4) framed poses with the wanted sizes; nan for given cameras, and for distances by the paper's rule.
     """
 
-    lens: Lenses
+    lens: Intrinsics
     roll: Float[np.ndarray, " n"]
     distance: Float[np.ndarray, " n"]
     azimuth: Float[np.ndarray, " n"]
@@ -166,7 +166,7 @@ def framed(
     poses: Float[np.ndarray, "k 4 4"],
     *,
     rows: Int[np.ndarray, " k"],
-    lens: Lenses,
+    lens: Intrinsics,
     roll: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, "k 4 4"]:
     """Turn cameras so that their targets are in frame, or to the given points.
@@ -199,9 +199,6 @@ def framed(
     return aimed
 
 
-def drawn_lenses(config: Config, uniform: Float[np.ndarray, " n"]) -> Lenses:
-    """Return n lenses: the calibrated one, or fields of view in proportion to numbers in [0, 1)."""
-    if config.calibrated is not None:
-        return lenses(config.calibrated).spread(len(uniform))
-    fov_x = np.radians(rounded("fov_x_deg", between(*config.camera.fov_x_deg, uniform)))
-    return Lenses.of(config.render.width, config.render.height, fov_x)
+def drawn_lenses(config: Config, uniform: Float[np.ndarray, " n"]) -> Intrinsics:
+    """Return the calibrated camera, or n cameras with fields of view in proportion to numbers in [0, 1)."""
+    return config.intrinsics(rounded("fov_x_deg", between(*config.camera.fov_x_deg, uniform)))

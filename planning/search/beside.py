@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hulldown.camera.framing import turned
-from hulldown.camera.lenses import Lenses
+from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import directions
 from hulldown.camera.shell import camera_pose
 from hulldown.geometry.portable import hypot, log, sin_cos
@@ -31,7 +31,7 @@ def poses_beside(
     wishes: Wishes,
     *,
     number: Int[np.ndarray, " n"],
-    lens: Lenses,
+    lens: Intrinsics,
     rng: RowStreams,
 ) -> Float[np.ndarray, "n 3"]:
     """Return places and headings on level ground at which companions fill the other boxes of the photographs.

@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Int
 from hulldown.assets.photographs import Photographs
 from hulldown.base.errors import ConfigError
 from hulldown.camera.framing import place_boxes
-from hulldown.camera.lenses import Lenses
+from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import draw_azimuth, draw_elevation, shell_axes
 from hulldown.geometry.portable import exp, log
 from hulldown.planning.config.schema import CameraSection, Config
@@ -215,7 +215,13 @@ def directions_of(draws: RandomStreams, image: Int[np.ndarray, " n"], attempt: I
 
 
 def matching_cameras(
-    targets: Instances, wishes: Wishes, config: Config, *, lens: Lenses, roll: Float[np.ndarray, " n"], rng: RowStreams
+    targets: Instances,
+    wishes: Wishes,
+    config: Config,
+    *,
+    lens: Intrinsics,
+    roll: Float[np.ndarray, " n"],
+    rng: RowStreams,
 ) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, " n"]]:
     """Return n cameras that reproduce size and place of the photographs' boxes, and their distances; nan without one.
 
@@ -264,7 +270,7 @@ def matching_cameras(
 
 
 def chosen_directions(
-    targets: Instances, wishes: Wishes, config: Config, *, lens: Lenses, rng: RowStreams
+    targets: Instances, wishes: Wishes, config: Config, *, lens: Intrinsics, rng: RowStreams
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Sample elevations, choose azimuths by how well the aspect ratio fits, and estimate the distance.
 
@@ -281,7 +287,7 @@ def chosen_directions(
     x, y, depth = (sum(local[:, None, :, k] * axes[..., None, k, axis] for k in range(3)) for axis in range(3))
     measured = np.where(wishes.wide[:, None], np.ptp(x, axis=2), np.ptp(y, axis=2))
     # Perspective changes the aspect ratio of near targets: apply it at about the wanted size.
-    distance = measured * lens.focal[:, 1:] / wishes.pixels[:, None]
+    distance = measured * lens.focal[..., 1:] / wishes.pixels[:, None]
     scale = 1.0 / np.maximum(distance[..., None] + depth, 0.1 * distance[..., None])
     misfit = log(np.ptp(x * scale, axis=2) / np.ptp(y * scale, axis=2)) - log(wishes.aspect)[:, None]
     across, down = (wishes.cut[:, :2] | wishes.cut[:, 2:]).T[..., None]

@@ -344,6 +344,7 @@ class _Search:
                 self.table.take(instance[batch]),
                 others.at(not_itself),
                 cameras=take(self.views, image[batch]),
+                lens=self.config.intrinsics(self.views.fov_x_deg[image[batch]]),
                 visibility_m=self._visibility_m[image[batch]],
                 config=self.config,
             )

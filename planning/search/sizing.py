@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from hulldown.annotate.boxes import Boxes
 from hulldown.camera.framing import turned
-from hulldown.camera.lenses import Lenses
+from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
 from hulldown.camera.size import Measure, box_length, refine_distance, solve_distance
 from hulldown.geometry.columns import put
@@ -43,7 +43,7 @@ def no_boxes(n: int) -> Boxes:
     return Boxes(np.full((n, 4), np.nan), np.full((n, 4), np.nan), np.full(n, np.nan))
 
 
-def boxes_of(instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"], lens: Lenses) -> Boxes:
+def boxes_of(instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"], lens: Intrinsics) -> Boxes:
     """Return the boxes of n vehicles, each in its own camera."""
     boxes = no_boxes(len(instances))
     for model, i in instances.by_model():
@@ -56,7 +56,7 @@ def sized_cameras(
     targets: Instances,
     hull: Float[np.ndarray, "n h 3"],
     *,
-    lens: Lenses,
+    lens: Intrinsics,
     pixels: Float[np.ndarray, " n"],
     measure: Measure,
     azimuth: Float[np.ndarray, " n"],

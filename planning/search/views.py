@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from hulldown.annotate.boxes import Boxes
 from hulldown.annotate.masks import show_pixels
-from hulldown.camera.lenses import Lenses
+from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
 from hulldown.camera.weather.extinction import air_contrast
 from hulldown.geometry.columns import put
@@ -34,8 +34,8 @@ class Views:
 
     Parameters
     ----------
-    world_from_camera, lens
-        (n, 4, 4) poses, and n intrinsics.
+    world_from_camera, fov_x_deg
+        (n, 4, 4) poses, and (n,) horizontal fields of view.
     boxes
         n boxes; nan for a vehicle outside the frame, or behind the camera.
     visible_fraction
@@ -49,7 +49,7 @@ class Views:
     """
 
     world_from_camera: Float[np.ndarray, "n 4 4"]
-    lens: Lenses
+    fov_x_deg: Float[np.ndarray, " n"]
     boxes: Boxes
     visible_fraction: Float[np.ndarray, " n"]
     air_contrast: Float[np.ndarray, " n"]
@@ -82,7 +82,7 @@ def no_views(n: int) -> Views:
     """Allocate n views: nan, and no rejection."""
     return Views(
         np.full((n, 4, 4), np.nan),
-        Lenses.unknown(n),
+        np.full(n, np.nan),
         no_boxes(n),
         np.full(n, np.nan),
         np.full(n, np.nan),
@@ -99,7 +99,8 @@ def try_cameras(block: Block, tries: Tries) -> Views:
     size don't apply to given cameras.
     """
     site, limits, aims = block.site, block.config.camera, aims_of(block, tries)
-    views = replace(no_views(len(tries.image)), lens=aims.lens)
+    views = no_views(len(tries.image))
+    views.fov_x_deg[:] = rounded("fov_x_deg", aims.lens.fov_x_deg)
     if aims.wishes is not None:
         views.asked[:] = np.where(tries.undirected, aims.wishes.asked, -1)
         views.followed[:] = np.where(aims.alike, aims.wishes.box, -1)
@@ -130,14 +131,14 @@ def try_cameras(block: Block, tries: Tries) -> Views:
 
     rows = rows[views.rejection[rows] == Rejection.NONE]
     views.visible_fraction[rows] = visible_shares(
-        site, tries.targets, tries.others, views, rows, rays=limits.visibility_rays
+        site, tries.targets, tries.others, views, rows, lens=aims.lens, rays=limits.visibility_rays
     )
     views.rejection[rows] = outside(
         views.visible_fraction[rows], *limits.visible_fraction, below=Rejection.HIDDEN, above=Rejection.EXPOSED
     )
     rows = rows[views.rejection[rows] == Rejection.NONE]
     rows = rows[views.visible_fraction[rows] * views.boxes.xywh[rows, 2:].prod(axis=1) < PLENTY]
-    shown = pixels_shown(site, tries.targets, tries.others, views, rows)
+    shown = pixels_shown(site, tries.targets, tries.others, views, rows, lens=aims.lens)
     views.rejection[rows[~shown]] = Rejection.HIDDEN
     return views
 
@@ -180,6 +181,7 @@ def views_of_others(
     others: Instances,
     *,
     cameras: Views,
+    lens: Intrinsics,
     visibility_m: Float[np.ndarray, " n"],
     config: Config,
 ) -> tuple[Views, Bool[np.ndarray, " n"]]:
@@ -187,15 +189,15 @@ def views_of_others(
 
     Row i of `subjects` and of `others` is camera i; `visibility_m` is nan in clear air.
     """
-    every = np.arange(len(subjects))
+    every, rays = np.arange(len(subjects)), config.camera.visibility_rays
     seen = replace(
         cameras,
-        boxes=boxes_of(subjects, cameras.world_from_camera, cameras.lens),
-        visible_fraction=visible_shares(site, subjects, others, cameras, every, rays=config.camera.visibility_rays),
+        boxes=boxes_of(subjects, cameras.world_from_camera, lens),
+        visible_fraction=visible_shares(site, subjects, others, cameras, every, lens=lens, rays=rays),
         air_contrast=air_contrasts(subjects, cameras.world_from_camera, visibility_m),
     )
     named, pixels = np.flatnonzero(subjects.fleet.classed[subjects.model]), np.zeros(len(subjects), dtype=bool)
-    pixels[named] = pixels_shown(site, subjects, others, seen, named)
+    pixels[named] = pixels_shown(site, subjects, others, seen, named, lens=lens)
     return seen, pixels
 
 
@@ -208,28 +210,39 @@ def air_contrasts(
 
 
 def visible_shares(
-    site: Site, subjects: Instances, others: Instances, views: Views, rows: Int[np.ndarray, " k"], *, rays: int
+    site: Site,
+    subjects: Instances,
+    others: Instances,
+    views: Views,
+    rows: Int[np.ndarray, " k"],
+    *,
+    lens: Intrinsics,
+    rays: int,
 ) -> Float[np.ndarray, " k"]:
     """Visible share of the outline of the subject of each of these cameras; 0 for a subject outside the frame."""
     if not len(rows):
         return np.zeros(0)
     world, subject = site.world.with_vehicles(others.beside(rows)[0].posed()), subjects.take(rows).posed()
-    seen = visible_fraction(
-        subject, views.world_from_camera[rows], intrinsics=views.lens.rows(rows), world=world, rays=rays
-    )
+    seen = visible_fraction(subject, views.world_from_camera[rows], intrinsics=lens.rows(rows), world=world, rays=rays)
     # nan is a vehicle that no ray met, since it is thinner than the distance of the rays.
     return np.nan_to_num(seen.fraction)
 
 
 def pixels_shown(
-    site: Site, subjects: Instances, others: Instances, views: Views, rows: Int[np.ndarray, " k"]
+    site: Site,
+    subjects: Instances,
+    others: Instances,
+    views: Views,
+    rows: Int[np.ndarray, " k"],
+    *,
+    lens: Intrinsics,
 ) -> Bool[np.ndarray, " k"]:
     """Tell which of these cameras' subjects cover the center of any pixel, so that their masks aren't empty."""
     framed = ~np.isnan(views.boxes.xywh[rows, 0])
     rows, shown = rows[framed], np.zeros(len(rows), dtype=bool)
     world, subject = site.world.with_vehicles(others.beside(rows)[0].posed()), subjects.take(rows).posed()
     xywh = rounded("bbox", views.boxes.xywh[rows])
-    shown[framed] = show_pixels(subject, views.world_from_camera[rows], views.lens.rows(rows), xywh=xywh, world=world)
+    shown[framed] = show_pixels(subject, views.world_from_camera[rows], lens.rows(rows), xywh=xywh, world=world)
     return shown
 
 
