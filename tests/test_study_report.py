@@ -13,10 +13,11 @@ from hulldown.dataset.reports.charts import svg
 from hulldown.tests.test_study import pretend, settled
 from hulldown.tests.training_pictures import make_dataset, make_datasets
 from hulldown.training.evaluation.labels import read_labels
+from hulldown.training.study.comparison import ReportedCell, compared_runs
 from hulldown.training.study.manifest import write_manifest
 from hulldown.training.study.results import Estimate, needed
 from hulldown.training.study.study_page import PAPER, PAPER_FIGURES, beside, over_photographs, page, png
-from hulldown.training.study.study_report import compared_runs, write_report
+from hulldown.training.study.study_report import write_report
 
 ARMS = ("real", "mixed", "synthetic")
 # Share of a hundred labels that the detectors of these tests find.
@@ -65,36 +66,36 @@ def study(pictures, tmp_path_factory):
 
 def test_figures_equal_those_of_the_detections(study):
     _, report = study
-    cells = {(cell["arm"], cell["fraction"]): cell for cell in report["cells"]}
+    cells = {(cell.arm, cell.fraction): cell for cell in report.cells}
     assert len(cells) == 7
-    assert len(report["runs"]) == 14
+    assert len(report.runs) == 14
     for key, cell in cells.items():
         tp = [round((SKILL[key] + 2 * seed) / 100 * 60) for seed in (0, 1)]
-        assert (cell["tp"], cell["fp"], cell["fn"]) == (np.mean(tp), 10, 60 - np.mean(tp))
-        assert cell["recall"] == pytest.approx(np.mean(tp) / 60, abs=1e-6)
-        assert cell["of_seeds"]["recall"] == pytest.approx([n / 60 for n in tp], abs=1e-6)
-        low, high = cell["intervals"]["recall"]
-        assert low < cell["recall"] < high
+        assert (cell.tp, cell.fp, cell.fn) == (np.mean(tp), 10, 60 - np.mean(tp))
+        assert cell.recall == pytest.approx(np.mean(tp) / 60, abs=1e-6)
+        assert cell.of_seeds["recall"] == pytest.approx([n / 60 for n in tp], abs=1e-6)
+        low, high = cell.intervals["recall"]
+        assert low < cell.recall < high
 
 
 def test_a_difference_is_claimed_only_if_its_interval_excludes_0(study):
     _, report = study
-    pairs = {(pair["first"], pair["second"]): pair["measures"]["f1"] for pair in report["pairs"]}
-    assert pairs["real at 25 %", "mixed at 25 %"]["words"].startswith("mixed at 25 % has a higher F1 than real at 25 %")
-    assert pairs["real at 100 %", "synthetic"]["words"].startswith("synthetic has a lower F1 than real at 100 %")
+    pairs = {(pair.first, pair.second): pair.measures["f1"] for pair in report.pairs}
+    assert pairs["real at 25 %", "mixed at 25 %"].words.startswith("mixed at 25 % has a higher F1 than real at 25 %")
+    assert pairs["real at 100 %", "synthetic"].words.startswith("synthetic has a lower F1 than real at 100 %")
     same = pairs["real at 100 %", "mixed at 100 %"]
-    assert same["words"].startswith("Between mixed at 100 % and real at 100 % no difference of F1 is shown")
-    assert same["difference"] == 0
+    assert same.words.startswith("Between mixed at 100 % and real at 100 % no difference of F1 is shown")
+    assert same.difference == 0
 
 
 def test_worth_is_read_from_the_real_curve(study):
     _, report = study
-    worth = {(one["name"], one["measure"]): one for one in report["worth"]}
+    worth = {(one.name, one.measure): one for one in report.worth}
     # Recall of mixed at 25 % (4 photographs): 0.61; real has 0.51 with 8 and 0.81 with 16.
     found = worth["mixed at 25 %", "recall"]
-    assert 4 < found["photographs"] < 12
-    assert found["interval"][0] <= found["photographs"] <= found["interval"][1]
-    assert "are worth" in found["words"]
+    assert 4 < found.photographs < 12
+    assert found.interval[0] <= found.photographs <= found.interval[1]
+    assert "are worth" in found.words
     # At 100 % the two arms are equal, so nothing is claimed.
     assert not [key for key in worth if key[0] == "mixed at 100 %"]
 
@@ -103,24 +104,24 @@ def test_worth_is_read_from_the_real_curve(study):
 def test_without_a_shown_gain_of_photographs_there_is_no_worth(pictures, tmp_path, real, mixed):
     skill = {(arm, share): {"real": real, "mixed": mixed}[arm] for arm in ("real", "mixed") for share in (1.0, 0.25)}
     keys = {"seeds": [0], "arms": ["real", "mixed"], "fractions": [1.0, 0.25]}
-    assert compared_runs(finished_study(pictures, tmp_path, skill=skill, **keys))["worth"] == []
+    assert compared_runs(finished_study(pictures, tmp_path, skill=skill, **keys)).worth == []
 
 
 def test_results_beyond_all_photographs_are_worth_an_open_number(pictures, tmp_path):
     skill = SKILL | {("real", 1.0): 55, ("mixed", 1.0): 98}
     keys = {"seeds": [0], "arms": ["real", "mixed"], "fractions": [1.0, 0.25]}
-    found = compared_runs(finished_study(pictures, tmp_path, skill=skill, **keys))["worth"]
-    (open_above,) = [one for one in found if (one["name"], one["measure"]) == ("mixed at 100 %", "recall")]
-    assert open_above["photographs"] is None
-    assert "no upper bound" in open_above["words"]
+    found = compared_runs(finished_study(pictures, tmp_path, skill=skill, **keys)).worth
+    (open_above,) = [one for one in found if (one.name, one.measure) == ("mixed at 100 %", "recall")]
+    assert open_above.photographs is None
+    assert "no upper bound" in open_above.words
 
 
 def test_bins_are_mixed_minus_real(study):
     _, report = study
-    rows = report["bins"]["mixed at 25 % minus real at 25 %"]["rows"]
-    assert sum(row["labels"] for row in rows if row["field"] == "class") == 60
+    rows = report.bins["mixed at 25 % minus real at 25 %"].rows
+    assert sum(row.labels for row in rows if row.field == "class") == 60
     for row in rows:
-        assert row["difference"] == pytest.approx(row["recall"][1] - row["recall"][0], abs=2e-6)
+        assert row.difference == pytest.approx(row.recall[1] - row.recall[0], abs=2e-6)
 
 
 def test_the_same_study_gives_the_same_report(pictures, tmp_path, capsys):
@@ -145,7 +146,7 @@ def test_an_unfinished_study_lists_what_is_missing(pictures, study, tmp_path):
         (out / "runs" / run["folder"] / "weights.pt").unlink()
     (out / "failures.json").write_text(json.dumps({"mixed-25-seed1": "ended by <signal> 9"}))
     report = compared_runs(out)
-    assert report["missing"] == {
+    assert report.missing == {
         "mixed-25-seed1": "ended by <signal> 9", "synthetic-seed0": "not run yet", "synthetic-seed1": "not run yet",
     }  # fmt: skip
     assert "mixed-25-seed1: ended by <signal> 9" in page(report, {}, layout="page.md")
@@ -158,10 +159,10 @@ def test_validation_photographs_choose_each_threshold_of_a_study_with_one_seed(p
     make_dataset(tmp_path / "valid", 8, seed=7)
     keys = {"seeds": [0], "arms": ["real"], "fractions": [1.0, 0.5]}
     report = compared_runs(finished_study(pictures, tmp_path, valid=str(tmp_path / "valid"), **keys))
-    assert report["study"]["threshold"] == "validation"
+    assert report.study.threshold == "validation"
     # False positives have a score of 0.55 and true detections more, so the best threshold excludes the former.
-    assert all(run["threshold"] > 0.55 and run["fp"] == 0 for run in report["runs"])
-    assert "With one seed" in report["sureness"]
+    assert all(run.threshold > 0.55 and run.fp == 0 for run in report.runs)
+    assert "With one seed" in report.sureness
     assert "best F1 on the validation photographs" in page(report, {}, layout="page.md")
 
 
@@ -186,16 +187,14 @@ def test_the_page_has_every_chart_and_fetches_nothing(study, browser):
 def test_charts_of_the_papers_own_figures():
     """This test checks that all is drawn, and the same twice; people looked at the charts."""
     for fraction, arms in PAPER.items():
-        cells = [
-            {"arm": arm, "intervals": {}, **dict(zip(PAPER_FIGURES, found, strict=True))} for arm, found in arms.items()
-        ]
+        cells = [ReportedCell(arm=arm, **dict(zip(PAPER_FIGURES, found, strict=True))) for arm, found in arms.items()]
         figure = beside(f"{100 * fraction:g} %", cells)
         bars = [bar.get_height() for axis in figure.axes for bar in axis.patches]
         assert [*arms["real"], *arms["mixed"]] == bars[6:12]
     assert svg(figure) == svg(beside(f"{100 * fraction:g} %", cells))
     f1 = {arm: [PAPER[fraction][arm][2] for fraction in sorted(PAPER)] for arm in ("real", "mixed")}
     cells = [
-        {"arm": arm, "photographs": 420 * fraction, "f1": value, "intervals": {"f1": None}, "of_seeds": {"f1": [value]}}
+        ReportedCell(arm=arm, photographs=420 * fraction, f1=value, intervals={"f1": None}, of_seeds={"f1": [value]})
         for arm, values in f1.items()
         for fraction, value in zip(sorted(PAPER), values, strict=True)
     ]

@@ -82,7 +82,7 @@ def _report(arguments: argparse.Namespace) -> None:
 
     found = write_report(arguments.study)
     show_result(arguments, found)
-    for line in found["summary"]:
+    for line in found.summary:
         say(line)
     say(f"look at {arguments.study / 'report.html'}")
 

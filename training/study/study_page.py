@@ -6,8 +6,7 @@ import io
 import re
 from collections.abc import Mapping, Sequence
 from itertools import chain, groupby
-from operator import itemgetter
-from typing import Any
+from operator import attrgetter
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,12 +14,12 @@ from matplotlib.figure import Figure
 
 from hulldown.dataset.reports.charts import BLUE, GREEN, INK, RED, SOFT, differences, tidy
 from hulldown.dataset.reports.page import number, ranged, render
+from hulldown.training.study.comparison import ReportedCell, StudyReport
 from hulldown.training.study.results import COUNTS, ENOUGH, MEASURES, TITLES
 from hulldown.training.subset import subset_name
 
 OVER = ("ap50", "f1", "recall", "precision")
 MOST_BARS = 30  # of a chart of bins
-Record = Mapping[str, Any]
 # The paper's precision, recall, and F1 (sections 3 and 4) by fraction and arm.
 PAPER = {
     0.05: {"real": (0.88, 0.20, 0.32), "mixed": (0.91, 0.41, 0.57)},
@@ -43,32 +42,29 @@ PANELS = (("tp", "fp", "fn"), ("precision", "recall", "f1"), ("mean_iou",), ("me
 BARS = 0.8  # share of the width for the bars of one measure
 
 
-def charts_of(report: Record) -> dict[str, tuple[str, Figure]]:
+def charts_of(report: StudyReport) -> dict[str, tuple[str, Figure]]:
     """Return the charts of a report by name, with descriptions."""
     found = {}
-    of_shares = sorted((cell for cell in report["cells"] if cell["fraction"] is not None), key=itemgetter("fraction"))
-    for fraction, group in groupby(of_shares, itemgetter("fraction")):
+    of_shares = sorted((cell for cell in report.cells if cell.fraction is not None), key=attrgetter("fraction"))
+    for fraction, group in groupby(of_shares, attrgetter("fraction")):
         cells = list(group)
-        title = f"{100 * fraction:.10g} % of the photographs ({cells[0]['photographs']:.0f})"
-        words = f"{', '.join(cell['arm'] for cell in cells)} at {100 * fraction:g} % of the photographs"
+        title = f"{100 * fraction:.10g} % of the photographs ({cells[0].photographs:.0f})"
+        words = f"{', '.join(cell.arm for cell in cells)} at {100 * fraction:g} % of the photographs"
         found[f"real_{subset_name(fraction)}"] = words, beside(title, cells)
-    if report["cells"]:
+    if report.cells:
         words = "AP50, F1, recall and precision of each arm over the number of photographs, with bands"
-        found["over_photographs"] = words, over_photographs(report["cells"], OVER)
-    for name, one in report["bins"].items():
-        rows = [row for row in one["rows"] if row["interval"] is not None and row["labels"] >= ENOUGH][:MOST_BARS]
+        found["over_photographs"] = words, over_photographs(report.cells, OVER)
+    for name, one in report.bins.items():
+        rows = [row for row in one.rows if row.interval is not None and row.labels >= ENOUGH][:MOST_BARS]
         if rows:
-            bars = [
-                (f"{row['field']}: {row['bin']} (n {row['labels']})", row["difference"], *row["interval"])
-                for row in rows
-            ]
+            bars = [(f"{row.field}: {row.bin} (n {row.labels})", row.difference, *(row.interval or ())) for row in rows]
             xlabel = "difference of recall (gray: the interval includes 0)"
             chart = differences(f"recall: {name}", bars, xlabel=xlabel)
             found[_bins_name(name)] = f"differences of recall in bins, {name}", chart
     return found
 
 
-def page(report: Record, charts: Mapping[str, tuple[str, Figure]], *, layout: str = "page.html") -> str:
+def page(report: StudyReport, charts: Mapping[str, tuple[str, Figure]], *, layout: str = "page.html") -> str:
     """Return the report as HTML or, with ``page.md``, as Markdown with charts from files next to it.
 
     `charts` are those of `charts_of`.
@@ -78,11 +74,11 @@ def page(report: Record, charts: Mapping[str, tuple[str, Figure]], *, layout: st
         "charts": charts,
         "titles": TITLES,
         "figures": [
-            [cell["name"], *(number(cell[key], digits=0) for key in COUNTS),
-             *(ranged(cell[key], cell["intervals"][key]) for key in MEASURES)]
-            for cell in report["cells"]
+            [cell.name, *(number(getattr(cell, key), digits=0) for key in COUNTS),
+             *(ranged(getattr(cell, key), cell.intervals[key]) for key in MEASURES)]
+            for cell in report.cells
         ],
-        "pairs": [[pair["measures"][key]["words"] for key in OVER] for pair in report["pairs"]],
+        "pairs": [[pair.measures[key].words for key in OVER] for pair in report.pairs],
         "bins_name": _bins_name,
         "paper": _paper(report),
     }  # fmt: skip
@@ -90,14 +86,15 @@ def page(report: Record, charts: Mapping[str, tuple[str, Figure]], *, layout: st
     return text if layout == "page.html" else re.sub(r"\n{3,}", "\n\n", text).rstrip() + "\n"
 
 
-def _paper(report: Record) -> list[list[str]]:
+def _paper(report: StudyReport) -> list[list[str]]:
     """Return rows of the paper's figures, each followed by the study's."""
-    cell_of = {(cell["fraction"], cell["arm"]): cell for cell in report["cells"]}
+    cell_of = {(cell.fraction, cell.arm): cell for cell in report.cells}
     rows = []
     for fraction, arms in PAPER.items():
         for arm, figures in arms.items():
-            cell = cell_of.get((fraction, arm), {})
-            pairs = [(number(value), number(cell.get(key))) for key, value in zip(PAPER_FIGURES, figures, strict=True)]
+            cell = cell_of.get((fraction, arm))
+            own = (getattr(cell, key, None) for key in PAPER_FIGURES)
+            pairs = [(number(value), number(here)) for value, here in zip(figures, own, strict=True)]
             rows.append([f"{arm} at {100 * fraction:g} %", *chain(*pairs)])
     return rows
 
@@ -111,10 +108,10 @@ def color_of(arm: str) -> str:
     return COLORS.get(arm, SPARE[sum(arm.encode()) % len(SPARE)])
 
 
-def beside(title: str, cells: Sequence[Record]) -> Figure:
+def beside(title: str, cells: Sequence[ReportedCell]) -> Figure:
     """Bars of arms in four panels, as in the paper's Figures 5 to 9.
 
-    `cells` has a cell of report.json for each arm; missing values and None are unknown.
+    `cells` has a cell for each arm; None is unknown.
     """
     figure = Figure(figsize=(11.0, 3.4), layout="constrained")
     axes = figure.subplots(1, len(PANELS), width_ratios=[len(keys) + 0.6 for keys in PANELS])
@@ -134,12 +131,12 @@ def beside(title: str, cells: Sequence[Record]) -> Figure:
     return figure
 
 
-def _bars(axis: Axes, cell: Record, keys: Sequence[str], *, shift: float, width: float) -> None:
+def _bars(axis: Axes, cell: ReportedCell, keys: Sequence[str], *, shift: float, width: float) -> None:
     places = np.arange(len(keys)) + shift
-    heights = [cell.get(key) or 0.0 for key in keys]
-    axis.bar(places, heights, width * 0.92, color=color_of(cell["arm"]), label=cell["arm"])
+    heights = [getattr(cell, key) or 0.0 for key in keys]
+    axis.bar(places, heights, width * 0.92, color=color_of(cell.arm), label=cell.arm)
     for place, key in zip(places, keys, strict=True):
-        value, ends = cell.get(key), cell["intervals"].get(key)
+        value, ends = getattr(cell, key), cell.intervals.get(key)
         top = value
         if value is not None and ends is not None:
             axis.plot([place, place], ends, color=INK, linewidth=0.9)
@@ -151,19 +148,20 @@ def _bars(axis: Axes, cell: Record, keys: Sequence[str], *, shift: float, width:
         )  # fmt: skip
 
 
-def over_photographs(cells: Sequence[Record], measures: Sequence[str]) -> Figure:
-    """Return each measure over the number of photographs, for every arm in cells of report.json.
+def over_photographs(cells: Sequence[ReportedCell], measures: Sequence[str]) -> Figure:
+    """Return each measure over the number of photographs, for every arm in cells of a report.
 
     Bands are intervals, dots are seeds. An arm without photographs is a level line.
     """
     figure = Figure(figsize=(3.9 * len(measures), 3.7), layout="constrained")
     axes = figure.subplots(1, len(measures), squeeze=False)[0]
     for axis, measure in zip(axes, measures, strict=True):
-        for arm in dict.fromkeys(cell["arm"] for cell in cells):
+        for arm in dict.fromkeys(cell.arm for cell in cells):
             color = color_of(arm)
-            own = sorted((cell for cell in cells if cell["arm"] == arm), key=lambda cell: cell["photographs"])
-            counts, values = (np.array([cell[key] for cell in own], dtype=float) for key in ("photographs", measure))
-            low, high = np.array([cell["intervals"][measure] or [np.nan, np.nan] for cell in own]).T
+            own = sorted((cell for cell in cells if cell.arm == arm), key=attrgetter("photographs"))
+            counts = np.array([cell.photographs for cell in own])
+            values = np.array([getattr(cell, measure) for cell in own], dtype=float)
+            low, high = np.array([cell.intervals[measure] or [np.nan, np.nan] for cell in own]).T
             if counts[0] == 0:
                 axis.axhspan(low[0], high[0], color=color, alpha=0.12, linewidth=0)
                 axis.axhline(values[0], color=color, linestyle="--", linewidth=1.2, label=f"{arm} alone")
@@ -171,11 +169,11 @@ def over_photographs(cells: Sequence[Record], measures: Sequence[str]) -> Figure
             axis.fill_between(counts, low, high, color=color, alpha=0.18, linewidth=0)
             axis.plot(counts, values, "o-", color=color, markersize=4, linewidth=1.5, label=arm)
             for cell in own:
-                points = np.array(cell["of_seeds"][measure], dtype=float)
+                points = np.array(cell.of_seeds[measure], dtype=float)
                 if len(points) > 1:
-                    places = [cell["photographs"]] * len(points)
+                    places = [cell.photographs] * len(points)
                     axis.plot(places, points, ".", color=color, markersize=3, alpha=0.6)
-        shown = sorted({float(cell["photographs"]) for cell in cells if cell["photographs"] > 0})
+        shown = sorted({float(cell.photographs) for cell in cells if cell.photographs > 0})
         axis.set_xscale("log")
         axis.set_xticks(shown, [f"{n:.0f}" for n in shown])
         axis.minorticks_off()

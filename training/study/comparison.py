@@ -1,0 +1,329 @@
+"""The comparison of a study's finished runs: the contents of report.json, rounded; undefined values are None."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+from msgspec import Struct
+
+from hulldown.base.errors import HulldownError
+from hulldown.base.terminal import tracked
+from hulldown.training.detectors.detector import read_run
+from hulldown.training.evaluation.detector_report import Ends, plain
+from hulldown.training.evaluation.labels import read_labels
+from hulldown.training.study.manifest import RUNS_NAME, Manifest, PlannedRun, predictions_paths, read_manifest
+from hulldown.training.study.results import (
+    COUNTS,
+    ENOUGH,
+    MEASURES,
+    TITLES,
+    BinDifference,
+    Cell,
+    Equivalent,
+    Estimate,
+    bin_differences,
+    cells,
+    equivalent_photographs,
+    estimate,
+    judge,
+    known_ends,
+    pairs,
+)
+from hulldown.training.study.runs import is_finished, read_failures
+
+WORTH_BY = ("ap50", "f1", "recall")
+MOST_BINS = 3  # reported bins of each sign
+
+
+class StudyFacts(Struct, frozen=True, kw_only=True):
+    """What was compared; `datasets` and `train` are parts of the manifest."""
+
+    classes: list[str]
+    datasets: dict[str, dict[str, object]]
+    arms: list[str]
+    fractions: list[float]
+    seeds: list[int]
+    iou: float
+    threshold: float | str  # or how each run's is chosen
+    train: dict[str, object]
+    runs: int
+
+
+class ReportedCell(Struct, frozen=True, kw_only=True):
+    """A `Cell`: means over seeds, and each measure's interval and values."""
+
+    arm: str
+    fraction: float | None = None
+    name: str = ""
+    photographs: float = 0.0
+    seeds: list[int] = []
+    tp: float | None = None
+    fp: float | None = None
+    fn: float | None = None
+    precision: float | None = None
+    recall: float | None = None
+    f1: float | None = None
+    mean_iou: float | None = None
+    mean_confidence: float | None = None
+    ap50: float | None = None
+    ap: float | None = None
+    intervals: dict[str, list[float] | None] = {}
+    of_seeds: dict[str, list[float | None]] = {}
+
+
+class ReportedDifference(Struct, frozen=True):
+    """The difference of two cells by a measure."""
+
+    difference: float | None
+    interval: list[float] | None
+    words: str
+
+
+class ReportedPair(Struct, frozen=True):
+    """A pair of cells, compared by each measure."""
+
+    first: str
+    second: str
+    fraction: float | None
+    measures: dict[str, ReportedDifference]
+
+
+class ReportedWorth(Struct, frozen=True):
+    """The worth of a cell's synthetic images; None: more photographs than there are."""
+
+    arm: str
+    name: str
+    fraction: float | None
+    measure: str
+    photographs: float | None
+    interval: Ends
+    words: str
+
+
+class ReportedBins(Struct, frozen=True):
+    """Differences of recall in bins."""
+
+    words: list[str]
+    rows: list[BinDifference]
+
+
+class ReportedRun(Struct, frozen=True, kw_only=True):
+    """A finished run and its figures."""
+
+    name: str
+    folder: str
+    arm: str
+    fraction: float | None
+    seed: int
+    photographs: int
+    drawn: dict[str, int]
+    threshold: float
+    tp: float
+    fp: float
+    fn: float
+    precision: float | None
+    recall: float | None
+    f1: float | None
+    mean_iou: float | None
+    mean_confidence: float | None
+    ap50: float | None
+    ap: float | None
+
+
+class StudyReport(Struct, frozen=True, kw_only=True):
+    """The contents of report.json. All but `missing` and `times` is reproducible from detections and labels."""
+
+    study: StudyFacts
+    summary: list[str]
+    sureness: str
+    cells: list[ReportedCell]
+    pairs: list[ReportedPair]
+    worth: list[ReportedWorth]
+    bins: dict[str, ReportedBins]
+    runs: list[ReportedRun]
+    missing: dict[str, str]  # runs that aren't finished, with the reason
+    times: dict[str, float | None]  # seconds
+
+
+def compared_runs(study: Path | str) -> StudyReport:
+    """Compare the finished runs of a study.
+
+    Parameters
+    ----------
+    study
+        The study's folder, finished or not.
+
+    Raises
+    ------
+    HulldownError
+        If it isn't a study, no run is finished, or test pictures have changed.
+    """
+    study = Path(study)
+    manifest = read_manifest(study)
+    finished = [run for run in manifest.runs if is_finished(study, manifest, run)]
+    if not finished:
+        raise HulldownError("no run is finished", path=study, remedy="run `hulldown study run` first")
+    config, failures = manifest.config, read_failures(study)
+    detections = [predictions_paths(study, manifest, run) for run in finished]
+    labels = {which: read_labels(manifest.datasets[which].folder) for which in detections[0]}
+    runs = [
+        judge(run, labels, files, threshold=config.threshold, iou=config.iou)
+        for run, files in tracked("evaluating", zip(finished, detections, strict=True), len(finished))
+    ]
+    found = cells(runs)
+    compared, real = pairs(found), [cell for cell in found if cell.arm == "real"]
+    records = [_pair_record(first, second) for first, second in compared]
+    summary = [record.measures["ap50"].words for record in records]
+    largest = max(real, key=lambda cell: cell.photographs, default=None)
+    if largest is not None and (reached := estimate(largest, "ap50").value) < 0.5:
+        summary.append(
+            f"{largest.name} reaches an AP50 of {reached:.2f} only. A study whose best photographs teach "
+            "so little can't show the worth of synthetic images. Use a larger budget, or clearer pictures."
+        )
+    bins = {
+        f"{second.name} minus {first.name}": bin_differences(first, second)
+        for first, second in compared
+        if first.arm == "real" and second.arm in ("mixed", "balanced")
+    }
+    return StudyReport(
+        study=_facts(manifest),
+        summary=summary,
+        sureness=sureness(manifest, len(records) * len(MEASURES)),
+        cells=[_cell_record(cell) for cell in found],
+        pairs=records,
+        worth=[
+            ReportedWorth(
+                cell.arm, cell.name, plain(cell.fraction), measure, plain(one.photographs), plain(one.interval),
+                worth_words(cell.name, measure, one),
+            )
+            for cell in found
+            for measure in WORTH_BY
+            if cell.arm != "real" and (one := equivalent_photographs(real, cell, measure)) is not None
+        ],
+        bins={
+            name: ReportedBins(bin_words(rows), [BinDifference(**plain(asdict(row))) for row in rows])
+            for name, rows in bins.items()
+        },
+        runs=[
+            ReportedRun(
+                **plain(one.run.model_dump(exclude={"base", "sources", "settings"})),
+                threshold=plain(one.evaluation.threshold.value), **plain(one.values),
+            )
+            for one in runs
+        ],
+        missing={run.name: failures.get(run.name, "not run yet") for run in manifest.runs if run not in finished},
+        times={run.name: _time(study, run) for run in finished},
+    )  # fmt: skip
+
+
+def _facts(manifest: Manifest) -> StudyFacts:
+    config = manifest.config
+    return StudyFacts(
+        classes=list(manifest.classes),
+        datasets={name: one.model_dump(mode="json", exclude={"folder"}) for name, one in manifest.datasets.items()},
+        arms=[arm.name for arm in config.named_arms],
+        **plain(config.model_dump(include={"fractions", "seeds", "iou"})),
+        threshold=plain(config.threshold or ("count" if config.valid is None else "validation")),
+        train=plain(config.train.model_dump(mode="json", exclude={"seed", "weights"})),
+        runs=len(manifest.runs),
+    )
+
+
+def _cell_record(cell: Cell) -> ReportedCell:
+    seeds, estimates = sorted(cell.judged), {key: estimate(cell, key) for key in MEASURES}
+    return ReportedCell(
+        arm=cell.arm,
+        fraction=plain(cell.fraction),
+        name=cell.name,
+        photographs=plain(cell.photographs),
+        seeds=seeds,
+        **{key: plain(np.mean([cell.judged[seed].values[key] for seed in seeds])) for key in COUNTS},
+        **{key: plain(one.value) for key, one in estimates.items()},
+        intervals={key: plain(known_ends(one.ends)) for key, one in estimates.items()},
+        of_seeds={key: [plain(cell.judged[seed].values[key]) for seed in seeds] for key in MEASURES},
+    )
+
+
+def _pair_record(first: Cell, second: Cell) -> ReportedPair:
+    measures = {
+        key: ReportedDifference(
+            plain(one.value), plain(known_ends(one.ends)), difference_words(first, second, key, one)
+        )
+        for key, one in ((key, estimate(second, key, minus=first)) for key in MEASURES)
+    }
+    return ReportedPair(first.name, second.name, plain(second.fraction), measures)
+
+
+def _time(study: Path, run: PlannedRun) -> float | None:
+    """Seconds of a run's training; after a kill, of its last process."""
+    seconds = read_run(study / RUNS_NAME / run.folder).figures.seconds
+    return None if seconds is None else round(seconds, 1)
+
+
+def difference_words(first: Cell, second: Cell, measure: str, found: Estimate) -> str:
+    """Return a sentence about a pair of arms by one measure; `found` is second minus first."""
+    title = TITLES[measure]
+    if np.isnan(found.value):
+        return f"{second.name} minus {first.name}: {title} is undefined without detections."
+    if np.isnan(found.ends).any():
+        return (
+            f"{second.name} minus {first.name}: {title} {found.value:+.3f}, with too few test positions for an "
+            "interval."
+        )
+    ends = f"{found.value:+.3f} ({found.ends[0]:+.3f} to {found.ends[1]:+.3f})"
+    if found.shown:
+        how = "higher" if found.ends[0] > 0 else "lower"
+        return f"{second.name} has a {how} {title} than {first.name}: {ends}."
+    return (
+        f"Between {second.name} and {first.name} no difference of {title} is shown: {ends}. {second.name} may "
+        f"be {abs(found.ends[0]):.3f} worse or {abs(found.ends[1]):.3f} better."
+    )
+
+
+def worth_words(name: str, measure: str, found: Equivalent) -> str:
+    """Return a sentence about the worth of a cell's synthetic images in photographs."""
+    title = TITLES[measure]
+    if np.isinf(found.photographs) and found.most <= 0:
+        return f"By {title}, {name} is better than all photographs alone, so its worth has no upper bound."
+    if np.isinf(found.photographs):
+        much = f"more than the {found.most:.0f} further photographs"
+    elif found.photographs < 0:
+        much = f"minus {-found.photographs:.0f} photographs: fewer photographs alone are as good"
+    else:
+        much = f"{found.photographs:.0f} photographs"
+    told = [f"{end:.0f}" if np.isfinite(end) else f"more than {found.most:.0f}" for end in found.interval]
+    ends = " to ".join(dict.fromkeys(told))
+    return f"By {title} the synthetic images of {name} are worth {much} (95 % interval: {ends})."
+
+
+def bin_words(found: Sequence[BinDifference]) -> list[str]:
+    """Return sentences about the bins with the largest gains and losses of recall whose interval excludes 0."""
+    known = [(one, one.interval) for one in found if one.interval and one.labels >= ENOUGH]
+    known.sort(key=lambda pair: -pair[0].difference)
+    gained = [(one, ends) for one, ends in known if ends[0] > 0][:MOST_BINS]
+    lost = [(one, ends) for one, ends in reversed(known) if ends[1] < 0][:MOST_BINS]
+    return [
+        f"{one.field} {one.bin}: recall {one.recall[0]:.2f} to {one.recall[1]:.2f}, {one.difference:+.2f} "
+        f"({low:+.2f} to {high:+.2f}), {one.labels} labels"
+        for one, (low, high) in (*gained, *lost)
+    ]
+
+
+def sureness(manifest: Manifest, compared: int) -> str:
+    """Return a note on the meaning of the intervals, of which `compared` are of differences."""
+    seeds, images = len(manifest.config.seeds), manifest.datasets["test"].images
+    trainings = (
+        "With one seed, they don't cover other trainings."
+        if seeds == 1
+        else f"They include the spread of the {seeds} seeds."
+    )
+    told = f"Intervals have 95 % confidence, from resampling the positions in the {images} test pictures. {trainings}"
+    if not compared:
+        return told
+    return (
+        f"{told} Of {compared} differences with such intervals, about {max(1, round(0.05 * compared))} would exclude "
+        "0 by chance alone."
+    )
