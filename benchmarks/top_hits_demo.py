@@ -1,4 +1,4 @@
-"""Top hits on the demo's sceneries, whose fields and roads are sheets over the terrain, beside hills of one sheet."""
+"""Top hits on hills of one, two, and ten sheets, and on the demo's sceneries, whose fields and roads are sheets."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hulldown.benchmarks import top_hits_peers as peers
 from hulldown.benchmarks.tables import table
 from hulldown.benchmarks.top_hits import RAW, bold, timed
 from hulldown.demo.project import create_project
-from hulldown.geometry.meshes import Mesh
+from hulldown.geometry.meshes import Mesh, merge
 from hulldown.reading.cache import cached
 from hulldown.reading.pieces.options import Options
 
@@ -32,7 +32,11 @@ def run(quick: bool) -> dict:
 
 
 def _grounds() -> Iterator[tuple[str, Mesh]]:
-    yield "hills", peers.hills(HILLS)
+    hills = peers.hills(HILLS)
+    yield "hills", hills
+    for sheets in (2, 10):
+        layers = [Mesh(hills.vertices - [0, 0, float(i)], hills.faces) for i in range(sheets)]
+        yield f"{sheets} sheets of hills 1 m apart", merge(layers)[0]
     with TemporaryDirectory() as folder:
         create_project(folder)
         for name in SCENERIES:
@@ -67,8 +71,9 @@ def report(results: dict) -> str:
     rows = [(bold(name), *(f"{some[name] / 1e6:.2f}" for some in speed.values())) for name in names]
     return "\n\n".join([
         "## Top hits on ground of several sheets",
-        f"Million points a CPU second on one thread, for {results['rays']:,} random ones: hills of one sheet, and the "
-        "demo's sceneries, whose fields and roads lie over the terrain. Only certified faces are right everywhere.",
+        f"Million points a CPU second on one thread, for {results['rays']:,} random ones: hills of one, two, and ten "
+        "sheets, and the demo's sceneries, whose fields and roads lie over the terrain. Only certified faces are right "
+        "everywhere.",
         table(["ground, triangles", *head], rows),
     ])  # fmt: skip
 

@@ -99,16 +99,16 @@ class Ground:
             bound = bound[kept]
         return cls(x, y, z, corners, kept, slope, well_conditioned, bound)
 
-    def boxes(self) -> tuple[Float[np.ndarray, "3 f"], Float[np.ndarray, "3 f"]]:
+    def boxes(self) -> Float[np.ndarray, "2 3 f"]:
         """Return lowest and highest corner of every face's box."""
-        low, high = np.empty(self.corners.shape), np.empty(self.corners.shape)
+        low, high = boxes = np.empty((2, *self.corners.shape))
         for begin in range(0, self.corners.shape[1], _CHUNK):
             part = slice(begin, begin + _CHUNK)
             for axis, values in enumerate((self.x, self.y, self.z)):
                 a, b, c = (values[corner[part]] for corner in self.corners)
                 np.minimum(np.minimum(a, b), c, out=low[axis, part])
                 np.maximum(np.maximum(a, b), c, out=high[axis, part])
-        return low, high
+        return boxes
 
     def heights(
         self, face: Int[np.ndarray, " n"], x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]

@@ -33,7 +33,7 @@ column between theirs. Hence:
 - An unmarked cell is convex and free of B, and the union of two unmarked cells that share a side is a rectangle free
   of B. So a 4-connected region of unmarked cells is in one component, and one exact count at a point on no edge gives
   N for all of it. Points are taken strictly inside every face that contains them. If three attempts find no such
-  point, or N is above `MOST_SHEETS`, the region is unknown.
+  point, the region is unknown. Counts above `MOST_SHEETS` are all the same.
 
 Sheets. Let N = k around a cell, and let p in the cell be strictly inside k different faces. If another face's closed
 projection contained p, points of its interior would be arbitrarily close to p, all inside the k faces as well, and
@@ -54,7 +54,7 @@ from hulldown.geometry.arrays import numbered
 from hulldown.geometry.meshes import first_alike
 
 UNKNOWN = 255
-MOST_SHEETS = 16  # that are worth tracing one after the other
+FEW_SHEETS, MOST_SHEETS = 3, 16  # that are worth tracing one after the other
 _LEAST_CELLS, _MOST_CELLS = 1 << 14, 1 << 22
 _MOST_PIECES = 1 << 21
 _MOST_REGIONS = 1 << 12
@@ -70,8 +70,8 @@ class SheetMap:
 
     Parameters
     ----------
-    xy
-        (v, 2) the vertices seen from above.
+    vertices
+        (v, 3) the vertices.
     corners
         (3, f) corners of the faces, all counter-clockwise, none without area.
     bounds
@@ -82,7 +82,7 @@ class SheetMap:
 
     def __init__(
         self,
-        xy: Float[np.ndarray, "v 2"],
+        vertices: Float[np.ndarray, "v 3"],
         corners: Int[np.ndarray, "3 f"],
         bounds: Float[np.ndarray, "2 2"],
         count: Count,
@@ -93,26 +93,37 @@ class SheetMap:
         side = np.sqrt(extent).prod() / np.sqrt(np.clip(4 * corners.shape[1], _LEAST_CELLS, _MOST_CELLS))
         finest = 1024.0 * np.spacing(np.abs(bounds).max(axis=0))
         shape = np.clip(extent / np.maximum(side, finest), 1, 4096).astype(int)
-        self._columns, self._rows = int(shape[0]), int(shape[1])
+        self.shape = self._columns, self._rows = int(shape[0]), int(shape[1])
         self._per_meter = np.minimum(shape / extent, 1e300)
-        self._counts = self._sheets(xy[unbalanced(corners, xy)], count).ravel()
+        edges, xy = _unpaired(corners, len(vertices)), vertices[:, :2]
+        counts = self._sheets(self._touched(xy[_unbalanced(edges, xy)]), count)
+        self._counts = counts.ravel()
+        # More sheets than a few, and no edge that is unbalanced in space.
+        self.many = (counts > FEW_SHEETS) & (counts < UNKNOWN)
+        if self.many.any():
+            self.many &= ~self._touched(xy[_unbalanced(edges, vertices)])
 
     def count(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> UInt8[np.ndarray, " n"]:
         """Return the number of sheets at each point, or UNKNOWN; 0 outside the bounds."""
-        column, row = self._cells(x, 0), self._cells(y, 1)
+        column, row = self.cells(x, 0), self.cells(y, 1)
         row *= self._columns
         row += column
         count = self._counts[row]
         inside = (x >= self._low[0]) & (x <= self._high[0]) & (y >= self._low[1]) & (y <= self._high[1])
         return count * inside
 
-    def _cells(self, values: Float[np.ndarray, "..."], axis: int) -> Int[np.ndarray, "..."]:
+    def cells(self, values: Float[np.ndarray, "..."], axis: int) -> Int[np.ndarray, "..."]:
+        """Return the columns (axis 0) or rows (axis 1) of coordinates."""
         # Monotone in each coordinate: what lies between two points lies in a cell between theirs.
         cell = (values - self._low[axis]) * self._per_meter[axis]
-        return np.clip(cell, 0, (self._columns, self._rows)[axis] - 1, out=cell).astype(np.intp)
+        return np.clip(cell, 0, self.shape[axis] - 1, out=cell).astype(np.intp)
 
-    def _sheets(self, edges: Float[np.ndarray, "e 2 2"], count: Count) -> UInt8[np.ndarray, "r c"]:
-        regions, n = ndimage.label(~self._touched(edges))
+    def at(self, cells: Float[np.ndarray, " n"], axis: int) -> Float[np.ndarray, " n"]:
+        """Return the coordinates of columns or rows, fractions included."""
+        return self._low[axis] + cells / self._per_meter[axis]
+
+    def _sheets(self, touched: Bool[np.ndarray, "r c"], count: Count) -> UInt8[np.ndarray, "r c"]:
+        regions, n = ndimage.label(~touched)
         counts = np.full(n + 1, UNKNOWN, dtype=np.uint8)
         if n:
             size = np.bincount(regions.ravel(), minlength=n + 1)
@@ -127,15 +138,15 @@ class SheetMap:
                 if not len(open_):
                     break
                 row, column = np.divmod(by_region[first[open_] + (share * size[open_]).astype(int)], self._columns)
-                at = self._low + np.stack([column + 0.5119, row + 0.4877], axis=1) / self._per_meter
-                same = (self._cells(at[:, 0].copy(), 0) == column) & (self._cells(at[:, 1].copy(), 1) == row)
+                at = np.stack([self.at(column + 0.5119, 0), self.at(row + 0.4877, 1)], axis=1)
+                same = (self.cells(at[:, 0].copy(), 0) == column) & (self.cells(at[:, 1].copy(), 1) == row)
                 sheets, strictly = count(at[:, 0].copy(), at[:, 1].copy())
-                known = same & strictly & (sheets <= MOST_SHEETS)
-                counts[open_[known]] = sheets[known]
+                known = same & strictly
+                counts[open_[known]] = np.minimum(sheets[known], MOST_SHEETS + 1)
         return counts[regions]
 
     def _touched(self, edges: Float[np.ndarray, "e 2 2"]) -> Bool[np.ndarray, "r c"]:
-        ends = np.stack([self._cells(edges[:, :, 0], 0), self._cells(edges[:, :, 1], 1)], axis=2)
+        ends = np.stack([self.cells(edges[:, :, 0], 0), self.cells(edges[:, :, 1], 1)], axis=2)
         span = np.ptp(ends, axis=1).max(axis=1)
         short = span <= 1
         pieces = np.minimum(span[~short], max(_MOST_PIECES // max(len(edges), 1), 1))
@@ -145,7 +156,7 @@ class SheetMap:
         share = (1.0 / pieces)[long, None]
         from_, to = start + along * (step[:, None] * share), start + along * ((step[:, None] + 1) * share)
         # Points along an edge are rounded, by far less than a cell: one cell more on every side makes up for it.
-        cuts = [np.stack([self._cells(p[:, 0], 0), self._cells(p[:, 1], 1)], axis=1) for p in (from_, to)]
+        cuts = [np.stack([self.cells(p[:, 0], 0), self.cells(p[:, 1], 1)], axis=1) for p in (from_, to)]
         low = np.concatenate([ends[short].min(axis=1), np.minimum(*cuts) - 1])
         high = np.concatenate([ends[short].max(axis=1), np.maximum(*cuts) + 1])
         last = np.array([self._columns, self._rows]) - 1
@@ -160,23 +171,29 @@ class SheetMap:
         return change[:-1, :-1] > 0
 
 
-def unbalanced(corners: Int[np.ndarray, "3 f"], xy: Float[np.ndarray, "v 2"]) -> Int[np.ndarray, "e 2"]:
-    """Return the edges, as vertex pairs, that have faces on their left not exactly as often as on their right.
+def _unpaired(corners: Int[np.ndarray, "3 f"], vertices: int) -> tuple[Int[np.ndarray, "k 2"], Int[np.ndarray, " k"]]:
+    """Return the edges, as vertex pairs, with more faces on their left than on their right, and how many more.
 
-    Vertices at the same XY are the same; most edges are settled by their vertex numbers, without a look at coordinates.
+    Most edges are settled so, without a look at coordinates.
     """
     keys = np.empty(corners.shape, dtype=np.int64)
     for key, (i, j) in zip(keys, ((0, 1), (1, 2), (2, 0)), strict=True):
-        _key(corners[i], corners[j], len(xy), out=key)
+        _key(corners[i], corners[j], vertices, out=key)
     keys = keys.ravel()
     keys.sort()
-    edges, balance = _left_over(keys, None, len(xy))
-    # The rest may still cancel against other vertices at the same place.
+    return _left_over(keys, None, vertices)
+
+
+def _unbalanced(
+    unpaired: tuple[Int[np.ndarray, "k 2"], Int[np.ndarray, " k"]], places: Float[np.ndarray, "v d"]
+) -> Int[np.ndarray, "e 2"]:
+    """Of unpaired edges, those that don't cancel either against others with ends at the same places."""
+    edges, balance = unpaired
     used, local = np.unique(edges, return_inverse=True)
-    a, b = used[first_alike(xy[used])][local].reshape(-1, 2).T
-    keys = _key(a, b, len(xy), out=np.empty(len(edges), dtype=np.int64))
+    a, b = used[first_alike(places[used])][local].reshape(-1, 2).T
+    keys = _key(a, b, len(places), out=np.empty(len(edges), dtype=np.int64))
     order = np.argsort(keys)
-    return _left_over(keys[order], balance[order], len(xy))[0]
+    return _left_over(keys[order], balance[order], len(places))[0]
 
 
 def _key(

@@ -14,7 +14,8 @@ from hulldown.geometry.predicates import ORIENT_BOUND, TINY
 from hulldown.geometry.rays import BLOCK, RayCaster, bounds_within_reach, coherent_blocks, in_threads
 from hulldown.placement.exact import ExactGround
 from hulldown.placement.ground import HEIGHT_ULPS, Ground, Hits, plane_heights, upward
-from hulldown.placement.sheet_map import UNKNOWN, SheetMap
+from hulldown.placement.sheet_map import FEW_SHEETS, MOST_SHEETS, SheetMap
+from hulldown.placement.top_sheet import TopSheet
 
 Method = Literal["certified", "refined", "float32"]
 
@@ -55,17 +56,19 @@ class Terrain:
         self._missing = not len(top.mesh_face)
         if self._missing:
             return
-        low, high = top.boxes()
-        self._exact = ExactGround(top, low, high)
-        bounds = np.stack([low[:2].min(axis=1), high[:2].max(axis=1)])
-        del low, high
-        self._sheets = SheetMap(mesh.vertices[:, :2], top.corners, bounds, self._exact.count)
+        boxes = top.boxes()
+        self._exact = ExactGround(top, *boxes)
+        bounds = np.stack([boxes[0, :2].min(axis=1), boxes[1, :2].max(axis=1)])
+        self._sheets = SheetMap(mesh.vertices, top.corners, bounds, self._exact.count)
         # Faces without XY area would slow Embree down, and could only mislead it.
         every = len(top.mesh_face) == len(mesh.faces)
         if every and caster is not None:
             self._caster = caster
         else:
             self._caster = RayCaster(mesh if every else Mesh(mesh.vertices, mesh.faces[top.mesh_face], mesh.name))
+        self._apart = 4.0 * HEIGHT_ULPS * float(np.spacing(np.abs(self._bounds[:, 2]).max()))
+        several = self._sheets.many.any()
+        self._top = TopSheet(self._sheets, top, boxes, self._apart, self._guess) if several else None
 
     @property
     def mesh(self) -> Mesh:
@@ -137,8 +140,12 @@ class Terrain:
         proposal = self._caster.down(x, y).astype(np.intp)
         accepted, z, slope = self._inside(proposal, x, y)
         sheets = self._sheets.count(x, y)
-        accepted &= (sheets > 0) & (sheets < UNKNOWN)
-        several = np.flatnonzero(accepted & (sheets > 1))
+        alone = sheets == 1
+        if self._top is not None:
+            many = np.flatnonzero(accepted & (sheets > FEW_SHEETS))
+            alone[many] = self._top.has(x[many], y[many], z[many])
+        several = np.flatnonzero(accepted & ~alone & (sheets > 1) & (sheets <= MOST_SHEETS))
+        accepted &= alone
         if len(several):
             here = x[several], y[several]
             accepted[several] = self._finds_all(sheets[several], *here, z[several], slope[several])
@@ -153,6 +160,28 @@ class Terrain:
             face[rest], z[rest], normal[rest] = tops.face, tops.z, tops.normal
         self._write(hits, i, face, z, normal)
 
+    def _guess(
+        self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]
+    ) -> tuple[Complex[np.ndarray, " k"], Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+        """Return the slope of the ground in float32's opinion, its height, and that of the next sheet, or nan."""
+        g = self._ground
+        with np.errstate(over="ignore", invalid="ignore"):
+            face = self._caster.down(x, y).astype(np.intp)
+            slope, z = g.slope[face], g.heights(face, x, y)
+            second = self._below(x, y, z, slope)
+            return slope, z, np.where((face < 0) | (second < 0), np.nan, g.heights(second, x, y))
+
+    def _below(
+        self,
+        x: Float[np.ndarray, " k"],
+        y: Float[np.ndarray, " k"],
+        z: Float[np.ndarray, " k"],
+        slope: Complex[np.ndarray, " k"],
+    ) -> Int[np.ndarray, " k"]:
+        """Return the first face below what float32 makes of faces of these heights and slopes, or -1."""
+        gap = 4 * self._caster.resolution * (1.0 + np.abs(slope.real) + np.abs(slope.imag))
+        return self._caster.below(x, y, z - gap).astype(np.intp)
+
     def _finds_all(
         self,
         sheets: UInt8[np.ndarray, " k"],
@@ -164,13 +193,9 @@ class Terrain:
         """Return whether so many sheets less one are found under a face, each certainly lower than the one before."""
         found = np.zeros(len(x), dtype=bool)
         row, n = np.arange(len(x)), 1
-        apart = 4.0 * HEIGHT_ULPS * np.spacing(np.abs(self._bounds[:, 2]).max())
         while len(row):
-            # Below what float32 makes of the face above.
-            gap = 4 * self._caster.resolution * (1.0 + np.abs(slope.real) + np.abs(slope.imag))
-            face = self._caster.below(x, y, z - gap).astype(np.intp)
-            lower, z_lower, slope = self._inside(face, x, y)
-            lower &= z_lower < z - apart
+            lower, z_lower, slope = self._inside(self._below(x, y, z, slope), x, y)
+            lower &= z_lower < z - self._apart
             n += 1
             found[row[lower & (sheets == n)]] = True
             more = np.flatnonzero(lower & (sheets > n))

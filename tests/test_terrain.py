@@ -6,6 +6,7 @@ from hulldown.placement.exact import ExactGround
 from hulldown.placement.ground import Ground
 from hulldown.placement.sheet_map import UNKNOWN, SheetMap
 from hulldown.placement.terrain import Terrain
+from hulldown.placement.top_sheet import TopSheet
 from hulldown.tests.oracles.top_hits import exact_tops
 from hulldown.tests.shapes import sheet, surface
 
@@ -31,11 +32,13 @@ def test_points_at_the_limits_of_float64_miss_without_a_warning(method):
 
 def counts(mesh, xy):
     """The certified number of sheets at each point."""
-    ground = Ground.of(mesh)
+    return sheet_map(mesh, Ground.of(mesh)).count(*np.array(xy, dtype=float).T.copy())
+
+
+def sheet_map(mesh, ground):
     low, high = ground.boxes()
     bounds = np.stack([low[:2].min(axis=1), high[:2].max(axis=1)])
-    sheets = SheetMap(mesh.vertices[:, :2], ground.corners, bounds, ExactGround(ground, low, high).count)
-    return sheets.count(*np.array(xy, dtype=float).T.copy())
+    return SheetMap(mesh.vertices, ground.corners, bounds, ExactGround(ground, low, high).count)
 
 
 def test_clean_ground_is_certified_as_one_sheet_and_holes_as_empty():
@@ -56,6 +59,54 @@ def test_sheets_over_each_other_are_counted():
     assert (counts(merge([lower, ground, ground])[0], xy) == 3).all()
     both, alone = (Terrain(mesh).top_hits(xy) for mesh in (merge([lower, ground])[0], ground))
     assert np.array_equal(both.face, alone.face + len(ground.faces))
+
+
+def test_the_top_of_many_sheets_is_certain_from_its_height_alone():
+    ground = hills(60)
+    layers = [Mesh(ground.vertices * [1, 1, 0.2] - [0, 0, 1.0 * i], ground.faces) for i in range(20)]
+    mesh, alone = merge(layers)[0], Terrain(layers[0])
+    xy = np.random.default_rng(0).uniform(1, 59, (2000, 2))
+    hits = Terrain(mesh).top_hits(xy)
+    assert np.array_equal(hits.face, alone.top_hits(xy).face)
+    x, y = xy.T.copy()
+    top = top_sheet(mesh, lambda x, y: (0j * x, z := alone.top_hits(np.column_stack([x, y])).z, z - 1.0))
+    assert top.has(x, y, hits.z).mean() > 0.9
+    assert not top.has(x, y, hits.z - 1.0).any()
+
+
+U, Y = np.linspace(0, 10, 21), np.linspace(0, 10, 41)
+
+
+def level(z, u=U, y=Y):
+    return surface(u, y, np.full((len(u), len(y)), z))
+
+
+STEP = np.insert(U, 11, 5.05)
+RISES = {  # and from where on
+    "by a ramp": (5.05, surface(STEP, Y, np.tile(np.where(STEP > 5, 12.0, 5.0)[:, None], len(Y)))),
+    "at edges that meet seen from above": (5.0, level(5.0, U[:11]), level(12.0, U[10:])),
+    "as two large faces": (6.7, surface(U[::20], Y[::40], np.array([[-50.0, -50.0], [40.0, 40.0]]))),
+}
+
+
+@pytest.mark.parametrize(("start", "risen"), [(a, b) for a, *b in RISES.values()], ids=RISES)
+def test_a_sheet_that_rises_above_the_top_is_seen_in_cells_that_were_judged_beside_it(start, risen):
+    layers = [level(10.0), level(1.0), level(2.0), *risen]
+    tilt = np.array([[1, 0, -9], [0.2, 1, 0], [0, 0, 1]])  # edges across cells, and a slope
+    mesh = merge([Mesh(m.vertices @ tilt, m.faces) for m in layers])[0]
+
+    def guess(x, y):
+        return 0j * x + (-9 + 1.8j), 10.0 - 9 * (x - 0.2 * y), 5.0 - 9 * (x - 0.2 * y)
+
+    u, y = np.random.default_rng(0).uniform([0, 0], [10, 10], (20_000, 2)).T
+    passes = top_sheet(mesh, guess).has(u + 0.2 * y, y, 10.0 - 9 * u)
+    assert not passes[u > start].any()
+    assert len(risen[0].faces) == 2 or passes[(u > 1) & (u < 4)].mean() > 0.5  # a large face's corners are far up
+
+
+def top_sheet(mesh, guess):
+    ground = Ground.of(mesh)
+    return TopSheet(sheet_map(mesh, ground), ground, ground.boxes(), 1e-12, guess)
 
 
 def test_a_long_border_across_many_cells_is_marked_along_its_length():
