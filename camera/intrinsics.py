@@ -169,8 +169,8 @@ class Intrinsics:
 
     @property
     def f_px(self) -> np.ndarray:
-        """() or (m,) focal length in pixels, along x."""
-        return self.focal[..., 0]
+        """A number, or (m,): focal length in pixels, along x."""
+        return self.focal[..., 0][()]
 
     @property
     def center(self) -> np.ndarray:
