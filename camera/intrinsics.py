@@ -168,7 +168,7 @@ class Intrinsics:
         return {name: value for name, value in vars(self).items() if name != "focal"}  # not another numpy's array
 
     @property
-    def f_px(self) -> np.ndarray:
+    def f_px(self) -> np.float64 | np.ndarray:
         """A number, or (m,): focal length in pixels, along x."""
         return self.focal[..., 0][()]
 
