@@ -145,20 +145,22 @@ class Pool:
         running: dict[Future[Outcome], tuple[int, int]] = {}  # queue and job of each, ended ones included
         while any(queues) or running:
             self._tell()
-            if self._stopping():
+            ended, stopping = next((future for future in running if future.done()), None), self._stopping()
+            if stopping and ended is None:
                 raise Stopped
             if self._engine.workers is None:
                 self._grow(self._blenders[0].devices)
                 queues += [deque[int]() for _ in range(self.working - len(queues))]
-            for i in set(range(self.working)) - {i for future, (i, _) in running.items() if not future.done()}:
+            idle = set(range(self.working)) - {i for future, (i, _) in running.items() if not future.done()}
+            for i in () if stopping else idle:
                 if (job := _next(queues, i)) is not None:
                     do = self._blenders[i].do
                     running[self._threads.submit(do, job_of(job), stopping=self._left.is_set)] = i, job
-            wait(running, timeout=POLL_S, return_when=FIRST_COMPLETED)
-            if ended := next((future for future in running if future.done()), None):
-                (_, job), outcome = running.pop(ended), ended.result()
-                self._tell()
-                yield job, outcome  # the Blenders continue meanwhile
+            if ended is None:
+                wait(running, timeout=POLL_S, return_when=FIRST_COMPLETED)
+                continue
+            (_, job), outcome = running.pop(ended), ended.result()
+            yield job, outcome  # all Blenders work meanwhile
 
     def _tell(self) -> None:
         while not self._lines.empty():

@@ -48,6 +48,13 @@ def test_all_jobs_are_done_once_and_in_order_by_one_worker(tmp_path, blender, wo
     assert len(set(work.pids.values())) <= workers
 
 
+def test_the_next_job_begins_before_an_outcome_is_handed_out(tmp_path, blender):
+    work, begun = Work(tmp_path, [""] * 5), []
+    with Pool(tmp_path / "logs", Engine(blender=blender, device="cpu", workers=1)) as pool:
+        for job, _ in pool.results(range(5), lambda number: begun.append(number) or work.job(number)):
+            assert begun[-1] == min(job + 1, 4)
+
+
 def test_no_jobs_start_no_worker(tmp_path, blender):
     Work(tmp_path, []).run(tmp_path, blender, workers=2)
     assert not (tmp_path / "logs").exists()
