@@ -98,7 +98,7 @@ def _loading(folder: Path, config_path: Path, quick: bool) -> dict:
         blender.start()
         started = time.perf_counter() - start
         start = time.perf_counter()
-        parts = [blender.do(job).answer["seconds"] for job in jobs]
+        parts = [blender.do(job).seconds for job in jobs]
         ours = time.perf_counter() - start
     overhead = [_overhead(p) for p in parts]
     return {
@@ -124,7 +124,7 @@ def _large(folder: Path, config_path: Path, quick: bool) -> dict:
     rows = _in_order(plan)[:4]
     with _blender(folder) as blender:
         parts = [
-            blender.do(_job(row, library, {**PAPER, "samples": samples}, folder / "l.png")).answer["seconds"]
+            blender.do(_job(row, library, {**PAPER, "samples": samples}, folder / "l.png")).seconds
             for row, samples in zip([*rows, rows[-1]], (FEW, FEW, FEW, FEW, MORE), strict=True)
         ]
     overhead = float(np.median([_overhead(p) for p in parts[1:]]))
@@ -151,7 +151,7 @@ def _error(folder: Path, config_path: Path, quick: bool) -> dict:
     pictures += [(f"wood {i + 1}", wood_plan[i], wood_library) for i in range(1 if quick else 2)]
     with _blender(folder) as blender:
         return rendering_error.measure(
-            pictures, lambda job: blender.do(job).answer, folder, reference_samples=256 if quick else 4096
+            pictures, lambda job: blender.do(job).seconds, folder, reference_samples=256 if quick else 4096
         )
 
 

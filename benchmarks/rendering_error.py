@@ -44,9 +44,9 @@ def measure(
     found: dict[str, dict[str, dict[str, float]]] = {}
 
     def picture(row: Row, library: Library, settings: dict[str, Any]) -> tuple[np.ndarray, float]:
-        answer = ask(render_job(row, library, CyclesSettings(**settings), folder / "e.png"))
+        seconds = ask(render_job(row, library, CyclesSettings(**settings), folder / "e.png"))
         with Image.open(folder / "e.png") as image:
-            return np.asarray(image, dtype=np.float64), answer["seconds"]["sample"]
+            return np.asarray(image, dtype=np.float64), seconds["sample"]
 
     for where, row, library in pictures:
         truth, _ = picture(row, library, {**PAPER, "samples": reference_samples, "denoise": False})

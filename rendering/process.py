@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import psutil
 
@@ -22,7 +21,7 @@ from hulldown.base.errors import HulldownError
 from hulldown.base.outside import DATA, json_of, read_file
 from hulldown.reading.confinement import landlock
 from hulldown.rendering.blender.messages import Job, MaskJob, RenderJob, StartJob
-from hulldown.rendering.blender.worker import ANSWER
+from hulldown.rendering.blender.reply import BEGINNING, Reply
 from hulldown.rendering.rendered_pictures import damage
 
 WORKER = Path(__file__).with_name("blender") / "worker.py"
@@ -116,8 +115,8 @@ class Outcome:
 
     Parameters
     ----------
-    answer
-        Blender's.
+    seconds
+        Duration of each part of a picture, as in `Reply`.
     content
         Contents of the job's output file.
     reasons
@@ -128,7 +127,7 @@ class Outcome:
         What did the job: `blender`, `devices`, `systems`, and `confinement`, as in a dataset's provenance.
     """
 
-    answer: Mapping[str, Any] = field(default_factory=dict)
+    seconds: Mapping[str, float] = field(default_factory=dict)
     content: bytes = b""
     reasons: tuple[str, ...] = ()
     restarts: int = 0
@@ -234,8 +233,8 @@ class Blender:
             while len(reasons) < ATTEMPTS:
                 self.start()
                 try:
-                    answer, content = self._attempt(job)
-                    return Outcome(answer, content, restarts=self._restarts, made_by=self._made_by)
+                    reply, content = self._attempt(job)
+                    return Outcome(reply.seconds, content, restarts=self._restarts, made_by=self._made_by)
                 except Lost as lost:
                     self._lose(lost)
                     reasons.append(str(lost))
@@ -247,12 +246,12 @@ class Blender:
             raise
         return Outcome(reasons=tuple(reasons), restarts=self._restarts, made_by=self._made_by)
 
-    def _attempt(self, job: RenderJob | MaskJob) -> tuple[dict[str, Any], bytes]:
+    def _attempt(self, job: RenderJob | MaskJob) -> tuple[Reply, bytes]:
         began = time.monotonic()
-        answer = self._ask(job, self._allowance.job_s)
+        reply = self._ask(job, self._allowance.job_s)
         self._allowance.took.append(time.monotonic() - began)
-        if "failed" in answer:
-            raise AttemptFailed(answer["failed"])
+        if reply.failed:
+            raise AttemptFailed(reply.failed)
         content = _written(job)
         assert self._child is not None
         if self._child.memory > NEARLY * self._allowance.memory:
@@ -260,7 +259,7 @@ class Blender:
             self._child.close_stdin()
             self._child.wait(STOP_S)
             self.close()
-        return answer, content
+        return reply, content
 
     def start(self) -> None:
         """Start it if necessary, and choose the device."""
@@ -269,40 +268,40 @@ class Blender:
         for attempt in range(1, ATTEMPTS + 1):
             try:
                 self._launch()
-                version = self._hear(START_S)["ready"]
-                answer = self._ask(StartJob(self._device, self._number, self._allowance.threads), START_S)
+                version = self._hear(START_S).ready
+                reply = self._ask(StartJob(self._device, self._number, self._allowance.threads), START_S)
             except Lost as lost:
                 self._lose(lost)
                 if attempt < ATTEMPTS:
                     continue
                 problem = f"Blender has not started {attempt} times running: {lost}"
                 raise HulldownError(problem, path=self._log, remedy=self._remedy) from None
-            if "failed" in answer:
-                raise HulldownError(f"Blender cannot be used: {answer['failed']}", remedy=self._remedy)
-            self.devices = answer["devices"]
+            if reply.failed:
+                raise HulldownError(f"Blender cannot be used: {reply.failed}", remedy=self._remedy)
+            self.devices = reply.devices
             self._made_by = {
                 "blender": version,
-                "devices": answer["device"],
+                "devices": reply.device,
                 "systems": platform.platform(terse=True),
                 "confinement": landlock.confinement(),
             }
-            self._say(f"renders on {answer['device']}")
+            self._say(f"renders on {reply.device}")
             return
 
     def _launch(self) -> None:
         self._log.parent.mkdir(parents=True, exist_ok=True)
         if self._log.is_symlink():
             self._log.unlink()
-        self._answers: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
-        answers = self._answers  # answers of a killed process are ignored
+        self._replies: queue.SimpleQueue[Reply | None] = queue.SimpleQueue()
+        replies = self._replies  # replies of a killed process are ignored
 
         def hear(line: bytes) -> None:
             text = line.decode("utf-8", "replace")
             if not line:
-                answers.put(None)
-            elif text.startswith(ANSWER):
+                replies.put(None)
+            elif text.startswith(BEGINNING):
                 with contextlib.suppress(ValueError):  # a killed worker's partial line
-                    answers.put(json_of(line[len(ANSWER) :], dict[str, Any]))
+                    replies.put(json_of(line[len(BEGINNING) :], Reply))
 
         command = worker_command(self._program)
         more = {"TMPDIR": str(self._confinement.write)} if self._confinement else {}
@@ -316,20 +315,20 @@ class Blender:
         except OSError as error:
             raise HulldownError(f"cannot be started: {error.strerror}", path=command[0]) from None
 
-    def _ask(self, job: Job, seconds: float) -> dict[str, Any]:
+    def _ask(self, job: Job, seconds: float) -> Reply:
         assert self._child is not None
         self._child.write(pickle.dumps(job))
         return self._hear(seconds)
 
-    def _hear(self, seconds: float) -> dict[str, Any]:
-        """Return the next answer, within the limits of time and memory."""
+    def _hear(self, seconds: float) -> Reply:
+        """Return the next reply, within the limits of time and memory."""
         assert self._child is not None
         end = time.monotonic() + seconds
         while True:
             if self._stopping():
                 raise Stopped
             try:
-                answer = self._answers.get(timeout=POLL_S)
+                reply = self._replies.get(timeout=POLL_S)
             except queue.Empty:
                 limit = self._allowance.memory
                 if time.monotonic() > end:
@@ -338,11 +337,11 @@ class Blender:
                     over = f"held {held / GIB:.2f} GiB, more than the limit of {limit / GIB:.2f} GiB"
                     raise Lost(over) from None
                 continue
-            if answer is None:
+            if reply is None:
                 raise Lost(f"Blender {self._child.last_words()}")
-            if "unusable" in answer:
-                raise HulldownError(f"Blender cannot be used: {answer['unusable']}", remedy=answer["remedy"])
-            return answer
+            if reply.unusable:
+                raise HulldownError(f"Blender cannot be used: {reply.unusable}", remedy=reply.remedy)
+            return reply
 
     def _lose(self, lost: Lost) -> None:
         self.close()

@@ -54,8 +54,10 @@ class Renderer:
     """Does jobs; the name of a job's scenery tells how it fails."""
 
     def do(self, job):
+        from hulldown.rendering.blender.reply import Reply  # the worker has made it importable
+
         if type(job).__name__ == "StartJob":
-            return {"device": "CPU", "devices": 1}
+            return Reply(device="CPU")
         # "crash:2" crashes in the first two attempts, which are counted by files beside the output.
         how, _, times = Path(job.scenery).name.partition(":")
         output = Path(job.output)
@@ -69,7 +71,8 @@ class Renderer:
         time.sleep(random.uniform(0.0, 0.01))
         picture = png(size.width, size.height, job.seed % 256)
         output.write_bytes(picture[:-20] if how == "cut" else picture)
-        return {"pid": os.getpid()}
+        output.with_suffix(".pid").write_text(str(os.getpid()))
+        return Reply()
 
     def reset(self):
         pass

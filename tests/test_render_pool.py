@@ -29,7 +29,7 @@ class Work:
                     self.failed[job] = outcome.reasons
                 else:
                     self.done.append(job)
-                    self.pids[job] = outcome.answer["pid"]
+                    self.pids[job] = int((self.folder / f"{job}.pid").read_text())
 
     def job(self, number):
         camera = CameraInput([], Intrinsics(1, 1, 1.0), 0.1, 0.0, 0.0)

@@ -9,7 +9,6 @@ import os
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import bpy
 import numpy as np
@@ -19,6 +18,7 @@ from hulldown.rendering.blender import cycles, film
 from hulldown.rendering.blender.lens import DEVICES as LENS_DEVICES
 from hulldown.rendering.blender.messages import CyclesSettings, Job, MaskJob, RenderJob, StartJob
 from hulldown.rendering.blender.object_index import IndexPictures
+from hulldown.rendering.blender.reply import Reply
 from hulldown.rendering.blender.scene import Stage
 
 
@@ -28,8 +28,8 @@ class Renderer:
     def __init__(self) -> None:
         self._stage: Stage | None = None
         self._index: IndexPictures | None = None
-        self._loaded: Any = None  # what the stage was set up from
-        self._inputs: dict[str, Any] = {}  # what each part of its scene was last set up from
+        self._loaded: tuple[type, str] | None = None  # what the stage was set up from
+        self._inputs: dict[str, tuple[object, ...]] = {}  # what each part of its scene was last set up from
         self._device = "CPU"
         self._threads = 0
 
@@ -38,16 +38,16 @@ class Renderer:
         self._stage = self._index = self._loaded = None
         self._inputs = {}
 
-    def do(self, job: Job) -> dict[str, Any]:
-        """Do a job; return the answer."""
+    def do(self, job: Job) -> Reply:
+        """Do a job; return the reply."""
         if isinstance(job, StartJob):
             return self._start(job)
         return self._render(job) if isinstance(job, RenderJob) else self._mask(job)
 
-    def _start(self, job: StartJob) -> dict[str, Any]:
+    def _start(self, job: StartJob) -> Reply:
         self._device, count = cycles.choose_device(job.device, job.index)
         self._threads = job.threads
-        return {"device": self._device, "devices": count}
+        return Reply(device=self._device, devices=count)
 
     def _ready(self, job: RenderJob | MaskJob) -> Stage:
         """Return the stage for a job, loaded if it isn't the last job's."""
@@ -63,7 +63,7 @@ class Renderer:
             self._loaded = wanted
         return self._stage
 
-    def _render(self, job: RenderJob) -> dict[str, Any]:
+    def _render(self, job: RenderJob) -> Reply:
         start = time.monotonic()
         stage = self._ready(job)
         self._set("settings", self._configure, job.settings)
@@ -89,20 +89,20 @@ class Renderer:
             film.develop_file(rendered, output, job.sensor, job.camera, seed=job.seed, threads=self._threads)
             rendered.unlink()
         end = time.monotonic()
-        parts = {
+        seconds = {
             "load": posed - start,
             "sync": watch.sampling - posed,
             "sample": watch.finished - watch.sampling,
             "save": end - watch.finished,
         }
-        return {"seconds": parts}
+        return Reply(seconds=seconds)
 
     def _configure(self, settings: CyclesSettings) -> None:
         assert self._stage is not None
         self._inputs.clear()  # the settings include some of the others
         cycles.configure(self._stage.scene, settings, device=self._device, threads=self._threads)
 
-    def _set(self, part: str, setter: Callable[..., object], *inputs: Any) -> None:
+    def _set(self, part: str, setter: Callable[..., object], *inputs: object) -> None:
         """Set up a part of the scene, unless the job before had the same inputs.
 
         Blender tags what is set, even to the same value, and Cycles builds it anew. Shots of one position share
@@ -113,13 +113,13 @@ class Renderer:
             setter(*inputs)
             self._inputs[part] = inputs
 
-    def _mask(self, job: MaskJob) -> dict[str, Any]:
+    def _mask(self, job: MaskJob) -> Reply:
         stage = self._ready(job)
         assert self._index is not None
         vehicles = stage.place_vehicles(job.vehicles)
         stage.set_camera(job.camera)
         np.save(job.output, self._index.maps(vehicles))
-        return {}
+        return Reply()
 
 
 class _Stopwatch:

@@ -1,4 +1,4 @@
-"""The child process with Blender: reads pickled jobs on stdin, and writes answers as JSON lines to its original stdout.
+"""The child process with Blender: reads pickled jobs on stdin, and writes replies as JSON lines to its original stdout.
 
 Started as `python -P rendering/blender/worker.py` where bpy is a module, or by an installed Blender with `--python`;
 Blender stays on the main thread. Needs numpy and bpy only. Everything else that is printed here, Blender's own messages
@@ -19,30 +19,30 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 OLDEST = (5, 0)  # Blender; older ones keep compositor and world nodes elsewhere
-ANSWER = "@hulldown "  # begins the lines that are answers; an installed Blender prints before we can stop it
 
 
 def main() -> int:
     """Do jobs until stdin ends."""
     _find_hulldown()
-    answers = _claim_stdout()
+    replies = _claim_stdout()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the supervisor's; it closes our stdin
     jobs: queue.SimpleQueue[Any] = queue.SimpleQueue()
     threading.Thread(target=_read_jobs, args=(jobs,), daemon=True).start()
     import bpy  # takes a second, and its messages belong in the log
 
-    def answer(message: Mapping[str, Any]) -> None:
-        answers.write(ANSWER + json.dumps(message) + "\n")
-        answers.flush()
+    from hulldown.rendering.blender.reply import BEGINNING, Reply
+
+    def reply(message: Reply) -> None:
+        replies.write(BEGINNING + json.dumps(vars(message)) + "\n")
+        replies.flush()
 
     if bpy.app.version < OLDEST:
         wanted = ".".join(map(str, OLDEST))
-        answer(_unusable(f"it is Blender {bpy.app.version_string}", f"use version {wanted} or later"))
+        reply(Reply(unusable=f"it is Blender {bpy.app.version_string}", remedy=f"use version {wanted} or later"))
         return 1
     try:
         import numpy as np
@@ -51,20 +51,23 @@ def main() -> int:
         from hulldown.rendering.blender.renderer import Renderer
     except ModuleNotFoundError as error:
         python = f"the Python {platform.python_version()} of Blender {bpy.app.version_string}"
-        answer(_unusable(f"{python} has no {error.name}", f"install {error.name} for that Python"))
+        remedy = f"install {error.name} for that Python"
+        reply(Reply(unusable=f"{python} has no {error.name}", remedy=remedy))
         return 1
     renderer = Renderer()
-    answer({"ready": f"{bpy.app.version_string}, Python {platform.python_version()}, NumPy {np.__version__}"})
+    versions = f"{bpy.app.version_string}, Python {platform.python_version()}, NumPy {np.__version__}"
+    reply(Reply(ready=versions))
     while (job := jobs.get()) is not None:
         try:
             message = renderer.do(job)
         except Unusable as error:
-            message = _unusable(*error.args)
+            problem, remedy = error.args
+            message = Reply(unusable=problem, remedy=remedy)
         except Exception as error:
             traceback.print_exc()
-            message = {"failed": f"{type(error).__name__}: {error}"}
+            message = Reply(failed=f"{type(error).__name__}: {error}")
             renderer.reset()
-        answer(message)
+        reply(message)
     return 0
 
 
@@ -83,11 +86,6 @@ def _find_hulldown() -> None:
     assert spec.loader is not None
     sys.modules["hulldown"] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(sys.modules["hulldown"])
-
-
-def _unusable(problem: str, remedy: str) -> dict[str, str]:
-    """Return the answer that ends the run, since all images would fail."""
-    return {"unusable": problem, "remedy": remedy}
 
 
 def _claim_stdout() -> Any:

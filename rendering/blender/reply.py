@@ -1,0 +1,34 @@
+"""What a worker replies: a line of JSON for each job. Needs no library, so that a Blender without NumPy can reply."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+BEGINNING = "@hulldown "  # of a reply's line; an installed Blender prints before we can stop it
+
+
+@dataclass(frozen=True)
+class Reply:
+    """A reply to a job, or the first one, which comes without a job when the worker is ready or unusable.
+
+    Parameters
+    ----------
+    ready
+        Versions of Blender, Python, and NumPy.
+    device, devices
+        Name of the device that a start has chosen, and the number of graphics cards, 1 if there are none.
+    seconds
+        Duration of each part of a picture: "load", "sync", "sample", and "save".
+    failed
+        Why this attempt failed.
+    unusable, remedy
+        Why every image would fail, which ends the run, and what to do about it.
+    """
+
+    ready: str = ""
+    device: str = ""
+    devices: int = 1
+    seconds: dict[str, float] = field(default_factory=dict)
+    failed: str = ""
+    unusable: str = ""
+    remedy: str = ""
