@@ -31,10 +31,11 @@ LOSSES = 3  # times that all workers of a task are lost before it's tried alone
 STRIKES = 3  # tasks that only this worker fails at, before it's excluded
 
 Job = TypeVar("Job")
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class Answer(Generic[Result]):
     """A task's answer.
 
     Parameters
@@ -47,18 +48,18 @@ class Answer:
         Messages for the user.
     """
 
-    value: Any = None
+    value: Result
     has_failed: bool = False
     lines: tuple[str, ...] = ()
 
 
 @dataclass(eq=False, slots=True)
-class _Task(Generic[Job]):
+class _Task(Generic[Job, Result]):
     """An unfinished job: the workers that may do it, results of those that failed, and how often all were lost."""
 
     job: Job
     workers: frozenset[str] = frozenset()
-    failed: dict[str, Any] = field(default_factory=dict)
+    failed: dict[str, Result] = field(default_factory=dict)
     losses: int = 0
 
 
@@ -113,11 +114,11 @@ class Cluster:
     def run(
         self,
         jobs: Iterable[Job],
-        call: Callable[[Job], Callable[[], Answer | str]],
+        call: Callable[[Job], Callable[[], Answer[Result] | str]],
         *,
-        lost: Any,
+        lost: Result,
         stopping: Callable[[], bool] = lambda: False,
-    ) -> Generator[tuple[Job, list[Any]]]:
+    ) -> Generator[tuple[Job, list[Result]]]:
         """Run jobs on the workers; yields each when it ends, with the results of workers that failed, and the last one.
 
         Parameters
@@ -138,7 +139,7 @@ class Cluster:
         HulldownError
             If the scheduler is lost, or there are workers and all are refused.
         """
-        waiting, running = deque(map(_Task, jobs)), dict[Future, _Task[Job]]()
+        waiting, running = deque(_Task[Job, Result](job) for job in jobs), dict[Future, _Task[Job, Result]]()
         ended = as_completed(loop=self.client.loop, with_results=True, raise_errors=False)
         try:
             while waiting or running:
@@ -166,16 +167,18 @@ class Cluster:
         finally:
             self._cancel(running)
 
-    def _has_room(self, task: _Task[Any], running: int) -> bool:
+    def _has_room(self, task: _Task[Job, Result], running: int) -> bool:
         """Return whether the workers can take another task; one that may crash them is tried alone."""
         return running < self._at_once * self.working and not (running and task.losses == LOSSES)
 
-    def _submit(self, function: Callable[..., Any], *given: Any, workers: Iterable[str], retries: int = 0) -> Future:
+    def _submit(
+        self, function: Callable[..., object], *given: object, workers: Iterable[str], retries: int = 0
+    ) -> Future:
         return self.client.submit(
             function, *given, workers=list(workers), resources={self._resource: 1}, retries=retries, pure=False
         )
 
-    def _results(self, task: _Task[Any], result: Any, lost: Any) -> list[Any]:
+    def _results(self, task: _Task[Job, Result], result: Any, lost: Result) -> list[Result]:
         """Return all results of a task that has ended; empty if it must be tried again."""
         error = result[1] if isinstance(result, tuple) else result  # of a failed task: type, error, and traceback
         if isinstance(error, CancelledError | KilledWorker):
@@ -272,7 +275,7 @@ class Cluster:
         self.client.close(timeout=5)
 
 
-def _do(call: Callable[[], Answer | str]) -> tuple[str, Answer | str]:
+def _do(call: Callable[[], Answer[Result] | str]) -> tuple[str, Answer[Result] | str]:
     """Do a task on a worker; return its address, and the answer or the reason why it can't do tasks."""
     address = str(get_worker().address)
     try:

@@ -57,7 +57,7 @@ class ClusterPool(Cluster):
     def results(self, jobs: Sequence[int], job_of: Callable[[int], RenderJob]) -> Iterator[tuple[int, Outcome]]:
         """Do all jobs; parameters and errors as of `rendering.pool.Pool.results`."""
 
-        def call(job: int) -> Callable[[], Answer]:
+        def call(job: int) -> Callable[[], Answer[Outcome]]:
             return partial(render_row, self._setting, job_of(job))
 
         lost = Outcome(reasons=(LOST,))

@@ -25,7 +25,7 @@ from hulldown.planning.inputs.loading import Library
 from hulldown.reading.confinement import landlock
 from hulldown.rendering.blender.messages import RenderJob
 from hulldown.rendering.jobs import readable
-from hulldown.rendering.process import Allowance, Blender, Confinement, Limits
+from hulldown.rendering.process import Allowance, Blender, Confinement, Limits, Outcome
 
 SHARE = "all machines must share it; without a shared folder, render with `--share K/N`, and `hulldown join`"
 IDLE_S = 60.0  # of idling, after which Blender is ended to free memory
@@ -96,7 +96,7 @@ class Setting:
     limits: Limits
 
 
-def render_row(setting: Setting, job: RenderJob) -> Answer:
+def render_row(setting: Setting, job: RenderJob) -> Answer[Outcome]:
     """Render an image on this Dask worker.
 
     Parameters
@@ -105,10 +105,6 @@ def render_row(setting: Setting, job: RenderJob) -> Answer:
         Blender's parameters.
     job
         Blender's job; its output is written to the worker's own folder instead.
-
-    Returns
-    -------
-    An answer with a `rendering.process.Outcome`.
 
     Raises
     ------
@@ -121,7 +117,7 @@ def render_row(setting: Setting, job: RenderJob) -> Answer:
         try:
             outcome = opened.blender.do(replace(job, output=str(output)), stopping=lambda: not is_wanted())
         except Stopped:
-            return Answer()
+            return Answer(Outcome())
         output.unlink(missing_ok=True)
         lines, opened.lines[:] = tuple(opened.lines), []
         return Answer(outcome, has_failed=bool(outcome.reasons), lines=lines)

@@ -41,7 +41,7 @@ def until_unwanted(folder):
     while is_wanted():
         time.sleep(0.05)
     (Path(folder) / "ended").touch()
-    return Answer()
+    return Answer(None)
 
 
 def slow_at_first(folder):

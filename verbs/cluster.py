@@ -9,7 +9,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from hulldown.base.terminal import say
 from hulldown.cluster.scheduler import Scheduler, local_cluster, needing_dask
@@ -17,6 +17,7 @@ from hulldown.verbs.arguments import Subparsers, add_verb, at_least_one, port
 from hulldown.verbs.output import show_result
 
 if TYPE_CHECKING:
+    from hulldown.cluster.workers import Answer
     from hulldown.training.study.runs import Launch, Progress, RunOptions
 
 
@@ -51,14 +52,15 @@ def training_workers(scheduler: Scheduler, *, say: Callable[[str], None] = say) 
             study: Path, names: Sequence[str], options: RunOptions, progress: Progress
         ) -> Generator[tuple[str, str | None]]:
             here = partial(_train_here, study.resolve(), manifest_digest(study), options)
-            with closing(cluster.run(names, partial(partial, here), lost=LOST)) as ended:
+            lost: str | None = LOST
+            with closing(cluster.run(names, partial(partial, here), lost=lost)) as ended:
                 for name, reasons in ended:
                     yield name, reasons[-1]
 
         yield launch
 
 
-def _train_here(study: Path, manifest: str, options: RunOptions, name: str) -> Any:
+def _train_here(study: Path, manifest: str, options: RunOptions, name: str) -> Answer[str | None] | str:
     """Do a run on a worker of the cluster."""
     from hulldown.cluster.workers import Answer, wanted
     from hulldown.training.study.runs import run_here, unseen
