@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from hulldown.base.errors import ConfigError, shown
 from hulldown.base.outside import read_text, toml_of
@@ -31,7 +32,7 @@ def read_toml(path: Path, *, remedy: str | None = None) -> dict[str, Any]:
         raise ConfigError(f"isn't TOML: {error}", path=path) from None
 
 
-def validated(model: type[Model], data: Mapping[str, Any], path: Path | None) -> Model:
+def validated(model: type[Model], data: Mapping[str, object], path: Path | None) -> Model:
     """Return the model that the data of a file describes.
 
     Raises
@@ -44,7 +45,7 @@ def validated(model: type[Model], data: Mapping[str, Any], path: Path | None) ->
     except ValidationError as error:
         first, *more = error.errors(include_url=False)
         tail = f" (and {len(more)} more)" if more else ""
-        raise ConfigError(_explained(dict(first), model) + tail, path=path) from None
+        raise ConfigError(_explained(first, model) + tail, path=path) from None
 
 
 # Pydantic's terms for Python types, as TOML's.
@@ -61,7 +62,7 @@ _ALLOWED = {
 }
 
 
-def _explained(error: Mapping[str, Any], top: type[BaseModel]) -> str:
+def _explained(error: ErrorDetails, top: type[BaseModel]) -> str:
     """Return one line for one of pydantic's errors: key, value, what is allowed."""
     steps = [s for s in error["loc"] if not (isinstance(s, str) and ("[" in s or s in ("int", "dict")))]
     key = "".join(f"[{s}]" if isinstance(s, int) else f".{s}" for s in steps).lstrip(".")
@@ -78,7 +79,7 @@ def _explained(error: Mapping[str, Any], top: type[BaseModel]) -> str:
     return f"{key}{value}: {allowed}" if key else allowed
 
 
-def _models(annotation: Any) -> Iterator[type[BaseModel]]:
+def _models(annotation: object) -> Iterator[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for inner in get_args(annotation):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import replacing
@@ -15,7 +14,7 @@ from hulldown.demo.make_assets import build_demo_assets
 from hulldown.planning.config.template import config_text
 
 CONFIG = "hulldown.toml"
-NOTHING: Mapping[str, Any] = MappingProxyType({})  # beyond the defaults; else see `config_text`
+NOTHING: Mapping[str, object] = MappingProxyType({})  # beyond the defaults; else see `config_text`
 # A look at everything in minutes on two cores: few images, small, rather near and from a standing eye's height to a
 # treetop's, as photographs are taken, under the skies that suit open country in daylight.
 SMALL = {
@@ -94,7 +93,7 @@ def create_project(
     *,
     seed: int = 0,
     small: bool = False,
-    values: Mapping[str, Any] = NOTHING,
+    values: Mapping[str, object] = NOTHING,
 ) -> Path:
     """Return path of the config written into `folder`, beside the demo assets.
 
@@ -121,7 +120,7 @@ def create_project(
     return write_config(folder, project_text(small=small, values=values))
 
 
-def project_text(*, small: bool = False, values: Mapping[str, Any] = NOTHING) -> str:
+def project_text(*, small: bool = False, values: Mapping[str, object] = NOTHING) -> str:
     """Return the config that `create_project` writes."""
     return config_text(
         vehicles=[

@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool
 from PIL import Image, ImageDraw, ImageFont
 
 from hulldown.annotate.masks import decode
+from hulldown.assets.coco_types import Record
 
 # Okabe and Ito, Color Universal Design, 2008: told apart by color-blind readers too. Black is left out.
 PALETTE = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (213, 94, 0), (204, 121, 167))
@@ -37,7 +37,7 @@ def lettering(size: int) -> ImageFont.FreeTypeFont:
 
 def draw(
     image: Image.Image,
-    annotations: Sequence[Mapping[str, Any]],
+    annotations: Sequence[Record],
     names: Mapping[int, str],
     *,
     masks: bool = True,
@@ -86,7 +86,7 @@ def draw(
     return picture
 
 
-def _color(annotation: Mapping[str, Any]) -> tuple[int, int, int]:
+def _color(annotation: Record) -> tuple[int, int, int]:
     return IGNORED if annotation.get("iscrowd") else color_of(annotation["category_id"])
 
 

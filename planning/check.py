@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import islice
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -106,7 +105,7 @@ def _differences(row: Row, planned: Row) -> Iterator[tuple[str, tuple[str, str]]
 
 
 def _differing(
-    first: Mapping[str, Any], second: Mapping[str, Any], keys: Any, place: str = ""
+    first: Mapping[str, object], second: Mapping[str, object], keys: Iterable[str], place: str = ""
 ) -> Iterator[tuple[str, tuple[str, str]]]:
     for key in keys:
         pair = first.get(key), second.get(key)  # lines leave out some fields that are null
@@ -114,7 +113,7 @@ def _differing(
             yield place + key, (_shown(pair[0]), _shown(pair[1]))
 
 
-def _alike(first: Any, second: Any) -> bool:
+def _alike(first: object, second: object) -> bool:
     """Return whether two JSON values are equal up to rounding."""
     if isinstance(first, float) and isinstance(second, float):
         return math.isclose(first, second, rel_tol=0.0, abs_tol=ROUNDING)
@@ -125,7 +124,7 @@ def _alike(first: Any, second: Any) -> bool:
     return bool(first == second)
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     text = msgspec.json.encode(value).decode()
     return text if len(text) <= LONGEST else text[:LONGEST] + "..."
 

@@ -16,10 +16,9 @@ from dataclasses import replace
 from functools import partial
 from multiprocessing.connection import wait
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from msgspec import structs
+from msgspec.structs import asdict
 
 from hulldown.assets.library import Assets, HdriSource, Source
 from hulldown.assets.photographs import read_photographs
@@ -190,8 +189,8 @@ def make_header(planner: Planner, path: str | Path) -> Header:
     """Return the first line of a planner's plan with this name."""
     config, assets = planner.config, planner.assets
 
-    def recorded(kind: str, name: str) -> dict[str, Any]:
-        return structs.asdict(assets.files.get(kind, {}).get(name, Source()))
+    def recorded(kind: str, name: str) -> Source:
+        return assets.files.get(kind, {}).get(name, Source())
 
     photographs = assets.photographs
     return Header(
@@ -201,16 +200,16 @@ def make_header(planner: Planner, path: str | Path) -> Header:
         root=os.path.relpath(config.folder, Path(path).parent),
         config=config.model_dump(mode="json"),
         vehicles={
-            name: ModelSource(**recorded("vehicles", name), category=assets.categories[name])
+            name: ModelSource(**asdict(recorded("vehicles", name)), category=assets.categories[name])
             for name in assets.vehicles
         },
         sceneries={
-            name: ScenerySource(**recorded("sceneries", name), origin=tuple(scenery.origin.tolist()))
+            name: ScenerySource(**asdict(recorded("sceneries", name)), origin=tuple(scenery.origin.tolist()))
             for name, scenery in assets.sceneries.items()
         },
-        hdris={name: HdriSource(**recorded("hdris", name)) for name in assets.hdris},
+        hdris={name: HdriSource(**asdict(recorded("hdris", name))) for name in assets.hdris},
         distractors={
-            entry.name: ModelSource(**recorded("distractors", entry.name), category=entry.category)
+            entry.name: ModelSource(**asdict(recorded("distractors", entry.name)), category=entry.category)
             for entry in config.assets.distractors
         },
         versions={

@@ -7,7 +7,6 @@ import os
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from hulldown.base.errors import AssetError, HulldownError
 from hulldown.base.files import make_room
@@ -31,7 +30,7 @@ def _init(arguments: argparse.Namespace) -> None:
     from hulldown.planning.config.template import bare_text
     from hulldown.planning.inputs.camera_file import read_camera
 
-    values: dict[str, Any] = dict(AERIAL) if arguments.aerial else {}
+    values: dict[str, object] = dict(AERIAL) if arguments.aerial else {}
     if arguments.camera:
         values |= read_camera(arguments.camera)
     if arguments.source:
@@ -45,7 +44,7 @@ def _init(arguments: argparse.Namespace) -> None:
     say(f"wrote {config}; next: hulldown plan {config} -o plan.jsonl")
 
 
-def _init_from(arguments: argparse.Namespace, values: Mapping[str, Any]) -> None:
+def _init_from(arguments: argparse.Namespace, values: Mapping[str, object]) -> None:
     from hulldown.demo.project import CONFIG, refuse_config, write_config
     from hulldown.planning.config.asset_sections import CACHE_NAME
     from hulldown.planning.inputs.found_assets import asset_files, found_config, keep_doubts, missing_kinds, read_found

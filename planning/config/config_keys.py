@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import tomlkit
 from pydantic.fields import FieldInfo
+from pydantic.json_schema import JsonSchemaValue
 
 from hulldown.planning.config.asset_sections import DistractorEntry, SceneryEntry, VehicleEntry
 from hulldown.planning.config.paint_section import PaintEntry
@@ -64,7 +64,7 @@ def sections() -> dict[str, type[Section]]:
     return {name: kind for name, kind in inner.items() if isinstance(kind, type) and issubclass(kind, Section)}
 
 
-def toml_value(value: Any) -> str:
+def toml_value(value: object) -> str:
     """Return a value as one line of TOML."""
     if isinstance(value, Mapping):
         pairs = [f"{tomlkit.key([key]).as_string()} = {toml_value(inner)}" for key, inner in value.items()]
@@ -74,7 +74,7 @@ def toml_value(value: Any) -> str:
     return tomlkit.item(value).as_string()
 
 
-def _key(name: str, field: FieldInfo, declared: Mapping[str, Any]) -> Key:
+def _key(name: str, field: FieldInfo, declared: JsonSchemaValue) -> Key:
     default = None if field.is_required() or field.default is None else field.default
     return Key(
         name=name,
@@ -86,7 +86,7 @@ def _key(name: str, field: FieldInfo, declared: Mapping[str, Any]) -> Key:
     )
 
 
-def _allowed(declared: Mapping[str, Any]) -> str:
+def _allowed(declared: JsonSchemaValue) -> str:
     """Return the range or the choices of a key, given its JSON schema; empty for a key of several types."""
     (kind, *others) = [kind for kind in declared.get("anyOf", [declared]) if kind != {"type": "null"}]
     if others:

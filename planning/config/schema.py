@@ -253,7 +253,7 @@ class LightSection(Section):
     """patterns of HDRIs for rain and snow; empty: as for other weather"""
 
 
-PROFILES: Mapping[str, Mapping[str, Any]] = {
+PROFILES: Mapping[str, Mapping[str, object]] = {
     "paper": {"samples": 128, "denoise": True, "adaptive_threshold": 0.0, "bounces": 12},
     "fast": {"samples": 32, "denoise": True, "adaptive_threshold": 0.05, "bounces": 4},
     "train": {"samples": 8, "denoise": True, "adaptive_threshold": 0.05, "bounces": 4},
@@ -368,7 +368,7 @@ class Config(Section):
         return cls.of(read_toml(path, remedy="`hulldown init` writes one to start from"), path=path)
 
     @classmethod
-    def of(cls, sections: Mapping[str, Any], *, path: Path | None = None) -> Config:
+    def of(cls, sections: Mapping[str, object], *, path: Path | None = None) -> Config:
         """Return the config in nested dictionaries, such as those of TOML or of a plan's header.
 
         Parameters

@@ -47,7 +47,7 @@ def is_absent(value: Any) -> bool:
     return value is None or value == (0.0, 0.0)
 
 
-def with_preset(data: Any, key: str, presets: Mapping[str, Mapping[str, Any]]) -> Any:
+def with_preset(data: Any, key: str, presets: Mapping[str, Mapping[str, object]]) -> Any:
     """Add the values of the preset that `data[key]` names to a section's data; given values win."""
     name = data.get(key) if isinstance(data, dict) else None
     return {**presets[name], **data} if isinstance(name, str) and name in presets else data

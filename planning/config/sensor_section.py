@@ -10,7 +10,7 @@ from pydantic import model_validator
 from hulldown.camera.sensor import LIMITS
 from hulldown.planning.config.section import Pair, Section, ranged, with_preset
 
-PRESETS: Mapping[str, Mapping[str, Any]] = {
+PRESETS: Mapping[str, Mapping[str, object]] = {
     "none": {},
     "camera": {
         "blur_px": (0.4, 0.8),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any
 
 from hulldown.planning.config.config_keys import ENTRIES, Key, keys_of, sections, toml_value
 from hulldown.planning.config.schema import PROFILES, Config
@@ -24,11 +23,11 @@ _LISTED = ("hdris", *_LISTS.values())  # keys of [assets] that get their own for
 
 def config_text(
     *,
-    vehicles: Sequence[Mapping[str, Any]],
-    sceneries: Sequence[Mapping[str, Any]],
+    vehicles: Sequence[Mapping[str, object]],
+    sceneries: Sequence[Mapping[str, object]],
     hdris: Sequence[str],
-    distractors: Sequence[Mapping[str, Any]] = (),
-    values: Mapping[str, Any] = MappingProxyType({}),
+    distractors: Sequence[Mapping[str, object]] = (),
+    values: Mapping[str, object] = MappingProxyType({}),
     notes: Mapping[str, Sequence[str]] = MappingProxyType({}),
     remarks: Sequence[str] = (),
 ) -> str:
@@ -57,7 +56,7 @@ def config_text(
         + f"hdris = {_patterns(hdris, notes)}  # patterns of .exr or .hdr files: light and backdrop\n",
         *(_comment_on(kind) for kind in ENTRIES),
         *(
-            _comments(notes.get(entry.get("name", entry["path"]), ())) + _table(f"assets.{kind}", entry)
+            _comments(notes.get(str(entry.get("name", entry["path"])), ())) + _table(f"assets.{kind}", entry)
             for kind, listed in (("vehicles", vehicles), ("distractors", distractors), ("sceneries", sceneries))
             for entry in listed
         ),
@@ -69,7 +68,7 @@ def config_text(
     return "\n".join(block for block in blocks if block)
 
 
-def _lines(keys: Sequence[Key], section: str, given: dict[str, Any]) -> str:
+def _lines(keys: Sequence[Key], section: str, given: dict[str, object]) -> str:
     """Return a line for each key, commented out if it has no default; removes the values it uses from `given`."""
     pairs = []
     for key in keys:
@@ -127,11 +126,11 @@ def _patterns(patterns: Sequence[str], notes: Mapping[str, Sequence[str]]) -> st
     return f"[\n{''.join(lines)}]"
 
 
-def _table(name: str, entry: Mapping[str, Any]) -> str:
+def _table(name: str, entry: Mapping[str, object]) -> str:
     return "\n".join([f"[[{name}]]", *(f"{key} = {toml_value(value)}" for key, value in entry.items()), ""])
 
 
-def bare_text(values: Mapping[str, Any] = MappingProxyType({})) -> str:
+def bare_text(values: Mapping[str, object] = MappingProxyType({})) -> str:
     """Return a config with the names of example files; `values` as in `config_text`."""
     return config_text(
         vehicles=[{"path": "vehicles/tank.blend", "category": "main battle tank"}],

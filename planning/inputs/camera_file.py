@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
@@ -31,7 +31,7 @@ class _Numbers(Struct):
     data: _Number | list[_Number | list[_Number]]
 
 
-def read_camera(path: Path) -> dict[str, Any]:
+def read_camera(path: Path) -> dict[str, object]:
     """Return "section.key" -> value of a config with a calibrated camera.
 
     OpenCV's pixel coordinates start at the center of the first pixel, a config's at its corner, so cx and cy grow by
@@ -44,8 +44,8 @@ def read_camera(path: Path) -> dict[str, Any]:
     """
     table = _table(path)
     for inner in ("camera_info", "cam0"):
-        if isinstance(table.get(inner), Mapping):
-            table = table[inner]
+        if isinstance(found := table.get(inner), Mapping):
+            table = found
     named = {str(key).lower().replace("_", ""): value for key, value in table.items()}
 
     def numbers(names: tuple[str, ...], what: str) -> Float[np.ndarray, " n"]:
@@ -77,7 +77,7 @@ def read_camera(path: Path) -> dict[str, Any]:
         Intrinsics.calibrated(width, height, (fx, fy, cx, cy), coefficients)
     except ValueError as error:
         raise ConfigError(f"isn't a camera: {error}", path=path, remedy="calibrate it again") from None
-    values: dict[str, Any] = {
+    values: dict[str, object] = {
         "render.width": width,
         "render.height": height,
         "camera.intrinsics": dict(zip(CameraMatrix.model_fields, (fx, fy, cx, cy), strict=True)),
@@ -87,7 +87,7 @@ def read_camera(path: Path) -> dict[str, Any]:
     return values
 
 
-def _table(path: Path) -> Mapping[str, Any]:
+def _table(path: Path) -> Mapping[str, object]:
     text = read_text(path, partial(ConfigError, path=path, remedy=_REMEDY))
     try:
         # OpenCV's first line isn't valid YAML.

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 from glob import escape
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 from hulldown.base.errors import AssetError
+from hulldown.base.outside import typed
 from hulldown.base.terminal import tracked
 from hulldown.planning.config.template import config_text
 from hulldown.reading.cache import cached, entry_name, new_folder, seal, unseal
@@ -50,7 +50,7 @@ class FoundFile:
     path: Path
     kind: str
     notes: tuple[str, ...]
-    keys: Mapping[str, Any] = field(default_factory=dict)
+    keys: Mapping[str, object] = field(default_factory=dict)
     doubts: tuple[Doubt, ...] = ()
 
 
@@ -142,10 +142,10 @@ def _models(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> list[F
     def read(options: Options = DEFAULTS) -> FileReport:
         return cached(folder / path, cache, kind=kind, options=options, limits=limits)[0].report
 
-    def found(report: FileReport, keys: Mapping[str, Any], *, name: str = "", why: Sequence[str] = ()) -> FoundFile:
-        guessed: dict[str, Any] = {doubt.key: doubt.taken for doubt in report.doubts if doubt.key}
+    def found(report: FileReport, keys: Mapping[str, object], *, name: str = "", why: Sequence[str] = ()) -> FoundFile:
+        guessed: dict[str, object] = {doubt.key: doubt.taken for doubt in report.doubts if doubt.key}
         if guessed:
-            read(Options(**keys, **guessed))  # for the plan
+            read(typed({**keys, **guessed}, Options))  # for the plan
         notes = (*why, *report.lines(), *_ground(report))
         keys = {**keys, **guessed, **({"name": name} if name else {})}
         return FoundFile(path, folder_kind or report.kind, notes, keys, report.doubts)
@@ -157,9 +157,9 @@ def _models(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> list[F
     names = [re.sub(r"\W+", "_", thing.name) for thing in whole.things]
     each = []
     for number, (thing, name) in enumerate(zip(whole.things, names, strict=True), start=1):
-        keys: dict[str, Any] = {key: value for key, value in (("keep", thing.keep), ("drop", thing.drop)) if value}
+        keys: dict[str, object] = {key: value for key, value in (("keep", thing.keep), ("drop", thing.drop)) if value}
         unique = str(number) if name and names.count(name) > 1 else name
-        each.append(found(read(Options(**keys)), keys, name=unique, why=why))
+        each.append(found(read(typed(keys, Options)), keys, name=unique, why=why))
     return each
 
 
@@ -175,7 +175,7 @@ def missing_kinds(found: Sequence[FoundFile]) -> list[str]:
 
 
 def found_config(
-    folder: Path, found: Sequence[FoundFile], config_folder: Path, values: Mapping[str, Any] = MappingProxyType({})
+    folder: Path, found: Sequence[FoundFile], config_folder: Path, values: Mapping[str, object] = MappingProxyType({})
 ) -> str:
     """Return the text of a config in `config_folder` that lists the usable files of `folder`, with their notes.
 
@@ -191,7 +191,7 @@ def found_config(
         if file.kind == "hdri" and (first := skies.setdefault(file.path.stem, file.path)) != file.path:
             unused.append(replace(file, kind="", notes=(f"is called as {first.as_posix()} is; rename it to use it",)))
 
-    def entry_of(file: FoundFile) -> dict[str, Any]:
+    def entry_of(file: FoundFile) -> dict[str, object]:
         path, entry = file.path, {"path": listed[file.path]}
         name = "_".join((*path.parent.parts, path.stem)) if stems[path.stem] > 1 else path.stem
         name += f"_{file.keys['name']}" if "name" in file.keys else ""
@@ -203,7 +203,7 @@ def found_config(
     entries = {kind: [(entry_of(file), file) for file in found if file.kind == kind] for kind in set(KINDS.values())}
     patterns = {path: escape(listed[path]) for path in skies.values()}
     notes = {patterns[file.path]: file.notes for file in found if file.kind == "hdri" and file.path in patterns}
-    notes |= {entry.get("name", entry["path"]): file.notes for some in entries.values() for entry, file in some}
+    notes |= {str(entry.get("name", entry["path"])): file.notes for some in entries.values() for entry, file in some}
     missing = [f"no {word} was found in {folder}, and at least one is needed" for word in missing_kinds(found)]
     return config_text(
         vehicles=[entry for entry, _ in entries["vehicle"]],

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, Self, overload
+from typing import BinaryIO, Self, overload
 
 import filelock
 import msgspec
@@ -63,7 +63,7 @@ class PlanFile(os.PathLike[str]):
         except OSError as error:
             raise ConfigError(f"cannot be read: {error.strerror}", path=path) from None
         try:
-            version = json_of(line, dict[str, Any])["hulldown_plan"]
+            version = json_of(line, dict[str, object])["hulldown_plan"]
         except (ValueError, KeyError):
             raise _damaged(path, 1, "isn't the header of a plan") from None
         if version != FORMAT:

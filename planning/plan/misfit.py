@@ -22,18 +22,18 @@ def misfit(line: bytes, kind: type[Struct], error: Exception) -> str:
     return _problem(record, kind, "") or f"can't be used ({error})"
 
 
-def _problem(record: dict[str, Any], kind: type[Struct], path: str) -> str | None:
+def _problem(record: dict[str, object], kind: type[Struct], path: str) -> str | None:
     """Return the first missing or wrong field of a record at a path; None if there is none."""
     declared, hints = fields(kind), get_type_hints(kind, include_extras=True)
     lacking = [name for name, field in declared.items() if name not in record and not field.optional]
     if lacking:
         return f"lacks {', '.join(path + name for name in (lacking[:1] if path else lacking[:3]))}"
     for key, field in declared.items():
-        if key not in record or _is(record[key], hints[key]):
+        if key not in record or _is(value := record[key], hints[key]):
             continue
-        within = record[key] if key == "planned" and isinstance(record[key], list) else []
+        within = value if key == "planned" and isinstance(value, list) else []
         inner = (_problem(each, PlannedVehicle, f"{key}[{i}].") for i, each in enumerate(within) if _is(each, dict))
-        return next(filter(None, inner), None) or f"has {path}{key} {record[key]!r:.60}, expected {field.expected}"
+        return next(filter(None, inner), None) or f"has {path}{key} {value!r:.60}, expected {field.expected}"
     return None
 
 

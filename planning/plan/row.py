@@ -281,7 +281,7 @@ class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
     images: Annotated[Count, _means("number of lines that follow")]
     seed: Annotated[int, _is("a whole number >= 0", ge=0, le=2**63 - 1), _means("the config's")]
     root: Annotated[Name, _means("folder of the config, relative to the plan; paths below are relative to it")]
-    config: Annotated[dict[str, Any], _is("a table"), _means("the config with all defaults")]
+    config: Annotated[dict[str, object], _is("a table"), _means("the config with all defaults")]
     vehicles: Annotated[dict[str, ModelSource], _Files, _means("`path`, `sha256`, `geometry`, `category`")]
     sceneries: Annotated[
         dict[str, ScenerySource],
