@@ -17,7 +17,7 @@ from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import msgspec
 from filelock import FileLock
@@ -48,6 +48,15 @@ class _Note:
     path: str
     report: FileReport
     files: dict[str, Print | None]
+
+
+@dataclass(frozen=True, slots=True)
+class _Sealed:
+    """What an entry's seal is of: the entry's name, hashes of its files, and a note."""
+
+    name: str
+    content: dict[str, str]
+    note: object
 
 
 def cached(
@@ -162,8 +171,7 @@ def entry_name(*parts: object) -> str:
 def seal(made: Path, entry: Path, note: object) -> None:
     """Turn the folder `made` into the entry `entry`, with a sealed note, a dataclass, and hashes of its files."""
     content = {file.name: sha256_of(file) for file in sorted(made.iterdir()) if file.is_file()}
-    sealed = {"name": entry.name, "content": content, "note": msgspec.to_builtins(note)}
-    body = json.dumps(sealed, indent=1).encode()
+    body = json.dumps(msgspec.to_builtins(_Sealed(entry.name, content, note)), indent=1).encode()
     with replacing(made / NOTE_NAME) as file:
         file.write(_seal_of(body) + b"\n" + body)
     if entry.is_symlink() or entry.is_file():
@@ -182,11 +190,11 @@ def unseal(entry: Path, kind: type[Note]) -> Note | None:
             line, body = file.readline(1 << 10), file.read(LARGEST_NOTE)
         if not hmac.compare_digest(line.strip(), _seal_of(body)):
             return None
-        sealed = json_of(body, dict[str, Any])
-        same = all(sha256_of(entry / name) == digest for name, digest in sealed["content"].items())
+        sealed = json_of(body, _Sealed)
+        same = all(sha256_of(entry / name) == digest for name, digest in sealed.content.items())
     except OSError:
         return None
-    return converted(sealed["note"], kind) if same and sealed["name"] == entry.name else None
+    return converted(sealed.note, kind) if same and sealed.name == entry.name else None
 
 
 def _seal_of(body: bytes) -> bytes:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, NoReturn, TypedDict, TypeVar
+from typing import NoReturn, TypedDict, TypeVar
 
 from hulldown.base.errors import AssetError
 from hulldown.base.outside import read_json, typed
@@ -181,7 +181,9 @@ def ask_reader(jobs: Sequence[Job], *, limits: ReadLimits = DEFAULT_LIMITS) -> N
             _explain(job.path, *ended)
 
 
-class _Refused(TypedDict):
+class Refused(TypedDict):
+    """Why the reading process refuses a file: the value of its answer's only key, "error"."""
+
     problem: str
     path: str
     remedy: str | None
@@ -197,10 +199,10 @@ def found_by(job: Job, kind: type[Found]) -> Found:
     """
     # Its process had opened a file from outside.
     refuse = partial(AssetError, path=job.path, remedy="open it in Blender, save it again, or leave it out")
-    answer = read_json(job.file(ANSWER), dict[str, Any], refuse, what="readable: its process gave no answer")
+    answer = read_json(job.file(ANSWER), dict[str, object], refuse, what="readable: its process gave no answer")
     try:
         if "error" in answer:
-            raise AssetError(**typed(answer["error"], _Refused))
+            raise AssetError(**typed(answer["error"], Refused))
         return typed(answer, kind)
     except ValueError as error:
         raise refuse(f"isn't readable: its process gave another answer ({error})") from None

@@ -34,7 +34,7 @@ from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
 from hulldown.reading.pieces.asset_report import By, FileReport, Missing, ObjectRow, gathered, xyz
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole
-from hulldown.reading.reader_process import ANSWER, PICTURE, FoundAsset, Job
+from hulldown.reading.reader_process import ANSWER, PICTURE, FoundAsset, Job, Refused
 from hulldown.reading.scenery.parked import parked_vehicles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
 from hulldown.reading.vehicle.seen_colors import color_doubts, save_picture
@@ -51,7 +51,7 @@ def main(job_path: str) -> None:
         answer = msgspec.to_builtins(read_picture(job) if job.format == "hdri" else read(job))
     except HulldownError as error:
         path = str(error.path or job.path)
-        answer = {"error": {"problem": error.problem, "path": path, "remedy": error.remedy}}
+        answer = {"error": Refused(problem=error.problem, path=path, remedy=error.remedy)}
     with replacing(job.file(ANSWER)) as file:
         file.write(json.dumps(answer).encode())
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
 from urllib.parse import unquote
 
 from hulldown.base.errors import AssetError
@@ -122,7 +121,7 @@ def _gltf_json(path: Path) -> bytes:
         return file.read(size)
 
 
-def _entries(data: Mapping[str, Any], owner: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
+def _entries(data: Mapping[str, object], owner: str) -> Iterator[tuple[int, Mapping[str, object]]]:
     entries = data.get(owner, [])
     if isinstance(entries, list):
         yield from ((i, entry) for i, entry in enumerate(entries) if isinstance(entry, dict))

@@ -45,7 +45,7 @@ class _GeoJson(Struct):
     features: list[_GeoJson] = []
     geometries: list[_GeoJson] = []
     geometry: _GeoJson | None = None
-    properties: dict[str, Any] | None = None
+    properties: dict[str, object] | None = None
     coordinates: list[Any] = []
     crs: _Crs | None = None
 
@@ -100,7 +100,7 @@ def _buildings(record: _GeoJson, height: float) -> Iterator[Building]:
                 yield outlines, height
 
 
-def _height(properties: Mapping[str, Any]) -> float:
+def _height(properties: Mapping[str, object]) -> float:
     """Meters, from numbers or texts such as "12.5 m"."""
     for key, unit in HEIGHTS.items():
         with suppress(ValueError):
