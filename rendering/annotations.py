@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool
 
 from hulldown.annotate.masks import vehicle_masks
+from hulldown.assets.coco_types import Record
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.skeleton import category_fields
 from hulldown.assets.vehicle import VehicleShape
@@ -21,7 +21,7 @@ from hulldown.planning.plan.row_scenes import RowScenes
 from hulldown.planning.plan_file import Plan
 
 
-def categories_of(plan: Plan, shapes: Mapping[str, VehicleShape]) -> list[dict[str, Any]]:
+def categories_of(plan: Plan, shapes: Mapping[str, VehicleShape]) -> list[Record]:
     """Return records of a plan's categories, without ids; with `keypoints` and `skeleton`, if its config labels any.
 
     Raises
@@ -54,7 +54,7 @@ class Segmenter:
         self._keypoints = keypoints
         self._scenes = RowScenes(vehicles, sceneries)
 
-    def records(self, row: Row) -> list[dict[str, Any]]:
+    def records(self, row: Row) -> list[Record]:
         """Annotation records of each labeled vehicle of a row, without ids."""
         return [
             record | fields_of_scene(self._seen(row, vehicle))

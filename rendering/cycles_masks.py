@@ -5,10 +5,9 @@ from __future__ import annotations
 import io
 import math
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, UInt8
@@ -16,6 +15,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from hulldown.annotate.masks import decode, iou, mask_box
+from hulldown.assets.coco_types import Record
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.base.terminal import tracked
@@ -178,7 +178,7 @@ def _intruder(folder: Path, name: str, row: Row, segmenter: Segmenter) -> Findin
 def compared(
     name: str,
     vehicle: str,
-    label: Mapping[str, Any],
+    label: Record,
     alone: Bool[np.ndarray, "h w"],
     visible: Bool[np.ndarray, "h w"],
 ) -> MaskRow:
@@ -204,7 +204,7 @@ def compared(
     return MaskRow(name, vehicle, int(visible.sum()), box_error, outside, *overlaps)
 
 
-def _judged(row: MaskRow, area: Any) -> Finding | None:
+def _judged(row: MaskRow, area: object) -> Finding | None:
     where = f"{row.file_name}, {row.vehicle}"
     annotated = float(area) if isinstance(area, int | float) else 0.0
     if row.outside > ONE_PIXEL:
