@@ -9,11 +9,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import UInt8
 
+from hulldown.assets.coco_types import Record
 from hulldown.assets.foreign_labels import PICTURES, foreign_reader
 from hulldown.assets.picture_files import read_picture, read_pixels
 from hulldown.base.errors import DatasetError
@@ -46,7 +46,7 @@ class Pictures:
 
     path: Path
     folder: Path
-    records: Sequence[Mapping[str, Any]]
+    records: Sequence[Record]
     categories: Mapping[str, int]
     video: Video | None = None
 

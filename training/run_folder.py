@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -94,7 +94,7 @@ class RunFolder:
         _draw_curves(rows, validated, self.path / CURVE_NAME)
 
 
-def content_of(weights: Mapping[str, Any]) -> memoryview:
+def content_of(weights: Mapping[str, object]) -> memoryview:
     """Return the bytes of a weights file."""
     import torch
 
@@ -204,7 +204,7 @@ def _check_same(path: Path, config: RunConfig) -> None:
             )  # fmt: skip
 
 
-def _flat(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+def _flat(value: object, key: str = "") -> Iterator[tuple[str, object]]:
     if isinstance(value, dict):
         for name, inner in value.items():
             yield from _flat(inner, f"{key}.{name}" if key else name)

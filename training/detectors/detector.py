@@ -150,7 +150,7 @@ def weights_of(path: Path) -> Path:
     return path / WEIGHTS_NAME
 
 
-def read_weights(path: Path) -> dict[str, Any]:
+def read_weights(path: Path) -> dict[str, object]:
     """Read a weights file of hulldown or RF-DETR; code in it is refused, not run.
 
     Raises

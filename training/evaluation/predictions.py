@@ -162,7 +162,7 @@ def _unusable(problem: str, path: Path, labels: Labels) -> DatasetError:
     return DatasetError(f"detection {problem}", path=path, remedy=f"give results of {labels.path}")
 
 
-def _names(beside: Mapping[str, Any]) -> dict[int, str]:
+def _names(beside: Mapping[str, object]) -> dict[int, str]:
     """Return names of the listed categories by id."""
     listed = beside.get("categories")
     records = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []

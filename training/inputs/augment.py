@@ -118,7 +118,7 @@ class Augmenter:
         # One generator for all: Albumentations' own seeding gives each transform the same numbers, and what is
         # applied with a probability of 0.05 would then be applied with all the rest.
         self._compose.set_random_state(np.random.default_rng(seed), random.Random(seed))
-        given: dict[str, Any] = {
+        given: dict[str, object] = {
             "image": sample.picture,
             "bboxes": np.concatenate((sample.xywh[:, :2], sample.xywh[:, :2] + sample.xywh[:, 2:]), axis=1),
             "index": np.arange(len(sample.label)),
@@ -144,7 +144,7 @@ class Augmenter:
         return Sample(changed.picture, xywh[kept], changed.label[kept], tuple(masks[row] for row in kept))
 
 
-def changed_table(changes: Mapping[str, Any]) -> Table:
+def changed_table(changes: Mapping[str, object]) -> Table:
     """Return `TABLE` with changes.
 
     Parameters

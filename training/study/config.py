@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -27,7 +27,7 @@ class NamedArm(BaseModel):
 
     name: str = Field(pattern=r"^[a-z][a-z0-9_]*$", description="what reports call it")
     base: Arm = Field(description="the arm whose draws it has")
-    train: dict[str, Any] = Field(min_length=1, description="keys of [train] that differ")
+    train: dict[str, object] = Field(min_length=1, description="keys of [train] that differ")
 
 
 class StudyConfig(BaseModel):
@@ -82,7 +82,7 @@ def load_study(path: Path | str) -> StudyConfig:
         Naming file, key, value, and the allowed values.
     """
     path = Path(path)
-    data: dict[str, Any] = read_toml(path)
+    data = read_toml(path)
     study = validated(StudyConfig, data, path)
     for key, instead in (("seed", "seeds"), ("shares", "arms")):
         if key in data.get("train", {}):
@@ -100,7 +100,7 @@ def load_study(path: Path | str) -> StudyConfig:
             differing = {key: value for key, value in own.model_dump().items() if value != getattr(study.train, key)}
             changes = arm.train | differing
             if "weights" in changes:
-                changes["weights"] = _weights_seen_from(path.parent, changes["weights"])
+                changes["weights"] = _weights_seen_from(path.parent, own.weights)
             arm = arm.model_copy(update={"train": changes})
         arms.append(arm)
     if study.valid is not None and "threshold" in data:

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import orjson
@@ -169,7 +168,7 @@ def read_manifest(folder: Path) -> Manifest:
     """
     path = folder / MANIFEST_NAME
     refuse = partial(ConfigError, path=path, remedy="name a folder of `hulldown study run`")
-    return validated(Manifest, read_json(path, dict[str, Any], refuse, what="the manifest of a study"), path)
+    return validated(Manifest, read_json(path, dict[str, object], refuse, what="the manifest of a study"), path)
 
 
 def draws_path(study: Path, run: PlannedRun) -> Path:
