@@ -30,7 +30,7 @@ def category_fields(
     shapes
         The labeled vehicles.
     patterns
-        The config's `annotate.keypoint_visibility`; None: no keypoints, and an empty result.
+        The config's `annotate.keypoints`; None: no keypoints, and an empty result.
     lines
         The config's `annotate.skeleton`; None: between the default keypoints.
     path
