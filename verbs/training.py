@@ -171,7 +171,7 @@ def add(verbs: Subparsers) -> None:
     sub.add_argument(
         "--keep", choices=("end", "best"), help="weights of the end (default), or of the best --valid AP50"
     )
-    sub.add_argument("--freeze", choices=("none", "encoder"), help="part of RF-DETR that isn't trained (default: none)")
+    sub.add_argument("--freeze", choices=("none", "encoder"), help="encoder or backbone isn't trained (default: none)")
     sub.add_argument("--logger", choices=("tensorboard", "wandb", "mlflow", "csv"), help="also log there")
     sub.add_argument("--device", default="auto", choices=("auto", "cpu", "gpu"), help="default: auto, GPUs if any")
     sub.add_argument("--workers", type=int, help="processes that augment pictures (default: one per core but one)")

@@ -51,7 +51,7 @@ class SensorSection(Section):
     read_noise_e: Annotated[Pair, ranged(*LIMITS["read_noise_e"])] = (0.0, 0.0)
     """readout noise, electrons"""
     gain: Annotated[Pair, ranged(*LIMITS["gain"])] = (1.0, 1.0)
-    """ISO over base ISO: so many times fewer electrons"""
+    """ISO over base ISO, which divides the electrons of a pixel"""
     sharpening: Annotated[Pair, ranged(*LIMITS["sharpening"])] = (0.0, 0.0)
     """share of detail added again, after the view transform"""
     jpeg_quality: Annotated[tuple[int, int], ranged(*LIMITS["jpeg_quality"], int)] = (0, 0)

@@ -61,7 +61,7 @@ class Settings(BaseModel):
     multi_scale: bool = Field(False, description="RF-DETR's own change of the input's size from batch to batch")
     queries: int | None = Field(None, ge=1, description="objects that RF-DETR can find in a picture")
     groups: int | None = Field(None, ge=1, description="groups of queries that RF-DETR trains side by side")
-    freeze: Literal["none", "encoder"] = Field("none", description="part of RF-DETR whose weights don't change")
+    freeze: Literal["none", "encoder"] = Field("none", description="encoder or backbone, if it isn't trained")
     keep: Literal["end", "best"] = Field("end", description="weights of the end, or those of the best validation AP50")
     logger: Literal["tensorboard", "wandb", "mlflow", "csv"] | None = Field(None, description="also log there")
 
