@@ -10,7 +10,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -57,6 +56,47 @@ class Segment(Struct, frozen=True):
     iscrowd: int
 
 
+class NumberedPart(Struct, frozen=True):
+    """A line of parts.json: a part of one of the plan's vehicles, and its number in passes."""
+
+    id: int
+    vehicle: str
+    part: str
+
+
+class PanopticImage(Struct, frozen=True):
+    """An image of panoptic.json."""
+
+    id: int
+    file_name: str
+    width: int
+    height: int
+
+
+class PanopticLabel(Struct, frozen=True):
+    """The segments of an image, and their picture."""
+
+    image_id: int
+    file_name: str
+    segments_info: list[Segment]
+
+
+class PanopticClass(Struct, frozen=True):
+    """A class of segments; those of things are instances."""
+
+    id: int
+    name: str
+    isthing: int
+
+
+class Panoptic(Struct, frozen=True):
+    """The file panoptic.json, in COCO's panoptic format."""
+
+    images: list[PanopticImage]
+    annotations: list[PanopticLabel]
+    categories: list[PanopticClass]
+
+
 class Written(Struct, frozen=True):
     """The file that lists an image's written passes, for the row with this hash."""
 
@@ -92,10 +132,10 @@ class Pixels:
     table: list[Instance]
 
 
-def part_table(artist: Artist) -> list[dict[str, Any]]:
-    """Return the number the parts of all vehicles of a plan, from 1."""
+def part_table(artist: Artist) -> list[NumberedPart]:
+    """Return the parts of all vehicles of a plan, numbered from 1."""
     parts = [(name, part) for name, shape in artist.shapes.items() for part in shape.part_names]
-    return [{"id": i, "vehicle": name, "part": part} for i, (name, part) in enumerate(parts, start=1)]
+    return [NumberedPart(i, name, part) for i, (name, part) in enumerate(parts, start=1)]
 
 
 def pixels_of(row: Row, artist: Artist, sceneries: Mapping[str, Scenery]) -> Pixels:
@@ -139,7 +179,7 @@ def _instances(
 
 def _parts(row: Row, artist: Artist, scene: Scene, hits: SceneHits) -> UInt16[np.ndarray, " n"]:
     """Return the number in `part_table` of the part at each pixel."""
-    first = {record["vehicle"]: record["id"] for record in part_table(artist)[::-1]}
+    first = {part.vehicle: part.id for part in part_table(artist)[::-1]}
     of_vehicle = np.array([first[vehicle.vehicle] for vehicle in row.vehicles] or [0])
     part = scene.parts(hits)
     return np.where(part >= 0, of_vehicle[np.where(part >= 0, hits.which, 0)] + part, 0).astype(np.uint16)
@@ -195,15 +235,13 @@ def write_passes(
     chosen = spread(len(plan), len(plan) if count is None else count).tolist()
     names = [*plan.header.categories, *STUFF]
     things = len(plan.header.categories)
-    categories = [{"id": i, "name": name, "isthing": int(i <= things)} for i, name in enumerate(names, start=1)]
-    document: dict[str, list[Any]] = {"images": [], "annotations": [], "categories": categories}
+    categories = [PanopticClass(i, name, int(i <= things)) for i, name in enumerate(names, start=1)]
+    document = Panoptic([], [], categories)
     for index in tracked("casting rays", chosen, len(chosen)):
         row = plan[index]
         segments = _written(row, artist, assets, output, passes)
-        size = {"width": row.width, "height": row.height}
-        document["images"].append({"id": row.image_id, "file_name": row.file_name, **size})
-        which = {"image_id": row.image_id, "file_name": f"{_stem(row)}.png"}
-        document["annotations"].append({**which, "segments_info": segments})
+        document.images.append(PanopticImage(row.image_id, row.file_name, row.width, row.height))
+        document.annotations.append(PanopticLabel(row.image_id, f"{_stem(row)}.png", segments))
     if "part" in passes:
         _write(output / "parts.json", msgspec.json.format(msgspec.json.encode(part_table(artist))))
     if "category" in passes:
