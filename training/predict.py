@@ -10,12 +10,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 import orjson
 from PIL import Image
 
+from hulldown.assets.coco_types import Record
 from hulldown.base.errors import HulldownError
 from hulldown.base.files import make_room, open_in_place, open_regular, replace_file, replacing
 from hulldown.base.outside import json_of, sha256_of
@@ -29,7 +30,7 @@ from hulldown.training.detectors.detector import (
 )
 from hulldown.training.evaluation.average_precision import AVERAGES, average_precision
 from hulldown.training.evaluation.labels import Labels
-from hulldown.training.evaluation.predictions import INFO_SUFFIX, predictions_of
+from hulldown.training.evaluation.predictions import INFO_SUFFIX, NewCategory, PredictionInfo, predictions_of
 from hulldown.training.input_pictures import Pictures, find_pictures
 from hulldown.training.inputs.extra import require_extra
 
@@ -37,7 +38,18 @@ UNFINISHED_SUFFIX = ".unfinished"  # of a file next to the results: a line for e
 BATCH = 8
 DIGITS = 3  # decimals of a pixel
 THRESHOLD = 0.5  # least score of counted and drawn detections
-Found = list[dict[str, Any]]  # COCO results of an image
+
+
+class Result(TypedDict):
+    """A COCO result: a detection in an image; `bbox` is xywh in pixels."""
+
+    image_id: int
+    category_id: int
+    bbox: list[float]
+    score: float
+
+
+Found = list[Result]  # of an image
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,11 +172,8 @@ def predict(
             advance(len(done), len(found.records))
     results = [one for record in found.records for one in done[record["id"]]]
     names = dict(zip(ids, detector.classes, strict=True))
-    info: dict[str, Any] = {
-        "detector": str(run),
-        "images": [record["id"] for record in found.records],
-        "categories": [{"id": i, "name": name} for i, name in names.items() if name not in found.categories],
-    }
+    new = [NewCategory(id=i, name=name) for i, name in names.items() if name not in found.categories]
+    info = PredictionInfo(detector=str(run), images=[record["id"] for record in found.records], categories=new)
     if not found.categories:
         info["pictures"] = found.records
     beside = output.with_name(output.name + INFO_SUFFIX)
@@ -236,7 +245,7 @@ def _draw(
 ) -> None:
     """Write each picture with its detections into a folder, under the same name; a video as a video."""
 
-    def labeled() -> Iterator[tuple[Mapping[str, Any], Image.Image]]:
+    def labeled() -> Iterator[tuple[Record, Image.Image]]:
         for record, pixels in zip(pictures.records, pictures.read(range(len(pictures.records))), strict=True):
             shown = [one for one in found[record["id"]] if one["score"] >= threshold]
             yield record, draw(Image.fromarray(pixels), shown, names)

@@ -2,23 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, NotRequired, TypedDict
 
 import numpy as np
 from jaxtyping import Float, Int
 from msgspec import Meta, Struct
 
 from hulldown.annotate.rectangles import rectangle_corners
+from hulldown.assets.coco_types import Record
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import DATA, read_json, typed
 from hulldown.dataset.store.declared import misfits
 from hulldown.training.evaluation.labels import Labels
 
-INFO_SUFFIX = ".info.json"  # of a file next to the results: the processed images, and the detector
+INFO_SUFFIX = ".info.json"  # of a file next to the results, a `PredictionInfo`
+
+
+class NewCategory(TypedDict):
+    """A class of the detector that the dataset lacks, or any of its classes if there is no dataset."""
+
+    id: int
+    name: str
+
+
+class PredictionInfo(TypedDict):
+    """What `predict` writes beside its results: ids of all images, and their records if there is no dataset."""
+
+    detector: str
+    images: list[int]
+    categories: list[NewCategory]
+    pictures: NotRequired[Sequence[Record]]
 
 
 _Place = Annotated[float, Meta(ge=-1e9, le=1e9)]
@@ -111,7 +128,7 @@ def read_predictions(path: Path | str, labels: Labels, *, name: str | None = Non
 
 
 def predictions_of(
-    found: list[Any], labels: Labels, *, path: Path, name: str, names: Mapping[int, str] | None = None
+    found: Sequence[object], labels: Labels, *, path: Path, name: str, names: Mapping[int, str] | None = None
 ) -> Predictions:
     """Return detections from a list; `names` are those of categories that the dataset lacks.
 
@@ -171,7 +188,7 @@ def _names(beside: Mapping[str, object]) -> dict[int, str]:
     }
 
 
-def _check_images(path: Path, listed: Any, labels: Labels) -> None:
+def _check_images(path: Path, listed: object, labels: Labels) -> None:
     """Refuse a list of images that isn't the dataset's."""
     if listed is None:
         return
@@ -194,6 +211,6 @@ def _check_images(path: Path, listed: Any, labels: Labels) -> None:
         )
 
 
-def _read(path: Path) -> Any:
+def _read(path: Path) -> object:
     refuse = partial(DatasetError, path=path, remedy="name a file of COCO results")
     return read_json(path, object, refuse, what="valid JSON", most=DATA)
