@@ -70,9 +70,9 @@ def _dry_run(arguments: argparse.Namespace, manifest: Manifest, options: RunOpti
     headings = ("photographs", "synthetic", "draws", "per photograph", "per synthetic image", "state")
     table = Table(Column("run", no_wrap=True), *headings)
     for row in rows:
-        counts = (str(row[key]) for key in ("photographs", "synthetic_images", "draws"))
-        per_image = (row[key] for key in ("draws_per_photograph", "draws_per_synthetic_image"))
-        table.add_row(row["name"], *counts, *(f"{n:.1f}" if n else "–" for n in per_image), row["state"])
+        counts = (str(n) for n in (row.photographs, row.synthetic_images, row.draws))
+        per_image = (row.draws_per_photograph, row.draws_per_synthetic_image)
+        table.add_row(row.name, *counts, *(f"{n:.1f}" if n else "–" for n in per_image), row.state)
     show_result(arguments, {"runs": rows, "seconds_per_step": seconds, "hours": left}, table)
     say(f"about {duration(3600 * left)} of training left, at {seconds:.2g} seconds a step; nothing was written")
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Literal
 
 import numpy as np
 
@@ -17,22 +18,37 @@ from hulldown.training.study.runs import RunOptions, is_finished
 TRIED_STEPS = 3
 
 
-def overview(study: Path, manifest: Manifest) -> list[dict[str, Any]]:
-    """Return a row for each run: draws, draws per image, whether it's finished. The study may not have begun."""
+@dataclass(frozen=True, slots=True)
+class RunState:
+    """A run of a study: its images, its draws and steps, draws per image, and whether it's finished."""
+
+    name: str
+    photographs: int
+    synthetic_images: int
+    draws: int
+    steps: int
+    draws_per_photograph: float
+    draws_per_synthetic_image: float
+    state: Literal["finished", "begun", "new"]
+
+
+def overview(study: Path, manifest: Manifest) -> list[RunState]:
+    """Return the state of each run. The study may not have begun."""
     rows = []
     for run in manifest.runs:
         settings, begun = run.settings, (study / RUNS_NAME / run.folder).exists()
         synthetic = manifest.datasets["synthetic"].images if "synthetic" in run.sources else 0
-        rows.append({
-            "name": run.name,
-            "photographs": run.photographs,
-            "synthetic_images": synthetic,
-            "draws": settings.budget,
-            "steps": Batches(settings.budget, batch=settings.batch, parts=settings.accumulate).steps,
-            "draws_per_photograph": run.drawn.get("real", 0) / max(1, run.photographs),
-            "draws_per_synthetic_image": run.drawn.get("synthetic", 0) / max(1, synthetic),
-            "state": "finished" if is_finished(study, manifest, run) else "begun" if begun else "new",
-        })  # fmt: skip
+        row = RunState(
+            name=run.name,
+            photographs=run.photographs,
+            synthetic_images=synthetic,
+            draws=settings.budget,
+            steps=Batches(settings.budget, batch=settings.batch, parts=settings.accumulate).steps,
+            draws_per_photograph=run.drawn.get("real", 0) / max(1, run.photographs),
+            draws_per_synthetic_image=run.drawn.get("synthetic", 0) / max(1, synthetic),
+            state="finished" if is_finished(study, manifest, run) else "begun" if begun else "new",
+        )
+        rows.append(row)
     return rows
 
 
@@ -59,6 +75,6 @@ def seconds_per_step(
     return tried_run.figures.seconds_per_step
 
 
-def hours(rows: list[dict[str, Any]], seconds: float, places: int) -> float:
+def hours(rows: Sequence[RunState], seconds: float, places: int) -> float:
     """Remaining hours of training, with some runs at the same time."""
-    return sum(row["steps"] for row in rows if row["state"] != "finished") * seconds / places / 3600.0
+    return sum(row.steps for row in rows if row.state != "finished") * seconds / places / 3600.0

@@ -11,6 +11,8 @@ import sys
 from functools import partial
 from pathlib import Path
 
+import msgspec
+
 from hulldown.base.child import end_with_parent
 from hulldown.base.errors import HulldownError
 from hulldown.training.inputs.extra import require_extra
@@ -20,7 +22,7 @@ from hulldown.training.study.manifest import (
     predictions_paths,
     read_manifest,
 )
-from hulldown.training.study.runs import Progress, RunOptions
+from hulldown.training.study.runs import Progress, RunMessage, RunOptions
 
 
 def run_one(study: Path, name: str, options: RunOptions, progress: Progress) -> None:
@@ -54,15 +56,19 @@ def _run(study: str, name: str, device: str, *workers: str) -> int:
     end_with_parent(getattr(signal, "SIGKILL", signal.SIGTERM))  # Windows has no SIGKILL
     try:
         require_extra()
-        run_one(Path(study), name, RunOptions(device, int(workers[0]) if workers else None), _tell)
+        run_one(Path(study), name, RunOptions(device, int(workers[0]) if workers else None), _progress)
     except HulldownError as error:
-        print(json.dumps({"failed": str(error)}), flush=True)
+        _tell(RunMessage(failed=str(error)))
         return 1
     return 0
 
 
-def _tell(what: str, done: int, total: int) -> None:
-    print(json.dumps({"what": what, "done": done, "total": total}), flush=True)
+def _progress(what: str, done: int, total: int) -> None:
+    _tell(RunMessage(what=what, done=done, total=total))
+
+
+def _tell(message: RunMessage) -> None:
+    print(json.dumps(msgspec.to_builtins(message)), flush=True)
 
 
 if __name__ == "__main__":

@@ -16,10 +16,10 @@ from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import orjson
 from filelock import FileLock, Timeout
+from msgspec import Struct
 
 from hulldown.base.child import Child
 from hulldown.base.errors import ConfigError
@@ -65,6 +65,15 @@ class RunOptions:
     device: str = "auto"
     workers: int | None = None
     environment: Mapping[str, str] = field(default_factory=dict)
+
+
+class RunMessage(Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
+    """What the process of a run prints: its progress, or why it failed."""
+
+    what: str = ""
+    done: int = 0
+    total: int = 0
+    failed: str | None = None
 
 
 # Runs runs of a study by their names; yields each when it ends, with the reason of a failure or None.
@@ -213,13 +222,13 @@ def in_a_process(
 
     def hear(line: bytes) -> None:
         try:
-            told = json_of(line, dict[str, Any])
+            told = json_of(line, RunMessage)
         except ValueError:
             return  # output of a library
-        if "failed" in told:
-            reasons.append(str(told["failed"]))
+        if told.failed is not None:
+            reasons.append(told.failed)
         else:
-            progress(told["what"], told["done"], told["total"])
+            progress(told.what, told.done, told.total)
 
     env = {**environment, **options.environment}
     with Child(command, env=env, hear=hear, log=log) as child:
