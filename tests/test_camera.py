@@ -141,6 +141,19 @@ def test_cuts_of_each_side_and_corner_are_as_frequent_and_as_deep_as_their_area(
             np.testing.assert_allclose(np.std(found[here], axis=0), np.std(place[there], axis=0), rtol=0.1, atol=3)
 
 
+def test_a_target_is_cut_as_far_as_a_distorted_lens_sees_it() -> None:
+    # Where the lens folds, just outside the image, half of the targets don't have their place. It was a traceback.
+    folds = Intrinsics.calibrated(1920, 1080, (1420.0, 1420.0, 960.0, 540.0), (-0.2, 0.0, 0.0, 0.0, 0.0))
+    corners = np.array([[x, y, z] for x in (-3.5, 3.5) for y in (-1.7, 1.7) for z in (-1.2, 1.2)])
+    poses = camera_pose([0, 0, 0], np.full(200, 14.0), np.linspace(0, 6, 200), 1.0)
+    framed = frame_target(poses, corners[None], folds, rng=np.random.default_rng(0), truncated=(0.8, 0.8))
+    pixels = project(folds, framed, corners).pixels
+    low, high = pixels.min(axis=1), pixels.max(axis=1)
+    cut = 1 - (np.clip(np.minimum(high, folds.size) - np.maximum(low, 0), 0, None) / (high - low)).prod(axis=1)
+    assert (cut <= 0.8 + 1e-5).all()
+    assert np.sum(cut >= 0.8 - 1e-5) > 50
+
+
 def test_cameras_inside_the_targets_box_are_unchanged() -> None:
     inside = camera_pose([0, 0, 0], np.ones(1), 0.3, 0.1)
     corners = np.array([[x, y, z] for x in (-3.5, 3.5) for y in (-1.7, 1.7) for z in (-1.2, 1.2)])
