@@ -53,8 +53,8 @@ def report(results: dict) -> str:
     return "\n\n".join([
         "## Evaluation",
         f"Seconds for {results['labels']} labels and {results['detections']} detections an image in {CLASSES} classes. "
-        "The peers' `evaluate` matches at ten IoUs in four ranges of area, on the same loaded arrays. hulldown's sum "
-        f"also has causes and intervals of {results['resamples']:,} resamples over images. AP is faster-coco-eval's. "
+        "The peers' `evaluate` matches at ten IoUs in four ranges of area. hulldown's time includes causes and "
+        f"intervals of {results['resamples']:,} resamples over images. "
         f"Counts at an IoU of 0.5 agree: {'yes' if all(size['same'] for size in sizes.values()) else 'NO'}.",
         table(["images", *(f"{int(n):,}" for n in sizes)], rows),
     ])  # fmt: skip

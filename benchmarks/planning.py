@@ -247,8 +247,8 @@ def report(results: dict[str, Any]) -> str:
         "",
         "From assets to the lines of `plan.jsonl`, in one process. The config is the one that `hulldown init` writes "
         f"(SHA-256 {results['config']}): ten vehicles, up to three distractors an image, two sceneries with more "
-        "than 7,000 trees, bushes, and rocks each. The first two rows, measured before and after, are one vehicle an "
-        f"image without distractors on {results['triangles']:,} triangles of hills with 300 trees and rocks.",
+        f"than 7,000 trees, bushes, and rocks each. The hills have {results['triangles']:,} triangles, 300 trees and "
+        "rocks, and no distractors; they're measured first and last.",
         "",
         "| config | images | rows/CPU s | times slower than on hills | peak (MB) | bytes a row |",
         "|---|---:|---:|---:|---:|---:|",
@@ -266,8 +266,8 @@ def report(results: dict[str, Any]) -> str:
     if results["peer"]:
         lines += [
             "",
-            "One process in Blender, with a call of `scene.ray_cast` for each ray, the first place and camera, and no "
-            "clearance checks, plans "
+            "One process in Blender that calls `scene.ray_cast` for each ray, takes the first place and camera, and "
+            "checks no clearance plans "
             + ", and ".join(
                 f"{r['rows_per_s']:,.1f} rows/s with {r['rays']} rays (1/{one / r['rows_per_s']:,.1f} of hulldown's)"
                 for r in results["peer"]

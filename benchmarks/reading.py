@@ -156,8 +156,8 @@ def report(results: dict[str, Any]) -> str:
         "Files made from the demo's vehicles: renamed, translated, flattened, origins moved, turned, lying, mirrored, "
         "in other units, split, joined, littered; read without options. Right: sizes, axes, parts, and pivots (turret "
         "0.15 m, gun 0.3 m). Rules were tuned on the first set, and later on the others' failures ([figures before "
-        "that](accuracy.md#files-that-lack-something)). Rows split the sets by what the files hold. Cells: number of "
-        "files: % right/right, with a warning/wrong, with a warning that names the key/wrong in silence.",
+        "that](accuracy.md#files-that-lack-something)). Cells: number of files: % right/right, with a warning/wrong, "
+        "with a warning that names the key/wrong in silence.",
         table(["", *results], rows),
     ]
     pivots = [

@@ -174,8 +174,8 @@ def report(results: dict[str, Any]) -> str:
         "## Settling",
         f"{speed['candidates']:,} candidates on {speed['triangles']:,} triangles.",
         table(["rule and rays", "candidates/s, 1 thread", "2 threads"], _rates(speed["rates"])),
-        "Error against the rest pose of a rigid footprint of 7 x 3.5 m (the plane above a 0.1 m sample that is lowest "
-        "under the center of gravity): median angle/95% angle in degrees/95% penetration/median gap in meters.",
+        "Error against the rest pose of a rigid footprint of 7 x 3.5 m, sampled every 0.1 m: median angle/95% angle in "
+        "degrees/95% penetration/median gap in meters.",
     ]
     errors = {name: {(r["rule"], r["n"]): _error(r) for r in rows} for name, rows in results["error"].items()}
     lines = [

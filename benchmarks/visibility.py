@@ -293,11 +293,10 @@ def report(results: dict) -> str:
     others = [(name, f"{us:.0f}") for name, us in cost.items() if not name[:-5].isdigit()]
     parts = [
         "## Visible share: error against rays",
-        f"{results['views']} views of a tank ({faces['vehicle']:,} triangles of vehicle in three turned parts, "
-        f"{faces['ground']:,} of ground, {results['trees']:,} trees of {faces['tree']:,}), 15 to 120 m "
-        f"off; {error['partly_hidden']:.0%} of them partly hidden. The reference casts a ray through every pixel of "
-        "the target's box, or 400 across it for small ones. Errors are shares of the silhouette. The last columns "
-        "are the RMS of rays placed otherwise than one in each cell of the target's box.",
+        f"{results['views']} views of a tank ({faces['vehicle']:,} triangles) on {faces['ground']:,} triangles of "
+        f"ground with {results['trees']:,} trees of {faces['tree']:,}, 15 to 120 m off; {error['partly_hidden']:.0%} "
+        "are partly hidden. The reference casts a ray through every pixel of the target's box, or 400 across a small "
+        "one. Errors are shares of the silhouette. The last columns have the RMS of other ways to place rays.",
         table(["rays", "RMS", "95%", "max", "stated bound, 95%", "us a pose", *list(error["contenders"])[1:]], rows),
         table(["other timings", "us a pose"], others),
     ]
