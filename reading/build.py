@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -24,7 +23,7 @@ from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, is_wanted
 from hulldown.reading.scenery.scenery_roles import NARROWEST, unmatched
 from hulldown.reading.scenery.shape import is_wide_and_level, level_share
 from hulldown.reading.vehicle.found_keypoints import known_points, marked_points
-from hulldown.reading.vehicle.nose import forward_key
+from hulldown.reading.vehicle.nose import forward_text
 from hulldown.reading.vehicle.part_names import GUN_PART, HULL, TURRET_PART
 from hulldown.reading.vehicle.parts import find_parts
 from hulldown.reading.vehicle.solids import MOST, PlacedPieces
@@ -157,8 +156,7 @@ def _build(name: str, upright: Upright, options: Options) -> tuple[BuiltVehicle,
     shape = shape.with_keypoints({key: (apply(from_file, at[None])[0], part) for key, (at, part) in marked.items()})
     things, several = ((), list[Doubt]()) if options.keep else find_things(whole, meshes, others)
     doubts = tuple(filter(None, (upright.up.doubt, forward.doubt, *several, *parts.doubts, *left_out)))
-    ahead_key = json.dumps(forward_key(forward.value))
-    axes = f"up is {upright.up.value}, {upright.up.why}; ahead is {ahead_key}, {forward.why}"
+    axes = f"up is {upright.up.value}, {upright.up.why}; ahead is {forward_text(forward.value)}, {forward.why}"
     return BuiltVehicle(shape, roles, piece_part.tolist(), tuple(moving), axes, doubts, things), strays
 
 

@@ -47,7 +47,7 @@ def lasting(drawn: Any, data: Any, materials: Sequence[Any]) -> Any:
     return mesh
 
 
-def look_of(drawn: Any) -> tuple[Any, ...]:
+def look_of(drawn: Any) -> tuple[object, ...]:
     """Return the look that a piece's object adds to its mesh: values of `LOOK`."""
     return (*(getattr(drawn, name) for name in VISIBILITY), drawn.pass_index, tuple(drawn.color))
 
@@ -116,7 +116,7 @@ def write_scenery(
     keep_inputs(bpy.data.materials, drawn.keys, drawn.places, np.linalg.inv(scenery_from_file))
     root = bpy.data.objects.new("hulldown scenery", None)
     collection.objects.link(root)
-    alike: dict[tuple[int, str, tuple[Any, ...]], list[Piece]] = defaultdict(list)
+    alike: dict[tuple[int, str, tuple[object, ...]], list[Piece]] = defaultdict(list)
     for piece, role in zip(drawn.pieces, roles, strict=True):
         if role.use not in ("backdrop", "removed") and piece.unseen not in CUT:
             alike[piece.mesh, piece.name, piece.look].append(piece)

@@ -121,7 +121,7 @@ class Piece:
     clear: bool = False
     level: float = 0.0
     filled: float = 1.0
-    look: tuple[Any, ...] = ()
+    look: tuple[object, ...] = ()
     inputs: tuple[Value, ...] = ()
 
     @property
@@ -155,7 +155,7 @@ class Volume:
     name: str
     block: Any
     pose: Float[np.ndarray, "4 4"]
-    look: tuple[Any, ...]
+    look: tuple[object, ...]
 
 
 @dataclass(eq=False, slots=True)

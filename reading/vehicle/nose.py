@@ -126,7 +126,7 @@ def find_forward(
     angle = snapped(float(np.arctan2(np.sin(angle), np.cos(angle))))
     doubt = None
     if problem:
-        stated, back = (json.dumps(forward_key(a)) for a in (angle, angle + np.pi))
+        stated, back = (forward_text(a) for a in (angle, angle + np.pi))
         text = f"{problem}; taken as forward = {stated}, set forward = {back} if it faces backwards"
         doubt = Doubt(DoubtKind.FORWARD, text, "forward", forward_key(angle))
     return Direction(angle, f"{why}, {why_sign}", doubt)
@@ -138,6 +138,11 @@ def forward_key(angle: float) -> str | float:
     if abs(angle - quarter * np.pi / 2) < 1e-9:
         return ("+x", "+y", "-x", "-y")[quarter % 4]
     return round(float(np.degrees(np.arctan2(np.sin(angle), np.cos(angle)))), 1)
+
+
+def forward_text(angle: float) -> str:
+    """Return an angle as a config's line has it after `forward =`."""
+    return json.dumps(forward_key(angle))
 
 
 def snapped(angle: float, within: float = SNAP) -> float:
