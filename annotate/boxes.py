@@ -119,11 +119,11 @@ def surface_box(
         raise ValueError(f"faces: expected indices below {len(vertices)}, got {triangles.min()} to {triangles.max()}")
     # The position is subtracted first: far from the origin a product with the whole matrix would lose digits.
     points = (camera.world_from_camera[:3, :3].T @ (vertices - camera.position).T).copy()
-    lens = camera.intrinsics
-    if lens.distorted:
-        extremes = np.clip(extremes_of_curved(points, triangles, CurvedView(lens, frame), EMPTY), -FAR, FAR)
+    intrinsics = camera.intrinsics
+    if intrinsics.distorted:
+        extremes = np.clip(extremes_of_curved(points, triangles, CurvedView(intrinsics, frame), EMPTY), -FAR, FAR)
     else:
-        extremes = extremes_of_mesh(points, triangles, Frustum(lens, frame=frame))
+        extremes = extremes_of_mesh(points, triangles, Frustum(intrinsics, frame=frame))
     return _known(_xywh(extremes))
 
 
@@ -236,23 +236,25 @@ class VehicleBoxes:
         return Boxes(xywh, amodal, truncated_fraction(xywh, amodal))
 
     def _curved_boxes(
-        self, camera_from_parts: Float[np.ndarray, "p 3 4"], lens: Intrinsics
+        self, camera_from_parts: Float[np.ndarray, "p 3 4"], intrinsics: Intrinsics
     ) -> tuple[Float[np.ndarray, "4"], Float[np.ndarray, "4"]]:
         """Return boxes through distorting lenses, in the image and amodal; nan if there is none."""
-        amodal = self._curved(camera_from_parts, lens, frame=False)
+        amodal = self._curved(camera_from_parts, intrinsics, frame=False)
         low, high = amodal[:2], amodal[:2] + amodal[2:]
-        if (low >= 0.0).all() and (high <= lens.size).all():
+        if (low >= 0.0).all() and (high <= intrinsics.size).all():
             return amodal, amodal
-        may_show = (high >= 0.0).all() and (low <= lens.size).all()
-        return self._curved(camera_from_parts, lens, frame=True) if may_show else np.full(4, np.nan), amodal
+        may_show = (high >= 0.0).all() and (low <= intrinsics.size).all()
+        return self._curved(camera_from_parts, intrinsics, frame=True) if may_show else np.full(4, np.nan), amodal
 
     def _curved(
-        self, camera_from_parts: Float[np.ndarray, "p 3 4"], lens: Intrinsics, *, frame: bool
+        self, camera_from_parts: Float[np.ndarray, "p 3 4"], intrinsics: Intrinsics, *, frame: bool
     ) -> Float[np.ndarray, "4"]:
-        return _xywh(np.clip(self._surface.curved_extremes(camera_from_parts, CurvedView(lens, frame)), -FAR, FAR))
+        return _xywh(
+            np.clip(self._surface.curved_extremes(camera_from_parts, CurvedView(intrinsics, frame)), -FAR, FAR)
+        )
 
     def _hull(
-        self, camera_from_parts: Float[np.ndarray, "n p 3 4"], lens: Intrinsics
+        self, camera_from_parts: Float[np.ndarray, "n p 3 4"], intrinsics: Intrinsics
     ) -> tuple[Float[np.ndarray, "n 2 2"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Low and high corners in pixels of n convex hulls, valid for those in front; least and largest depth."""
         n = len(camera_from_parts)
@@ -268,7 +270,7 @@ class VehicleBoxes:
             # Scaling to pixels is monotone, rounding included: the extremes may be taken first.
             for column, extreme in enumerate((x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1))):
                 extremes[rows, column] = extreme
-        return lens.pixels(extremes.reshape(n, 2, 2)), nearest, farthest
+        return intrinsics.pixels(extremes.reshape(n, 2, 2)), nearest, farthest
 
 
 def truncated_fraction(xywh: ArrayLike, amodal: ArrayLike) -> Float[np.ndarray, "..."]:

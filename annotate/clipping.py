@@ -34,7 +34,7 @@ def extremes_of_mesh(points: Float[np.ndarray, "3 v"], faces: np.ndarray, frustu
     points, _, on = clipped(points[:, straddling], frustum.planes)
     pixels = frustum.project(points)
     # A corner cut by an edge of the image is exactly on it.
-    width, height = frustum.lens.size.tolist()
+    width, height = frustum.intrinsics.size.tolist()
     for bit, (axis, side) in enumerate(((0, 0.0), (0, width), (1, 0.0), (1, height)), start=1):
         pixels[axis, on >> bit & 1 == 1] = side
     return union(whole, extremes_of_points(pixels))

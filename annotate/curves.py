@@ -31,24 +31,24 @@ class CurvedView:
 
     Parameters
     ----------
-    lens
-        The lens of one camera.
+    intrinsics
+        Of one camera.
     frame
         Whether the image's sides bound what is seen, or the lens's fold alone.
     """
 
-    lens: Intrinsics
+    intrinsics: Intrinsics
     frame: bool
 
     @property
     def radius(self) -> float:
         """Distance from the axis at unit depth, beyond which nothing is seen."""
-        x, y = self.lens.half_tangents
-        return min(self.lens.radius, math.sqrt(x * x + y * y)) if self.frame else self.lens.radius
+        x, y = self.intrinsics.half_tangents
+        return min(self.intrinsics.radius, math.sqrt(x * x + y * y)) if self.frame else self.intrinsics.radius
 
     def pixels(self, unit: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Return pixels of points at unit depth, in the image or not."""
-        return distorted(unit, self.lens.distortion) * self.lens.focal + self.lens.center
+        return distorted(unit, self.intrinsics.distortion) * self.intrinsics.focal + self.intrinsics.center
 
     def seen(self, points: Float[np.ndarray, "3 n"]) -> Float[np.ndarray, "4"]:
         """Extremes of the points that are seen, in the camera's frame."""
@@ -61,12 +61,12 @@ class CurvedView:
     ) -> Bool[np.ndarray, " n"]:
         """Return whether what is in rectangles at unit depth may reach beyond a box; nan: it may."""
         middle, half = (low + high) / 2.0, (high - low) / 2.0
-        across, both, down = jacobian(middle, self.lens.distortion)
+        across, both, down = jacobian(middle, self.intrinsics.distortion)
         linear = np.stack([np.abs(across), np.abs(both), np.abs(down)], 1)
         reach = np.stack([(linear[:, :2] * half).sum(axis=1), (linear[:, 1:] * half).sum(axis=1)], 1)
         square = (half * half).sum(axis=1)
         farthest = np.sqrt((middle * middle).sum(axis=1)) + np.sqrt(square)
-        reach = (reach + (square * bend(farthest, self.lens.distortion) / 2.0)[:, None]) * self.lens.focal
+        reach = (reach + (square * bend(farthest, self.intrinsics.distortion) / 2.0)[:, None]) * self.intrinsics.focal
         pixels = self.pixels(middle)
         first, last = self.cut(pixels - reach, pixels + reach)
         nearest = np.maximum(np.maximum(low, -high), 0.0)
@@ -75,11 +75,15 @@ class CurvedView:
 
     def cut(self, low: Float[np.ndarray, "n 2"], high: Float[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray]:
         """Clip boxes in pixels to the image, if its sides count."""
-        return (np.maximum(low, 0.0), np.minimum(high, self.lens.size)) if self.frame else (low, high)
+        return (np.maximum(low, 0.0), np.minimum(high, self.intrinsics.size)) if self.frame else (low, high)
 
     def inside(self, pixels: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
         """Return which pixels are in the image, if its sides count."""
-        return ((pixels >= 0.0) & (pixels <= self.lens.size)).all(axis=1) if self.frame else np.isfinite(pixels[:, 0])
+        return (
+            ((pixels >= 0.0) & (pixels <= self.intrinsics.size)).all(axis=1)
+            if self.frame
+            else np.isfinite(pixels[:, 0])
+        )
 
 
 def extremes_of_curved(
@@ -128,7 +132,7 @@ def _widened(best: Float[np.ndarray, "4"], lines: list[np.ndarray], view: Curved
         square = (along * along).sum(axis=1)
         farthest = np.sqrt(np.maximum((start * start).sum(axis=1), (end * end).sum(axis=1)))
         # A curve is no farther from its chord than an eighth of its greatest second derivative.
-        sagitta = (square * bend(farthest, view.lens.distortion) / 8.0)[:, None] * view.lens.focal
+        sagitta = (square * bend(farthest, view.intrinsics.distortion) / 8.0)[:, None] * view.intrinsics.focal
         low, high = np.minimum(first, last) - sagitta, np.maximum(first, last) + sagitta
         low, high = view.cut(low, high)
         gain = np.where((low <= high).all(axis=1), _beyond(best, low.T, high.T), 0.0)
@@ -175,9 +179,9 @@ def _special(view: CurvedView, radius: float) -> tuple[Float[np.ndarray, "4 2"],
     They are the image's corners, or the extremes on the circle of the fold.
     """
     if view.frame:
-        width, height = view.lens.size.tolist()
+        width, height = view.intrinsics.size.tolist()
         corners = np.array([[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]])
-        return view.lens.at_unit_depth(corners), corners
+        return view.intrinsics.at_unit_depth(corners), corners
     found = []
     for axis, sign in ((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)):
         middle, step = 0.0, 2.0 * math.pi / AROUND

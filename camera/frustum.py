@@ -20,18 +20,18 @@ class Frustum:
 
     Parameters
     ----------
-    lens
+    intrinsics
         One camera, without distortion.
     frame
         Whether the image's edges are among the half-spaces, or the near plane alone.
     """
 
-    lens: Intrinsics
+    intrinsics: Intrinsics
     frame: bool
 
     @cached_property
     def _numbers(self) -> tuple[list[float], list[float], list[float]]:
-        return self.lens.focal.tolist(), self.lens.center.tolist(), self.lens.size.tolist()
+        return self.intrinsics.focal.tolist(), self.intrinsics.center.tolist(), self.intrinsics.size.tolist()
 
     @property
     def planes(self) -> Float[np.ndarray, "k 4"]:

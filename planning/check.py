@@ -169,7 +169,7 @@ def _labels(row: Row, site: Site, vehicles: Instances, stage: PlanStage) -> list
     visibility = np.full(k, row.weather.visibility_m if row.weather else np.nan)
     others = dataclasses.replace(vehicles.take(other), row=subject)
     views, pixels = views_of_others(
-        site, vehicles, others, cameras=cameras, lens=row.intrinsics, visibility_m=visibility, config=config
+        site, vehicles, others, cameras=cameras, intrinsics=row.intrinsics, visibility_m=visibility, config=config
     )
     labels = labels_of(views, pixels, config)
     poses = vehicles.world_from_vehicle

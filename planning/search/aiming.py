@@ -69,7 +69,7 @@ class Aims:
 
     Parameters
     ----------
-    lens
+    intrinsics
         One camera's or n intrinsics.
     roll
         (n,) about the optical axis, radians.
@@ -85,7 +85,7 @@ class Aims:
         (n, 4, 4) framed poses with the wanted sizes; nan for given cameras, and for distances by the paper's rule.
     """
 
-    lens: Intrinsics
+    intrinsics: Intrinsics
     roll: Float[np.ndarray, " n"]
     distance: Float[np.ndarray, " n"]
     azimuth: Float[np.ndarray, " n"]
@@ -105,7 +105,7 @@ def aims_of(block: Block, tries: Tries) -> Aims:
     together = tries.given.sequence >= 0
     of_sequence = draws.uniform(Purpose.SEQUENCE, np.maximum(tries.given.sequence, 0), 0, count=2)
     uniform[:, 0] = np.where(together, of_sequence[:, 0], uniform[:, 0])
-    lens, fraction = drawn_lenses(config, uniform[:, 0]), between(*limits.target_fraction, uniform[:, 1])
+    intrinsics, fraction = sampled_intrinsics(config, uniform[:, 0]), between(*limits.target_fraction, uniform[:, 1])
     azimuth = draw_azimuth(n, rng=rng)
     elevation_bounds = (math.radians(limits.elevation_deg[0]), math.radians(limits.elevation_deg[1]))
     elevation = draw_elevation(n, elevation_bounds, rng=rng, uniform_in=limits.elevation_sampling)
@@ -120,7 +120,7 @@ def aims_of(block: Block, tries: Tries) -> Aims:
     sized, distance = np.full((n, 4, 4), np.nan), np.full(n, np.nan)
     if measure == "paper":
         smallest = targets.fleet.size.min(axis=1)[targets.model]
-        distance = lens.distance_for(smallest, fraction)
+        distance = intrinsics.distance_for(smallest, fraction)
         distance *= between(*limits.distance_factor, uniform[:, 2])
     else:
         for model, i in targets.by_model():
@@ -128,13 +128,13 @@ def aims_of(block: Block, tries: Tries) -> Aims:
             sized[i], distance[i] = sized_cameras(
                 targets.take(i),
                 hull_of(model, targets.world_from_vehicle[i], targets.model_angles(model, i)),
-                lens=lens.rows(i),
+                intrinsics=intrinsics.rows(i),
                 pixels=fraction[i] * image_size(measure, config.render),
                 measure=measure,
                 azimuth=azimuth[i],
                 elevation=elevation[i],
                 roll=roll[i],
-                framed=partial(framed, block, tries, rows=i, lens=lens, roll=roll),
+                framed=partial(framed, block, tries, rows=i, intrinsics=intrinsics, roll=roll),
             )
     if wishes is not None:
         i = np.flatnonzero(alike)
@@ -142,13 +142,13 @@ def aims_of(block: Block, tries: Tries) -> Aims:
             targets.take(i),
             take(wishes, i),
             config,
-            lens=lens.rows(i),
+            intrinsics=intrinsics.rows(i),
             roll=roll[i],
             rng=directions_of(draws, tries.image[i], tries.attempt[i]),
         )
     place = shell_place(tries.given.camera - targets.centers)
     return Aims(
-        lens=lens,
+        intrinsics=intrinsics,
         roll=roll,
         distance=np.where(free, distance, np.maximum(place[0], NEAREST)),
         azimuth=np.where(free, azimuth, place[1]),
@@ -166,7 +166,7 @@ def framed(
     poses: Float[np.ndarray, "k 4 4"],
     *,
     rows: Int[np.ndarray, " k"],
-    lens: Intrinsics,
+    intrinsics: Intrinsics,
     roll: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, "k 4 4"]:
     """Turn cameras so that their targets are in frame, or to the given points.
@@ -177,15 +177,15 @@ def framed(
         The tries.
     poses, rows
         Poses of k of the cameras, and their tries.
-    lens, roll
+    intrinsics, roll
         Those of all n tries.
     """
     limits = block.config.camera
-    lens, roll = lens.rows(rows), roll[rows]
+    intrinsics, roll = intrinsics.rows(rows), roll[rows]
     aimed = frame_target(
         poses,
         tries.targets.take(rows).corners(),
-        lens,
+        intrinsics,
         roll=roll,
         rng=RowStreams(block.draws, Purpose.FRAMING, tries.image[rows], tries.attempt[rows]),
         spread=limits.framing,
@@ -193,12 +193,12 @@ def framed(
     )
     points = tries.given.look_at[rows]
     at = np.flatnonzero(~np.isnan(points[:, 0]))
-    position, own_lens = poses[at, :3, 3], lens.rows(at)
+    position, own = poses[at, :3, 3], intrinsics.rows(at)
     axes = shell_axes(*shell_place(position - points[at])[1:])[1]
-    aimed[at] = turned(rigid(axes, position), own_lens, own_lens.center, roll[at])
+    aimed[at] = turned(rigid(axes, position), own, own.center, roll[at])
     return aimed
 
 
-def drawn_lenses(config: Config, uniform: Float[np.ndarray, " n"]) -> Intrinsics:
+def sampled_intrinsics(config: Config, uniform: Float[np.ndarray, " n"]) -> Intrinsics:
     """Return the calibrated camera, or n cameras with fields of view in proportion to numbers in [0, 1)."""
     return config.intrinsics(rounded("fov_x_deg", between(*config.camera.fov_x_deg, uniform)))

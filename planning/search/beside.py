@@ -31,7 +31,7 @@ def poses_beside(
     wishes: Wishes,
     *,
     number: Int[np.ndarray, " n"],
-    lens: Intrinsics,
+    intrinsics: Intrinsics,
     rng: RowStreams,
 ) -> Float[np.ndarray, "n 3"]:
     """Return places and headings on level ground at which companions fill the other boxes of the photographs.
@@ -43,7 +43,7 @@ def poses_beside(
     ----------
     targets, others
         n pairs of a target and a companion without a pose.
-    wishes, lens, rng
+    wishes, intrinsics, rng
         Of the first try of each target's camera; see `matching_cameras`.
     number
         (n,) number of each companion among those of its target.
@@ -55,20 +55,20 @@ def poses_beside(
     """
     photographs, limits = likeness.photographs, likeness.config
     poses = np.full((len(number), 3), np.nan)
-    azimuth, elevation, distance = chosen_directions(targets, wishes, limits, lens=lens, rng=rng)
+    azimuth, elevation, distance = chosen_directions(targets, wishes, limits, intrinsics=intrinsics, rng=rng)
     turn = rng.random((len(number) * DIRECTIONS,)).reshape(-1, DIRECTIONS)
     # Companions of an image have the same random numbers.
     yaw = 2.0 * math.pi * (turn + GOLDEN * number[:, None])
     has = np.flatnonzero(number < likeness.companions(wishes.box))
     start = np.searchsorted(photographs.image, photographs.image[wishes.box])
     box, of_target = (start + number + (start + number >= wishes.box))[has], wishes.box[has]
-    distance, yaw, lens = distance[has], yaw[has], lens.rows(has)
+    distance, yaw, intrinsics = distance[has], yaw[has], intrinsics.rows(has)
     size, tall = (each.fleet.size[each.model[has]] for each in (others, targets))
 
     # Relative to the target's center, with the target where its box is.
     level = camera_pose(np.zeros((len(has), 3)), distance, azimuth[has], elevation[has])
-    camera = turned(level, lens, photographs.center[of_target] * lens.size)
-    ray = rotate(camera[:, :3, :3], directions(lens, (photographs.center[box] * lens.size)[:, None]))[:, 0]
+    camera = turned(level, intrinsics, photographs.center[of_target] * intrinsics.size)
+    ray = rotate(camera[:, :3, :3], directions(intrinsics, (photographs.center[box] * intrinsics.size)[:, None]))[:, 0]
     ray /= np.sqrt((ray * ray).sum(axis=1, keepdims=True))
     by_height = distance * size[:, 2] / tall[:, 2] * photographs.height[of_target] / photographs.height[box]
     to_ground = (level[:, 2, 3] + (tall[:, 2] - size[:, 2]) / 2.0) / np.maximum(-ray[:, 2], FLAT)

@@ -219,7 +219,7 @@ def matching_cameras(
     wishes: Wishes,
     config: Config,
     *,
-    lens: Intrinsics,
+    intrinsics: Intrinsics,
     roll: Float[np.ndarray, " n"],
     rng: RowStreams,
 ) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, " n"]]:
@@ -227,13 +227,13 @@ def matching_cameras(
 
     Parameters
     ----------
-    targets, wishes, lens, roll
+    targets, wishes, intrinsics, roll
         n each; every wish has a box.
     rng
         See `directions_of`.
     """
     n = len(targets)
-    azimuth, elevation, distance = chosen_directions(targets, wishes, config, lens=lens, rng=rng)
+    azimuth, elevation, distance = chosen_directions(targets, wishes, config, intrinsics=intrinsics, rng=rng)
     poses = np.full((n, 4, 4), np.nan)
     least, most = config.camera.distance_m
     # Estimated distances far beyond the limits are rejected without solving.
@@ -249,7 +249,7 @@ def matching_cameras(
             framed = partial(
                 place_boxes,
                 points_world=hull[chosen],
-                intrinsics=lens.rows(i),
+                intrinsics=intrinsics.rows(i),
                 corners=wishes.corners[i],
                 cut=wishes.cut[i],
                 kept=wishes.least_kept(config)[i],
@@ -258,7 +258,7 @@ def matching_cameras(
             poses[i], distance[i] = sized_cameras(
                 targets.take(i),
                 hull[chosen],
-                lens=lens.rows(i),
+                intrinsics=intrinsics.rows(i),
                 pixels=wishes.pixels[i],
                 measure="width" if wide else "height",
                 azimuth=azimuth[i],
@@ -270,7 +270,7 @@ def matching_cameras(
 
 
 def chosen_directions(
-    targets: Instances, wishes: Wishes, config: Config, *, lens: Intrinsics, rng: RowStreams
+    targets: Instances, wishes: Wishes, config: Config, *, intrinsics: Intrinsics, rng: RowStreams
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Sample elevations, choose azimuths by how well the aspect ratio fits, and estimate the distance.
 
@@ -287,7 +287,7 @@ def chosen_directions(
     x, y, depth = (sum(local[:, None, :, k] * axes[..., None, k, axis] for k in range(3)) for axis in range(3))
     measured = np.where(wishes.wide[:, None], np.ptp(x, axis=2), np.ptp(y, axis=2))
     # Perspective changes the aspect ratio of near targets: apply it at about the wanted size.
-    distance = measured * lens.focal[..., 1:] / wishes.pixels[:, None]
+    distance = measured * intrinsics.focal[..., 1:] / wishes.pixels[:, None]
     scale = 1.0 / np.maximum(distance[..., None] + depth, 0.1 * distance[..., None])
     misfit = log(np.ptp(x * scale, axis=2) / np.ptp(y * scale, axis=2)) - log(wishes.aspect)[:, None]
     across, down = (wishes.cut[:, :2] | wishes.cut[:, 2:]).T[..., None]

@@ -22,7 +22,7 @@ from hulldown.geometry.columns import join, put, take
 from hulldown.placement.candidates import candidates
 from hulldown.placement.rejection import AIMING, KINDS, PLACING, Rejection, first_accepted, sentence
 from hulldown.placement.settle import Settled, unsettled
-from hulldown.planning.search.aiming import Tries, drawn_lenses
+from hulldown.planning.search.aiming import Tries, sampled_intrinsics
 from hulldown.planning.search.beside import poses_beside
 from hulldown.planning.search.block import Block, InstanceTable, instances_of
 from hulldown.planning.search.extras import MOST, Role, offsets
@@ -253,7 +253,7 @@ class _Search:
             self.table.at(extras),
             likeness.wishes(self.draws, targets, image=image, attempt=attempt, quarter=np.zeros_like(row)),
             number=table.number[extras],
-            lens=drawn_lenses(self.config, first[:, 0]),
+            intrinsics=sampled_intrinsics(self.config, first[:, 0]),
             rng=directions_of(self.draws, image, attempt),
         )
         return poses
@@ -344,7 +344,7 @@ class _Search:
                 self.table.take(instance[batch]),
                 others.at(not_itself),
                 cameras=take(self.views, image[batch]),
-                lens=self.config.intrinsics(self.views.fov_x_deg[image[batch]]),
+                intrinsics=self.config.intrinsics(self.views.fov_x_deg[image[batch]]),
                 visibility_m=self._visibility_m[image[batch]],
                 config=self.config,
             )

@@ -43,12 +43,16 @@ def no_boxes(n: int) -> Boxes:
     return Boxes(np.full((n, 4), np.nan), np.full((n, 4), np.nan), np.full(n, np.nan))
 
 
-def boxes_of(instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"], lens: Intrinsics) -> Boxes:
+def boxes_of(instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"], intrinsics: Intrinsics) -> Boxes:
     """Return the boxes of n vehicles, each in its own camera."""
     boxes = no_boxes(len(instances))
     for model, i in instances.by_model():
         angles = instances.model_angles(model, i)
-        put(boxes, i, model.boxes.boxes(instances.world_from_vehicle[i], world_from_camera[i], lens.rows(i), angles))
+        put(
+            boxes,
+            i,
+            model.boxes.boxes(instances.world_from_vehicle[i], world_from_camera[i], intrinsics.rows(i), angles),
+        )
     return boxes
 
 
@@ -56,7 +60,7 @@ def sized_cameras(
     targets: Instances,
     hull: Float[np.ndarray, "n h 3"],
     *,
-    lens: Intrinsics,
+    intrinsics: Intrinsics,
     pixels: Float[np.ndarray, " n"],
     measure: Measure,
     azimuth: Float[np.ndarray, " n"],
@@ -86,10 +90,10 @@ def sized_cameras(
     """
     centers = targets.centers
     level = camera_pose(centers, 1.0, azimuth, elevation)
-    outward, looking = -level[:, :3, 2], turned(level, lens, lens.center, roll)
+    outward, looking = -level[:, :3, 2], turned(level, intrinsics, intrinsics.center, roll)
 
     def solved(poses: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, " n"]:
-        return solve_distance(lens, poses, hull, center=centers, pixels=pixels, measure=measure)
+        return solve_distance(intrinsics, poses, hull, center=centers, pixels=pixels, measure=measure)
 
     distance = solved(looking)
     for _ in range(ROUNDS):
@@ -97,12 +101,12 @@ def sized_cameras(
         poses = camera_pose(centers, np.where(np.isnan(distance), 1e3, distance), azimuth, elevation)
         poses = framed(poses)
         distance = np.where(np.isnan(distance), np.nan, solved(poses))
-    if lens.distorted:
+    if intrinsics.distorted:
         # The image of an edge is a curve, which may extend beyond its end points.
         def size(at: Float[np.ndarray, " k"], rows: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
             moved = poses[rows]
             moved[:, :3, 3] = centers[rows] + at[:, None] * outward[rows]
-            amodal = boxes_of(targets.take(rows), moved, lens.rows(rows)).amodal
+            amodal = boxes_of(targets.take(rows), moved, intrinsics.rows(rows)).amodal
             return box_length(amodal[:, 2:], measure)
 
         distance = refine_distance(size, distance, np.sqrt(pixels) if measure == "area" else pixels)

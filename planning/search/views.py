@@ -100,14 +100,14 @@ def try_cameras(block: Block, tries: Tries) -> Views:
     """
     site, limits, aims = block.site, block.config.camera, aims_of(block, tries)
     views = no_views(len(tries.image))
-    views.fov_x_deg[:] = rounded("fov_x_deg", aims.lens.fov_x_deg)
+    views.fov_x_deg[:] = rounded("fov_x_deg", aims.intrinsics.fov_x_deg)
     if aims.wishes is not None:
         views.asked[:] = np.where(tries.undirected, aims.wishes.asked, -1)
         views.followed[:] = np.where(aims.alike, aims.wishes.box, -1)
     views.rejection[:] = _of_distance(tries, aims, block.config)
 
     rows = np.flatnonzero(views.rejection == Rejection.NONE)
-    targets, lens = tries.targets.take(rows), aims.lens.rows(rows)
+    targets, intrinsics = tries.targets.take(rows), aims.intrinsics.rows(rows)
     around = camera_pose(targets.centers, aims.distance[rows], aims.azimuth[rows], elevation=aims.elevation[rows])
     poses = np.where(np.isnan(aims.sized[rows]), around, aims.sized[rows])
     views.rejection[rows] = site.camera_room.rejections(
@@ -119,26 +119,26 @@ def try_cameras(block: Block, tries: Tries) -> Views:
     )
 
     kept = np.flatnonzero(views.rejection[rows] == Rejection.NONE)
-    rows, poses, targets, lens = rows[kept], poses[kept], targets.take(kept), lens.rows(kept)
+    rows, poses, targets, intrinsics = rows[kept], poses[kept], targets.take(kept), intrinsics.rows(kept)
     level = np.flatnonzero(np.isnan(aims.sized[rows, 0, 0]))
-    poses[level] = framed(block, tries, poses[level], rows=rows[level], lens=aims.lens, roll=aims.roll)
+    poses[level] = framed(block, tries, poses[level], rows=rows[level], intrinsics=aims.intrinsics, roll=aims.roll)
     poses = rounded("world_from_camera", poses)  # labels follow from rounded poses
     views.world_from_camera[rows] = poses
     views.air_contrast[rows] = air_contrasts(targets, poses, tries.visibility_m[rows])
-    boxes = boxes_of(targets, poses, lens)
+    boxes = boxes_of(targets, poses, intrinsics)
     put(views.boxes, rows, boxes)
     views.rejection[rows] = _of_box(boxes, aims, block.config, rows=rows, free=tries.free[rows])
 
     rows = rows[views.rejection[rows] == Rejection.NONE]
     views.visible_fraction[rows] = visible_shares(
-        site, tries.targets, tries.others, views, rows, lens=aims.lens, rays=limits.visibility_rays
+        site, tries.targets, tries.others, views, rows, intrinsics=aims.intrinsics, rays=limits.visibility_rays
     )
     views.rejection[rows] = outside(
         views.visible_fraction[rows], *limits.visible_fraction, below=Rejection.HIDDEN, above=Rejection.EXPOSED
     )
     rows = rows[views.rejection[rows] == Rejection.NONE]
     rows = rows[views.visible_fraction[rows] * views.boxes.xywh[rows, 2:].prod(axis=1) < PLENTY]
-    shown = pixels_shown(site, tries.targets, tries.others, views, rows, lens=aims.lens)
+    shown = pixels_shown(site, tries.targets, tries.others, views, rows, intrinsics=aims.intrinsics)
     views.rejection[rows[~shown]] = Rejection.HIDDEN
     return views
 
@@ -181,7 +181,7 @@ def views_of_others(
     others: Instances,
     *,
     cameras: Views,
-    lens: Intrinsics,
+    intrinsics: Intrinsics,
     visibility_m: Float[np.ndarray, " n"],
     config: Config,
 ) -> tuple[Views, Bool[np.ndarray, " n"]]:
@@ -192,12 +192,12 @@ def views_of_others(
     every, rays = np.arange(len(subjects)), config.camera.visibility_rays
     seen = replace(
         cameras,
-        boxes=boxes_of(subjects, cameras.world_from_camera, lens),
-        visible_fraction=visible_shares(site, subjects, others, cameras, every, lens=lens, rays=rays),
+        boxes=boxes_of(subjects, cameras.world_from_camera, intrinsics),
+        visible_fraction=visible_shares(site, subjects, others, cameras, every, intrinsics=intrinsics, rays=rays),
         air_contrast=air_contrasts(subjects, cameras.world_from_camera, visibility_m),
     )
     named, pixels = np.flatnonzero(subjects.fleet.classed[subjects.model]), np.zeros(len(subjects), dtype=bool)
-    pixels[named] = pixels_shown(site, subjects, others, seen, named, lens=lens)
+    pixels[named] = pixels_shown(site, subjects, others, seen, named, intrinsics=intrinsics)
     return seen, pixels
 
 
@@ -216,14 +216,16 @@ def visible_shares(
     views: Views,
     rows: Int[np.ndarray, " k"],
     *,
-    lens: Intrinsics,
+    intrinsics: Intrinsics,
     rays: int,
 ) -> Float[np.ndarray, " k"]:
     """Visible share of the outline of the subject of each of these cameras; 0 for a subject outside the frame."""
     if not len(rows):
         return np.zeros(0)
     world, subject = site.world.with_vehicles(others.beside(rows)[0].posed()), subjects.take(rows).posed()
-    seen = visible_fraction(subject, views.world_from_camera[rows], intrinsics=lens.rows(rows), world=world, rays=rays)
+    seen = visible_fraction(
+        subject, views.world_from_camera[rows], intrinsics=intrinsics.rows(rows), world=world, rays=rays
+    )
     # nan is a vehicle that no ray met, since it is thinner than the distance of the rays.
     return np.nan_to_num(seen.fraction)
 
@@ -235,14 +237,14 @@ def pixels_shown(
     views: Views,
     rows: Int[np.ndarray, " k"],
     *,
-    lens: Intrinsics,
+    intrinsics: Intrinsics,
 ) -> Bool[np.ndarray, " k"]:
     """Tell which of these cameras' subjects cover the center of any pixel, so that their masks aren't empty."""
     framed = ~np.isnan(views.boxes.xywh[rows, 0])
     rows, shown = rows[framed], np.zeros(len(rows), dtype=bool)
     world, subject = site.world.with_vehicles(others.beside(rows)[0].posed()), subjects.take(rows).posed()
     xywh = rounded("bbox", views.boxes.xywh[rows])
-    shown[framed] = show_pixels(subject, views.world_from_camera[rows], lens.rows(rows), xywh=xywh, world=world)
+    shown[framed] = show_pixels(subject, views.world_from_camera[rows], intrinsics.rows(rows), xywh=xywh, world=world)
     return shown
 
 
