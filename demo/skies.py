@@ -97,7 +97,7 @@ def _build(tree: Any, sky: Sky) -> None:
 
     look = node("TexCoord")["Generated"]
     _, _, up = node("SeparateXYZ", look)
-    physics: dict[str, Any] = {"sky_type": "MULTIPLE_SCATTERING", "altitude": 150.0, "aerosol_density": sky.haze}
+    physics: dict[str, object] = {"sky_type": "MULTIPLE_SCATTERING", "altitude": 150.0, "aerosol_density": sky.haze}
     angle = {"sun_elevation": np.radians(sky.sun_elevation_deg), "sun_rotation": np.pi / 2}
     above = node("CombineXYZ", *node("SeparateXYZ", look)[:2], node("Math", up, 0.0, operation="MAXIMUM")[0])[0]
     air = node("TexSky", above, sun_disc=False, **physics, **angle)[0]

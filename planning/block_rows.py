@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from typing import Any, Literal
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import repeat
+from typing import TypeVar
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from hulldown.assets.library import Assets
 from hulldown.base.files import picture_name
-from hulldown.geometry.columns import records
 from hulldown.placement.rejection import Rejection
 from hulldown.planning.appearance.light import draw_lights, draw_sensors
 from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, draw_coats
@@ -26,19 +27,22 @@ from hulldown.planning.search.stage import Site
 from hulldown.planning.search.views import Views
 from hulldown.reading.scenery.geotiff import on_map
 
-_NAMES: dict[int, Literal["companion", "distractor"]] = {Role.COMPANION: "companion", Role.DISTRACTOR: "distractor"}
+T = TypeVar("T")
+_NAMES = {Role.COMPANION: "companion", Role.DISTRACTOR: "distractor"}
 LONGEST_CUT = 0.8  # default share of a labeled box that the frame may cut off, unless targets may lose more
 
 
 def rows_of(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarray, "2 h"]) -> list[Row]:
     """Return a row for each image of the block's positions that have a place, in the block's order."""
     block, views, table = planned.block, planned.views, planned.table
-    config, draws, image, scene = block.config, block.draws, block.image, block.scene
-    vehicles = _vehicles(planned, assets)
+    config, draws, image, owner, held = block.config, block.draws, block.image, block.owner, block.positions
+    instances = _of_instances(planned, assets)
     target = np.flatnonzero(table.role == Role.TARGET)
-    left_out = np.bincount(table.row[~table.found], minlength=len(target)).tolist()
-    extras = _extras(planned, vehicles)
-    sensors = draw_sensors(config.sensor, draws=draws, image=scene)
+    background = held.background[owner].tolist()
+    roles, labels = ["target"] * len(image), ["none" if is_empty else "full" for is_empty in background]
+    targets = _in_images(instances, target[owner], views, roles=roles, labels=labels)
+    extras = _extras(planned, instances)
+    sensors = draw_sensors(config.sensor, draws=draws, image=block.scene)
     kinds = [rejection.key for rejection in Rejection]
     columns = {
         "index": image.tolist(),
@@ -47,48 +51,40 @@ def rows_of(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarray,
             picture_name(i, sensor.suffix if sensor else ".png")
             for i, sensor in zip(image.tolist(), sensors, strict=True)
         ],
+        "scenery": repeat(block.site.name, len(image)),
+        "position": held.number[owner].tolist(),
         "shot": block.shot.tolist(),
         "world_from_camera": views.world_from_camera,
         "fov_x_deg": views.fov_x_deg.tolist(),
-        **draw_lights(config.light, planned.weathers, hdri_weights, assets=assets, draws=draws, image=scene),
+        **{key: repeat(value, len(image)) for key, value in _of_camera(config).items()},
+        **draw_lights(config.light, planned.weathers, hdri_weights, assets=assets, draws=draws, image=block.scene),
         "weather": planned.weathers,
         "like": _followed(block, views),
         "sequence": block.given_of(image).name.tolist(),
         "sample_seed": (draws.bits(Purpose.SAMPLE_SEED, image, 0, count=1)[:, 0] >> np.uint64(33)).tolist(),
         "sensor": sensors,
+        "background": background,
+        "planned": [[each, *extras[j, Role.COMPANION], *extras[j, Role.DISTRACTOR]] for j, each in enumerate(targets)],
         "rejected": [{k: n for k, n in zip(kinds, counts, strict=True) if n} for counts in planned.rejected.tolist()],
+        "left_out": np.bincount(table.row[~table.found], minlength=len(target))[owner].tolist(),
     }
-    given_up, held = planned.given_up.tolist(), block.positions
-    background, position = held.background.tolist(), held.number.tolist()
-    images = zip(block.owner.tolist(), seen_in_rows(views), records(columns), strict=True)
-    return [
-        Row(
-            scenery=block.site.name,
-            position=position[i],
-            width=config.render.width,
-            height=config.render.height,
-            **_calibration(config),
-            background=background[i],
-            planned=[
-                PlannedVehicle(role="target", **vehicles[target[i]], **seen, label="none" if background[i] else "full"),
-                *extras[j, Role.COMPANION],
-                *extras[j, Role.DISTRACTOR],
-            ],
-            left_out=left_out[i],
-            **values,
-        )
-        for j, (i, seen, values) in enumerate(images)
-        if not given_up[i]
-    ]
+    rows = structs_of(Row, columns)
+    return [row for row, lost in zip(rows, planned.given_up[owner].tolist(), strict=True) if not lost]
 
 
-def _calibration(config: Config) -> dict[str, Any]:
-    """Return the fields of rows for a calibrated camera."""
+def _of_camera(config: Config) -> dict[str, object]:
+    """Return the fields that all rows have in common: the image's size, and a calibration if there is one."""
     camera = config.calibrated
+    size: dict[str, object] = {"width": config.render.width, "height": config.render.height}
     if camera is None:
-        return {}
+        return size
     matrix = tuple(map(tuple, camera.matrix.tolist()))
-    return {"K": matrix} | ({"dist": camera.distortion} if config.camera.distortion else {})
+    return size | {"K": matrix} | ({"dist": camera.distortion} if config.camera.distortion else {})
+
+
+def structs_of(kind: Callable[..., T], columns: Mapping[str, Iterable[object]]) -> list[T]:
+    """Return a struct for each row of columns of the same length, which are its fields."""
+    return [kind(**dict(zip(columns, values, strict=True))) for values in zip(*columns.values(), strict=True)]
 
 
 def _followed(block: Block, views: Views) -> list[Followed | None]:
@@ -106,15 +102,29 @@ def _followed(block: Block, views: Views) -> list[Followed | None]:
     ]
 
 
-def _extras(planned: Planned, vehicles: list[dict[str, Any]]) -> defaultdict[tuple[int, int], list[PlannedVehicle]]:
+def _in_images(
+    instances: Mapping[str, Sequence[object]],
+    instance: Int[np.ndarray, " n"],
+    views: Views,
+    *,
+    roles: Iterable[str],
+    labels: Iterable[str],
+) -> list[PlannedVehicle]:
+    """Return n instances in images; `instances` are the columns of `_of_instances`."""
+    of_instance = {key: [column[i] for i in instance.tolist()] for key, column in instances.items()}
+    return structs_of(PlannedVehicle, {"role": roles, **of_instance, **of_views(views), "label": labels})
+
+
+def _extras(
+    planned: Planned, instances: Mapping[str, Sequence[object]]
+) -> defaultdict[tuple[int, int], list[PlannedVehicle]]:
     """Return the extras in each image, by the image's row in the block and the role."""
     seen, views = planned.seen, planned.seen.views
-    labels = labels_of(views, seen.pixels, planned.block.config)
     roles, extras = planned.table.role[seen.instance].tolist(), defaultdict(list)
-    columns = zip(seen.image.tolist(), seen.instance.tolist(), roles, labels, seen_in_rows(views), strict=True)
-    for image, instance, role, label, shown in columns:
-        extra = PlannedVehicle(role=_NAMES[role], **vehicles[instance], **shown, label=label)
-        extras[image, role].append(extra)
+    labels = labels_of(views, seen.pixels, planned.block.config)
+    vehicles = _in_images(instances, seen.instance, views, roles=[_NAMES[role] for role in roles], labels=labels)
+    for image, role, vehicle in zip(seen.image.tolist(), roles, vehicles, strict=True):
+        extras[image, role].append(vehicle)
     return extras
 
 
@@ -139,27 +149,25 @@ def labels_of(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -> l
     return [("full" if enough else below) if shown else "none" for shown, enough in pairs]
 
 
-def _vehicles(planned: Planned, assets: Assets) -> list[dict[str, Any]]:
-    """Return the fields of each instance that don't depend on the camera."""
+def _of_instances(planned: Planned, assets: Assets) -> dict[str, Sequence[object]]:
+    """Return columns with the fields of each instance that don't depend on the camera."""
     block, table, settled = planned.block, planned.table, planned.table.settled
     turned = table.articulation() if block.config.placement.articulate else [{}] * len(table)
     models = [table.fleet.models[model] for model in table.model.tolist()]
-    return records(
-        {
-            "vehicle": [model.shape.name for model in models],
-            "category": [model.category for model in models],
-            "world_from_vehicle": table.world_from_vehicle,
-            "articulation": turned,
-            "slope_deg": rounded("slope_deg", np.degrees(settled.tilt)).tolist(),
-            "gap": rounded("gap", settled.gap).tolist(),
-            "penetration": rounded("penetration", settled.penetration).tolist(),
-            "tries": table.tries.tolist(),
-            "bounds": bounds_in_rows(table),
-            "geo": geo_in_rows(table.world_from_vehicle, block.site),
-            "track_id": _tracks(planned),
-            "paint": _coats(planned, assets),
-        }
-    )
+    return {
+        "vehicle": [model.shape.name for model in models],
+        "category": [model.category for model in models],
+        "world_from_vehicle": table.world_from_vehicle,
+        "articulation": turned,
+        "slope_deg": rounded("slope_deg", np.degrees(settled.tilt)).tolist(),
+        "gap": rounded("gap", settled.gap).tolist(),
+        "penetration": rounded("penetration", settled.penetration).tolist(),
+        "tries": table.tries.tolist(),
+        "bounds": bounds_in_rows(table),
+        "geo": geo_in_rows(table.world_from_vehicle, block.site),
+        "track_id": _tracks(planned),
+        "paint": _coats(planned, assets),
+    }
 
 
 def _tracks(planned: Planned) -> list[int | None]:
@@ -190,15 +198,15 @@ def _coats(planned: Planned, assets: Assets) -> list[list[Coat]]:
     return coats
 
 
-def seen_in_rows(views: Views) -> list[dict[str, Any]]:
-    """Return the fields of vehicles that follow from their views."""
+def of_views(views: Views) -> dict[str, Sequence[object]]:
+    """Return columns with the fields of vehicles that follow from their views."""
     shares = {
         "visible_fraction": views.visible_fraction,
         "truncated_fraction": views.boxes.truncated_fraction,
         "air_contrast": views.air_contrast,
     }
-    columns = {key: rounded(key, share).tolist() for key, share in shares.items()}
-    return records({"bbox": _boxes(views.boxes.xywh), "bbox_amodal": _boxes(views.boxes.amodal), **columns})
+    boxes = {"bbox": _boxes(views.boxes.xywh), "bbox_amodal": _boxes(views.boxes.amodal)}
+    return {**boxes, **{key: rounded(key, share).tolist() for key, share in shares.items()}}
 
 
 def bounds_in_rows(instances: Instances) -> list[Bounds]:

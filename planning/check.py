@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 
 import msgspec
@@ -15,9 +15,8 @@ from msgspec.structs import replace
 from hulldown.assets.library import Assets
 from hulldown.base.errors import ConfigError
 from hulldown.base.terminal import shown
-from hulldown.geometry.columns import records
 from hulldown.placement.contact import gap_and_penetration
-from hulldown.planning.block_rows import bounds_in_rows, geo_in_rows, labels_of, seen_in_rows
+from hulldown.planning.block_rows import bounds_in_rows, geo_in_rows, labels_of, of_views
 from hulldown.planning.plan.row import Label, PlannedVehicle, Row, encode, fields, rounded
 from hulldown.planning.plan_file import Plan
 from hulldown.planning.planner import BLOCK, Planner
@@ -146,8 +145,9 @@ def known_poses(row: Row, stage: PlanStage) -> tuple[Site, Instances] | None:
 
 def relabeled(row: Row, site: Site, vehicles: Instances, stage: PlanStage) -> Row:
     """Return an edited row with new values that follow from its poses: boxes, shares, labels, gaps, and the like."""
-    pairs = zip(row.planned, _labels(row, site, vehicles, stage), strict=True)
-    target, *extras = (replace(vehicle, **labels) for vehicle, labels in pairs)
+    columns = _labels(row, site, vehicles, stage)
+    values = zip(row.planned, *columns.values(), strict=True)
+    target, *extras = (replace(vehicle, **dict(zip(columns, own, strict=True))) for vehicle, *own in values)
     label: Label = "none" if row.background else "full"
     return replace(row, planned=[replace(target, label=label), *extras])
 
@@ -159,8 +159,8 @@ def _in_the_dark(site: Site, vehicles: Instances, stage: PlanStage) -> list[int]
     return np.flatnonzero(~sees_sky(site, vehicles)).tolist()
 
 
-def _labels(row: Row, site: Site, vehicles: Instances, stage: PlanStage) -> list[dict[str, object]]:
-    """Return the fields of each vehicle that follow from poses."""
+def _labels(row: Row, site: Site, vehicles: Instances, stage: PlanStage) -> dict[str, Sequence[object]]:
+    """Return columns with the fields of vehicles that follow from poses."""
     config, k = stage.config, len(row.planned)
     # Pairs of each vehicle and another one, which isn't the target if that is left out of the picture.
     subject, other = np.nonzero(~np.eye(k, dtype=bool) & ~(row.empty & (np.arange(k) == 0)))
@@ -177,6 +177,10 @@ def _labels(row: Row, site: Site, vehicles: Instances, stage: PlanStage) -> list
     up = poses[:, :3, 2]
     numbers = {"slope_deg": np.degrees(np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2]))}
     numbers |= {"gap": gap, "penetration": penetration}
-    columns = {key: rounded(key, values).tolist() for key, values in numbers.items()}
-    columns |= {"label": labels, "bounds": bounds_in_rows(vehicles), "geo": geo_in_rows(poses, site)}
-    return [seen | rest for seen, rest in zip(seen_in_rows(views), records(columns), strict=True)]
+    return {
+        **of_views(views),
+        **{key: rounded(key, values).tolist() for key, values in numbers.items()},
+        "label": labels,
+        "bounds": bounds_in_rows(vehicles),
+        "geo": geo_in_rows(poses, site),
+    }
