@@ -41,7 +41,6 @@ def report(results: dict) -> str:
     rows = {
         "append one image, us": "append_us",
         "write the whole file after each image (the paper's way), us": "rewrite_us",
-        "ratio": "ratio",
         "open the dataset, s": "open_s",
         "memory, MB": "open_mb",
         "open another tool's layout, s": "open_whole_s",
