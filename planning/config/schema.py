@@ -79,7 +79,7 @@ class PlacementSection(Section):
     footprint: int = Field(default=5, ge=2, le=101)
     """n x n rays are cast under the vehicle"""
     min_valid_share: float = Field(default=0.8, gt=0, le=1)
-    """share of those rays that must meet ground, at least"""
+    """least share of these rays that must meet ground"""
     max_gap: AtLeastZero = 1.0
     """meters of air under wheels and tracks, at most"""
     max_penetration: AtLeastZero = 0.3

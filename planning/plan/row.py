@@ -208,7 +208,7 @@ class Row(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=T
     sample_seed: Annotated[Seed, _means("seed of Cycles' and the sensor's noise")]
     background: Annotated[bool, _is("true or false"), _means("whether the image shows no target (see below)")]
     planned: Annotated[Vehicles, _plans("the target, then companions, then distractors")]
-    rejected: Annotated[Reasons, _plans("refused tries; those of places only in a position's first shot")]
+    rejected: Annotated[Reasons, _plans("refused tries; refused places only in a position's first shot")]
     left_out: Annotated[Count, _plans("companions that found no room")]
     sensor: Annotated[Optics, _means("[lens and sensor](camera.md#sensor); only with `[sensor]`")] = None
 
