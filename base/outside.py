@@ -137,7 +137,7 @@ def typed(value: object, kind: type[T], *, strict: bool = True) -> T:
         raise ValueError("it is nested too deeply") from None
     except msgspec.ValidationError as error:
         raise ValueError(str(error)) from None
-    level: list[Any] = [found]
+    level: list[object] = [found]
     for _ in range(NESTED):
         inner = (each.values() if isinstance(each, dict) else each for each in level if isinstance(each, dict | list))
         level = [value for values in inner for value in values if isinstance(value, dict | list)]
@@ -223,7 +223,7 @@ def xml_of(content: bytes) -> Element:
         raise ValueError(str(error)) from None
 
 
-def json_with_repeats(content: bytes) -> tuple[Any, Counter[str]]:
+def json_with_repeats(content: bytes) -> tuple[object, Counter[str]]:
     """Return a JSON value, and how many objects have a key more than once; ValueError as of `json_of`."""
     repeated: Counter[str] = Counter()
 

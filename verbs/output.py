@@ -56,7 +56,7 @@ def show(*results: str | Table) -> None:
             Terminal(file=STDOUT.file, width=WIDEST, highlight=False).print(result)
 
 
-def show_result(arguments: argparse.Namespace, result: Any, *shown: str | Table) -> None:
+def show_result(arguments: argparse.Namespace, result: object, *shown: str | Table) -> None:
     """Print a verb's result on stdout: with ``--json`` as JSON, otherwise as the given lines and tables."""
     if not arguments.json:
         return show(*shown)
@@ -64,7 +64,7 @@ def show_result(arguments: argparse.Namespace, result: Any, *shown: str | Table)
     sys.stdout.flush()
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     if isinstance(value, msgspec.Struct):
         return msgspec.to_builtins(value)
     return dataclasses.asdict(value) if dataclasses.is_dataclass(value) and not isinstance(value, type) else str(value)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -63,7 +62,7 @@ def draw_lights(
     assets: Assets,
     draws: RandomStreams,
     image: Int[np.ndarray, " n"],
-) -> dict[str, list[Any]]:
+) -> dict[str, Sequence[object]]:
     """Draw the light of the images with these indices, and how a camera records it, as columns of rows.
 
     Exposure, white balance, and horizon don't depend on the HDRI's rotation and the weather. `weights` are those of

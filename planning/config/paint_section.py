@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -15,13 +15,13 @@ from hulldown.reading.pieces.paintable import MaterialRow, matches, painted
 OWN = "own"
 
 
-def _color(value: Any) -> str:
+def _color(value: object) -> str:
     if isinstance(value, str) and (value == OWN or re.fullmatch("#[0-9a-fA-F]{6}", value)):
         return value.lower()
     raise ValueError("expected a color such as '#4b5320', or 'own' for the file's")
 
 
-def _several(value: Any) -> Any:
+def _several(value: object) -> object:
     return [value] if isinstance(value, dict) else value
 
 

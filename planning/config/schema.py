@@ -39,7 +39,7 @@ def _exposure(value: Any) -> str | float:
     raise ValueError(f"expected 'auto' or EV from {-FARTHEST_EV:g} to {FARTHEST_EV:g}")
 
 
-def _per_class(value: Any) -> Any:
+def _per_class(value: object) -> object:
     """Check a number of images for every class, or a table of numbers by class."""
     counts = list(value.values()) if isinstance(value, dict) else [value]
     if value is not None and any(type(n) is not int or not 0 <= n <= MOST_IMAGES for n in counts):
@@ -226,7 +226,7 @@ class HdriChoice(Section):
     weight: AtLeastZero = 1.0
 
 
-def _choice(value: Any) -> Any:
+def _choice(value: object) -> object:
     if not isinstance(value, (str, dict, HdriChoice)):
         raise ValueError("expected a name or { name = ..., weight = ... }")
     return {"name": value} if isinstance(value, str) else value
@@ -280,7 +280,7 @@ class RenderSection(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _profile_first(cls, data: Any) -> Any:
+    def _profile_first(cls, data: object) -> object:
         return with_preset(data, "profile", PROFILES)
 
 

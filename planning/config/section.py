@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
@@ -29,7 +29,7 @@ def ranged(lowest: float, highest: float, kind: type = float, *, optional: bool 
     noun = "a whole number" if kind is int else "a number"
     allowed = f"expected {noun} or [low, high] with {lowest:g} <= low <= high <= {highest:g}"
 
-    def check(value: Any) -> tuple[Any, Any] | None:
+    def check(value: object) -> tuple[float, float] | None:
         if optional and value is None:
             return None
         pair = tuple(value) if isinstance(value, (list, tuple)) else (value, value)
@@ -42,12 +42,13 @@ def ranged(lowest: float, highest: float, kind: type = float, *, optional: bool 
     return BeforeValidator(check, json_schema_input_type=Annotated[kind, Field(ge=lowest, le=highest)])
 
 
-def is_absent(value: Any) -> bool:
+def is_absent(value: object) -> bool:
     """Return whether an optional key has its default, and is left out of a plan's header."""
     return value is None or value == (0.0, 0.0)
 
 
-def with_preset(data: Any, key: str, presets: Mapping[str, Mapping[str, object]]) -> Any:
+def with_preset(data: object, key: str, presets: Mapping[str, Mapping[str, object]]) -> object:
     """Add the values of the preset that `data[key]` names to a section's data; given values win."""
-    name = data.get(key) if isinstance(data, dict) else None
-    return {**presets[name], **data} if isinstance(name, str) and name in presets else data
+    if isinstance(data, dict) and isinstance(name := data.get(key), str) and name in presets:
+        return {**presets[name], **data}
+    return data

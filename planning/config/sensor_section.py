@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import model_validator
 
@@ -59,7 +59,7 @@ class SensorSection(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _preset_first(cls, data: Any) -> Any:
+    def _preset_first(cls, data: object) -> object:
         return with_preset(data, "preset", PRESETS)
 
     @model_validator(mode="after")

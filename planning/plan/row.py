@@ -355,7 +355,7 @@ _RIGID = 1e-6  # tolerance of rotations in a plan that was edited by hand
 _Matrix = tuple[tuple[float, float, float, float], ...]
 
 
-def decoded_pose(_: type, value: Any) -> np.ndarray:
+def decoded_pose(_: type, value: object) -> np.ndarray:
     """Return a pose from JSON as an array, the only type here that msgspec doesn't have."""
     try:
         (a, b, c, x), (d, e, f, y), (g, h, i, z), last = msgspec.convert(value, _Matrix)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
@@ -46,7 +46,7 @@ class _GeoJson(Struct):
     geometries: list[_GeoJson] = []
     geometry: _GeoJson | None = None
     properties: dict[str, object] | None = None
-    coordinates: list[Any] = []
+    coordinates: list[object] = []
     crs: _Crs | None = None
 
 

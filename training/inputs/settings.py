@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -67,7 +67,7 @@ class Settings(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _completed(cls, data: Any) -> Any:
+    def _completed(cls, data: object) -> object:
         if not isinstance(data, dict):
             return data
         defaults = _DEFAULTS.get(str(data.get("model")), _DEFAULTS["medium"])
