@@ -20,7 +20,10 @@ import threading
 import time
 import traceback
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, TextIO
+
+if TYPE_CHECKING:
+    from hulldown.rendering.blender.messages import Job
 
 OLDEST = (5, 0)  # Blender; older ones keep compositor and world nodes elsewhere
 
@@ -30,7 +33,7 @@ def main() -> int:
     _find_hulldown()
     replies = _claim_stdout()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the supervisor's; it closes our stdin
-    jobs: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
     threading.Thread(target=_read_jobs, args=(jobs,), daemon=True).start()
     import bpy  # takes a second, and its messages belong in the log
 
@@ -88,14 +91,14 @@ def _find_hulldown() -> None:
     spec.loader.exec_module(sys.modules["hulldown"])
 
 
-def _claim_stdout() -> Any:
+def _claim_stdout() -> TextIO:
     """Return a stream to the supervisor; file descriptor 1 is redirected to the log, for C code that prints."""
     stream = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     return stream
 
 
-def _read_jobs(jobs: queue.SimpleQueue[Any]) -> None:
+def _read_jobs(jobs: queue.SimpleQueue[Job | None]) -> None:
     """Queue jobs; end at once, even during a picture, when the supervisor is gone."""
     try:
         with contextlib.suppress(EOFError, pickle.UnpicklingError):  # the end, perhaps in the middle of a job
