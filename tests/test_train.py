@@ -213,6 +213,19 @@ def test_the_best_weights_are_kept_and_figures_logged(pictures, tmp_path):
         train({"demo": pictures}, tmp_path / "other", settings=settings, workers=0)
 
 
+@pytest.mark.parametrize("settings", [small, nano], ids=["small", "RF-DETR"])
+def test_a_training_that_diverges_names_the_learning_rate(pictures, tmp_path, settings):
+    # It ended as finished, with NaN in run.json, which no strict reader of JSON reads, and in its weights.
+    wild = settings(budget=95, learning_rate=1.0, weight_decay=100.0)
+    for _ in range(2):  # and again, from its checkpoint
+        with pytest.raises(HulldownError, match=r"diverged in step \d+; lower learning_rate \(1\)") as error:
+            train({"demo": pictures}, tmp_path / "run", settings=wild, workers=0, device="cpu", checkpoint_every=1)
+        assert error.value.path == tmp_path / "run"
+        assert not (tmp_path / "run" / "weights.pt").exists()
+        assert json.loads((tmp_path / "run" / "run.json").read_text(), parse_constant=pytest.fail)["figures"] == {}
+        assert np.isfinite([[float(value) for value in row] for row in rows(tmp_path / "run" / "metrics.csv")]).all()
+
+
 def test_a_frozen_encoder_does_not_change(pictures, tmp_path):
     start = {}
     for freeze in ("none", "encoder"):

@@ -125,6 +125,11 @@ class Training:
         Returns
         -------
         Figures of run.json.
+
+        Raises
+        ------
+        HulldownError
+            If a loss isn't finite: no weights are written.
         """
         started, valid, keep_best = time.monotonic(), self.valid, self.settings.keep == "best"
 
@@ -294,13 +299,17 @@ class Recorder(pl.Callback):
 
     def _end_step(self, trainer: pl.Trainer) -> None:
         step, training = trainer.global_step, self._training
+        loss = float(torch.stack(self._losses).mean())
+        if not math.isfinite(loss):
+            training.folder.write_metrics(self.rows, self.validated)
+            remedy = f"lower learning_rate ({training.settings.learning_rate:g}), and name a new folder"
+            raise HulldownError(f"the training diverged in step {step}", path=training.folder.path, remedy=remedy)
         if self._measure is not None and step in self._due:
             found = self._measure()
             self.validated.append([float(step), *(found[key] for key in AVERAGES)])
             log(trainer.loggers, {f"valid/{key}": found[key] for key in AVERAGES}, step)
         now = time.monotonic()
         rate = max(group["lr"] for group in trainer.optimizers[0].param_groups)
-        loss = float(torch.stack(self._losses).mean())
         self.rows.append([float(step), loss, rate, now - self._last, self._waited])
         log(trainer.loggers, {"train/loss": loss, "train/learning_rate": rate}, step)
         self._losses, self._waited, self._last, self._done = [], 0.0, now, self._done + 1
