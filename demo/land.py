@@ -23,9 +23,9 @@ class Land:
         self.outland: Height = lambda x, y: 0 * x
         bpy.ops.wm.read_factory_settings(use_empty=True)
         self.scene = bpy.context.scene
-        self.collections: dict[str, Any] = {}
+        self.collections: dict[str, bpy.types.Collection] = {}
 
-    def collection(self, name: str) -> Any:
+    def collection(self, name: str) -> bpy.types.Collection:
         """Return the collection of that name, made when first asked for."""
         if name not in self.collections:
             self.collections[name] = bpy.data.collections.new(name)

@@ -31,8 +31,8 @@ class BlendModel:
         self.scene.unit_settings.scale_length = 1 / unit
         self.collection = bpy.data.collections.new(name)
         self.scene.collection.children.link(self.collection)
-        self.home: dict[str, Any] = {"hull": self.collection}  # part -> collection of its objects
-        self.parent: dict[str, Any] = {"hull": None}  # part -> the object that its objects hang on
+        self.home: dict[str, bpy.types.Collection] = {"hull": self.collection}  # part -> collection of its objects
+        self.parent: dict[str, bpy.types.Object | None] = {"hull": None}  # part -> the object that its objects hang on
         self.origin: dict[str, np.ndarray] = {"hull": np.zeros(3)}
 
     def pivot(self, part: str, at: Point, *, on: str = "hull", name: str | None = None) -> None:

@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import bpy
+
 from hulldown.reading.blender.api.add_nodes import add_node, maths
 from hulldown.reading.blender.surfaces.nodes import trees
 from hulldown.reading.blender.surfaces.shaders import BASE_COLORS
@@ -32,7 +34,7 @@ class Paintable:
         Materials by their names in its file; the loaded ones may have other names.
     """
 
-    def __init__(self, objects: Iterable[Any], materials: Mapping[str, Any]) -> None:
+    def __init__(self, objects: Iterable[bpy.types.Object], materials: Mapping[str, bpy.types.Material]) -> None:
         self._objects = list(objects)
         self._materials = dict(materials)
         for obj in self._objects:

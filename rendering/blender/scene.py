@@ -180,7 +180,7 @@ class Stage:
             self.precipitation.fill(streaks, radiance, pose[:3, 3])
 
 
-def appended(tidy: str) -> tuple[Any, dict[str, Any]]:
+def appended(tidy: str) -> tuple[bpy.types.Collection, dict[str, bpy.types.Material]]:
     """Append the collection of a tidy twin, and its materials, by their names in it.
 
     Raises
