@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
@@ -132,14 +131,14 @@ def _pixels_in(
     return first, np.clip(np.floor(xywh[..., :2] + xywh[..., 2:] - 0.5) + 1, first, size).astype(int)
 
 
-def encode(mask: ArrayLike) -> dict[str, Any]:
+def encode(mask: ArrayLike) -> dict[str, object]:
     """Return a mask (h, w) as COCO's compressed run lengths, ready for JSON."""
     pixels = checked(mask, "mask", ("h", "w"), dtype=np.bool_)
     record = rle_codec.encode(np.asfortranarray(pixels, dtype=np.uint8))
     return {"size": [int(n) for n in record["size"]], "counts": record["counts"].decode("ascii")}
 
 
-def decode(segmentation: Any, width: int, height: int) -> Bool[np.ndarray, "h w"]:
+def decode(segmentation: object, width: int, height: int) -> Bool[np.ndarray, "h w"]:
     """Return a COCO segmentation as a mask: run lengths, compressed or not, or a list of polygons.
 
     Raises
@@ -151,7 +150,7 @@ def decode(segmentation: Any, width: int, height: int) -> Bool[np.ndarray, "h w"
     return np.repeat(np.arange(len(counts)) % 2 == 1, counts).reshape(width, height).T
 
 
-def run_lengths(segmentation: Any, width: int, height: int) -> Int[np.ndarray, " n"]:
+def run_lengths(segmentation: object, width: int, height: int) -> Int[np.ndarray, " n"]:
     """Return a COCO segmentation as run lengths, column by column, background first; errors of `decode`.
 
     They are few however large the image is.
@@ -176,7 +175,7 @@ def run_lengths(segmentation: Any, width: int, height: int) -> Int[np.ndarray, "
     return _counts(rle_codec.merge(rle_codec.frPyObjects(segmentation, height, width))["counts"].decode("ascii"))
 
 
-def runs(segmentation: Any, width: int, height: int) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+def runs(segmentation: object, width: int, height: int) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
     """Return where each run of a COCO segmentation's pixels begins and ends, column by column; errors of `decode`."""
     ends = np.cumsum(run_lengths(segmentation, width, height))
     first, end = ends[:-1:2], ends[1::2]
@@ -184,7 +183,7 @@ def runs(segmentation: Any, width: int, height: int) -> tuple[Int[np.ndarray, " 
     return first, end
 
 
-def covers(outer: Any, inner: Any, width: int, height: int) -> bool:
+def covers(outer: object, inner: object, width: int, height: int) -> bool:
     """Return whether a COCO segmentation has all pixels of another, without decoding them; errors of `decode`."""
     (first, end), (start, stop) = runs(outer, width, height), runs(inner, width, height)
     ends, pixels = np.stack([first, end], axis=1).ravel(), np.cumsum(end - first)
@@ -194,7 +193,7 @@ def covers(outer: Any, inner: Any, width: int, height: int) -> bool:
     return bool((np.interp(stop, ends, counted) - np.interp(start, ends, counted) == stop - start).all())
 
 
-def extent(segmentation: Any, width: int, height: int) -> tuple[int, Float[np.ndarray, "4"] | None]:
+def extent(segmentation: object, width: int, height: int) -> tuple[int, Float[np.ndarray, "4"] | None]:
     """Area and `mask_box` of a COCO segmentation, without decoding it; errors of `decode`."""
     first, end = runs(segmentation, width, height)
     if not len(first):
@@ -227,7 +226,7 @@ def _counts(text: str) -> Int[np.ndarray, " n"]:
     return numbers
 
 
-def _is_ring(value: Any) -> bool:
+def _is_ring(value: object) -> bool:
     return (
         isinstance(value, list)
         and len(value) >= 6

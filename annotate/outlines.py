@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
 
 import contourpy
 import numpy as np
@@ -15,7 +14,7 @@ from hulldown.annotate.masks import decode
 Ring = Float[np.ndarray, "_ 2"]
 
 
-def polygons(segmentation: Any, width: int, height: int, *, within: float = 0.0) -> list[list[float]]:
+def polygons(segmentation: object, width: int, height: int, *, within: float = 0.0) -> list[list[float]]:
     """Return a COCO segmentation as COCO's polygons: one for each piece of the mask, its holes bridged into it.
 
     The outline runs half way between the centers of pixels in the mask and out of it.

@@ -5,8 +5,6 @@ A rectangle is written as center, width, height, and the angle of its width from
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import shapely
 from jaxtyping import Float
@@ -19,7 +17,7 @@ ROUNDED = 1e-5  # pixels: more than sides and angles are rounded by
 _UNIT = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 
 
-def mask_rectangle(segmentation: Any, width: int, height: int) -> Float[np.ndarray, "5"] | None:
+def mask_rectangle(segmentation: object, width: int, height: int) -> Float[np.ndarray, "5"] | None:
     """Center, width, height, and angle of the smallest rectangle that holds a mask's pixels; None for an empty mask.
 
     Parameters
@@ -55,7 +53,7 @@ def mask_rectangle(segmentation: Any, width: int, height: int) -> Float[np.ndarr
     return np.array([*around.mean(axis=0), max(sides), min(sides), angle])
 
 
-def fits(rectangle: ArrayLike, segmentation: Any, width: int, height: int) -> bool:
+def fits(rectangle: ArrayLike, segmentation: object, width: int, height: int) -> bool:
     """Return whether a rectangle is a smallest one around a mask, up to rounding; a triangle has three.
 
     Parameters and errors as of `mask_rectangle`.
@@ -70,7 +68,7 @@ def fits(rectangle: ArrayLike, segmentation: Any, width: int, height: int) -> bo
     return bool((reach <= given[2:4] / 2 + ROUNDED).all())
 
 
-def _pixel_corners(segmentation: Any, width: int, height: int) -> Float[np.ndarray, "n 2"]:
+def _pixel_corners(segmentation: object, width: int, height: int) -> Float[np.ndarray, "n 2"]:
     """Return corners of pixels of a mask, those of its convex hull among them."""
     first, end = runs(segmentation, width, height)
     left, top, right, bottom = first // height, first % height, (end - 1) // height, (end - 1) % height + 1

@@ -16,6 +16,7 @@ from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
 from hulldown.benchmarks.tables import table
+from hulldown.dataset.images import Image, Label
 from hulldown.training.evaluation.average_precision import average_precision
 from hulldown.training.evaluation.bootstrap import RESAMPLES, figure_intervals, resampled_sums
 from hulldown.training.evaluation.labels import Labels
@@ -140,10 +141,13 @@ def _scene(images: int) -> tuple[Labels, Predictions]:
     found[stray, :2] = rng.uniform(0, 1500, (int(stray.sum()), 2))
     names = tuple("abc"[:CLASSES])
     ids = np.arange(1, CLASSES + 1)
-    records = [{"id": i + 1, "file_name": f"{i}.png"} for i in range(images)]
+    records = ({"id": i + 1, "file_name": f"{i}.png", "width": 1920, "height": 1080} for i in range(images))
+    boxes = zip(np.repeat(np.arange(images), LABELS).tolist(), label.tolist(), xywh.tolist(), strict=True)
+    true = [{"id": k + 1, "image_id": i + 1, "category_id": c + 1, "bbox": box} for k, (i, c, box) in enumerate(boxes)]
     labels = Labels(
         Path("d"), ids, names, np.repeat(np.arange(images), LABELS), label, xywh,
-        xywh[:, 2] * xywh[:, 3], np.zeros(g, dtype=bool), records, [{}] * g,
+        xywh[:, 2] * xywh[:, 3], np.zeros(g, dtype=bool), [Image.of(record, ()) for record in records],
+        [Label.of(record, dict(enumerate(names, start=1))) for record in true],
     )  # fmt: skip
     classes = np.where(rng.random(d) < 0.9, label[near], rng.integers(0, CLASSES, d))
     score = rng.random(d)
@@ -165,7 +169,12 @@ def _records(labels: Labels, predictions: Predictions) -> tuple[dict, list[dict]
         for i, c, box, score in zip(*(column.tolist() for column in columns), strict=True)
     ]
     categories = [{"id": int(i), "name": name} for i, name in zip(labels.class_id, labels.class_names, strict=True)]
-    return {"info": {}, "images": list(labels.images), "categories": categories, "annotations": true}, found
+    return {
+        "info": {},
+        "images": [image.record for image in labels.images],
+        "categories": categories,
+        "annotations": true,
+    }, found
 
 
 def _loaded(kind: type, true: dict, found: list[dict]) -> tuple[object, object]:

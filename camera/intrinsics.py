@@ -7,10 +7,9 @@ This module runs in Blender too, which may have numpy only.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -110,13 +109,22 @@ class Intrinsics:
         return cls(width, height, fov_x, (fx, fy, cx, cy), (k1, k2, p1, p2, k3))
 
     @classmethod
-    def of_record(cls, record: Mapping[str, Any]) -> Intrinsics:
-        """Return the intrinsics in a row or an image record: `width`, `height`, and `K` and `dist`, or `fov_x_deg`."""
-        width, height, matrix = record["width"], record["height"], record.get("K")
-        if matrix is None:
-            return cls(width, height, math.radians(record["fov_x_deg"]))
-        (fx, _, cx), (_, fy, cy), _ = matrix
-        return cls.calibrated(width, height, (fx, fy, cx, cy), record.get("dist") or NONE)
+    def of_fields(
+        cls,
+        width: int,
+        height: int,
+        *,
+        fov_x_deg: float | None = None,
+        K: Sequence[Sequence[float]] | None = None,
+        dist: Sequence[float] | None = None,
+    ) -> Intrinsics:
+        """Return the intrinsics in the fields of a row or an image record: `K` and `dist`, or else `fov_x_deg`."""
+        if K is not None:
+            (fx, _, cx), (_, fy, cy), _ = K
+            return cls.calibrated(width, height, (fx, fy, cx, cy), dist or NONE)
+        if fov_x_deg is None:
+            raise ValueError("fov_x_deg: expected a number of degrees, got None")
+        return cls(width, height, math.radians(fov_x_deg))
 
     def resized(self, width: int, height: int) -> Intrinsics:
         """Return the same view in an image of another size."""

@@ -5,21 +5,21 @@ Fields of records come first; distance, elevation, side, and slope otherwise fol
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
+from msgspec import UNSET, Struct, UnsetType
 
 from hulldown.camera.shell import shell_place
+from hulldown.dataset.images import Image, Label
+from hulldown.dataset.store.declared import LabelRecord, Pose, Three, View, fields_of
 
 INFINITY = math.inf
 SIDES = ("front", "side", "rear")
-Records = Sequence[Mapping[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,45 +64,57 @@ SCALES = (
 )  # fmt: skip
 
 
-def numbers_of(labels: Records, images: Records, image: Int[np.ndarray, " g"]) -> dict[str, Float[np.ndarray, " g"]]:
+class _Centered(Struct):
+    center: Three
+
+
+class _Numbers(Struct):
+    """Fields of a label's record."""
+
+    distance: float | None = None
+    slope_deg: float | None = None
+    air_contrast: float | None = None
+    contrast: float | None = None
+    world_from_vehicle: Pose | None = None
+    bbox_3d: _Centered | None = None
+
+
+def numbers_of(
+    labels: Sequence[Label], images: Sequence[Image], image: Int[np.ndarray, " g"]
+) -> dict[str, Float[np.ndarray, " g"]]:
     """Return the numbers of `SCALES` and ``azimuth`` for labels; nan if unknown.
 
     Parameters
     ----------
     labels, images
-        COCO annotation and image records.
+        Labels and images.
     image
         (g,) which of the images each label belongs to.
     """
-    vehicles = poses_of(labels, "world_from_vehicle")
-    cameras = poses_of(images, "world_from_camera")[image]
-    distance, elevation, azimuth = seen_from(centers_of(labels, vehicles, cameras), vehicles, cameras)
+    fields = [fields_of(label.record, _Numbers) for label in labels]
+    vehicles = poses([each.world_from_vehicle for each in fields])
+    cameras = camera_poses(images)[image]
+    # Centers of 3D boxes in the world; without one, vehicles' origins.
+    boxed = np.array([each.bbox_3d is not None for each in fields], dtype=bool)
+    in_camera = np.array([each.bbox_3d.center for each in fields if each.bbox_3d], dtype=np.float64).reshape(-1, 3)
+    centers = vehicles[:, :3, 3].copy()
+    centers[boxed] = (cameras[boxed, :3, :3] @ in_camera[..., None])[..., 0] + cameras[boxed, :3, 3]
+    distance, elevation, azimuth = seen_from(centers, vehicles, cameras)
     length = np.linalg.norm(vehicles[:, :3, 2], axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         slope = np.degrees(np.arccos(np.clip(vehicles[:, 2, 2] / length, -1.0, 1.0)))
-    stored = {
-        key: np.array([number(box.get(key)) for box in labels], dtype=np.float64)
-        for key in ("distance", "slope_deg", "visible_fraction", "truncated_fraction", "air_contrast", "contrast")
-    }
+    stored = np.array([(x.distance, x.slope_deg, x.air_contrast, x.contrast) for x in fields], dtype=np.float64)
+    stored_distance, stored_slope, air_contrast, contrast = stored.reshape(-1, 4).T
     return {
-        **stored,
-        "distance": np.where(np.isnan(stored["distance"]), distance, stored["distance"]),
-        "slope": np.where(np.isnan(stored["slope_deg"]), slope, stored["slope_deg"]),
+        "visible_fraction": np.array([label.visible_fraction for label in labels], dtype=np.float64),
+        "truncated_fraction": np.array([label.truncated_fraction for label in labels], dtype=np.float64),
+        "air_contrast": air_contrast,
+        "contrast": contrast,
+        "distance": np.where(np.isnan(stored_distance), distance, stored_distance),
+        "slope": np.where(np.isnan(stored_slope), slope, stored_slope),
         "elevation": elevation,
         "azimuth": azimuth,
     }
-
-
-def centers_of(
-    labels: Records, world_from_vehicle: Float[np.ndarray, "n 4 4"], world_from_camera: Float[np.ndarray, "n 4 4"]
-) -> Float[np.ndarray, "n 3"]:
-    """Return the centers of labels' 3D boxes in the world; without a ``bbox_3d``, vehicles' origins."""
-    centers = world_from_vehicle[:, :3, 3].copy()
-    for i, label in enumerate(labels):
-        center = box.get("center") if isinstance(box := label.get("bbox_3d"), Mapping) else None
-        if isinstance(center, list) and len(center) == 3 and all(math.isfinite(number(x)) for x in center):
-            centers[i] = world_from_camera[i, :3, :3] @ np.array(center) + world_from_camera[i, :3, 3]
-    return centers
 
 
 def seen_from(
@@ -135,36 +147,56 @@ def bins_of(values: Float[np.ndarray, " n"], scale: Scale) -> Int[np.ndarray, " 
     return np.where(np.isnan(values) | (bins >= len(scale.edges) - 1), -1, bins)
 
 
-def weather_of(value: Any) -> str | None:
-    """Bin names of a row's weather; null is clear."""
-    if value is None:
-        return "clear"
-    if isinstance(value, str):
-        return value
-    if not isinstance(value, Mapping):
-        return None
-    kind = value.get("kind") or value.get("type")
-    meters = number(value.get("visibility_m"))
-    if math.isnan(meters):
-        return str(kind) if kind else None
-    return f"{kind or 'fog'}, " + ("under 500 m" if meters < 500 else "500 m to 2 km" if meters < 2000 else "over 2 km")
+class _Weather(Struct):
+    """A row's weather, or another tool's."""
+
+    kind: str | None = None
+    type: str | None = None
+    visibility_m: float | None = None
 
 
-def poses_of(records: Records, key: str) -> Float[np.ndarray, "n 4 4"]:
-    """Poses (n, 4, 4) of records; nan if there is none."""
-    poses = np.full((len(records), 4, 4), np.nan)
-    for i, record in enumerate(records):
-        if isinstance(record.get(key), list):
-            with contextlib.suppress(TypeError, ValueError):  # a pose of another kind
-                poses[i] = np.array(record[key], dtype=np.float64).reshape(4, 4)
-    return poses
+class Conditions(Struct):
+    """Fields of an image's record about its scenery, light, and air."""
+
+    scenery: str | None = None
+    hdri: str | None = None
+    position: float | None = None
+    fov_x_deg: float | None = None
+    strength: float | None = None
+    weather: _Weather | str | UnsetType | None = UNSET
+
+    @property
+    def weather_name(self) -> str:
+        """Name of the weather's bin; null is clear, and empty if it isn't known."""
+        if isinstance(self.weather, UnsetType):
+            return ""
+        if self.weather is None:
+            return "clear"
+        if isinstance(self.weather, str):
+            return self.weather
+        kind, meters = self.weather.kind or self.weather.type, self.weather.visibility_m
+        if meters is None:
+            return kind or ""
+        far = "under 500 m" if meters < 500 else "500 m to 2 km" if meters < 2000 else "over 2 km"
+        return f"{kind or 'fog'}, {far}"
 
 
-def name_of(value: Any) -> str | None:
-    """Return a name in a record; None if it isn't a string."""
-    return value if isinstance(value, str) and value else None
+def conditions_of(images: Sequence[Image]) -> list[Conditions]:
+    """Return the conditions of each image."""
+    return [fields_of(image.record, Conditions) for image in images]
 
 
-def number(value: Any) -> float:
-    """Return a number in a record; nan if it isn't one."""
-    return float(value) if type(value) in (int, float) and math.isfinite(value) else math.nan
+def camera_poses(images: Sequence[Image]) -> Float[np.ndarray, "n 4 4"]:
+    """Return the poses of images' cameras; nan if there is none."""
+    return poses([fields_of(image.record, View).world_from_camera for image in images])
+
+
+def pose_of(label: Label) -> Pose | None:
+    """Return the pose of a label's vehicle if it's known."""
+    return fields_of(label.record, LabelRecord).world_from_vehicle
+
+
+def poses(given: Sequence[Pose | None]) -> Float[np.ndarray, "n 4 4"]:
+    """Return poses as an array; nan if there is none."""
+    none = np.full((4, 4), np.nan)
+    return np.array([none if pose is None or len(pose) != 4 else pose for pose in given]).reshape(-1, 4, 4)

@@ -19,9 +19,11 @@ from hulldown.base.errors import DatasetError, shortened
 from hulldown.base.files import stays_inside
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.weather.extinction import GHOST
-from hulldown.dataset.labels.types import LABEL_TYPES, Label
+from hulldown.dataset.images import Category, Image, Label, LabeledImages
+from hulldown.dataset.labels.mask import MASK
+from hulldown.dataset.labels.types import LABEL_TYPES, LabelFields
 from hulldown.dataset.store import declared
-from hulldown.dataset.store.declared import misfits
+from hulldown.dataset.store.declared import fields_of, misfits
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.entries import place_of
 from hulldown.dataset.store.reservations import runs_of
@@ -75,8 +77,8 @@ def listed(findings: Iterable[Finding]) -> list[str]:
     return lines + [f"{severity}: and {n} more like: {' '.join(kind.split())}" for severity, kind, n in more]
 
 
-def read_usable(folder: Path) -> Coco:
-    """Read the dataset in `folder` as a COCO dictionary with complete records.
+def read_usable(folder: Path) -> LabeledImages:
+    """Read the dataset in `folder`, all records of which must be complete.
 
     Raises
     ------
@@ -85,17 +87,7 @@ def read_usable(folder: Path) -> Coco:
     """
     coco = read_coco(folder)
     check_usable(folder, coco["categories"], coco["images"], coco["annotations"])
-    return coco
-
-
-def by_image(images: Iterable[Record], annotations: Iterable[Record]) -> dict[int, list[Record]]:
-    """Return the annotations of each image by its id, in order; without those of other images."""
-    of_image: dict[int, list[Record]] = {image["id"]: [] for image in images}
-    for annotation in annotations:
-        image_id = annotation.get("image_id")
-        if isinstance(image_id, int) and image_id in of_image:
-            of_image[image_id].append(annotation)
-    return of_image
+    return LabeledImages.of(coco)
 
 
 def check_usable(
@@ -134,7 +126,7 @@ def check_usable(
             refuse(where, f"image {annotation.get('image_id')!r} does not exist")
         if not isinstance(annotation.get("category_id"), int) or annotation["category_id"] not in known:
             refuse(where, f"category {annotation.get('category_id')!r} does not exist")
-        for problem in misfits(annotation, Label):
+        for problem in misfits(annotation, LabelFields):
             refuse(where, problem)
 
 
@@ -168,9 +160,9 @@ def check_images(images: Sequence[Record]) -> Iterator[Finding]:
             yield Finding("warning", name, f"differs from {other} in capitals only: on some disks both are one file")
     for image in images:
         sized, seen = list(misfits(image, declared.Image)), list(misfits(image, declared.View))
-        if not (sized or seen) and image.get("K") is not None:
+        if not (sized or seen) and (view := fields_of(image, declared.View)).K is not None:
             try:
-                Intrinsics.of_record(image)
+                Intrinsics.of_fields(image["width"], image["height"], K=view.K, dist=view.dist)
             except ValueError as error:
                 seen = [f"K and dist are no camera: {error}"]
         yield from (Finding("error", _name(image), problem) for problem in sized)
@@ -178,11 +170,26 @@ def check_images(images: Sequence[Record]) -> Iterator[Finding]:
         yield from (Finding(kind, _name(image), problem) for problem in seen)
 
 
+def sound_images(coco: Coco) -> dict[int, Image]:
+    """Return images whose records fit, by id, with those of their labels that fit."""
+    names = {category["id"]: str(category.get("name")) for category in coco["categories"]}
+    of_image: dict[object, list[Label]] = {image["id"]: [] for image in coco["images"]}
+    for annotation in coco["annotations"]:
+        with contextlib.suppress(ValueError, TypeError, KeyError):
+            of_image[annotation["image_id"]].append(Label.of(annotation, names))
+    sound = (image for image in coco["images"] if not any(misfits(image, declared.Image)))
+    return {image["id"]: Image.of(image, of_image[image["id"]]) for image in sound}
+
+
 def check_annotations(coco: Coco) -> Iterator[Finding]:
     """Check ids, references, boxes, masks, fractions, and duplicates."""
     yield from _repeated("annotation", [a["id"] for a in coco["annotations"]])
     images = {image["id"]: image for image in coco["images"]}
-    categories = {category["id"]: category for category in coco["categories"]}
+    sound = {image["id"]: Image.of(image, ()) for image in coco["images"] if not any(misfits(image, declared.Image))}
+    categories = {
+        record["id"]: Category(record["id"], str(record.get("name")), record) for record in coco["categories"]
+    }
+    names = {category.id: category.name for category in categories.values()}
     seen: set[tuple[object, ...]] = set()
     repeated: dict[str, list[int]] = {}
     for annotation in coco["annotations"]:
@@ -190,55 +197,55 @@ def check_annotations(coco: Coco) -> Iterator[Finding]:
         if annotation["id"] < 1:
             yield Finding("warning", where, "ids below 1 are taken for unmatched by pycocotools' evaluation")
         category_id, image_id = annotation.get("category_id"), annotation.get("image_id")
-        known = isinstance(category_id, int) and category_id in categories
-        if not known:
+        category = categories.get(category_id) if isinstance(category_id, int) else None
+        if category is None:
             yield Finding("error", where, f"category {category_id!r} does not exist")
-        image = images.get(image_id) if isinstance(image_id, int) else None
-        if image is None:
+        record = images.get(image_id) if isinstance(image_id, int) else None
+        if record is None:
             yield Finding("error", where, f"image {image_id!r} does not exist")
             continue
-        where = f"{_name(image)}: annotation {annotation['id']}"
-        if image.get("background") is True and not annotation.get("iscrowd"):
+        where = f"{_name(record)}: annotation {annotation['id']}"
+        if record.get("background") is True and not annotation.get("iscrowd"):
             yield Finding("error", where, "is a label on a background, an image without targets")
-        problems = list(misfits(annotation, Label))
+        problems = list(misfits(annotation, LabelFields))
         if not problems and min(annotation["bbox"][2:]) <= 0:
             problems = [f"bbox {annotation['bbox']} has no area"]
         if not problems:
-            key = (image_id, category_id if known else None, *annotation["bbox"])
+            key = (image_id, None if category is None else category_id, *annotation["bbox"])
             if key in seen:
-                repeated.setdefault(_name(image), []).append(annotation["id"])
+                repeated.setdefault(_name(record), []).append(annotation["id"])
             seen.add(key)
-            if _has_size(image):
-                category = categories[category_id] if known else {}
-                problems = [each for kind in LABEL_TYPES for each in kind.problems(annotation, image, category)]
-            yield from _hints(where, annotation, image)
+            if (image := sound.get(record["id"])) is not None:
+                label = Label.of(annotation, names)
+                problems = [each for kind in LABEL_TYPES for each in kind.problems(label, image, category)]
+                yield from _hints(where, label, image)
         yield from (Finding("error", where, problem) for problem in problems)
     for name, ids in repeated.items():
         such = "annotation" if len(ids) == 1 else f"{len(ids)} annotations, such as"
         yield Finding("warning", f"{name}: {such} {ids[0]}", "repeats class and box of another one in the same image")
 
 
-def _hints(where: str, annotation: Record, image: Record) -> Iterator[Finding]:
+def _hints(where: str, label: Label, image: Image) -> Iterator[Finding]:
     """Find boxes slightly outside of their image, and full labels of targets hidden by haze."""
-    if _has_size(image) and (by := beyond(annotation["bbox"], image["width"], image["height"])) > ROUNDED:
+    if (by := beyond(label.bbox, *image.size)) > ROUNDED:
         yield Finding("warning", where, f"its bbox leaves its image by {by:.4g} px, and is clipped when it's used", by)
-    if (gap := _gap(annotation, image)) > 0.0:
+    if (gap := _gap(label, image)) > 0.0:
         problem = f"its bbox is {gap:.4g} px larger than its mask, more than a quarter, though nothing hides it"
         yield Finding("warning", where, problem, gap)
-    left = annotation.get("air_contrast")
-    if left is not None and left < GHOST and not annotation.get("iscrowd"):
+    left = fields_of(label.record, declared.LabelRecord).air_contrast
+    if left is not None and left < GHOST and not label.crowd:
         problem = f"is a ghost: the air leaves {100.0 * left:.1f} % of its contrast"
         yield Finding("warning", where, problem, left)
 
 
-def _gap(annotation: Record, image: Record) -> float:
+def _gap(label: Label, image: Image) -> float:
     """Return by how many pixels a box is larger than the mask of a target in full view; 0.0 for as much as antennas."""
-    if annotation.get("visible_fraction") != 1.0 or not _has_size(image) or not annotation.get("segmentation"):
+    if label.visible_fraction != 1.0 or not (mask := MASK.read(label).segmentation):
         return 0.0
     with contextlib.suppress(ValueError):  # found elsewhere
-        box = extent(annotation["segmentation"], image["width"], image["height"])[1]
+        box = extent(mask, *image.size)[1]
         if box is not None:
-            x, y, w, h = annotation["bbox"]
+            x, y, w, h = label.bbox
             gaps = np.array([box[0] - x, box[1] - y, x + w - box[0] - box[2], y + h - box[1] - box[3]])
             large = (gaps > GAP) & (gaps > GAP_SHARE * np.array([w, h, w, h]))
             return float(gaps[large].max(initial=0.0))
@@ -286,7 +293,3 @@ def _repeated(kind: str, ids: Sequence[object]) -> Iterator[Finding]:
     for value, times in Counter(ids).items():
         if times > 1:
             yield Finding("error", f"{kind} {value}", f"its id is there {times} times")
-
-
-def _has_size(image: Record) -> bool:
-    return all(isinstance(image.get(key), int) and image[key] > 0 for key in ("width", "height"))

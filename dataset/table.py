@@ -4,78 +4,29 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Shaped
 from PIL import Image as Pictures
 
-from hulldown.assets.coco_types import Coco, Record
+from hulldown.assets.coco_types import Record
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.attributes import SCALES, SIDES, SIZE, name_of, number, numbers_of, sides_of, weather_of
-from hulldown.dataset.records import by_image, read_usable
+from hulldown.dataset.attributes import SCALES, SIDES, SIZE, conditions_of, numbers_of, sides_of
+from hulldown.dataset.images import LabeledImages
+from hulldown.dataset.labels.keypoints import KEYPOINTS
+from hulldown.dataset.labels.mask import MASK
+from hulldown.dataset.records import read_usable
 from hulldown.dataset.rows import image_record, label_records
 from hulldown.geometry.arrays import spread
-from hulldown.pictures.drawing import contact_sheet, draw
+from hulldown.pictures.drawing import Drawn, contact_sheet, draw
 from hulldown.pictures.notebooks import ShownInNotebooks
 from hulldown.planning.plan_file import Plan
 
 Columns = dict[str, Shaped[np.ndarray, " n"]]
 CONDITIONS = {"scenery": "scenery", "hdri": "HDRI", "weather": "weather"}  # columns that name an image's, with titles
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Label:
-    """A label of an image.
-
-    Parameters
-    ----------
-    id
-        COCO's.
-    category
-        The class's name.
-    bbox
-        (4,) x, y, width and height in pixels.
-    crowd
-        Whether it's an ignored region.
-    visible_fraction, truncated_fraction
-        Shares; nan if unknown.
-    record
-        All that the file says.
-    """
-
-    id: int
-    category: str
-    bbox: Float[np.ndarray, "4"]
-    crowd: bool
-    visible_fraction: float
-    truncated_fraction: float
-    record: Record
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Image:
-    """An image.
-
-    Parameters
-    ----------
-    id, file_name, width, height
-        COCO's; the name is relative to the dataset.
-    labels
-        In the order of the file.
-    record
-        All that the file says.
-    """
-
-    id: int
-    file_name: str
-    width: int
-    height: int
-    labels: tuple[Label, ...]
-    record: Record
 
 
 class Dataset(ShownInNotebooks):
@@ -85,8 +36,8 @@ class Dataset(ShownInNotebooks):
     ----------
     name
         Its source.
-    coco
-        Its usable records.
+    found
+        Its images.
     opened
         Function from an image to its picture without labels.
 
@@ -105,33 +56,11 @@ class Dataset(ShownInNotebooks):
     array([3.46])
     """
 
-    def __init__(self, name: str, coco: Coco, opened: Callable[[int], Pictures.Image]) -> None:
+    def __init__(self, name: str, found: LabeledImages, opened: Callable[[int], Pictures.Image]) -> None:
         self.name = name
-        self.categories: dict[int, str] = {category["id"]: category["name"] for category in coco["categories"]}
-        of_image = by_image(coco["images"], coco["annotations"])
-        self.images = [
-            Image(
-                image["id"],
-                image["file_name"],
-                image["width"],
-                image["height"],
-                tuple(self._label(label) for label in of_image[image["id"]]),
-                image,
-            )
-            for image in coco["images"]
-        ]
+        self.categories = found.names
+        self.images = found.images
         self._opened = opened
-
-    def _label(self, label: Record) -> Label:
-        return Label(
-            label["id"],
-            self.categories[label["category_id"]],
-            np.array(label["bbox"], dtype=np.float64),
-            bool(label.get("iscrowd", 0)),
-            number(label.get("visible_fraction")),
-            number(label.get("truncated_fraction")),
-            label,
-        )
 
     @classmethod
     def read(cls, folder: str | os.PathLike[str]) -> Dataset:
@@ -143,9 +72,9 @@ class Dataset(ShownInNotebooks):
             If there is none, or a record is unusable.
         """
         folder = Path(folder)
-        coco = read_usable(folder)
-        paths = [folder / image["file_name"] for image in coco["images"]]
-        return cls(str(folder), coco, lambda i: Pictures.fromarray(read_pixels(paths[i])))
+        found = read_usable(folder)
+        paths = [folder / image.file_name for image in found.images]
+        return cls(str(folder), found, lambda i: Pictures.fromarray(read_pixels(paths[i])))
 
     @classmethod
     def of_plan(cls, plan: Plan, picture: Callable[[int], Pictures.Image]) -> Dataset:
@@ -165,7 +94,8 @@ class Dataset(ShownInNotebooks):
                 of_image = {"id": k, "image_id": row.image_id, "category_id": ids[label["category"]]}
                 labels.append({**label, **of_image})
         categories: list[Record] = [{"id": number, "name": name} for name, number in ids.items()]
-        return cls(str(plan.path), {"categories": categories, "images": images, "annotations": labels}, picture)
+        found = LabeledImages.of({"categories": categories, "images": images, "annotations": labels})
+        return cls(str(plan.path), found, picture)
 
     def picture(self, i: int, *, labels: bool = True, masks: bool = True) -> Pictures.Image:
         """Return the picture of the i-th image, by default with boxes, class names, and masks.
@@ -178,9 +108,19 @@ class Dataset(ShownInNotebooks):
         image = self._opened(i)
         if not labels:
             return image
-        records = [label.record for label in self.images[i].labels]
+        boxes = [
+            Drawn(
+                label.bbox,
+                label.category_id,
+                label.category,
+                ignored=label.crowd,
+                segmentation=MASK.read(label).segmentation if masks else None,
+                keypoints=KEYPOINTS.read(label).keypoints or (),
+            )
+            for label in self.images[i].labels
+        ]
         try:
-            return draw(image, records, self.categories, masks=masks)
+            return draw(image, boxes)
         except ValueError as error:
             problem = f"{self.images[i].file_name}: {error}"
             raise DatasetError(problem, remedy="check the dataset with `hulldown verify`") from error
@@ -227,7 +167,7 @@ class Dataset(ShownInNotebooks):
         rows = [(i, label) for i, image in enumerate(self.images) for label in image.labels]
         index = np.array([i for i, _ in rows], dtype=np.int64)
         boxes = np.array([label.bbox for _, label in rows], dtype=np.float64).reshape(-1, 4)
-        numbers = numbers_of([label.record for _, label in rows], [image.record for image in self.images], index)
+        numbers = numbers_of([label for _, label in rows], self.images, index)
         return {
             "image": index,
             "id": np.array([label.id for _, label in rows], dtype=np.int64),
@@ -238,22 +178,22 @@ class Dataset(ShownInNotebooks):
             **{scale.name: numbers[scale.name] for scale in SCALES},
             "azimuth": numbers["azimuth"],
             "side": np.array([*SIDES, ""])[sides_of(numbers["azimuth"])],
-            "vehicle": np.array([name_of(label.record.get("vehicle")) or "" for _, label in rows], dtype=str),
+            "vehicle": np.array([label.vehicle or "" for _, label in rows], dtype=str),
             **{key: self.of_images[key][index] for key in CONDITIONS},
         }
 
     @cached_property
     def of_images(self) -> Columns:
         """A table of images, like `labels`."""
-        records = [image.record for image in self.images]
-        weather = [weather_of(record["weather"]) if "weather" in record else None for record in records]
+        conditions = conditions_of(self.images)
         scalars = (("id", np.int64), ("file_name", str), ("width", np.int64), ("height", np.int64))
-        numbers = ("position", "fov_x_deg", "strength")
         return {
             **{key: np.array([getattr(image, key) for image in self.images], dtype=kind) for key, kind in scalars},
             "labels": np.array([len(image.labels) for image in self.images], dtype=np.int64),
-            **{key: np.array([number(record.get(key)) for record in records], dtype=np.float64) for key in numbers},
-            "scenery": np.array([name_of(record.get("scenery")) or "" for record in records], dtype=str),
-            "hdri": np.array([name_of(record.get("hdri")) or "" for record in records], dtype=str),
-            "weather": np.array([kind or "" for kind in weather], dtype=str),
+            "position": np.array([each.position for each in conditions], dtype=np.float64),
+            "fov_x_deg": np.array([each.fov_x_deg for each in conditions], dtype=np.float64),
+            "strength": np.array([each.strength for each in conditions], dtype=np.float64),
+            "scenery": np.array([each.scenery or "" for each in conditions], dtype=str),
+            "hdri": np.array([each.hdri or "" for each in conditions], dtype=str),
+            "weather": np.array([each.weather_name for each in conditions], dtype=str),
         }

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from PIL import Image, ImageDraw, ImageFont
 
 from hulldown.annotate.masks import decode
-from hulldown.assets.coco_types import Record
 
 # Okabe and Ito, Color Universal Design, 2008: told apart by color-blind readers too. Black is left out.
 PALETTE = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (213, 94, 0), (204, 121, 167))
@@ -35,59 +35,71 @@ def lettering(size: int) -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(folder / "fonts" / "ttf" / "DejaVuSans.ttf", size)
 
 
-def draw(
-    image: Image.Image,
-    annotations: Sequence[Record],
-    names: Mapping[int, str],
-    *,
-    masks: bool = True,
-) -> Image.Image:
-    """Return a copy of a picture with its annotations on it.
-
-    Lines are drawn just outside the boxes, so that they hide nothing inside, but never outside the picture.
+@dataclass(frozen=True, eq=False, slots=True)
+class Drawn:
+    """A box to be drawn.
 
     Parameters
     ----------
-    image
-        The picture the annotations belong to.
-    annotations
-        COCO records or results: ``bbox``, ``category_id`` and, if they have it, ``segmentation`` and ``score``. Those
-        with ``iscrowd``, which training and evaluation ignore, are gray and have no name.
-    names
-        Category id -> name.
-    masks
-        Whether masks are tinted.
+    bbox
+        (4,) x, y, width, and height in pixels.
+    category_id
+        Its class, which gives its color.
+    text
+        What is written next to it.
+    ignored
+        Whether training and evaluation ignore it: it's gray and has no text.
+    segmentation
+        COCO's; its mask is tinted.
+    keypoints
+        COCO's x, y, and v of each.
+    """
+
+    bbox: Float[np.ndarray, "4"]
+    category_id: int
+    text: str
+    ignored: bool = False
+    segmentation: object = None
+    keypoints: Sequence[float] = ()
+
+    @property
+    def color(self) -> tuple[int, int, int]:
+        """The color of its lines."""
+        return IGNORED if self.ignored else color_of(self.category_id)
+
+
+def draw(image: Image.Image, boxes: Sequence[Drawn]) -> Image.Image:
+    """Return a copy of a picture with boxes on it.
+
+    Lines are drawn just outside the boxes, so that they hide nothing inside, but never outside the picture.
+
+    Raises
+    ------
+    ValueError
+        If a mask is damaged or isn't of the picture's size.
     """
     picture = image.convert("RGB")
-    if masks:
-        for annotation in annotations:
-            if annotation.get("segmentation"):
-                mask = decode(annotation["segmentation"], picture.width, picture.height)
-                picture = _tinted(picture, mask, _color(annotation))
+    for box in boxes:
+        if box.segmentation:
+            picture = _tinted(picture, decode(box.segmentation, picture.width, picture.height), box.color)
     pen = ImageDraw.Draw(picture)
     line = max(1, round(picture.height / 360))
     font = lettering(max(10, picture.height // 36))
-    for annotation in annotations:
-        color = _color(annotation)
-        x, y, w, h = annotation["bbox"]
+    for box in boxes:
+        color = box.color
+        x, y, w, h = box.bbox.tolist()
         first, last = (x, y), (x + w, y + h)  # pixels of a line around the box, those in the picture
         left, top = (min(max(math.floor(n) - line, 0), size - 1) for n, size in zip(first, picture.size, strict=True))
         right, bottom = (min(math.ceil(n) - 1 + line, size - 1) for n, size in zip(last, picture.size, strict=True))
         corners = left, top, max(left, right), max(top, bottom)
         pen.rectangle(corners, outline=color, width=line)
-        points = annotation.get("keypoints") or ()
-        for x, y, v in zip(points[::3], points[1::3], points[2::3], strict=False):
+        for x, y, v in zip(box.keypoints[::3], box.keypoints[1::3], box.keypoints[2::3], strict=False):
             if v:
                 around = (x - 2 * line, y - 2 * line, x + 2 * line, y + 2 * line)
                 pen.ellipse(around, fill=color if v > 1 else None, outline=(0, 0, 0) if v > 1 else color, width=line)
-        if not annotation.get("iscrowd"):
-            name, score = names.get(annotation["category_id"], "?"), annotation.get("score")
-            _label(pen, corners, name if score is None else f"{name} {score:.2f}", color, font, picture.size)
+        if not box.ignored:
+            _label(pen, corners, box.text, color, font, picture.size)
     return picture
-
-
-def _color(annotation: Record) -> tuple[int, int, int]:
-    return IGNORED if annotation.get("iscrowd") else color_of(annotation["category_id"])
 
 
 def contact_sheet(

@@ -20,6 +20,7 @@ from PIL import Image
 from hulldown.assets.foreign_labels import foreign_reader
 from hulldown.assets.photographs import read_photographs
 from hulldown.assets.picture_files import read_picture
+from hulldown.dataset.images import LabeledImages
 from hulldown.dataset.provenance import read_provenance
 from hulldown.dataset.records import check_usable
 from hulldown.planning.inputs.camera_file import read_camera
@@ -144,7 +145,11 @@ READERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], object]]] = 
         lambda: encoded(RUNS),
         lambda path: read_provenance(path.parent),
     ),
-    "predictions": ("p.json", lambda: encoded(FOUND), lambda path: read_predictions(path, labels_of(COCO, path=path))),
+    "predictions": (
+        "p.json",
+        lambda: encoded(FOUND),
+        lambda path: read_predictions(path, labels_of(LabeledImages.of(COCO), path=path)),
+    ),
     "run": (
         "run.json",
         lambda: encoded(RUN),

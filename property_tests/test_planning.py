@@ -16,6 +16,7 @@ from hulldown.camera.projection import Camera
 from hulldown.camera.sensor import LIMITS
 from hulldown.camera.weather.kinds import KINDS
 from hulldown.dataset.attributes import numbers_of
+from hulldown.dataset.images import Image, Label
 from hulldown.dataset.rows import image_record, label_records
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply
@@ -153,10 +154,11 @@ def test_every_row_keeps_every_limit(config):
 def shown_angles_are_the_configured_ones(rows, config):
     """Summary and labels measure distance and elevation as the config does, from the center of the target's box."""
     summary, limits = summarize(rows).histograms, config.camera
-    labels = [(row, label_records(row)) for row in rows if not row.background]
-    records = [found[0] for row, found in labels if row.target.label != "none"]
-    images = [image_record(row) for row, _ in labels if row.target.label != "none"]
-    numbers = numbers_of(records, images, np.arange(len(records)))
+    of_image = {"id": 1, "image_id": 1, "category_id": 1, "file_name": "1.png"}
+    shown = [row for row in rows if not row.background and row.target.label != "none"]
+    labels = [Label.of(label_records(row)[0] | of_image, {}) for row in shown]
+    images = [Image.of(image_record(row) | of_image, ()) for row in shown]
+    numbers = numbers_of(labels, images, np.arange(len(labels)))
     for low, high, shown in (
         (*limits.elevation_deg, (summary["elevation_deg"].values, numbers["elevation"])),
         (*limits.distance_m, (summary["distance_m"].values, numbers["distance"])),

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hulldown.dataset.images import LabeledImages
 from hulldown.training.evaluation.labels import Labels, labels_of
 from hulldown.training.evaluation.matching import match, overlapping
 from hulldown.training.evaluation.metrics import sums_by
@@ -38,7 +39,7 @@ def results(found):
 
 
 def loaded(coco, found) -> tuple[Labels, Predictions]:
-    labels = labels_of(coco, path=HERE)
+    labels = labels_of(LabeledImages.of(coco), path=HERE)
     return labels, predictions_of(found, labels, path=Path("predictions.json"), name="predictions")
 
 

@@ -1,6 +1,7 @@
 """Properties of labels, and figures in bins of them."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from hulldown.dataset.attributes import seen_from
+from hulldown.dataset.images import LabeledImages
 from hulldown.tests.detections import dataset, loaded, matched, random_case, results
 from hulldown.training.evaluation.bins import fields, figures_of, measured_contrast, worst
 from hulldown.training.evaluation.labels import labels_of
@@ -158,12 +160,12 @@ def scene(tmp_path):
         pixels[y : y + h, x : x + w] = level
     (tmp_path / "images").mkdir()
     Image.fromarray(pixels).save(tmp_path / "images" / "1.png")
-    return labels_of(dataset(records, images=2), path=tmp_path)
+    return labels_of(LabeledImages.of(dataset(records, images=2)), path=tmp_path)
 
 
 def test_contrast_is_the_difference_from_the_surroundings_of_a_target_unless_stored(scene):
     assert measured_contrast(scene) == pytest.approx([51 / 255, 26 / 255, np.nan, np.nan], abs=0.005, nan_ok=True)
-    scene.annotations[0]["contrast"] = 0.9
+    scene = replace(scene, annotations=[scene.annotations[0].changed(contrast=0.9), *scene.annotations[1:]])
     predictions = predictions_of([], scene, path=scene.path, name="none")
     contrast = next(field for field in fields(scene, predictions) if field.name == "contrast")
     assert contrast.bins == ("0.1 to 0.2", "0.4 and more")

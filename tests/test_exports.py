@@ -21,6 +21,7 @@ from hulldown.cli import parser
 from hulldown.dataset.exports.export import LAYOUTS, WITH_POLYGONS, export
 from hulldown.dataset.exports.layouts import webdataset as shards
 from hulldown.dataset.exports.layouts.kitti import label_line
+from hulldown.dataset.images import Label
 from hulldown.tests.editing import edit, write_dataset
 
 WIDTH, HEIGHT = 64, 40
@@ -319,7 +320,8 @@ def test_kittis_angles_are_zero_for_a_vehicle_ahead_that_drives_to_the_right(x, 
     """KITTI's readme: rotation_y is in the camera's frame, 0 along x, and -pi/2 away; alpha is relative to the ray."""
     box = {"center": [x, 0.0, 20.0], "size": [8.0, 3.0, 2.0], "rotation": rotation}
     label = {"bbox": [1, 2, 3, 4], "bbox_3d": box, "visible_fraction": 0.7, "truncated_fraction": 0.25}
-    kind, truncated, occluded, *fields = label_line(label, "a b").split()
+    label |= {"id": 1, "image_id": 1, "category_id": 1}
+    kind, truncated, occluded, *fields = label_line(Label.of(label, {}), "a b").split()
     assert (kind, truncated, occluded) == ("a_b", "0.2500", "1")
     wanted = [alpha, 1, 2, 4, 6, 2, 3, 8, x, 1, 20, turn]
     np.testing.assert_allclose([float(each) for each in fields], wanted, rtol=0, atol=1e-6)

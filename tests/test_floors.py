@@ -2,16 +2,18 @@
 
 import pytest
 
+from hulldown.dataset.images import Label
 from hulldown.dataset.records import check_annotations
 from hulldown.dataset.store.seals import broken, sealed
 from hulldown.dataset.usable_labels import LabelFloors
 
+OF = {"image_id": 7, "category_id": 1}
 LABELS = [
-    sealed({"id": 1, "bbox": [0, 0, 40, 20], "visible_fraction": 0.9, "truncated_fraction": 0.0, "iscrowd": 0}),
-    {"id": 2, "bbox": [0, 0, 0.8, 2.4], "visible_fraction": 1.0, "truncated_fraction": 0.95, "iscrowd": 0},
-    {"id": 3, "bbox": [0, 0, 40, 20], "visible_fraction": 0.1, "iscrowd": 0},
-    {"id": 4, "bbox": [0, 0, 40, 20]},  # for a photograph
-    {"id": 5, "bbox": [0, 0, 40, 20], "iscrowd": 1},
+    sealed({**OF, "id": 1, "bbox": [0, 0, 40, 20], "visible_fraction": 0.9, "truncated_fraction": 0.0, "iscrowd": 0}),
+    {**OF, "id": 2, "bbox": [0, 0, 0.8, 2.4], "visible_fraction": 1.0, "truncated_fraction": 0.95, "iscrowd": 0},
+    {**OF, "id": 3, "bbox": [0, 0, 40, 20], "visible_fraction": 0.1, "iscrowd": 0},
+    {**OF, "id": 4, "bbox": [0, 0, 40, 20]},  # for a photograph
+    {**OF, "id": 5, "bbox": [0, 0, 40, 20], "iscrowd": 1},
 ]
 
 
@@ -28,17 +30,16 @@ LABELS = [
     ],
 )
 def test_labels_below_the_limits_are_ignored_or_left_out(floors, crowds, left):
-    kept = LabelFloors(**floors).kept(LABELS)
-    assert [label["id"] for label in kept] == left
-    assert [label["id"] for label in kept if label.get("iscrowd")] == crowds
-    assert not any(broken(label) for label in kept)
-    assert floors or kept == LABELS
+    kept = LabelFloors(**floors).kept(Label.of(label, {}) for label in LABELS)
+    assert [label.id for label in kept] == left
+    assert [label.id for label in kept if label.crowd] == crowds
+    assert not any(broken(label.record) for label in kept)
+    assert floors or [label.record for label in kept] == LABELS
 
 
 def test_a_label_on_a_background_is_found():
     image = {"id": 7, "file_name": "images/7.png", "width": 64, "height": 64, "background": True}
-    labels = [{**label, "image_id": 7, "category_id": 1} for label in LABELS]
-    coco = {"images": [image], "categories": [{"id": 1, "name": "tank"}], "annotations": labels[3:]}
+    coco = {"images": [image], "categories": [{"id": 1, "name": "tank"}], "annotations": LABELS[3:]}
     findings = [str(finding) for finding in check_annotations(coco)]
     assert findings[0] == "error: images/7.png: annotation 4: is a label on a background, an image without targets"
     assert not any("annotation 5: is a label" in finding for finding in findings)

@@ -1,6 +1,5 @@
 """Oriented boxes, corners of 3D boxes, and amodal masks: what they are, their checks, and exports."""
 
-import json
 import shutil
 
 import cv2
@@ -14,6 +13,7 @@ from hulldown.base.errors import DatasetError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.labels.corners import ground_corners
+from hulldown.dataset.records import read_usable
 from hulldown.dataset.rows import image_record
 from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.transforms import apply
@@ -79,18 +79,16 @@ def dataset(planned, tmp_path_factory):
 
 
 def test_the_corners_are_those_of_the_posed_box_the_ground_first(planned, dataset):
-    coco = json.loads((dataset / "annotations.json").read_text())
-    images = {image["id"]: image for image in coco["images"]}
-    label_of = {label["image_id"]: label for label in coco["annotations"][::-1]}
+    images = {image.id: image for image in read_usable(dataset).images}
     for image_id, row in enumerate(planned[1], start=1):
-        if image_id not in label_of or row.empty:
+        if image_id not in images or not images[image_id].labels or row.empty:
             continue
         low, high = row.target.bounds
         around = [[high[0], high[1]], [high[0], low[1]], [low[0], low[1]], [low[0], high[1]]]
         corners = [[*corner, z] for z in (low[2], high[2]) for corner in around]
         wanted = row.camera.project(apply(row.target.world_from_vehicle, np.array(corners))).pixels
-        label = label_of[image_id]
-        np.testing.assert_allclose(label["bbox_3d_corners"], wanted, rtol=0, atol=1e-4)
+        label = images[image_id].labels[0]
+        np.testing.assert_allclose(label.record["bbox_3d_corners"], wanted, rtol=0, atol=1e-4)
         np.testing.assert_allclose(ground_corners(label, images[image_id]), wanted[:4], rtol=0, atol=1e-4)
 
 
@@ -138,14 +136,13 @@ def test_verify_finds_a_rectangle_that_does_not_fit_its_mask(dataset, tmp_path, 
 
 @pytest.mark.parametrize("ground", [False, True])
 def test_supervision_and_hotcoco_read_the_corners(dataset, tmp_path, ground):
-    coco = json.loads((dataset / "annotations.json").read_text())
-    images = {image["file_name"].rpartition("/")[2][:-4]: image for image in coco["images"]}
-    names = {category["id"]: category["name"] for category in coco["categories"]}
     wanted = {}
-    for stem, image in images.items():
-        labels = [one for one in coco["annotations"] if one["image_id"] == image["id"]]
-        corners = [ground_corners(one, image) if ground else rectangle_corners(one["obb"]) for one in labels]
-        wanted[stem] = list(zip([names[one["category_id"]] for one in labels], corners, labels, strict=True))
+    for image in read_usable(dataset).images:
+        corners = [
+            ground_corners(one, image) if ground else rectangle_corners(one.record["obb"]) for one in image.labels
+        ]
+        named = [one.category for one in image.labels]
+        wanted[image.file_name.rpartition("/")[2][:-4]] = list(zip(named, corners, image.labels, strict=True))
     options = {"fractions": (1.0, 0.0, 0.0)}
     suffix = "-ground" if ground else ""
     export(dataset, tmp_path / "yolo", layout="yolo-obb" + suffix, **options)
@@ -153,14 +150,14 @@ def test_supervision_and_hotcoco_read_the_corners(dataset, tmp_path, ground):
     data = package("supervision").DetectionDataset.from_yolo(*folders, str(tmp_path / "yolo/data.yaml"), is_obb=True)
     assert len(data) == len(wanted)
     for path, _, detections in data:
-        full = [(name, corners) for name, corners, one in wanted[path[-12:-4]] if not one["iscrowd"]]
+        full = [(name, corners) for name, corners, one in wanted[path[-12:-4]] if not one.crowd]
         assert [data.classes[k] for k in detections.class_id] == [name for name, _ in full]
         for found, (_, corners) in zip(detections.data.get("xyxyxyxy", []), full, strict=True):
             np.testing.assert_allclose(found, corners, rtol=0, atol=1e-3)
     export(dataset, tmp_path / "dota", layout="dota" + suffix, **options)
     loaded = package("hotcoco").COCO.from_dota(str(tmp_path / "dota/train/labelTxt")).dataset
     known = {category["id"]: category["name"] for category in loaded["categories"]}
-    assert len(loaded["annotations"]) == len(coco["annotations"])
+    assert len(loaded["annotations"]) == sum(map(len, wanted.values()))
     for image in loaded["images"]:
         labels = [one for one in loaded["annotations"] if one["image_id"] == image["id"]]
         for found, (name, corners, _) in zip(labels, wanted[image["file_name"]], strict=True):
@@ -187,7 +184,7 @@ def oriented_case(seed):
     rng = np.random.default_rng(seed)
 
     def box():
-        return [*rng.uniform(20, 60, 2), *rng.uniform(4, 40, 2), rng.uniform(-4, 4)]
+        return [*rng.uniform(20, 60, 2).tolist(), *rng.uniform(4, 40, 2).tolist(), rng.uniform(-4, 4)]
 
     boxes = [(i, int(rng.integers(1, 3)), box()) for i in range(1, 6) for _ in range(rng.integers(5))]
     near = [(i, c, np.array(one) + rng.normal(0, [2, 2, 2, 2, 0.1])) for i, c, one in boxes]

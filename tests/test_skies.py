@@ -10,6 +10,8 @@ from hulldown.camera.projection import Camera
 from hulldown.camera.response import displayed
 from hulldown.camera.sensor import Sensor
 from hulldown.camera.weather.kinds import Weather
+from hulldown.dataset.images import Image
+from hulldown.dataset.records import sound_images
 from hulldown.dataset.store.reservations import Run
 from hulldown.dataset.verification.check_skies import SkyCheck, deviation, radiance
 from hulldown.scene.posed_scene import Plane, Scene
@@ -60,7 +62,7 @@ DARK_CORNERS = {"sensor": {"vignetting_ev": 1.5}}
 def test_the_recorded_sky_gives_no_finding(more):
     image = {**IMAGE, **more}
     noise = np.random.default_rng(0).normal(0.0, 25.0, (90, 160, 1))
-    assert list(CHECK(image, [], (picture(image) + noise).clip(0, 255).astype(np.uint8))) == []
+    assert list(CHECK(Image.of(image, []), (picture(image) + noise).clip(0, 255).astype(np.uint8))) == []
 
 
 @pytest.mark.parametrize(
@@ -74,7 +76,7 @@ def test_the_recorded_sky_gives_no_finding(more):
     ],
 )
 def test_another_sky_turn_strength_or_fog_is_found(change):
-    (found,) = CHECK(IMAGE, [], picture({**IMAGE, **change}))
+    (found,) = CHECK(Image.of(IMAGE, []), picture({**IMAGE, **change}))
     assert (found.severity, found.where) == ("error", "images/1.png")
     assert "its sky is " in found.problem
     assert found.figure > 3.0
@@ -94,16 +96,19 @@ def test_another_sky_turn_strength_or_fog_is_found(change):
 )
 def test_pictures_without_a_planned_or_visible_sky_are_skipped(change):
     black = np.zeros((90, 160, 3), np.uint8)
-    assert list(CHECK(IMAGE, [], black))
-    assert list(CHECK({**IMAGE, **change}, [], black)) == []
+    assert list(CHECK(Image.of(IMAGE, []), black))
+    assert list(CHECK(Image.of({**IMAGE, **change}, []), black)) == []
 
 
 def test_a_vehicle_in_front_of_the_sky_is_excluded():
     hidden = picture(IMAGE)
     hidden[:60, 20:140] = 0
-    assert list(CHECK(IMAGE, [], hidden))
+    assert list(CHECK(Image.of(IMAGE, []), hidden))
     damaged = [{}, *({"bbox": wrong} for wrong in (None, "x", [1, 2, 3], [1e308] * 4))]
-    assert list(CHECK(IMAGE, [*damaged, {"bbox": [20.0, 0.0, 120.0, 60.0]}], hidden)) == []
+    boxes = [*damaged, {"bbox": [20.0, 0.0, 120.0, 60.0]}, {"bbox": [0, 0, 9, 9], "image_id": []}]
+    labels = [{"id": k, "image_id": 1, "category_id": 1, **box} for k, box in enumerate(boxes)]
+    sound = sound_images({"categories": [], "images": [IMAGE], "annotations": labels})
+    assert list(CHECK(sound[1], hidden)) == []
 
 
 def test_deviation_is_the_smoothed_difference():

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from hulldown.dataset.exports.layouts.kitti import label_line
-from hulldown.dataset.labels.box_3d import check_space, space_of
-from hulldown.dataset.labels.types import Label
+from hulldown.dataset.images import Label
+from hulldown.dataset.labels.box_3d import BOX_3D, check_space, space_of
+from hulldown.dataset.labels.types import LabelFields
 from hulldown.dataset.rows import label_records
-from hulldown.dataset.store.declared import misfits
+from hulldown.dataset.store.declared import fields_of, misfits
 from hulldown.geometry.transforms import apply
 from hulldown.tests.planning_assets import plan, small_assets, small_config
 
@@ -34,10 +35,10 @@ def points_of(assets, vehicle, row):
 def test_the_box_contains_every_vertex_and_touches_some_on_each_side(assets, rows):
     for row in rows:
         for vehicle in row.vehicles:
-            box = space_of(vehicle, row)["bbox_3d"]
-            inside = (points_of(assets, vehicle, row) - box["center"]) @ np.array(box["rotation"])
-            np.testing.assert_allclose(inside.min(axis=0), -np.array(box["size"]) / 2, rtol=0, atol=1e-7)
-            np.testing.assert_allclose(inside.max(axis=0), np.array(box["size"]) / 2, rtol=0, atol=1e-7)
+            box = space_of(vehicle, row).bbox_3d
+            inside = (points_of(assets, vehicle, row) - box.center) @ np.array(box.rotation)
+            np.testing.assert_allclose(inside.min(axis=0), -np.array(box.size) / 2, rtol=0, atol=1e-7)
+            np.testing.assert_allclose(inside.max(axis=0), np.array(box.size) / 2, rtol=0, atol=1e-7)
 
 
 def test_distance_and_azimuth_are_those_of_the_center(rows):
@@ -53,7 +54,8 @@ def test_distance_and_azimuth_are_those_of_the_center(rows):
 def test_kittis_rotation_and_location_are_the_boxs(rows):
     for row in rows:
         label = label_records(row)[0]
-        numbers = [float(word) for word in label_line(label, "tank").split()[1:]]
+        of_image = {"id": 1, "image_id": 1, "category_id": 1}
+        numbers = [float(word) for word in label_line(Label.of({**label, **of_image}, {}), "tank").split()[1:]]
         rotation, center = np.array(label["bbox_3d"]["rotation"]), np.array(label["bbox_3d"]["center"])
         ground = center - rotation[:, 2] * label["bbox_3d"]["size"][2] / 2
         np.testing.assert_allclose(numbers[10:13], ground, atol=1e-5)
@@ -82,7 +84,7 @@ def turned(box):
 def test_an_invalid_box_is_found(rows, change, problem):
     label = copy.deepcopy(label_records(rows[0])[0])
     label |= {"image_id": 1, "category_id": 1}
-    assert [*misfits(label, Label), *check_space(label)] == []
+    assert [*misfits(label, LabelFields), *check_space(fields_of(label, BOX_3D.fields))] == []
     change(label)
-    (found,) = list(misfits(label, Label)) or check_space(label)
+    (found,) = list(misfits(label, LabelFields)) or check_space(fields_of(label, BOX_3D.fields))
     assert problem in found

@@ -2,13 +2,14 @@ import json
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image as Pictures
 
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import DONE_NAME, UNFINISHED_NAME
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.exports.split import SPLITS, group_of, share_out
-from hulldown.dataset.records import by_image
+from hulldown.dataset.images import Image, Label
+from hulldown.dataset.records import read_usable
 from hulldown.tests.editing import write_dataset
 
 
@@ -33,39 +34,41 @@ def dataset(tmp_path_factory):
     return write_dataset(tmp_path_factory.mktemp("dataset"), images, labels, names=("tank", "truck"))
 
 
-def grouped(folder) -> tuple[list[dict], dict[int, list[dict]]]:
-    coco = json.loads((folder / "annotations.json").read_text())
-    return coco["images"], by_image(coco["images"], coco["annotations"])
+def image_of(number: int, labels: list[dict], **more) -> Image:
+    of_image = {"image_id": number, "bbox": [0, 0, 1, 1]}
+    records = [{"id": k, "category_id": 1, **of_image, **label} for k, label in enumerate(labels)]
+    record = {"id": number, "file_name": f"{number}.png", "width": 8, "height": 6, **more}
+    return Image.of(record, [Label.of(label, {}) for label in records])
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_images_of_one_position_stay_together(dataset, seed):
-    images, boxes = grouped(dataset)
-    split_of = share_out(images, boxes, seed=seed)
+    images = read_usable(dataset).images
+    split_of = share_out(images, seed=seed)
     splits_of_position = {}
     for image in images:
-        if "position" in image:
-            splits_of_position.setdefault(image["position"], set()).add(split_of[image["id"]])
+        if "position" in image.record:
+            splits_of_position.setdefault(image.record["position"], set()).add(split_of[image.id])
     assert all(len(splits) == 1 for splits in splits_of_position.values())
 
 
 def test_every_class_has_its_share_in_every_split(dataset):
-    images, boxes = grouped(dataset)
-    split_of = share_out(images, boxes, fractions=(0.7, 0.2, 0.1))
+    images = read_usable(dataset).images
+    split_of = share_out(images, fractions=(0.7, 0.2, 0.1))
     for category, total in ((1, 200), (2, 100), (None, 20)):
-        splits = [split_of[i] for i, found in boxes.items() if (found[0]["category_id"] if found else None) == category]
+        first = {image.id: image.labels[0].category_id if image.labels else None for image in images}
+        splits = [split_of[i] for i, found in first.items() if found == category]
         for split, share in zip(SPLITS, (0.7, 0.2, 0.1), strict=True):
             assert abs(splits.count(split) - share * total) <= 5  # one position
 
 
 def shared_out(classes_of_images, **options):
     """Number of images in each split, and mean number of objects per image."""
-    images = [{"id": i} for i in range(len(classes_of_images))]
-    boxes = {i: [{"category_id": c} for c in found] for i, found in enumerate(classes_of_images)}
-    split_of = share_out(images, boxes, **options)
-    members = {split: [i for i in boxes if split_of[i] == split] for split in SPLITS}
+    images = [image_of(i, [{"category_id": c} for c in found]) for i, found in enumerate(classes_of_images)]
+    split_of = share_out(images, **options)
+    members = {split: [image for image in images if split_of[image.id] == split] for split in SPLITS}
     counts = {split: len(found) for split, found in members.items()}
-    return counts, {split: np.mean([len(boxes[i]) for i in found]) for split, found in members.items()}
+    return counts, {split: np.mean([len(image.labels) for image in found]) for split, found in members.items()}
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -82,31 +85,32 @@ def test_a_small_dataset_of_many_classes_reaches_every_split():
 
 
 def test_without_images_there_are_no_splits():
-    assert share_out([], {}) == {}
+    assert share_out([]) == {}
 
 
 def test_the_split_depends_only_on_the_seed(dataset):
-    images, boxes = grouped(dataset)
-    assert share_out(images, boxes) == share_out(images[::-1], boxes)
-    assert share_out(images, boxes, seed=1) != share_out(images, boxes)
+    images = read_usable(dataset).images
+    assert share_out(images) == share_out(images[::-1])
+    assert share_out(images, seed=1) != share_out(images)
 
 
 def test_a_share_of_zero_gets_nothing(dataset):
-    images, boxes = grouped(dataset)
-    assert set(share_out(images, boxes, fractions=(0.5, 0.5, 0.0)).values()) == {"train", "valid"}
+    images = read_usable(dataset).images
+    assert set(share_out(images, fractions=(0.5, 0.5, 0.0)).values()) == {"train", "valid"}
 
 
 @pytest.mark.parametrize("fractions", [(0.7, 0.2), (0.7, 0.2, 0.2), (1.2, -0.1, -0.1)])
 def test_shares_that_do_not_add_up_are_refused(fractions):
     with pytest.raises((ValueError, TypeError), match=r"fractions"):
-        share_out([], {}, fractions=fractions)
+        share_out([], fractions=fractions)
 
 
 @pytest.mark.parametrize("kind", [[], [[1, 2, 3]] * 3, "no pose", 7, {"x": 1}, [[0, 0, 0, "far"]] * 3, [None] * 4])
 def test_other_formats_of_poses_do_not_group_images(kind):
-    image, boxed = {"id": 3, "scenery": "hills"}, [{"world_from_vehicle": kind}]
-    assert group_of(image, boxed) == "image 3"
-    assert group_of(image, [*boxed, {"vehicle": "a", "world_from_vehicle": pose(2)}]) == "hills a 2.000 0.000 0.000"
+    boxed = [{"world_from_vehicle": kind}]
+    assert group_of(image_of(3, boxed, scenery="hills")) == "image 3"
+    boxed.append({"vehicle": "a", "world_from_vehicle": pose(2)})
+    assert group_of(image_of(3, boxed, scenery="hills")) == "hills a 2.000 0.000 0.000"
 
 
 @pytest.mark.parametrize(
@@ -120,10 +124,10 @@ def test_equal_names_in_different_folders_stay_separate(tmp_path, names):
     coco = json.loads((tmp_path / "out" / "train" / "_annotations.coco.json").read_text())
     assert len({image["file_name"] for image in coco["images"]}) == 3
     for image in coco["images"]:
-        with Image.open(tmp_path / "out" / "train" / image["file_name"]) as picture:
+        with Pictures.open(tmp_path / "out" / "train" / image["file_name"]) as picture:
             assert picture.width == image["width"]
     for name, size in zip(names, sizes, strict=True):
-        with Image.open(folder / name) as picture:
+        with Pictures.open(folder / name) as picture:
             assert picture.width == size
 
 

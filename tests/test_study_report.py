@@ -30,12 +30,12 @@ def looked(labels, share, *, seed):
     rng = np.random.default_rng(seed)
     order = np.random.default_rng(5).permutation(len(labels.label))  # hard labels are hard for every detector
     found = [
-        {"image_id": labels.images[labels.image[k]]["id"], "category_id": int(labels.class_id[labels.label[k]]),
+        {"image_id": labels.images[labels.image[k]].id, "category_id": int(labels.class_id[labels.label[k]]),
          "bbox": labels.xywh[k].tolist(), "score": 0.6 + 0.3 * float(rng.random())}
         for k in order[: round(share / 100 * len(order))]
     ]  # fmt: skip
     alarms = [
-        {"image_id": image["id"], "category_id": 1, "bbox": [1.0, 1.0, 5.0, 5.0], "score": 0.55}
+        {"image_id": image.id, "category_id": 1, "bbox": [1.0, 1.0, 5.0, 5.0], "score": 0.55}
         for image in labels.images[::8]
     ]
     return found + alarms

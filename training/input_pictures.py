@@ -54,7 +54,7 @@ class Pictures:
     def of(cls, labels: Labels) -> Pictures:
         """Return a dataset's pictures."""
         ids = dict(zip(labels.class_names, labels.class_id.tolist(), strict=True))
-        return cls(labels.path, labels.folder, labels.images, ids)
+        return cls(labels.path, labels.folder, [image.record for image in labels.images], ids)
 
     def read(self, indices: Sequence[int]) -> Iterator[Picture]:
         """Yield RGB pictures, (h, w, 3), at ascending indices.

@@ -21,7 +21,7 @@ from hulldown.base.errors import HulldownError
 from hulldown.base.files import make_room, open_in_place, open_regular, replace_file, replacing
 from hulldown.base.outside import json_of, sha256_of
 from hulldown.base.terminal import shown
-from hulldown.pictures.drawing import draw
+from hulldown.pictures.drawing import Drawn, draw
 from hulldown.training.detectors.detector import (
     Detector,
     chosen_device,
@@ -247,8 +247,13 @@ def _draw(
 
     def labeled() -> Iterator[tuple[Record, Image.Image]]:
         for record, pixels in zip(pictures.records, pictures.read(range(len(pictures.records))), strict=True):
-            shown = [one for one in found[record["id"]] if one["score"] >= threshold]
-            yield record, draw(Image.fromarray(pixels), shown, names)
+            shown = [
+                Drawn(np.array(one["bbox"]), category, f"{names.get(category, '?')} {one['score']:.2f}")
+                for one in found[record["id"]]
+                if one["score"] >= threshold
+                for category in [one["category_id"]]
+            ]
+            yield record, draw(Image.fromarray(pixels), shown)
 
     if (video := pictures.video) is not None:
         from supervision import VideoInfo, VideoSink

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from PIL import Image
 
 from hulldown.base.terminal import tracked
 from hulldown.geometry.arrays import spread
-from hulldown.pictures.drawing import contact_sheet, draw
+from hulldown.pictures.drawing import Drawn, contact_sheet, draw
 from hulldown.training.inputs.augment import Augmenter, changed_table
 from hulldown.training.inputs.data import at_work_size
 from hulldown.training.inputs.samples import Sample
@@ -48,7 +49,6 @@ def augmentation_sheet(
     """
     table = changed_table(load_settings(config, {}).augmentation)
     classes, (source,) = read_sources({"dataset": dataset})
-    names = dict(enumerate(classes, start=1))
     augment = Augmenter(table, height=WORK_SIZE[1])
     chosen = spread(len(source), rows)
     pictures = []
@@ -56,13 +56,10 @@ def augmentation_sheet(
         sample = at_work_size(source.sample(i, masks=source.masked), WORK_SIZE)
         seeds = [int(np.random.SeedSequence((seed, i, k)).generate_state(1)[0]) for k in range(TIMES)]
         changed = [augment(sample, own_seed) for own_seed in seeds]
-        pictures += [_drawn(one, names) for one in (sample, *changed)]
+        pictures += [_drawn(one, classes) for one in (sample, *changed)]
     return contact_sheet(pictures, columns=TIMES + 1, tile_width=TILE_WIDTH)
 
 
-def _drawn(sample: Sample, names: dict[int, str]) -> Image.Image:
-    boxes = [
-        {"bbox": xywh.tolist(), "category_id": int(label) + 1}
-        for xywh, label in zip(sample.xywh, sample.label, strict=True)
-    ]
-    return draw(Image.fromarray(sample.picture), boxes, names)
+def _drawn(sample: Sample, classes: Sequence[str]) -> Image.Image:
+    labels = zip(sample.xywh, sample.label.tolist(), strict=True)
+    return draw(Image.fromarray(sample.picture), [Drawn(xywh, label + 1, classes[label]) for xywh, label in labels])

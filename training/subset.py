@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 from itertools import accumulate
 from pathlib import Path
 
 import orjson
 
-from hulldown.assets.coco_types import Record
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import all_or_nothing
 from hulldown.base.terminal import shown
 from hulldown.dataset.exports.split import positions, shuffled
-from hulldown.dataset.records import by_image, read_usable
+from hulldown.dataset.images import Image
+from hulldown.dataset.records import read_usable
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, write_coco
 from hulldown.dataset.store.placed_pictures import link_or_copy
 
@@ -33,8 +33,7 @@ def subset_name(fraction: float) -> str:
 
 
 def nested_subsets(
-    images: Sequence[Record],
-    annotations: Mapping[int, Sequence[Record]],
+    images: Sequence[Image],
     fractions: Sequence[float],
     *,
     seed: int = 0,
@@ -48,9 +47,7 @@ def nested_subsets(
     Parameters
     ----------
     images
-        COCO image records.
-    annotations
-        Image id -> its COCO annotation records.
+        The images with their labels.
     fractions
         Shares of the images, above 0 and at most 1.
     seed
@@ -58,13 +55,13 @@ def nested_subsets(
     stratified
         Whether every prefix keeps the proportion of classes, as far as whole positions allow.
     """
-    groups = positions(images, annotations)
+    groups = positions(images)
     for members in groups.values():
-        members.sort(key=lambda image: str(image["file_name"]))
-    order = sorted(groups.values(), key=lambda members: shuffled(str(members[0]["file_name"]), seed))
+        members.sort(key=lambda image: image.file_name)
+    order = sorted(groups.values(), key=lambda members: shuffled(members[0].file_name, seed))
     if stratified:
-        order = _spread(order, annotations)
-    ids = [int(image["id"]) for members in order for image in members]
+        order = _spread(order)
+    ids = [image.id for members in order for image in members]
     ends = list(accumulate(map(len, order)))
     # By decimal value: 0.05 of 420 is 21, although 0.05 isn't exact in binary.
     sizes = [round(Fraction(str(fraction)) * len(ids)) for fraction in fractions]
@@ -112,36 +109,36 @@ def write_subsets(
     names = [subset_name(fraction) for fraction in fractions]
     if repeated := [name for name in names if names.count(name) > 1]:
         raise DatasetError(f"fraction {float(repeated[0]) / 100:g} is given twice", remedy="name each fraction once")
-    coco = read_usable(dataset)
-    if not coco["images"]:
+    found = read_usable(dataset)
+    if not found.images:
         raise DatasetError("has no images", path=dataset, remedy="name a dataset that has some")
-    boxes = by_image(coco["images"], coco["annotations"])
-    subsets = nested_subsets(coco["images"], boxes, fractions, seed=seed, stratified=stratified)
+    subsets = nested_subsets(found.images, fractions, seed=seed, stratified=stratified)
     sizes = [len(ids) for ids in subsets]
     chosen = {name: set(ids) for name, ids in zip(names, subsets, strict=True)}
     done, total = 0, sum(sizes)
-    head = {key: value for key, value in coco.items() if key not in ("images", "annotations")}
+    head = {"info": {}, **found.head, "categories": [category.record for category in found.categories]}
     with shown("linking images") as advance, all_or_nothing(out) as unfinished:
         for name, ids in chosen.items():
-            images = [image for image in coco["images"] if image["id"] in ids]
+            images = [image for image in found.images if image.id in ids]
             for image in images:
-                source, target = dataset / image["file_name"], unfinished / name / image["file_name"]
+                source, target = dataset / image.file_name, unfinished / name / image.file_name
                 target.parent.mkdir(parents=True, exist_ok=True)
                 with DatasetError.explaining("cannot be linked", path=source, remedy="check it with `hulldown verify`"):
                     link_or_copy(source, target)
                 done += 1
                 advance(done, total)
-            records = [annotation for image in images for annotation in boxes[image["id"]]]
+            records = [orjson.dumps(image.record) for image in images]
+            labels = [orjson.dumps(label.record) for image in images for label in image.labels]
             with (unfinished / name / ANNOTATIONS_NAME).open("wb") as file:
-                write_coco(file, {"info": {}, **head}, map(orjson.dumps, images), map(orjson.dumps, records))
+                write_coco(file, head, records, labels)
     return dict(zip(names, sizes, strict=True))
 
 
-def _spread(order: Sequence[list[Record]], annotations: Mapping[int, Sequence[Record]]) -> list[list[Record]]:
+def _spread(order: Sequence[list[Image]]) -> list[list[Image]]:
     """Order groups so that classes are spread evenly: the i-th of n groups of a kind is at (i + 1/2) / n."""
-    kinds: dict[tuple[int, ...], list[list[Record]]] = {}
+    kinds: dict[tuple[int, ...], list[list[Image]]] = {}
     for members in order:
-        labels = {a["category_id"] for image in members for a in annotations.get(image["id"], ())}
+        labels = {label.category_id for image in members for label in image.labels}
         kinds.setdefault(tuple(sorted(labels)), []).append(members)
     placed = []
     for kind, groups in kinds.items():

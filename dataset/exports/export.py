@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -12,18 +13,18 @@ import orjson
 
 from hulldown.annotate.masks import extent
 from hulldown.annotate.outlines import polygons
-from hulldown.assets.coco_types import Record
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import all_or_nothing, is_done
 from hulldown.base.terminal import say, shown
 from hulldown.dataset.exports.layouts import coco_folders, dota, huggingface, kitti, voc, webdataset, yolo
 from hulldown.dataset.exports.layouts.shares import Item, Shares, flat_names, sound_pictures
 from hulldown.dataset.exports.split import SPLITS, share_out
+from hulldown.dataset.images import Image, Label
 from hulldown.dataset.labels.corners import ground_corners
+from hulldown.dataset.labels.mask import MASK
 from hulldown.dataset.labels.oriented_box import visible_corners
-from hulldown.dataset.records import by_image, read_usable
-from hulldown.dataset.store.seals import changed
-from hulldown.dataset.usable_labels import ALL_LABELS, LabelFloors, clipped_boxes, labeled_categories, refuse_all
+from hulldown.dataset.records import read_usable
+from hulldown.dataset.usable_labels import ALL_LABELS, LabelFloors, clipped, refuse_all
 
 # The function that writes each layout into an existing folder; docs/exports.md lists their readers.
 LAYOUTS: Mapping[str, Callable[[Shares, Path], None]] = {
@@ -108,54 +109,52 @@ def export(
         raise DatasetError(f"layout {layout} has no polygons", remedy=f"these have: {', '.join(WITH_POLYGONS)}")
     folder = Path(dataset)
     document = read_usable(folder)
-    images = document["images"]
-    labels = by_image(images, clipped_boxes(document["annotations"], images, folder=folder, clip=clip))
-    split_of = share_out(images, labels, fractions=fractions)
-    _check_masks(images, labels, folder)
+    images = clipped(document.images, folder=folder, clip=clip)
+    split_of = share_out(images, fractions=fractions)
+    _check_masks(images, folder)
     pictures = sound_pictures(folder, images, [Path(each) for each in allow_links])
     items: dict[str, list[Item]] = {split: [] for split in SPLITS}
     for image, name, picture in zip(images, flat_names(images), pictures, strict=True):
-        kept = floors.kept(labels[image["id"]])
+        kept = floors.kept(image.labels)
         if polygons_within is not None:
-            kept = [_outlined(label, (image["width"], image["height"]), polygons_within) for label in kept]
-        items[split_of[image["id"]]].append(Item(image, kept, name, picture))
-    head = {key: value for key, value in document.items() if key not in ("images", "annotations")}
-    # Class numbers are those that training has.
-    head["categories"] = labeled_categories(document["categories"], document["annotations"])
+            kept = [_outlined(label, image.size, polygons_within) for label in kept]
+        items[split_of[image.id]].append(Item(image.labeled(kept), name, picture))
+    categories = document.classes  # numbered as in training
     counts = {split: len(of_split) for split, of_split in items.items()}
-    key = _key(layout, head, items)
+    shares = Shares(folder, document.head, categories, items)
+    key = _key(layout, shares)
     if is_done(Path(out), key):
         say(f"{out}: is complete already")
         return counts
     with shown("linking images", progress) as advance, all_or_nothing(Path(out), key) as unfinished:
-        LAYOUTS[layout](Shares(folder, head, items, advance), unfinished)
+        LAYOUTS[layout](replace(shares, progress=advance), unfinished)
     return counts
 
 
-def _key(layout: str, head: Record, items: Mapping[str, Sequence[Item]]) -> str:
+def _key(layout: str, shares: Shares) -> str:
     """Return a hash of everything that determines an export, besides the content of pictures without a seal."""
-    key = hashlib.sha256(orjson.dumps([layout, head]))
-    for split, of_split in items.items():
+    key = hashlib.sha256(orjson.dumps([layout, shares.coco_head]))
+    for split, of_split in shares.items.items():
         for item in of_split:
-            key.update(orjson.dumps([split, item.image, item.labels, item.name]))
+            key.update(orjson.dumps([split, item.image.record, [label.record for label in item.labels], item.name]))
     return key.hexdigest()
 
 
-def _check_masks(images: Sequence[Record], labels: Mapping[int, Sequence[Record]], folder: Path) -> None:
+def _check_masks(images: Sequence[Image], folder: Path) -> None:
     """Refuse unusable masks."""
     wrong = []
     for image in images:
-        for label in labels[image["id"]]:
-            if label.get("segmentation"):
+        for label in image.labels:
+            if mask := MASK.read(label).segmentation:
                 try:
-                    extent(label["segmentation"], image["width"], image["height"])
+                    extent(mask, *image.size)
                 except ValueError as error:
-                    wrong.append(f"annotation {label['id']}: {error}")
+                    wrong.append(f"annotation {label.id}: {error}")
     refuse_all(wrong, "mask", folder)
 
 
-def _outlined(annotation: Record, size: tuple[int, int], within: float) -> Record:
+def _outlined(label: Label, size: tuple[int, int], within: float) -> Label:
     """Return a label with its mask as polygons; crowds keep run lengths, as COCO's readers expect."""
-    if not annotation.get("segmentation") or annotation.get("iscrowd"):
-        return annotation
-    return changed(annotation, segmentation=polygons(annotation["segmentation"], *size, within=within))
+    if label.crowd or not (mask := MASK.read(label).segmentation):
+        return label
+    return label.changed(segmentation=polygons(mask, *size, within=within))

@@ -4,53 +4,62 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
+from msgspec import Struct
 from scipy import sparse
 
-from hulldown.assets.coco_types import Record
+from hulldown.dataset.images import Image
+from hulldown.dataset.store.declared import Pose, fields_of
 
 SPLITS = ("train", "valid", "test")
 _WITHOUT, _IMAGES = -1, -2  # labels for images without objects, and for images; COCO ids are 0 or more
 
 
-def group_of(image: Record, annotations: Sequence[Record]) -> str:
+class _Position(Struct):
+    """Fields of an image's record by which images belong together."""
+
+    scenery: object = None
+    position: object = None
+
+
+class _Placed(Struct):
+    """The same of a label's record."""
+
+    vehicle: object = None
+    world_from_vehicle: Pose | None = None
+
+
+def group_of(image: Image) -> str:
     """Return the group of an image that must stay together: shots of one position show one vehicle on the same ground.
 
     The first vehicle's position, to the millimeter, identifies the group, so another plan's shots of the same place
     belong to it too. Images without poses, such as photographs, are groups of their own, as are those whose poses
     have another form.
     """
-    for annotation in annotations:
-        if (place := _place(annotation.get("world_from_vehicle"))) is not None:
-            return f"{image.get('scenery')} {annotation.get('vehicle')} {place}"
-    if image.get("position") is not None:
-        return f"{image.get('scenery')} position {image['position']}"
-    return f"image {image['id']}"
+    shot = fields_of(image.record, _Position)
+    for label in image.labels:
+        placed = fields_of(label.record, _Placed)
+        if placed.world_from_vehicle is not None and len(placed.world_from_vehicle) >= 3:
+            place = " ".join(f"{row[3]:.3f}" for row in placed.world_from_vehicle[:3])
+            return f"{shot.scenery} {placed.vehicle} {place}"
+    if shot.position is not None:
+        return f"{shot.scenery} position {shot.position}"
+    return f"image {image.id}"
 
 
-def _place(pose: Any) -> str | None:
-    """Return the position in a pose; None if it isn't a matrix."""
-    try:
-        return " ".join(f"{float(pose[i][3]):.3f}" for i in range(3))
-    except (TypeError, ValueError, IndexError, KeyError):
-        return None
-
-
-def positions(images: Iterable[Record], annotations: Mapping[int, Sequence[Record]]) -> dict[str, list[Record]]:
-    """Image records by `group_of`, in order; `annotations` are by image id."""
-    groups: dict[str, list[Record]] = {}
+def positions(images: Iterable[Image]) -> dict[str, list[Image]]:
+    """Return images by `group_of`, in order."""
+    groups: dict[str, list[Image]] = {}
     for image in images:
-        groups.setdefault(group_of(image, annotations.get(image["id"], ())), []).append(image)
+        groups.setdefault(group_of(image), []).append(image)
     return groups
 
 
 def share_out(
-    images: Sequence[Record],
-    annotations: Mapping[int, Sequence[Record]],
+    images: Sequence[Image],
     *,
     fractions: tuple[float, float, float] = (0.7, 0.2, 0.1),
     seed: int = 0,
@@ -60,9 +69,7 @@ def share_out(
     Parameters
     ----------
     images
-        COCO image records.
-    annotations
-        Image id -> its COCO annotation records.
+        The images with their labels.
     fractions
         Shares of train, valid, and test; they add up to 1.
     seed
@@ -76,23 +83,23 @@ def share_out(
     # nan fails each comparison.
     if len(fractions) != 3 or not all(f >= 0.0 for f in fractions) or not abs(sum(fractions) - 1.0) <= 1e-6:
         raise ValueError(f"fractions: expected three shares that are not negative and add up to 1, got {fractions}")
-    groups = positions(images, annotations)
+    groups = positions(images)
     names = sorted(groups, key=lambda name: shuffled(name, seed))
-    labels = [_labels(annotations.get(image["id"], ()) for image in groups[name]) for name in names]
+    labels = [_labels(groups[name]) for name in names]
     kinds = sorted({label for of_image in labels for label in of_image})
     column = {kind: i for i, kind in enumerate(kinds)}
     rows = np.repeat(np.arange(len(names)), [len(of_image) for of_image in labels])
     columns = [column[label] for of_image in labels for label in of_image]
     has = sparse.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(names), len(kinds)))
     chosen = _stratified(has, np.array(fractions))
-    return {image["id"]: SPLITS[k] for name, k in zip(names, chosen, strict=True) for image in groups[name]}
+    return {image.id: SPLITS[k] for name, k in zip(names, chosen, strict=True) for image in groups[name]}
 
 
-def _labels(images: Iterable[Sequence[Record]]) -> list[tuple[int, int]]:
+def _labels(images: Iterable[Image]) -> list[tuple[int, int]]:
     """(class, 1) to (class, k) for k objects of a class, and the same for images and for images without objects."""
     counts: Counter[int] = Counter()
-    for boxes in images:
-        counts.update([box["category_id"] for box in boxes] or [_WITHOUT])
+    for image in images:
+        counts.update([label.category_id for label in image.labels] or [_WITHOUT])
         counts[_IMAGES] += 1
     return [(kind, k) for kind, n in counts.items() for k in range(1, n + 1)]
 

@@ -3,39 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 from msgspec import Struct
 
 from hulldown.annotate.masks import covers, encode, extent
-from hulldown.assets.coco_types import Record
+from hulldown.dataset.images import Category, Image, Label
 from hulldown.dataset.labels.label_type import LabelType, SeenVehicle
-from hulldown.dataset.labels.mask import outside
+from hulldown.dataset.labels.mask import MASK, outside
 
 
 class Fields(Struct):
     """The same form as `segmentation`."""
 
-    segmentation_amodal: dict[str, Any] | None = None
+    segmentation_amodal: dict[str, object] | None = None
 
 
-def _of_scene(vehicle: SeenVehicle) -> dict[str, Any]:
-    return {"segmentation_amodal": encode(vehicle.whole)}
+def _of_scene(vehicle: SeenVehicle) -> Fields:
+    return Fields(encode(vehicle.whole))
 
 
-def _problems(label: Record, image: Record, category: Record) -> Iterator[str]:
+def _problems(label: Label, image: Image, category: Category | None) -> Iterator[str]:
     """Find a damaged amodal mask, one outside of the box, and one that lacks visible pixels."""
-    if (whole := label.get("segmentation_amodal")) is None:
+    if (whole := AMODAL_MASK.read(label).segmentation_amodal) is None:
         return
-    size = image["width"], image["height"]
     try:
-        _, box = extent(whole, *size)
+        _, box = extent(whole, *image.size)
     except ValueError as error:
         yield f"segmentation_amodal: {error}"
         return
     yield from outside(label, box, "its amodal mask")
     try:
-        if (visible := label.get("segmentation")) and not covers(whole, visible, *size):
+        if (visible := MASK.read(label).segmentation) and not covers(whole, visible, *image.size):
             yield "its amodal mask lacks pixels of its mask"
     except ValueError:
         return  # the visible mask is damaged, which is found there

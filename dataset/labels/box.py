@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 from msgspec import Struct
 
-from hulldown.assets.coco_types import Record
+from hulldown.dataset.images import Category, Image, Label
 from hulldown.dataset.labels.label_type import LabelType
-from hulldown.dataset.store.declared import Box, Share
+from hulldown.dataset.store.declared import Box
 from hulldown.dataset.store.seals import PICTURE_KEY
 from hulldown.dataset.usable_labels import ROUNDED, SLIGHT, beyond
 
@@ -17,21 +17,19 @@ class Fields(Struct):
     """`bbox` is required of every label."""
 
     bbox_amodal: Box | None = None
-    visible_fraction: Share | None = None
-    truncated_fraction: Share | None = None
 
 
-def _problems(label: Record, image: Record, category: Record) -> Iterator[str]:
+def _problems(label: Label, image: Image, category: Category | None) -> Iterator[str]:
     """Find a box outside of its image, or of its amodal box."""
-    x, y, w, h = label["bbox"]
-    limit = ROUNDED if PICTURE_KEY in image else SLIGHT
-    if beyond(label["bbox"], image["width"], image["height"]) > limit:
-        yield f"bbox {label['bbox']} leaves its image of {image['width']} x {image['height']}"
-    if (amodal := label.get("bbox_amodal")) is not None:
+    x, y, w, h = label.bbox.tolist()
+    limit = ROUNDED if PICTURE_KEY in image.record else SLIGHT
+    if beyond(label.bbox, *image.size) > limit:
+        yield f"bbox {label.record['bbox']} leaves its image of {image.width} x {image.height}"
+    if (amodal := BOX.read(label).bbox_amodal) is not None:
         a, b, c, d = amodal
         slack = ROUNDED * max(1.0, c, d)
         if x < a - slack or y < b - slack or x + w > a + c + slack or y + h > b + d + slack:
-            yield f"bbox {label['bbox']} is not inside bbox_amodal {amodal}"
+            yield f"bbox {label.record['bbox']} is not inside bbox_amodal {list(amodal)}"
 
 
 BOX = LabelType(Fields, _problems)

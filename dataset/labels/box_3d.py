@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from msgspec import Meta, Struct
 
-from hulldown.assets.coco_types import Record
+from hulldown.dataset.images import Category, Image, Label
 from hulldown.dataset.labels.label_type import LabelType
 from hulldown.dataset.store.declared import Rows, Three
 from hulldown.geometry.portable import arctan2
@@ -37,7 +37,7 @@ class Fields(Struct):
     bbox_3d: Box3D | None = None
 
 
-def space_of(vehicle: PlannedVehicle, row: Row) -> dict[str, Any]:
+def space_of(vehicle: PlannedVehicle, row: Row) -> Fields:
     """Return a label's fields about the vehicle's position in the camera's frame.
 
     Parameters
@@ -65,33 +65,27 @@ def space_of(vehicle: PlannedVehicle, row: Row) -> dict[str, Any]:
     if ahead[0] * ahead[0] + left[0] * left[0] <= (OVERHEAD * center[2]) ** 2:  # no direction: rounding would decide
         ahead, left, _ = product(world_from_vehicle[:3, :3].T, world_from_camera[:3, 1, None])
     distance = math.sqrt(center[0] * center[0] + center[1] * center[1] + center[2] * center[2])
-    return {
-        "distance": round(distance, DIGITS),
-        "azimuth_seen": round(float(arctan2(left, ahead)[0]), DIGITS),
-        "bbox_3d": {
-            key: (np.round(values, DIGITS) + 0.0).tolist()  # + 0.0: no -0.0
-            for key, values in (("center", center), ("size", high - low), ("rotation", rotation))
-        },
-    }
+    box = Box3D(*((np.round(values, DIGITS) + 0.0).tolist() for values in (center, high - low, rotation)))  # no -0.0
+    return Fields(round(distance, DIGITS), round(float(arctan2(left, ahead)[0]), DIGITS), box)
 
 
-def check_space(label: Record) -> Iterator[str]:
-    """Find problems of a label's ``bbox_3d`` and ``distance``, which have their declared types, if it has them."""
-    if (box := label.get("bbox_3d")) is None:
+def check_space(space: Fields) -> Iterator[str]:
+    """Find problems of a label's ``bbox_3d`` and ``distance``."""
+    if (box := space.bbox_3d) is None:
         return
-    center, size, rotation = (np.array(box[key], dtype=np.float64) for key in ("center", "size", "rotation"))
+    center, size, rotation = (np.array(values) for values in (box.center, box.size, box.rotation))
     if not (size > 0.0).all():
         yield f"bbox_3d has the size {size.tolist()}"
     elif not np.abs(rotation @ rotation.T - np.eye(3)).max() <= TOLERANCE or not np.linalg.det(rotation) > 0.0:
         yield "bbox_3d has a rotation that is none"
     else:
-        far, stated = float(np.linalg.norm(center)), label.get("distance")
+        far, stated = float(np.linalg.norm(center)), space.distance
         if stated is not None and not abs(stated - far) <= TOLERANCE * max(1.0, far):
             yield f"distance is {stated}, bbox_3d is {far:.9g} m away"
 
 
-def _problems(label: Record, image: Record, category: Record) -> Iterator[str]:
-    return check_space(label)
+def _problems(label: Label, image: Image, category: Category | None) -> Iterator[str]:
+    return check_space(BOX_3D.read(label))
 
 
 BOX_3D = LabelType(Fields, _problems, of_row=space_of)

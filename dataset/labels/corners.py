@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
-from msgspec import Struct
+from msgspec import Meta, Struct
 
-from hulldown.assets.coco_types import Record
 from hulldown.base.errors import DatasetError
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, project_camera
-from hulldown.dataset.labels.box_3d import check_space, space_of
+from hulldown.dataset.images import Category, Image, Label
+from hulldown.dataset.labels.box_3d import BOX_3D, Box3D, check_space, space_of
 from hulldown.dataset.labels.label_type import LabelType
 from hulldown.dataset.store.declared import Pixel
 from hulldown.geometry.transforms import product
@@ -32,41 +32,40 @@ Corner = tuple[Pixel, Pixel] | None
 class Fields(Struct):
     """Eight corners in pixels, inside the image or not; null: nearer than the near plane."""
 
-    bbox_3d_corners: tuple[Corner, Corner, Corner, Corner, Corner, Corner, Corner, Corner] | None = None
+    bbox_3d_corners: Annotated[list[Corner], Meta(min_length=8, max_length=8)] | None = None
 
 
-def box_corners(box: Mapping[str, Any], intrinsics: Intrinsics) -> Float[np.ndarray, "8 2"]:
+def box_corners(box: Box3D, intrinsics: Intrinsics) -> Float[np.ndarray, "8 2"]:
     """Return the corners of a `bbox_3d` in pixels; nan where one isn't in front of the near plane.
 
     Returns
     -------
     (8, 2) front left, front right, rear right, rear left of the lower side, then of the upper side.
     """
-    from_center = product(np.array(box["rotation"], dtype=np.float64), (_CORNERS * box["size"]).T).T
-    pixels, depth = project_camera(intrinsics, np.array(box["center"]) + from_center)
+    from_center = product(np.array(box.rotation), (_CORNERS * box.size).T).T
+    pixels, depth = project_camera(intrinsics, np.array(box.center) + from_center)
     return np.where((depth >= NEAR)[:, None], np.clip(pixels, -FAR, FAR), np.nan)
 
 
-def _of_row(vehicle: PlannedVehicle, row: Row) -> dict[str, Any]:
-    corners = np.round(box_corners(space_of(vehicle, row)["bbox_3d"], row.intrinsics), DIGITS) + 0.0  # no -0.0
-    return {"bbox_3d_corners": [None if np.isnan(corner).any() else corner.tolist() for corner in corners]}
+def _of_row(vehicle: PlannedVehicle, row: Row) -> Fields:
+    box = space_of(vehicle, row).bbox_3d
+    assert box is not None
+    corners = np.round(box_corners(box, row.intrinsics), DIGITS) + 0.0  # no -0.0
+    return Fields([None if np.isnan(x) or np.isnan(y) else (x, y) for x, y in corners.tolist()])
 
 
-def _problems(label: Record, image: Record, category: Record) -> Iterator[str]:
+def _problems(label: Label, image: Image, category: Category | None) -> Iterator[str]:
     """Find corners that aren't those of the 3D box in the image's camera."""
-    given, box = label.get("bbox_3d_corners"), label.get("bbox_3d")
-    if given is None or box is None:
+    given, box, intrinsics = CORNERS.read(label).bbox_3d_corners, BOX_3D.read(label).bbox_3d, image.intrinsics
+    if given is None or box is None or intrinsics is None:
         return
-    try:
-        wanted = box_corners(box, Intrinsics.of_record(image))
-    except (KeyError, TypeError, ValueError):
-        return  # found by the check of images
+    wanted = box_corners(box, intrinsics)
     corners = np.array([corner or (np.nan, np.nan) for corner in given])
     if not np.allclose(corners, wanted, rtol=1e-9, atol=TOLERANCE, equal_nan=True):
         yield "bbox_3d_corners aren't the corners of bbox_3d"
 
 
-def ground_corners(label: Record, image: Record) -> Float[np.ndarray, "4 2"]:
+def ground_corners(label: Label, image: Image) -> Float[np.ndarray, "4 2"]:
     """Return pixels of the lower side of a label's `bbox_3d`: front left, front right, rear right, rear left.
 
     Raises
@@ -74,14 +73,14 @@ def ground_corners(label: Record, image: Record) -> Float[np.ndarray, "4 2"]:
     DatasetError
         If box or camera aren't known, or a corner isn't in front of the camera.
     """
-    where, path = f"annotation {label['id']}", Path(str(image["file_name"]))
+    where, path = f"annotation {label.id}", Path(image.file_name)
     remedy = "export boxes of what is visible, or delete the label"
-    if label.get("bbox_3d") is None or any(check_space(label)):
+    space, intrinsics = BOX_3D.read(label), image.intrinsics
+    if space.bbox_3d is None or any(check_space(space)):
         raise DatasetError(f"{where} has no bbox_3d", path=path, remedy=remedy)
-    try:
-        corners = box_corners(label["bbox_3d"], Intrinsics.of_record(image))[:4]
-    except (KeyError, TypeError, ValueError):
-        raise DatasetError("has no usable fov_x_deg or K", path=path, remedy=remedy) from None
+    if intrinsics is None:
+        raise DatasetError("has no usable fov_x_deg or K", path=path, remedy=remedy)
+    corners = box_corners(space.bbox_3d, intrinsics)[:4]
     if not np.isfinite(corners).all():
         raise DatasetError(f"{where}: its ground isn't all ahead", path=path, remedy=remedy)
     return corners

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 from msgspec import Struct
 
 from hulldown.annotate.keypoint_visibility import keypoints_in_image
-from hulldown.assets.coco_types import Record
+from hulldown.dataset.images import Category, Image, Label
 from hulldown.dataset.labels.label_type import LabelType, SeenVehicle
-from hulldown.dataset.store.declared import Pixel
+from hulldown.dataset.store import declared
+from hulldown.dataset.store.declared import Pixel, fields_of
 
 
 class Fields(Struct):
@@ -20,30 +20,31 @@ class Fields(Struct):
     num_keypoints: int | None = None
 
 
-def _of_scene(vehicle: SeenVehicle) -> dict[str, Any]:
+def _of_scene(vehicle: SeenVehicle) -> Fields | None:
     if not vehicle.keypoints:
-        return {}
+        return None
     found = keypoints_in_image(vehicle.posed, vehicle.row.camera, vehicle.scene)
     by_name = dict(zip(vehicle.posed.target.shape.keypoint_names, found.tolist(), strict=True))
     listed = [by_name.get(name, (0.0, 0.0, 0.0)) for name in vehicle.keypoints]
     flat = [number for x, y, v in listed for number in (round(x, 6), round(y, 6), int(v))]
-    return {"keypoints": flat, "num_keypoints": sum(v > 0 for _, _, v in listed)}
+    return Fields(flat, sum(v > 0 for _, _, v in listed))
 
 
-def _problems(label: Record, image: Record, category: Record) -> Iterator[str]:
+def _problems(label: Label, image: Image, category: Category | None) -> Iterator[str]:
     """Find keypoints with a wrong number, outside of their image, or with a wrong count."""
-    keypoints, names = label.get("keypoints"), category.get("keypoints")
-    if keypoints is None:
+    fields = KEYPOINTS.read(label)
+    if (keypoints := fields.keypoints) is None:
         return
-    if not isinstance(names, list) or len(keypoints) != 3 * len(names):
+    names = None if category is None else fields_of(category.record, declared.Category).keypoints
+    if names is None or len(keypoints) != 3 * len(names):
         yield f"keypoints has {len(keypoints)} numbers, its category has {len(names or ())} keypoints"
         return
     for name, x, y, v in zip(names, keypoints[::3], keypoints[1::3], keypoints[2::3], strict=True):
         if v not in (0, 1, 2):
             yield f"keypoint {name!r} has the visibility {v!r}, expected 0, 1, or 2"
-        elif v and not (0 <= x <= image["width"] and 0 <= y <= image["height"]):
+        elif v and not (0 <= x <= image.width and 0 <= y <= image.height):
             yield f"keypoint {name!r} is outside of its image"
-    if (counted := label.get("num_keypoints")) != sum(v > 0 for v in keypoints[2::3]):
+    if (counted := fields.num_keypoints) != sum(v > 0 for v in keypoints[2::3]):
         yield f"num_keypoints is {counted!r}"
 
 

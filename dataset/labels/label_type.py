@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Generic
 
 from jaxtyping import Bool
-from msgspec import Struct
 from numpy import ndarray
 
-from hulldown.assets.coco_types import Record
+from hulldown.dataset.images import Category, Image, Label
+from hulldown.dataset.store.declared import Declared, fields_of
 from hulldown.planning.plan.row import PlannedVehicle, Row
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
@@ -43,7 +43,7 @@ class SeenVehicle:
 
 
 @dataclass(frozen=True, slots=True)
-class LabelType:
+class LabelType(Generic[Declared]):
     """A type of label.
 
     Parameters
@@ -51,16 +51,19 @@ class LabelType:
     fields
         Its fields in a record, with types and ranges; all may be missing.
     problems
-        Function from the records of a label, its image, and its category to a sentence for each problem. The fields
-        have their declared types, and the image has a size.
+        Function from a label, its image, and its class (None: unknown) to a sentence for each problem.
     of_row
         Function from a vehicle and its row to the fields that a plan determines alone; None if there are none, or if
         the row has them itself.
     of_scene
-        Function to the fields that need the scene; None if there are none.
+        Function to the fields that need the scene, if there are any; None if there never are.
     """
 
-    fields: type[Struct]
-    problems: Callable[[Record, Record, Record], Iterator[str]]
-    of_row: Callable[[PlannedVehicle, Row], dict[str, Any]] | None = None
-    of_scene: Callable[[SeenVehicle], dict[str, Any]] | None = None
+    fields: type[Declared]
+    problems: Callable[[Label, Image, Category | None], Iterator[str]]
+    of_row: Callable[[PlannedVehicle, Row], Declared] | None = None
+    of_scene: Callable[[SeenVehicle], Declared | None] | None = None
+
+    def read(self, label: Label) -> Declared:
+        """Return the fields of a label; those that don't fit are missing."""
+        return fields_of(label.record, self.fields)

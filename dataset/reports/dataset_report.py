@@ -5,9 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 from collections import Counter
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -20,13 +18,16 @@ from hulldown.assets.photographs import read_photographs
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import make_room, replace_file
 from hulldown.base.terminal import shown
-from hulldown.dataset.attributes import SCALES, SIDES, SIZE, bins_of, poses_of
+from hulldown.dataset.attributes import SCALES, SIDES, SIZE, bins_of, camera_poses, pose_of, poses
+from hulldown.dataset.images import Image, Label
+from hulldown.dataset.labels.box_3d import BOX_3D
 from hulldown.dataset.labels.corners import ground_corners
-from hulldown.dataset.labels.oriented_box import is_rectangle
+from hulldown.dataset.labels.mask import MASK
+from hulldown.dataset.labels.oriented_box import rectangle_of
 from hulldown.dataset.reports.charts import azimuths, histogram, place_map, places_in_pictures, shares
 from hulldown.dataset.reports.comparison import Comparison, Encoder, compare
 from hulldown.dataset.reports.page import Facet, Shape, Tile, render
-from hulldown.dataset.table import CONDITIONS, Dataset, Image
+from hulldown.dataset.table import CONDITIONS, Dataset
 from hulldown.geometry.arrays import spread
 from hulldown.pictures.drawing import color_of
 from hulldown.pictures.sheets import refuse_foreign
@@ -169,9 +170,8 @@ def _of_conditions(dataset: Dataset) -> dict[str, Figure]:
 def _maps(dataset: Dataset) -> dict[str, Figure]:
     """Return a map of vehicles and cameras for each scenery."""
     scenery = dataset.of_images["scenery"]
-    cameras = poses_of([image.record for image in dataset.images], "world_from_camera")[:, :2, 3]
-    firsts = [image.labels[0].record if image.labels else {} for image in dataset.images]
-    vehicles = poses_of(firsts, "world_from_vehicle")[:, :2, 3]
+    cameras = camera_poses(dataset.images)[:, :2, 3]
+    vehicles = poses([pose_of(image.labels[0]) if image.labels else None for image in dataset.images])[:, :2, 3]
     known = np.isfinite(cameras).all(axis=1)
     return {
         f"map of {name}": place_map(name, *(side[known & (scenery == name)] for side in (cameras, vehicles)))
@@ -229,25 +229,25 @@ def _shapes(image: Image, dataset: Dataset) -> list[Shape]:
     masks, lines, boxes = [], [], []
     for label in image.labels:
         color = "rgb({},{},{})".format(*color_of(ids[label.category]))
-        if label.record.get("segmentation"):
+        if mask := MASK.read(label).segmentation:
             within = image.width / THUMBNAIL_WIDTH / 2  # half a pixel of the thumbnail
             try:
-                rings = polygons(label.record["segmentation"], image.width, image.height, within=within)
+                rings = polygons(mask, *image.size, within=within)
             except ValueError as error:
                 remedy = "check the dataset with `hulldown verify`"
                 raise DatasetError(f"{image.file_name}: {error}", path=Path(dataset.name), remedy=remedy) from None
             masks += [Shape("mask", color, np.reshape(ring, (-1, 2)).tolist()) for ring in rings]
-        lines += [Shape("thin", color, ring.tolist()) for ring in _oriented(label.record, image.record)]
+        lines += [Shape("thin", color, ring.tolist()) for ring in _oriented(label, image)]
         x, y, w, h = label.bbox.tolist()
         corners = [(x, y), (x + w, y), (x + w, y + h), (x, y + h), (x, y)]
         boxes.append(Shape("ignored" if label.crowd else "box", color, corners, label.category))
     return masks + lines + boxes
 
 
-def _oriented(label: Mapping[str, Any], image: Mapping[str, Any]) -> list[Float[np.ndarray, "_ 2"]]:
+def _oriented(label: Label, image: Image) -> list[Float[np.ndarray, "_ 2"]]:
     """Return lines around the visible mask, and around the ground under the vehicle, with an arrow to its front."""
-    rings = [rectangle_corners(label["obb"])] if is_rectangle(label.get("obb")) else []
-    if label.get("bbox_3d") is not None:
+    rings = [] if (visible := rectangle_of(label)) is None else [rectangle_corners(visible)]
+    if BOX_3D.read(label).bbox_3d is not None:
         with contextlib.suppress(DatasetError):  # a part of it is behind the camera
             ground = ground_corners(label, image)
             rings += [ground, np.stack([ground[3], ground[:2].mean(axis=0), ground[2]])]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from functools import cache
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, TypeVar, get_type_hints
 
 import msgspec
 from msgspec import Meta, Struct
@@ -21,6 +22,7 @@ Box = tuple[Pixel, Pixel, Pixel, Pixel]
 Three = tuple[Meters, Meters, Meters]
 Rows = tuple[Three, Three, Three]
 Pose = tuple[tuple[Meters, Meters, Meters, Meters], ...]
+Declared = TypeVar("Declared", bound=Struct)
 
 
 class Image(Struct):
@@ -31,12 +33,17 @@ class Image(Struct):
     height: Size
 
 
-class View(Struct):
-    """Fields of an image that renders have; those of other datasets may mean something else."""
+class Optics(Struct):
+    """Fields of an image's camera; see `camera.intrinsics.Intrinsics.of_fields`."""
 
     fov_x_deg: Annotated[float, Meta(ge=1e-6, le=179.999)] | None = None
     K: Rows | None = None
     dist: tuple[Meters, Meters, Meters, Meters, Meters] | None = None
+
+
+class View(Optics):
+    """Fields of an image that renders have; those of other datasets may mean something else."""
+
     world_from_camera: Pose | None = None
     background: bool | None = None
     scenery: str | None = None
@@ -46,12 +53,14 @@ class View(Struct):
 
 
 class LabelRecord(Struct, kw_only=True):
-    """Fields of every label; `dataset.labels.types` has those of each type."""
+    """Fields of every label; `dataset.labels` has those of each type."""
 
     image_id: int
     category_id: int
     bbox: Box
     iscrowd: int | bool | None = None
+    visible_fraction: Share | None = None
+    truncated_fraction: Share | None = None
     air_contrast: Share | None = None
     world_from_vehicle: Pose | None = None
     vehicle: str | None = None
@@ -64,6 +73,35 @@ class Category(Struct):
     name: Annotated[str, Meta(min_length=1)]
     keypoints: list[str] | None = None
     skeleton: list[tuple[int, int]] | None = None
+
+
+def fields_of(record: Record, kind: type[Declared]) -> Declared:
+    """Return the declared fields of a record; optional ones that don't have their type and range are left out.
+
+    Raises
+    ------
+    ValueError
+        If a required one is missing or doesn't fit.
+
+    Examples
+    --------
+    >>> fields_of({"scenery": "hills", "fov_x_deg": "wide"}, View).scenery
+    'hills'
+    """
+    try:
+        return typed(record, kind)
+    except ValueError:
+        wrong = {
+            key for key, (hint, optional) in _fields(kind).items() if optional and not _fits(record.get(key), hint)
+        }
+        return typed({key: value for key, value in record.items() if key not in wrong}, kind)
+
+
+def _fits(value: object, hint: Any) -> bool:
+    with contextlib.suppress(ValueError):
+        typed(value, hint)
+        return True
+    return False
 
 
 def misfits(record: Record, kind: type[Struct]) -> Iterator[str]:

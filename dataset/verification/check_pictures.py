@@ -15,7 +15,8 @@ from hulldown.assets.coco_types import Coco, Record
 from hulldown.assets.picture_files import UPRIGHT, read_picture, size_problem
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import stays_inside
-from hulldown.dataset.records import Finding, by_image
+from hulldown.dataset.images import Image
+from hulldown.dataset.records import Finding, sound_images
 from hulldown.dataset.store.entries import place_of
 from hulldown.dataset.store.placed_pictures import own_picture
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
@@ -24,7 +25,7 @@ from hulldown.dataset.verification.near_duplicates import near_duplicates, pictu
 
 CHECKERS = 2  # threads; four take half as much CPU time again, since they contend for memory and the interpreter
 LARGEST = 1 << 27  # pixels: each thread decodes one picture at a time, 0.4 GB
-Look = Callable[[Record, Sequence[Record], UInt8[np.ndarray, "h w 3"]], Iterable[Finding]]
+Look = Callable[[Image, UInt8[np.ndarray, "h w 3"]], Iterable[Finding]]
 
 
 def check_pictures(
@@ -51,7 +52,7 @@ def check_pictures(
         Called with (done, all) after each image.
     """
     images = coco["images"]
-    labels = by_image(images, coco["annotations"])
+    sound = sound_images(coco)
     contents: dict[str, str] = {}
     digests: list[str | None] = []
     hashes: list[Bool[np.ndarray, "256"] | None] = []
@@ -59,7 +60,7 @@ def check_pictures(
         # Chunks, so that a million results are not queued up.
         for start in range(0, len(images), 1024):
             chunk = images[start : start + 1024]
-            results = pool.map(lambda image: _check(folder, image, labels[image["id"]], fast=fast, look=look), chunk)
+            results = pool.map(lambda image: _check(folder, image, sound.get(image["id"]), fast=fast, look=look), chunk)
             for done, (image, (findings, found, hashed)) in enumerate(
                 zip(chunk, results, strict=True), start=start + 1
             ):
@@ -104,37 +105,40 @@ def _linked_elsewhere(folder: Path, images: Sequence[Record]) -> Iterator[Findin
 
 
 def _check(
-    folder: Path, image: Record, labels: Sequence[Record], *, fast: bool, look: Look | None
+    folder: Path, record: Record, image: Image | None, *, fast: bool, look: Look | None
 ) -> tuple[list[Finding], str | None, Bool[np.ndarray, "256"] | None]:
-    """Return a picture's problems, the hash of its bytes, and a photograph's perceptual hash."""
-    name = image.get("file_name")
+    """Return a picture's problems, the hash of its bytes, and a photograph's perceptual hash.
+
+    `image` is the image of its record, if that fits.
+    """
+    name = record.get("file_name")
     if not stays_inside(name):
         problem = f"file_name {name!r:.120} is no path inside the dataset"
-        return [Finding("error", f"image {image['id']}", problem)], None, None
+        return [Finding("error", f"image {record['id']}", problem)], None, None
     try:
         path = own_picture(folder, name)
         if fast:
             return [], None, None
-        picture = read_picture(path, largest=LARGEST if image.get(PICTURE_KEY) else None)
+        picture = read_picture(path, largest=LARGEST if record.get(PICTURE_KEY) else None)
     except DatasetError as error:
         return [Finding("error", name, error.problem)], None, None
     findings = []
     if picture.orientation != UPRIGHT:
         problem = f"has EXIF orientation {picture.orientation}, which some tools ignore: store it as displayed"
         findings.append(Finding("warning", name, problem))
-    stated = (image.get("width"), image.get("height"))
+    stated = (record.get("width"), record.get("height"))
     if picture.size != stated:
         findings.append(Finding("error", name, size_problem(picture, stated)))
-    elif picture.pixels is not None and is_rendered(image):
-        findings += check_looks(image, labels, picture.pixels)
+    elif picture.pixels is not None and is_rendered(record) and image is not None:
+        findings += check_looks(image, picture.pixels)
         if look is not None:
-            findings += look(image, labels, picture.pixels)
+            findings += look(image, picture.pixels)
     actual = digest(picture.content)
-    recorded = image.get(PICTURE_KEY)
+    recorded = record.get(PICTURE_KEY)
     if recorded is not None and recorded != actual:
         problem = (
             f"is not the picture that was recorded: its SHA-256 is {actual[:12]}..., recorded is {recorded!s:.12}..."
         )
         findings.append(Finding("error", name, problem))
-    looked_at = picture.pixels if not is_rendered(image) else None
+    looked_at = picture.pixels if not is_rendered(record) else None
     return findings, actual, None if looked_at is None else picture_hash(looked_at)

@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
-from PIL import Image
+from msgspec import Struct
+from PIL import Image as Pictures
 from scipy import ndimage
 
-from hulldown.assets.coco_types import Coco, Record
+from hulldown.assets.coco_types import Coco
+from hulldown.base.outside import typed
 from hulldown.camera.backdrop import HIGH, even_color, fade
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.camera.response import displayed, white_balance
 from hulldown.camera.sensor import Sensor
 from hulldown.camera.weather.kinds import Weather, air_layers, airlight, even_sky
+from hulldown.dataset.images import Image
 from hulldown.dataset.records import Finding
-from hulldown.dataset.store.entries import is_box
+from hulldown.dataset.store.declared import Pose
 from hulldown.dataset.store.reservations import Run, find_run, plan_key
 from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan_file import Plan
@@ -33,6 +36,21 @@ UNLIKE = 6.0  # of 255: another sky, turn or strength; see docs/dataset.md for w
 DOUBTFUL = 3.0  # of 255: wrong too, if another sky of the plan differs by less than half of that
 _ERODED = 1  # pixels around other things, such as leaves and wires that rays miss
 _SMOOTHED = 5  # pixels: a small map has no finer details
+
+
+class _Shot(Struct):
+    """Fields of a rendered image's record, as of `planning.plan.row.Row`."""
+
+    scenery: str
+    hdri: str
+    world_from_camera: Pose
+    hdri_yaw_deg: float
+    strength: float
+    horizon_deg: float | None
+    exposure_ev: float
+    white_balance_k: float
+    weather: Weather | None
+    sensor: Sensor | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -53,32 +71,32 @@ class SkyCheck:
     skies: Mapping[str, Float[np.ndarray, "_ _ 3"]]
     run: Run
 
-    def __call__(
-        self, image: Record, labels: Sequence[Record], pixels: UInt8[np.ndarray, "h w 3"]
-    ) -> Iterator[Finding]:
+    def __call__(self, image: Image, pixels: UInt8[np.ndarray, "h w 3"]) -> Iterator[Finding]:
         """Find a problem with the sky of a picture."""
-        name, hdri, scenery = (str(image.get(key)) for key in ("file_name", "hdri", "scenery"))
-        if not self.run.owns(image["id"], name) or hdri not in self.skies or scenery not in self.worlds:
-            return
         try:
-            height = max(1, round(WIDTH * image["height"] / image["width"]))
-            along, sky, light = self._sky(image, height)
-            weather = Weather(**image["weather"]) if image["weather"] else None
-            seen = partial(
-                radiance,
-                along=along,
-                yaw=math.radians(image["hdri_yaw_deg"]),
-                strength=float(image["strength"]),
-                weather=weather,
-                horizon_deg=None if image["horizon_deg"] is None else float(image["horizon_deg"]),
-            )
-            response = white_balance(float(image["white_balance_k"])).T * 2.0 ** float(image["exposure_ev"])
-        except (KeyError, TypeError, ValueError):  # a record that was changed, which is found elsewhere
+            shot = typed(image.record, _Shot)
+        except ValueError:  # a record that was changed, which is found elsewhere
             return
-        sky = ndimage.binary_erosion(sky & ~_labeled(image, labels, sky.shape), iterations=_ERODED, border_value=1)
+        name, hdri, intrinsics = image.file_name, shot.hdri, image.intrinsics
+        known = hdri in self.skies and shot.scenery in self.worlds
+        if not self.run.owns(image.id, name) or not known or intrinsics is None:
+            return
+        height = max(1, round(WIDTH * image.height / image.width))
+        along, sky, light = self._sky(shot, intrinsics.resized(WIDTH, height))
+        seen = partial(
+            radiance,
+            along=along,
+            yaw=math.radians(shot.hdri_yaw_deg),
+            strength=shot.strength,
+            weather=shot.weather,
+            horizon_deg=shot.horizon_deg,
+        )
+        response = white_balance(shot.white_balance_k).T * 2.0**shot.exposure_ev
+        sky = ndimage.binary_erosion(sky & ~_labeled(image, sky.shape), iterations=_ERODED, border_value=1)
         if np.count_nonzero(sky) < FEWEST:
             return
-        small = np.asarray(Image.fromarray(pixels).resize((WIDTH, height), Image.Resampling.BOX), dtype=np.float64)
+        resized = Pictures.fromarray(pixels).resize((WIDTH, height), Pictures.Resampling.BOX)
+        small = np.asarray(resized, dtype=np.float64)
 
         def differs(candidate: str) -> float:
             return deviation(small, displayed((seen(self.skies[candidate]) * light) @ response), sky)
@@ -96,17 +114,17 @@ class SkyCheck:
                 yield Finding("error", name, problem, figure)
 
     def _sky(
-        self, image: Record, height: int
+        self, shot: _Shot, intrinsics: Intrinsics
     ) -> tuple[Float[np.ndarray, "h w 3"], Bool[np.ndarray, "h w"], Float[np.ndarray, "h w 1"]]:
         """Return rays of the small picture: directions, which of them see sky, and transmittances."""
-        intrinsics = Intrinsics.of_record(image).resized(WIDTH, height)
-        camera = Camera(intrinsics, np.array(image["world_from_camera"], dtype=np.float64))
-        x, y = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(height) + 0.5)
+        width, height = intrinsics.width, intrinsics.height
+        camera = Camera(intrinsics, np.array(shot.world_from_camera))
+        x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
         along = camera.ray_directions(np.stack([x.ravel(), y.ravel()], axis=1))
-        sky = self.worlds[image["scenery"]].sees_sky(camera)
+        sky = self.worlds[shot.scenery].sees_sky(camera)
         to_x, to_y = intrinsics.matrix[:2, 2]
-        light = Sensor(**image.get("sensor") or {}).falloff(x - to_x, y - to_y, math.hypot(WIDTH, height) / 2.0)
-        return along.reshape(height, WIDTH, 3), sky.reshape(height, WIDTH), light[..., None]
+        light = (shot.sensor or Sensor()).falloff(x - to_x, y - to_y, math.hypot(width, height) / 2.0)
+        return along.reshape(height, width, 3), sky.reshape(height, width), light[..., None]
 
 
 def sky_check(plan: Plan, coco: Coco, read: Callable[[], Library]) -> SkyCheck | None:
@@ -137,11 +155,11 @@ def sky_check(plan: Plan, coco: Coco, read: Callable[[], Library]) -> SkyCheck |
     return SkyCheck(worlds, skies, run)
 
 
-def _labeled(image: Record, labels: Sequence[Record], shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
-    """Return the boxes of all labels, in the small picture; unusable ones are found elsewhere."""
+def _labeled(image: Image, shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
+    """Return the boxes of all labels, in the small picture."""
     taken = np.zeros(shape, dtype=bool)
-    for x, y, w, h in (label["bbox"] for label in labels if is_box(label.get("bbox"))):
-        sides = np.array([x, y, x + w, y + h]).clip(0, max(image["width"], image["height"])) * WIDTH / image["width"]
+    for x, y, w, h in (label.bbox for label in image.labels):
+        sides = np.array([x, y, x + w, y + h]).clip(0, max(image.size)) * WIDTH / image.width
         left, top, right, bottom = sides.tolist()
         taken[int(top) : math.ceil(bottom), int(left) : math.ceil(right)] = True
     return taken

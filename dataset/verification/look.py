@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,8 @@ from scipy import ndimage
 
 from hulldown.annotate.masks import decode
 from hulldown.assets.coco_types import Record
+from hulldown.dataset.images import Image
+from hulldown.dataset.labels.mask import MASK
 from hulldown.dataset.records import Finding
 from hulldown.dataset.store.seals import PICTURE_KEY
 from hulldown.geometry.color import LUMINANCE
@@ -42,35 +44,33 @@ def is_rendered(image: Record) -> bool:
     return any(image.get(key) is not None for key in (PICTURE_KEY, "world_from_camera"))
 
 
-def check_looks(image: Record, annotations: Sequence[Record], pixels: UInt8[np.ndarray, "h w 3"]) -> Iterator[Finding]:
+def check_looks(image: Image, pixels: UInt8[np.ndarray, "h w 3"]) -> Iterator[Finding]:
     """Find problems with the look of targets in a rendered picture.
 
     Parameters
     ----------
     image
-        Its record, of the picture's size.
-    annotations
-        Its labels; those without a mask, and ignored ones, aren't checked.
+        The image, of the picture's size; labels without a mask, and ignored ones, aren't checked.
     pixels
         The picture.
     """
-    name, height, width = str(image.get("file_name")), *pixels.shape[:2]
+    height, width = pixels.shape[:2]
     masked = []
-    for label in annotations:
-        with contextlib.suppress(KeyError, ValueError):  # found elsewhere
-            masked.append((label, decode(label["segmentation"], width, height)))
+    for label in image.labels:
+        with contextlib.suppress(ValueError):  # found elsewhere
+            masked.append((label, decode(MASK.read(label).segmentation, width, height)))
     looks: list[Appearance] = []
     covering = sum((mask for _, mask in masked), np.zeros((height, width), dtype=np.uint16))  # labels of each pixel
     for label, mask in masked:
-        if not label.get("iscrowd") and (look := appearance(pixels, mask, covering > mask)) is not None:
+        if not label.crowd and (look := appearance(pixels, mask, covering > mask)) is not None:
             looks.append(look)
-            yield from _label_problems(f"{name}: annotation {label['id']}", look)
+            yield from _label_problems(f"{image.file_name}: annotation {label.id}", look)
     outlines = [look.outline for look in looks if look.contrast >= FAINT and not math.isnan(look.outline)]
     if outlines and (best := max(outlines)) < UNLIKE:
         problem = (
             f"does not show its labels: nothing changes along their outlines ({best:.2f}, expected {UNLIKE} or more)"
         )
-        yield Finding("error", name, problem, best)
+        yield Finding("error", image.file_name, problem, best)
 
 
 def _label_problems(where: str, look: Appearance) -> Iterator[Finding]:

@@ -17,7 +17,7 @@ from hulldown.camera.response import ALBEDO
 from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.arrays import spread
 from hulldown.geometry.color import LUMINANCE
-from hulldown.pictures.drawing import contact_sheet, draw
+from hulldown.pictures.drawing import Drawn, contact_sheet, draw
 from hulldown.pictures.sheets import save_sheet
 from hulldown.planning.appearance.light import card
 from hulldown.planning.appearance.paint import previewed
@@ -91,16 +91,17 @@ class Artist:
         image = Image.fromarray((255.0 * self.shade(row, width, height)).round().astype(np.uint8))
         if not labels:
             return image
-        records = [
-            {
-                "bbox": [x * scale for x in vehicle.bbox],
-                "category_id": self.class_ids[vehicle.category],
-                "iscrowd": int(vehicle.label == "ignored"),
-            }
+        boxes = [
+            Drawn(
+                scale * np.array(vehicle.bbox),
+                self.class_ids[vehicle.category],
+                vehicle.category,
+                ignored=vehicle.label == "ignored",
+            )
             for vehicle in row.labeled
             if vehicle.bbox is not None and vehicle.category is not None
         ]
-        return draw(image, records, {i: name for name, i in self.class_ids.items()}, masks=False)
+        return draw(image, boxes)
 
     def scene(self, row: Row) -> Scene:
         """Return a row's scenery with its vehicles.

@@ -245,8 +245,7 @@ class Row(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=T
     @property
     def intrinsics(self) -> Intrinsics:
         """Image size, and field of view or calibration."""
-        lens = {"fov_x_deg": self.fov_x_deg} if self.K is None else {"K": self.K, "dist": self.dist}
-        return Intrinsics.of_record({"width": self.width, "height": self.height, **lens})
+        return Intrinsics.of_fields(self.width, self.height, fov_x_deg=self.fov_x_deg, K=self.K, dist=self.dist)
 
     @property
     def camera(self) -> Camera:

@@ -15,7 +15,8 @@ from jaxtyping import Float, Int, Shaped
 from hulldown.annotate.masks import decode
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.attributes import SCALES, SIDES, SIZE, bins_of, name_of, numbers_of, sides_of, weather_of
+from hulldown.dataset.attributes import SCALES, SIDES, SIZE, bins_of, conditions_of, numbers_of, sides_of
+from hulldown.dataset.labels.mask import MASK
 from hulldown.dataset.verification.look import appearance
 from hulldown.training.evaluation.bootstrap import ratio_error, share_interval
 from hulldown.training.evaluation.labels import Labels
@@ -67,13 +68,13 @@ def fields(labels: Labels, predictions: Predictions) -> list[BinnedField]:
         _field(SIZE.name, SIZE.title, SIZE.bins, *(bins_of(_side_length(x), SIZE) for x in (labels, predictions))),
         *(_field(one.name, one.title, one.bins, bins_of(numbers[one.name], one), None) for one in SCALES),
         _field("azimuth_seen", "side seen", SIDES, sides_of(numbers["azimuth"]), None),
-        _named("vehicle", "vehicle", [name_of(box.get("vehicle")) for box in labels.annotations], None),
+        _named("vehicle", "vehicle", [label.vehicle for label in labels.annotations], None),
     ]
-    for key, title in (("weather", "weather"), ("scenery", "scenery"), ("hdri", "HDRI")):
-        of = weather_of if key == "weather" else name_of
-        values = [of(image.get(key)) if key in image else None for image in labels.images]
+    conditions = conditions_of(labels.images)
+    for key, title in (("weather_name", "weather"), ("scenery", "scenery"), ("hdri", "HDRI")):
+        values = [getattr(each, key) or None for each in conditions]
         names = [values[i] for i in labels.image.tolist()]
-        found.append(_named(key, title, names, [values[i] for i in predictions.image.tolist()]))
+        found.append(_named(title.lower(), title, names, [values[i] for i in predictions.image.tolist()]))
     return [field for field in found if (field.of_label[~labels.crowd] >= 0).any()]
 
 
@@ -84,7 +85,7 @@ def measured_contrast(labels: Labels) -> Float[np.ndarray, " g"]:
     It's nan if a label has no mask, or its picture can't be read.
     """
     found = np.full(len(labels.label), np.nan)
-    masked = np.array([bool(record.get("segmentation")) for record in labels.annotations], dtype=bool) & ~labels.crowd
+    masked = np.array([bool(MASK.read(label).segmentation) for label in labels.annotations], dtype=bool) & ~labels.crowd
     rows = np.flatnonzero(masked)
     by_image = [list(group) for _, group in groupby(rows.tolist(), key=labels.image.__getitem__)]
     with ThreadPoolExecutor(READERS) as pool:
@@ -93,11 +94,10 @@ def measured_contrast(labels: Labels) -> Float[np.ndarray, " g"]:
 
 
 def _of_image(labels: Labels, boxes: list[int]) -> list[float]:
-    record = labels.images[labels.image[boxes[0]]]
-    size = (record["width"], record["height"])
+    image = labels.images[labels.image[boxes[0]]]
     try:
-        picture = read_pixels(labels.folder / record["file_name"], size)
-        masks = np.stack([decode(labels.annotations[k]["segmentation"], *size) for k in boxes])
+        picture = read_pixels(labels.folder / image.file_name, image.size)
+        masks = np.stack([decode(MASK.read(labels.annotations[k]).segmentation, *image.size) for k in boxes])
     except (DatasetError, ValueError):  # evaluating doesn't need the picture
         return [np.nan] * len(boxes)
     looks = [appearance(picture, mask, np.delete(masks, row, axis=0).any(axis=0)) for row, mask in enumerate(masks)]

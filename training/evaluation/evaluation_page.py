@@ -15,7 +15,6 @@ from PIL import Image, ImageDraw
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import replacing
-from hulldown.dataset.attributes import number
 from hulldown.dataset.labels.oriented_box import visible_corners
 from hulldown.dataset.reports.charts import (
     BLUE,
@@ -207,7 +206,7 @@ def thumbnails(one: Evaluation) -> tuple[list[Tile], str]:
 
     The second value is the error of the first unreadable picture; it's empty if all were read.
     """
-    visible = np.array([number(box.get("visible_fraction")) for box in one.labels.annotations], dtype=np.float64)
+    visible = np.array([label.visible_fraction for label in one.labels.annotations], dtype=np.float64)
     visible = np.where((visible >= 0.0) & (visible <= 1.0), visible, 1.0)
     size = one.labels.xywh[:, 2] * one.labels.xywh[:, 3] * visible
     overlap = np.zeros(len(one.labels.label))
@@ -220,7 +219,7 @@ def thumbnails(one: Evaluation) -> tuple[list[Tile], str]:
     crops: list[Image.Image] = [Image.new("RGB", TILE, BACKGROUND)] * len(cases)
     unread = ""
     for image in sorted({int(boxes.image[k]) for _, k, boxes in cases}):
-        name = one.labels.images[image]["file_name"]
+        name = one.labels.images[image].file_name
         try:
             whole = Image.fromarray(read_pixels(one.labels.folder / name))
         except DatasetError as error:
@@ -272,7 +271,7 @@ def _about(one: Evaluation, outcome: str, k: int) -> tuple[list[str], dict[str, 
         bins = field.of_detection if false else field.of_label
         if bins is not None and bins[k] >= 0:
             values[field.name] = [field.bins[bins[k]]]
-    return [*caption, str(one.labels.images[boxes.image[k]]["file_name"])], values
+    return [*caption, one.labels.images[boxes.image[k]].file_name], values
 
 
 def _cut(one: Evaluation, image: int, around: Float[np.ndarray, "4"], whole: Image.Image) -> Image.Image:

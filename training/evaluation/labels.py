@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.exports.split import group_of
-from hulldown.dataset.records import by_image, read_usable
+from hulldown.dataset.images import Image, Label, LabeledImages
+from hulldown.dataset.labels.mask import MASK
+from hulldown.dataset.records import read_usable
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,7 @@ class Labels:
     crowd
         (g,) whether it's COCO's ``iscrowd``, which is ignored.
     images, annotations
-        The records themselves, in the same order.
+        The images and labels themselves, in the same order.
     """
 
     path: Path
@@ -49,8 +50,8 @@ class Labels:
     xywh: Float[np.ndarray, "g 4"]
     area: Float[np.ndarray, " g"]
     crowd: Bool[np.ndarray, " g"]
-    images: Sequence[Mapping[str, Any]]
-    annotations: Sequence[Mapping[str, Any]]
+    images: Sequence[Image]
+    annotations: Sequence[Label]
 
     @property
     def folder(self) -> Path:
@@ -60,8 +61,7 @@ class Labels:
     @cached_property
     def position(self) -> Int[np.ndarray, " n"]:
         """(n,) position of each image; an image without one is its own."""
-        boxes = by_image(self.images, self.annotations)
-        return np.unique([group_of(image, boxes[image["id"]]) for image in self.images], return_inverse=True)[1]
+        return np.unique([group_of(image) for image in self.images], return_inverse=True)[1]
 
     @property
     def positions(self) -> int:
@@ -85,47 +85,42 @@ def read_labels(path: Path | str) -> Labels:
     return labels_of(read_usable(Path(path)), path=Path(path))
 
 
-def labels_of(coco: Mapping[str, Any], *, path: Path) -> Labels:
-    """Labels of a COCO dictionary with checked records.
+def labels_of(found: LabeledImages, *, path: Path) -> Labels:
+    """Labels of a dataset's images.
 
     Raises
     ------
     DatasetError
         If a category's id occurs twice, a box belongs to no image, or a size is negative.
     """
-    doubled = [i for i, times in Counter(category["id"] for category in coco["categories"]).items() if times > 1]
+    doubled = [i for i, times in Counter(category.id for category in found.categories).items() if times > 1]
     if doubled:
         problem = f"category {doubled[0]} is given twice"
         raise DatasetError(problem, path=path, remedy="check it with `hulldown verify`")
-    images = sorted(coco["images"], key=lambda image: image["id"])
-    categories = sorted(coco["categories"], key=lambda category: category["id"])
-    index = {image["id"]: i for i, image in enumerate(images)}
-    class_index = {category["id"]: i for i, category in enumerate(categories)}
+    if found.strays:
+        image_id, label = found.strays[0]
+        problem = f"annotation {label.id}: image {image_id} does not exist"
+        raise DatasetError(problem, path=path, remedy="check it with `hulldown verify`")
     # By image, then in the file's order, so the order of images in the file doesn't matter.
-    annotations = sorted(coco["annotations"], key=lambda record: index.get(record["image_id"], -1))
-    if annotations and annotations[0]["image_id"] not in index:
-        lost = annotations[0]
-        raise DatasetError(
-            f"annotation {lost['id']}: image {lost['image_id']} does not exist",
-            path=path,
-            remedy="check it with `hulldown verify`",
-        )
-    xywh = np.array([record["bbox"] for record in annotations], dtype=np.float64).reshape(-1, 4)
-    if negative := [str(annotations[k]["id"]) for k in np.flatnonzero((xywh[:, 2:] < 0).any(axis=1))]:
+    images = sorted(found.images, key=lambda image: image.id)
+    categories = sorted(found.categories, key=lambda category: category.id)
+    class_index = {category.id: i for i, category in enumerate(categories)}
+    labels = [label for image in images for label in image.labels]
+    xywh = np.array([label.bbox for label in labels], dtype=np.float64).reshape(-1, 4)
+    if negative := [str(labels[k].id) for k in np.flatnonzero((xywh[:, 2:] < 0).any(axis=1))]:
         more = f" and {len(negative) - 10} more" if len(negative) > 10 else ""
         problem = f"boxes have a negative width or height: annotation {', '.join(negative[:10])}{more}"
         raise DatasetError(problem, path=path, remedy="correct them")
-    areas = [record.get("area") for record in annotations]
-    area = np.array([np.nan if a is None else a for a in areas], dtype=np.float64).reshape(-1)
+    area = np.array([MASK.read(label).area for label in labels], dtype=np.float64)
     return Labels(
         path=path,
-        class_id=np.array([category["id"] for category in categories], dtype=np.int64),
-        class_names=tuple(category["name"] for category in categories),
-        image=np.array([index[record["image_id"]] for record in annotations], dtype=np.int64),
-        label=np.array([class_index[record["category_id"]] for record in annotations], dtype=np.int64),
+        class_id=np.array([category.id for category in categories], dtype=np.int64),
+        class_names=tuple(category.name for category in categories),
+        image=np.repeat(np.arange(len(images)), [len(image.labels) for image in images]),
+        label=np.array([class_index[label.category_id] for label in labels], dtype=np.int64),
         xywh=xywh,
         area=np.where(np.isnan(area), xywh[:, 2] * xywh[:, 3], area),
-        crowd=np.array([bool(record.get("iscrowd")) for record in annotations], dtype=bool),
+        crowd=np.array([label.crowd for label in labels], dtype=bool),
         images=images,
-        annotations=annotations,
+        annotations=labels,
     )

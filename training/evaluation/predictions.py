@@ -142,7 +142,7 @@ def predictions_of(
     except ValueError:
         number, problem = next((i, problem) for i, each in enumerate(found) for problem in _misfits(each))
         raise _unusable(f"{number}: {problem}", path, labels) from None
-    index = {image["id"]: i for i, image in enumerate(labels.images)}
+    index = {image.id: i for i, image in enumerate(labels.images)}
     oriented = any(row.obb is not None for row in rows)
     for i, row in enumerate(rows):
         if row.image_id not in index:
@@ -196,7 +196,7 @@ def _check_images(path: Path, listed: object, labels: Labels) -> None:
     theirs = {one for one in found if isinstance(one, int)}
     if not all(isinstance(one, int) for one in found):
         raise DatasetError("'images' isn't a list of image ids", path=path, remedy="repair or remove it")
-    known = {image["id"] for image in labels.images}
+    known = {image.id for image in labels.images}
     if lost := sorted(known - theirs):
         raise DatasetError(
             f"image {lost[0]} of {labels.path} is not among its images ({len(lost)} are missing)",

@@ -6,21 +6,21 @@ import hashlib
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import orjson
 from jaxtyping import Bool, Float, Int
 
 from hulldown.annotate.masks import decode, run_lengths
-from hulldown.assets.coco_types import Coco
 from hulldown.assets.picture_files import read_picture, read_pixels
 from hulldown.base.errors import ConfigError, DatasetError
-from hulldown.dataset.records import by_image, read_usable
-from hulldown.dataset.usable_labels import clipped_boxes, labeled_categories
+from hulldown.dataset.images import Label, LabeledImages
+from hulldown.dataset.labels.mask import MASK
+from hulldown.dataset.records import read_usable
+from hulldown.dataset.usable_labels import clipped
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
 from hulldown.training.inputs.samples import Sample
 
@@ -60,7 +60,7 @@ class LabeledPictures:
     starts: Int[np.ndarray, " s"]
     xywh: Float[np.ndarray, "m 4"]
     label: Int[np.ndarray, " m"]
-    segmentations: tuple[Any, ...]
+    segmentations: tuple[object, ...]
     digest: str
 
     def __len__(self) -> int:
@@ -106,10 +106,10 @@ def read_sources(
     DatasetError
         If a folder isn't a dataset or has no images, a record or box is unusable, or classes differ, naming both.
     """
-    cocos = {name: _checked(Path(folder)) for name, folder in folders.items()}
+    sources = {name: _checked(Path(folder)) for name, folder in folders.items()}
     known, of = (list(classes), "the detector") if classes is not None else ([], "")
-    for name, coco in cocos.items():
-        own = _classes(coco)
+    for name, found in sources.items():
+        own = _classes(found)
         if not of:
             known, of = own, name
         if sorted(own) != sorted(known):
@@ -117,7 +117,7 @@ def read_sources(
                 f"the classes of {name} are {_listed(own)}, those of {of} are {_listed(known)}",
                 path=Path(folders[name]), remedy="give the same classes the same names in both, and leave none out",
             )  # fmt: skip
-    return tuple(known), tuple(_source(name, Path(folders[name]), coco, known) for name, coco in cocos.items())
+    return tuple(known), tuple(_source(name, Path(folders[name]), found, known) for name, found in sources.items())
 
 
 def follow_masks(asked: bool | None, sources: Sequence[LabeledPictures]) -> bool:
@@ -207,57 +207,55 @@ def _hashes(path: Path, size: tuple[int, int]) -> tuple[bytes, Bool[np.ndarray, 
     return hashlib.sha256(picture.content).digest(), picture_hash(picture.pixels)
 
 
-def _checked(folder: Path) -> Coco:
+def _checked(folder: Path) -> LabeledImages:
     """Read a dataset, and check that all records are usable for training."""
-    coco = read_usable(folder)
-    if not coco["images"]:
+    found = read_usable(folder)
+    if not found.images:
         raise DatasetError("has no images", path=folder, remedy="name a dataset that has some")
-    images = {image["id"]: image for image in coco["images"]}
-    for annotation in coco["annotations"]:
-        where = f"annotation {annotation['id']}"
-        if annotation["image_id"] not in images:
-            raise DatasetError(
-                f"{where}: image {annotation['image_id']} does not exist", path=folder, remedy="delete it"
-            )
-        if annotation.get("segmentation") and not annotation.get("iscrowd"):
-            image = images[annotation["image_id"]]
-            try:
-                run_lengths(annotation["segmentation"], image["width"], image["height"])
-            except ValueError as error:
-                raise DatasetError(
-                    f"{image['file_name']}: {where}: {error}", path=folder, remedy="correct or remove it"
-                ) from None
-    coco["annotations"] = clipped_boxes(coco["annotations"], coco["images"], folder=folder, clip=False)
-    return coco
+    if found.strays:
+        image_id, label = found.strays[0]
+        raise DatasetError(f"annotation {label.id}: image {image_id} does not exist", path=folder, remedy="delete it")
+    for image in found.images:
+        for label in image.labels:
+            if not label.crowd and (mask := MASK.read(label).segmentation):
+                try:
+                    run_lengths(mask, *image.size)
+                except ValueError as error:
+                    raise DatasetError(
+                        f"{image.file_name}: annotation {label.id}: {error}", path=folder, remedy="correct or remove it"
+                    ) from None
+    return replace(found, images=tuple(clipped(found.images, folder=folder, clip=False)))
 
 
-def _classes(coco: Mapping[str, Any]) -> list[str]:
+def _classes(found: LabeledImages) -> list[str]:
     """Return names of the boxes' classes, each once, in the order of ids."""
-    return list(dict.fromkeys(c["name"] for c in labeled_categories(coco["categories"], coco["annotations"])))
+    return list(dict.fromkeys(category.name for category in found.classes))
 
 
-def _source(name: str, folder: Path, coco: Mapping[str, Any], classes: Sequence[str]) -> LabeledPictures:
-    images = sorted(coco["images"], key=lambda image: str(image["file_name"]))
-    names = {category["id"]: category["name"] for category in coco["categories"]}
-    by_id = sorted(coco["annotations"], key=lambda annotation: annotation["id"])
-    boxes = by_image(images, [annotation for annotation in by_id if not annotation.get("iscrowd")]).values()
+def _source(name: str, folder: Path, found: LabeledImages, classes: Sequence[str]) -> LabeledPictures:
+    images = sorted(found.images, key=lambda image: image.file_name)
+    counted = [[label for label in image.labels if not label.crowd] for image in images]
+    boxes = [sorted(labels, key=lambda label: label.id) for labels in counted]
     ordered = list(chain(*boxes))
-    sizes = tuple((image["width"], image["height"]) for image in images)
     learned = [
-        [image["file_name"], *size, [[a["bbox"], names[a["category_id"]], a.get("segmentation")] for a in records]]
-        for image, size, records in zip(images, sizes, boxes, strict=True)
+        [image.file_name, *image.size, list(map(_learned, labels))] for image, labels in zip(images, boxes, strict=True)
     ]
     return LabeledPictures(
         name=name,
         folder=folder,
-        file_names=tuple(str(image["file_name"]) for image in images),
-        sizes=sizes,
-        starts=np.concatenate(([0], np.cumsum([len(records) for records in boxes], dtype=np.int64))),
-        xywh=np.array([a["bbox"] for a in ordered], dtype=np.float64).reshape(-1, 4),
-        label=np.array([classes.index(names[a["category_id"]]) for a in ordered], dtype=np.int64),
-        segmentations=tuple(a.get("segmentation") or None for a in ordered),
+        file_names=tuple(image.file_name for image in images),
+        sizes=tuple(image.size for image in images),
+        starts=np.concatenate(([0], np.cumsum([len(labels) for labels in boxes], dtype=np.int64))),
+        xywh=np.array([label.bbox for label in ordered], dtype=np.float64).reshape(-1, 4),
+        label=np.array([classes.index(label.category) for label in ordered], dtype=np.int64),
+        segmentations=tuple(MASK.read(label).segmentation or None for label in ordered),
         digest=hashlib.sha256(orjson.dumps(learned)).hexdigest(),
     )
+
+
+def _learned(label: Label) -> list[object]:
+    """Return what training sees of a label."""
+    return [label.record["bbox"], label.category, MASK.read(label).segmentation]
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -18,8 +18,7 @@ from hulldown.base.files import replace_file
 from hulldown.base.outside import read_json, sha256_of
 from hulldown.base.terminal import shown
 from hulldown.base.toml_files import validated
-from hulldown.dataset.records import by_image
-from hulldown.dataset.store.document import read_coco
+from hulldown.dataset.records import read_usable
 from hulldown.training.inputs.draws import draws_text
 from hulldown.training.inputs.settings import Settings
 from hulldown.training.inputs.sources import (
@@ -204,18 +203,12 @@ def _key(settings: Settings, digests: Mapping[str, str], draws: bytes) -> str:
 
 def _shares(config: StudyConfig, real: LabeledPictures) -> dict[tuple[int, float], Int[np.ndarray, " k"]]:
     """Return the photographs of each seed and fraction, as indices into the source."""
-    coco = read_coco(config.real)
+    images = read_usable(Path(config.real)).images
     index = {name: i for i, name in enumerate(real.file_names)}
-    number = {image["id"]: index[str(image["file_name"])] for image in coco["images"]}
+    number = {image.id: index[image.file_name] for image in images}
     shares = {}
     for seed in config.seeds:
-        subsets = nested_subsets(
-            coco["images"],
-            by_image(coco["images"], coco["annotations"]),
-            config.fractions,
-            seed=seed,
-            stratified=config.stratified,
-        )
+        subsets = nested_subsets(images, config.fractions, seed=seed, stratified=config.stratified)
         for fraction, ids in zip(config.fractions, subsets, strict=True):
             shares[seed, fraction] = np.array(sorted(number[i] for i in ids), dtype=np.int64)
     return shares

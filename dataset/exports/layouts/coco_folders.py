@@ -18,10 +18,10 @@ def write(shares: Shares, out: Path) -> None:
         folder = out / split
         folder.mkdir()
         images: list[Record] = []
-        annotations: list[Record] = []
+        labels: list[Record] = []
         for item in items:
             item.link(folder)
-            images.append(changed(item.image, file_name=item.name))
-            annotations += item.labels
-        part = {**shares.head, "images": images, "annotations": annotations}
+            images.append(changed(item.image.record, file_name=item.name))
+            labels += [label.record for label in item.labels]
+        part = {**shares.coco_head, "images": images, "annotations": labels}
         (folder / COCO_NAME).write_bytes(orjson.dumps(part))

@@ -26,5 +26,5 @@ def write(shares: Shares, out: Path, *, corners_of: CornersOf) -> None:
             lines = []
             for label in item.labels:
                 corners = " ".join(f"{n:.4f}" for n in corners_of(label, item.image).ravel())
-                lines.append(f"{corners} {names[label['category_id']]} {int(label.get('iscrowd', 0))}\n")
+                lines.append(f"{corners} {names[label.category_id]} {int(label.crowd)}\n")
             (texts / f"{item.stem}.txt").write_text("".join(lines), encoding="utf-8")

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import orjson
 
-from hulldown.assets.coco_types import Record
 from hulldown.dataset.exports.layouts.shares import Shares, rings_of
+from hulldown.dataset.images import Label
+from hulldown.dataset.labels.mask import MASK
 
 FOLDERS = {"train": "train", "valid": "validation", "test": "test"}  # folder names of the splits
 
@@ -27,7 +27,7 @@ def write(shares: Shares, out: Path) -> None:
     mask its box). Readers infer types from the lines, so a split without any label doesn't fit the others.
     """
     labels = [label for items in shares.items.values() for item in items for label in item.labels]
-    outlined = any(isinstance(label.get("segmentation"), list) for label in labels)
+    outlined = any(isinstance(MASK.read(label).segmentation, list) for label in labels)
     names = shares.class_names
     for split, items in shares:
         folder = out / FOLDERS[split]
@@ -36,20 +36,24 @@ def write(shares: Shares, out: Path) -> None:
             for item in items:
                 item.link(folder)
                 record = {
-                    **{"file_name": item.name, "image_id": item.image["id"]},
-                    **{key: item.image[key] for key in ("width", "height")},
+                    **{"file_name": item.name, "image_id": item.image.id},
+                    **{"width": item.image.width, "height": item.image.height},
                     "objects": _objects(item.labels, names, outlined),
                 }
                 lines.write(orjson.dumps(record) + b"\n")
 
 
-def _objects(labels: Sequence[Record], names: Mapping[int, str], outlined: bool) -> dict[str, list[Any]]:
-    columns: dict[str, list[Any]] = {
-        "id": [label["id"] for label in labels],
-        "area": [float(label.get("area", label["bbox"][2] * label["bbox"][3])) for label in labels],
-        "bbox": [[float(number) for number in label["bbox"]] for label in labels],
-        "category": [names[label["category_id"]] for label in labels],
-        "iscrowd": [int(label.get("iscrowd", 0)) for label in labels],
+def _objects(labels: Sequence[Label], names: Mapping[int, str], outlined: bool) -> dict[str, object]:
+    areas = [MASK.read(label).area for label in labels]
+    columns: dict[str, object] = {
+        "id": [label.id for label in labels],
+        "area": [
+            float(label.bbox[2] * label.bbox[3]) if area is None else area
+            for label, area in zip(labels, areas, strict=True)
+        ],
+        "bbox": [label.bbox.tolist() for label in labels],
+        "category": [names[label.category_id] for label in labels],
+        "iscrowd": [int(label.crowd) for label in labels],
     }
     if outlined:
         columns["segmentation"] = [rings_of(label) for label in labels]

@@ -10,15 +10,14 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from hulldown.assets.coco_types import Record
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.dataset.attributes import number as number_of
 from hulldown.dataset.exports.layouts.shares import VAL_NAMES, Shares
+from hulldown.dataset.images import Label
+from hulldown.dataset.labels.box_3d import BOX_3D
 
 UNKNOWN = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)  # KITTI's values for an unknown 3D box
 UNKNOWN_ALPHA = -10.0
@@ -44,13 +43,13 @@ def write(shares: Shares, out: Path) -> None:
                 stem = f"{number:06d}"  # its readers number files so
                 number += 1
                 item.link(pictures, stem + Path(item.name).suffix)
-                lines = [label_line(label, names[label["category_id"]]) for label in item.labels]
+                lines = [label_line(label, names[label.category_id]) for label in item.labels]
                 (texts / f"{stem}.txt").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
-                if (calibration := _calibration(item.image)) is None:
+                if (intrinsics := item.image.intrinsics) is None:
                     without += 1
                 else:
-                    (cameras / f"{stem}.txt").write_text(calibration, encoding="utf-8")
-                    curved += any(item.image.get("dist") or ())
+                    (cameras / f"{stem}.txt").write_text(_calibration(intrinsics), encoding="utf-8")
+                    curved += any(intrinsics.distortion)
                 stems.write(f"{stem}\n")
     if without:
         pictures_of = "1 picture has" if without == 1 else f"{without} pictures have"
@@ -59,26 +58,26 @@ def write(shares: Shares, out: Path) -> None:
         warnings.warn(f"calib files have no place for the distortion of {curved} pictures: `dist` has it", stacklevel=2)
 
 
-def label_line(label: Record, name: str) -> str:
+def label_line(label: Label, name: str) -> str:
     """Class, truncated, occluded, alpha, box, and height, width, length, position, and rotation in the camera's frame.
 
     Names have no blanks. Crowds are ``DontCare``. ``occluded`` is 0 from 95 % visible, 1 from 50 %, else 2, and 3
     if unknown. The rotation is about the camera's y axis alone: if vehicle or camera is tilted, the 3D box
     is leveled, and only ``bbox_3d`` in the dataset has the full rotation.
     """
-    x, y, w, h = label["bbox"]
-    seen, cut = number_of(label.get("visible_fraction")), number_of(label.get("truncated_fraction"))
+    x, y, w, h = label.bbox.tolist()
+    seen, cut = label.visible_fraction, label.truncated_fraction
     hidden = 3 if math.isnan(seen) else 0 if seen >= SEEN_WHOLE else 1 if seen >= SEEN_HALF else 2
     alpha = UNKNOWN_ALPHA
     numbers: tuple[float, ...] = UNKNOWN
-    if isinstance(box := label.get("bbox_3d"), Mapping):
-        length, width, height = (float(each) for each in box["size"])
-        rotation = np.array(box["rotation"], dtype=np.float64)
-        ground = np.array(box["center"], dtype=np.float64) - rotation[:, 2] * height / 2
+    if (box := BOX_3D.read(label).bbox_3d) is not None:
+        length, width, height = box.size
+        rotation = np.array(box.rotation)
+        ground = np.array(box.center) - rotation[:, 2] * height / 2
         turn = math.atan2(-rotation[2, 0], rotation[0, 0])
         alpha = math.remainder(turn - math.atan2(ground[0], ground[2]), 2 * math.pi)
         numbers = (height, width, length, *(float(each) for each in ground), turn)
-    kind = "DontCare" if label.get("iscrowd") else "_".join(name.split())
+    kind = "DontCare" if label.crowd else "_".join(name.split())
     corners = (x, y, x + w, y + h)
     truncated = -1.0 if math.isnan(cut) else cut
     return " ".join(
@@ -87,13 +86,9 @@ def label_line(label: Record, name: str) -> str:
     )
 
 
-def _calibration(image: Record) -> str | None:
-    """Return the cameras' matrices; None if the record's camera can't be used."""
-    try:
-        matrix = np.column_stack([Intrinsics.of_record(image).matrix, np.zeros(3)])
-    except (KeyError, TypeError, ValueError):
-        return None
-    camera = " ".join(f"{each:.9g}" for each in matrix.ravel())
+def _calibration(intrinsics: Intrinsics) -> str:
+    """Return the cameras' matrices."""
+    camera = " ".join(f"{each:.9g}" for each in np.column_stack([intrinsics.matrix, np.zeros(3)]).ravel())
     lines = [f"P{i}: {camera}" for i in range(4)]
     lines += ["R0_rect: 1 0 0 0 1 0 0 0 1", f"Tr_velo_to_cam: {CAMERA_FROM_LIDAR}", f"Tr_imu_to_velo: {LIDAR_FROM_IMU}"]
     return "\n".join(lines) + "\n"

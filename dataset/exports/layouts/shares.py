@@ -12,6 +12,8 @@ from hulldown.assets.coco_types import Record
 from hulldown.assets.picture_files import DECODERS, read_picture
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import sha256_of
+from hulldown.dataset.images import Category, Image, Label
+from hulldown.dataset.labels.mask import MASK
 from hulldown.dataset.store.placed_pictures import LinkError, link_or_copy, own_picture
 from hulldown.dataset.store.seals import PICTURE_KEY
 from hulldown.dataset.usable_labels import refuse_all
@@ -25,23 +27,27 @@ class Item:
 
     Parameters
     ----------
-    image, labels
-        Its COCO records in the dataset.
+    image
+        The image in the dataset, with the labels that are kept.
     name
         Name of its picture in the export: without folders, with a unique stem.
     picture
         The picture's file, links resolved.
     """
 
-    image: Record
-    labels: Sequence[Record]
+    image: Image
     name: str
     picture: Path
 
     @property
+    def labels(self) -> tuple[Label, ...]:
+        """The kept labels."""
+        return self.image.labels
+
+    @property
     def size(self) -> tuple[int, int]:
         """Width and height of the picture in pixels."""
-        return self.image["width"], self.image["height"]
+        return self.image.size
 
     @property
     def stem(self) -> str:
@@ -62,7 +68,9 @@ class Shares:
     folder
         Of the dataset.
     head
-        Its COCO dictionary without images and annotations.
+        Its COCO dictionary without classes, images, and annotations.
+    categories
+        Its classes in the order of their ids.
     items
         The images of each of `SPLITS`, in the order of the dataset.
     progress
@@ -71,8 +79,9 @@ class Shares:
 
     folder: Path
     head: Record
+    categories: Sequence[Category]
     items: Mapping[str, Sequence[Item]]
-    progress: Callable[[int, int], None]
+    progress: Callable[[int, int], None] = lambda done, total: None
 
     def __iter__(self) -> Iterator[tuple[str, Iterator[Item]]]:
         """Yield each split with its items."""
@@ -81,14 +90,14 @@ class Shares:
             yield split, self._counted(items, done)
 
     @property
-    def categories(self) -> list[Record]:
-        """Category records, in the order of their ids."""
-        return sorted(self.head["categories"], key=lambda category: category["id"])
+    def coco_head(self) -> dict[str, object]:
+        """The COCO dictionary without images and annotations."""
+        return {**self.head, "categories": [category.record for category in self.categories]}
 
     @property
     def class_names(self) -> dict[int, str]:
         """Category id -> name, in the order of the ids."""
-        return {category["id"]: str(category["name"]) for category in self.categories}
+        return {category.id: category.name for category in self.categories}
 
     def _counted(self, items: Sequence[Item], done: Iterator[int]) -> Iterator[Item]:
         for item in items:
@@ -96,7 +105,7 @@ class Shares:
             self.progress(next(done), sum(map(len, self.items.values())))
 
 
-def sound_pictures(folder: Path, images: Sequence[Record], allowed: Sequence[Path]) -> list[Path]:
+def sound_pictures(folder: Path, images: Sequence[Image], allowed: Sequence[Path]) -> list[Path]:
     """Return the picture's file of each image, links resolved; a picture with the hash in its record isn't decoded.
 
     Raises
@@ -106,12 +115,12 @@ def sound_pictures(folder: Path, images: Sequence[Record], allowed: Sequence[Pat
         that leads out of the dataset, and to none of the allowed folders.
     """
 
-    def checked(image: Record) -> Path | str:
-        name = image["file_name"]
+    def checked(image: Image) -> Path | str:
+        name = image.file_name
         try:
-            path, recorded = own_picture(folder, name, allowed), image.get(PICTURE_KEY)
+            path, recorded = own_picture(folder, name, allowed), image.record.get(PICTURE_KEY)
             known = recorded is not None and sha256_of(path) == recorded
-            read_picture(path, (image["width"], image["height"]), largest=0 if known else None)
+            read_picture(path, image.size, largest=0 if known else None)
         except LinkError:
             raise
         except DatasetError as error:
@@ -127,7 +136,7 @@ def sound_pictures(folder: Path, images: Sequence[Record], allowed: Sequence[Pat
     return [path for path in found if isinstance(path, Path)]
 
 
-def flat_names(images: Sequence[Record]) -> list[str]:
+def flat_names(images: Sequence[Image]) -> list[str]:
     """Return a name without folders for each image; stems are unique, since label files have them.
 
     Dots in stems become underscores, because some readers take the first dot for the suffix's.
@@ -135,10 +144,10 @@ def flat_names(images: Sequence[Record]) -> list[str]:
     names = []
     taken: set[str] = set()
     for image in images:
-        path = PurePosixPath(image["file_name"])
+        path = PurePosixPath(image.file_name)
         stem = path.stem.replace(".", "_")
         if stem.casefold() in taken:
-            stem = f"{stem}-{image['id']}"
+            stem = f"{stem}-{image.id}"
         while stem.casefold() in taken:
             stem += "-again"
         taken.add(stem.casefold())
@@ -146,9 +155,9 @@ def flat_names(images: Sequence[Record]) -> list[str]:
     return names
 
 
-def rings_of(label: Record) -> list[list[float]]:
+def rings_of(label: Label) -> list[list[float]]:
     """Return a label's polygons, or the corners of its box if it has none."""
-    if isinstance(rings := label.get("segmentation"), list) and rings:
+    if isinstance(rings := MASK.read(label).segmentation, list) and rings:
         return rings
-    x, y, w, h = (float(number) for number in label["bbox"])
+    x, y, w, h = label.bbox.tolist()
     return [[x, y, x + w, y, x + w, y + h, x, y + h]]

@@ -13,7 +13,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
-from hulldown.dataset.attributes import number
 from hulldown.dataset.exports.layouts.shares import VAL_NAMES, Item, Shares
 
 TRUNCATED, OCCLUDED = 0.0, 0.95  # truncated above the first; occluded below the second
@@ -45,15 +44,15 @@ def _annotation(item: Item, names: Mapping[int, str]) -> ElementTree.Element:
     _with(ElementTree.SubElement(root, "size"), width=width, height=height, depth=3)
     _with(root, segmented=0)
     for label in item.labels:
-        x, y, w, h = label["bbox"]
+        x, y, w, h = label.bbox.tolist()
         shown = ElementTree.SubElement(root, "object")
         _with(
             shown,
-            name=names[label["category_id"]],
+            name=names[label.category_id],
             pose="Unspecified",
-            truncated=int(number(label.get("truncated_fraction")) > TRUNCATED),  # nan, if it isn't known, is neither
-            occluded=int(number(label.get("visible_fraction")) < OCCLUDED),
-            difficult=int(label.get("iscrowd", 0)),
+            truncated=int(label.truncated_fraction > TRUNCATED),  # nan, if it isn't known, is neither
+            occluded=int(label.visible_fraction < OCCLUDED),
+            difficult=int(label.crowd),
         )
         _with(
             ElementTree.SubElement(shown, "bndbox"),

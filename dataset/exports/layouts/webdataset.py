@@ -41,12 +41,12 @@ def write(shares: Shares, out: Path) -> None:
                     shard = stack.enter_context(tarfile.open(path, "w", format=tarfile.USTAR_FORMAT))
                     number, images, room = number + 1, 0, SHARD_BYTES
                 images, room = images + 1, room - size
-                labels = [{**label, "category": names[label["category_id"]]} for label in item.labels]
+                labels = [{**label.record, "category": names[label.category_id]} for label in item.labels]
                 suffix = PurePosixPath(item.name).suffix.lower()
                 content = read_file(item.picture, partial(DatasetError, path=item.picture), most=DATA)
                 _add(shard, f"{item.stem}{suffix}", content)
-                _add(shard, f"{item.stem}.json", orjson.dumps({"image": item.image, "annotations": labels}))
-    (out / "categories.json").write_bytes(orjson.dumps(shares.categories))
+                _add(shard, f"{item.stem}.json", orjson.dumps({"image": item.image.record, "annotations": labels}))
+    (out / "categories.json").write_bytes(orjson.dumps([category.record for category in shares.categories]))
 
 
 def _add(shard: tarfile.TarFile, name: str, content: bytes) -> None:

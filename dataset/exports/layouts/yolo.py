@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TypeAlias
@@ -20,11 +19,15 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.annotate.outlines import bridged
-from hulldown.assets.coco_types import Record
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.exports.layouts.shares import VAL_NAMES, Item, Shares, rings_of
+from hulldown.dataset.images import Image, Label
+from hulldown.dataset.labels.keypoints import KEYPOINTS
+from hulldown.dataset.labels.mask import MASK
+from hulldown.dataset.store import declared
+from hulldown.dataset.store.declared import fields_of
 
-CornersOf: TypeAlias = Callable[[Record, Record], Float[np.ndarray, "4 2"]]
+CornersOf: TypeAlias = Callable[[Label, Image], Float[np.ndarray, "4 2"]]
 Lines: TypeAlias = Callable[[Item, Mapping[int, int]], list[str]]
 
 
@@ -34,30 +37,31 @@ def label_lines(item: Item, numbers: Mapping[int, int]) -> list[str]:
     Class, center, and size of its box; or, if any label has polygons, class and corners for all, since readers
     expect one or the other in a file. Several polygons are bridged into one.
     """
-    labels = [label for label in item.labels if not label.get("iscrowd")]
-    outlined = any(isinstance(label.get("segmentation"), list) and label["segmentation"] for label in labels)
-    width, height = item.size
-    lines = []
-    for label in labels:
-        x, y, w, h = label["bbox"]
-        if outlined:
-            corners = bridged([np.reshape(ring, (-1, 2)) for ring in rings_of(label)])
-            numbers_of_label = (corners / item.size).ravel()
-        else:
-            numbers_of_label = np.array([(x + w / 2) / width, (y + h / 2) / height, w / width, h / height])
-        lines.append(_line(numbers[label["category_id"]], numbers_of_label))
-    return lines
+    labels = [label for label in item.labels if not label.crowd]
+    masks = [MASK.read(label).segmentation for label in labels]
+    if any(isinstance(mask, list) and mask for mask in masks):
+        corners = [bridged([np.reshape(ring, (-1, 2)) for ring in rings_of(label)]) for label in labels]
+        shares = [(each / item.size).ravel() for each in corners]
+    else:
+        shares = [_center(label, item.size) for label in labels]
+    return [_line(numbers[label.category_id], each) for label, each in zip(labels, shares, strict=True)]
+
+
+def _center(label: Label, size: tuple[int, int]) -> Float[np.ndarray, "4"]:
+    """Return center and size of a label's box in shares of the image."""
+    (x, y, w, h), (width, height) = label.bbox, size
+    return np.array([(x + w / 2) / width, (y + h / 2) / height, w / width, h / height])
 
 
 def corner_lines(item: Item, numbers: Mapping[int, int], *, corners_of: CornersOf) -> list[str]:
     """Return one line for each label: class and corners of its oriented box; crowds are left out."""
     lines = []
     for label in item.labels:
-        if not label.get("iscrowd"):
+        if not label.crowd:
             shares = corners_of(label, item.image) / item.size
             if (np.ptp(shares, axis=0) > 1.0).any():  # Ultralytics leaves out pictures with labels larger than they
                 shares = shares.clip(0.0, 1.0)
-            lines.append(_line(numbers[label["category_id"]], shares.ravel()))
+            lines.append(_line(numbers[label.category_id], shares.ravel()))
     return lines
 
 
@@ -108,11 +112,10 @@ def write_pose(shares: Shares, out: Path) -> None:
     DatasetError
         If the classes don't have the same keypoints, of which YOLO knows one list.
     """
-    lists = [category.get("keypoints") for category in shares.categories]
-    if not lists or not lists[0] or any(each != lists[0] for each in lists):
+    lists = [fields_of(category.record, declared.Category).keypoints for category in shares.categories]
+    if not lists or not (names := lists[0]) or any(each != names for each in lists):
         problem = "its categories have no keypoints" if not any(lists) else "its categories have different keypoints"
         raise DatasetError(problem, path=shares.folder, remedy="plan with annotate.keypoints, or export as coco")
-    names = [str(name) for name in lists[0]]
     swapped = [re.sub("left|right", lambda side: {"left": "right", "right": "left"}[side[0]], name) for name in names]
     mirrored = [names.index(partner) if partner in names else i for i, partner in enumerate(swapped)]
     more = [f"kpt_shape: [{len(names)}, 3]", f"flip_idx: {mirrored}"]
@@ -120,9 +123,10 @@ def write_pose(shares: Shares, out: Path) -> None:
 
 
 def _pose_lines(item: Item, numbers: Mapping[int, int], *, keypoints: int) -> list[str]:
-    labels = [{**label, "segmentation": []} for label in item.labels if not label.get("iscrowd")]
     lines = []
-    for line, label in zip(label_lines(replace(item, labels=labels), numbers), labels, strict=True):
-        points = np.reshape(label.get("keypoints") or np.zeros(3 * keypoints), (-1, 3))
-        lines.append(" ".join([line, *(f"{x:.9f} {y:.9f} {v:.0f}" for x, y, v in points / [*item.size, 1])]))
+    for label in item.labels:
+        if not label.crowd:
+            points = np.reshape(KEYPOINTS.read(label).keypoints or np.zeros(3 * keypoints), (-1, 3))
+            shares = " ".join(f"{x:.9f} {y:.9f} {v:.0f}" for x, y, v in points / [*item.size, 1])
+            lines.append(f"{_line(numbers[label.category_id], _center(label, item.size))} {shares}")
     return lines

@@ -1,0 +1,190 @@
+"""Images with their labels: declared fields of usable records; the records have all others."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from hulldown.assets.coco_types import Coco, Record
+from hulldown.base.outside import typed
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.dataset.store.declared import LabelRecord, Optics, fields_of
+from hulldown.dataset.store.seals import changed
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Category:
+    """A class.
+
+    Parameters
+    ----------
+    id, name
+        COCO's.
+    record
+        All fields in the file.
+    """
+
+    id: int
+    name: str
+    record: Record
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Label:
+    """A label of an image.
+
+    Parameters
+    ----------
+    id, category_id
+        COCO's.
+    category
+        The class's name.
+    bbox
+        (4,) x, y, width and height in pixels.
+    crowd
+        Whether it's an ignored region.
+    visible_fraction, truncated_fraction
+        Shares; nan if unknown.
+    vehicle
+        The model's name; None if unknown.
+    record
+        All fields in the file; `dataset.labels` reads those of each type of label.
+    """
+
+    id: int
+    category_id: int
+    category: str
+    bbox: Float[np.ndarray, "4"]
+    crowd: bool
+    visible_fraction: float
+    truncated_fraction: float
+    vehicle: str | None
+    record: Record
+
+    @classmethod
+    def of(cls, record: Record, names: Mapping[int, str]) -> Label:
+        """Return the label in a record; `names` are those of the classes by id."""
+        fields = fields_of(record, LabelRecord)
+        return cls(
+            record["id"],
+            fields.category_id,
+            names.get(fields.category_id, ""),
+            np.array(fields.bbox),
+            bool(fields.iscrowd),
+            np.nan if fields.visible_fraction is None else fields.visible_fraction,
+            np.nan if fields.truncated_fraction is None else fields.truncated_fraction,
+            fields.vehicle or None,
+            record,
+        )
+
+    def changed(self, **fields: object) -> Label:
+        """Return the label with other values of some fields of its record; a valid seal stays valid."""
+        return Label.of(changed(self.record, **fields), {self.category_id: self.category})
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Image:
+    """An image.
+
+    Parameters
+    ----------
+    id, file_name, width, height
+        COCO's; the name is relative to the dataset.
+    labels
+        In the order of the file.
+    record
+        All fields in the file.
+    """
+
+    id: int
+    file_name: str
+    width: int
+    height: int
+    labels: tuple[Label, ...]
+    record: Record
+
+    @classmethod
+    def of(cls, record: Record, labels: Iterable[Label]) -> Image:
+        """Return the image in a record."""
+        return cls(record["id"], record["file_name"], record["width"], record["height"], tuple(labels), record)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+        return self.width, self.height
+
+    @property
+    def intrinsics(self) -> Intrinsics | None:
+        """The camera; None if the record has none that can be used."""
+        try:
+            optics = typed(self.record, Optics)
+            return Intrinsics.of_fields(*self.size, fov_x_deg=optics.fov_x_deg, K=optics.K, dist=optics.dist)
+        except ValueError:
+            return None
+
+    def labeled(self, labels: Iterable[Label]) -> Image:
+        """Return the image with other labels."""
+        return replace(self, labels=tuple(labels))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class LabeledImages:
+    """All images of a dataset.
+
+    Parameters
+    ----------
+    categories, images
+        In the order of the file.
+    strays
+        Labels of images that aren't there, with the images' ids.
+    head
+        The other keys of the COCO dictionary.
+    """
+
+    categories: tuple[Category, ...]
+    images: tuple[Image, ...]
+    strays: tuple[tuple[int, Label], ...]
+    head: Record
+
+    @classmethod
+    def of(cls, coco: Coco) -> LabeledImages:
+        """Return the images of a COCO dictionary with usable records, see `dataset.records.check_usable`."""
+        categories = tuple(Category(record["id"], record["name"], record) for record in coco["categories"])
+        names = {category.id: category.name for category in categories}
+        of_image: dict[int, list[Label]] = {image["id"]: [] for image in coco["images"]}
+        strays = []
+        for record in coco["annotations"]:
+            label, image_id = Label.of(record, names), record["image_id"]
+            if image_id in of_image:
+                of_image[image_id].append(label)
+            else:
+                strays.append((image_id, label))
+        images = tuple(Image.of(image, of_image[image["id"]]) for image in coco["images"])
+        head = {key: value for key, value in coco.items() if key not in ("categories", "images", "annotations")}
+        return cls(categories, images, tuple(strays), head)
+
+    @property
+    def names(self) -> dict[int, str]:
+        """Category id -> name."""
+        return {category.id: category.name for category in self.categories}
+
+    @property
+    def classes(self) -> list[Category]:
+        """Categories in the order of ids, without parents of others that label nothing, as Roboflow writes them.
+
+        Examples
+        --------
+        >>> found = [{"id": 0, "name": "army", "supercategory": "none"}]
+        >>> found += [{"id": 1, "name": "tank", "supercategory": "army"}]
+        >>> coco = {"categories": found, "images": [], "annotations": []}
+        >>> [category.name for category in LabeledImages.of(coco).classes]
+        ['tank']
+        """
+        ordered = sorted(self.categories, key=lambda category: category.id)
+        of_images = (label for image in self.images for label in image.labels)
+        used = {label.category_id for label in (*of_images, *(label for _, label in self.strays))}
+        parents = {c.record.get("supercategory") for c in ordered if c.record.get("supercategory") != c.name}
+        return [category for category in ordered if category.id in used or category.name not in parents]
