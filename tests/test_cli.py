@@ -3,20 +3,22 @@
 import json
 import os
 import re
+import shutil
+import signal
 import subprocess
 import sys
+import time
 import unicodedata
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
 from rich.table import Table
 
-import hulldown.verbs.rendering
 from hulldown import cli
 from hulldown.base.errors import HulldownError
 from hulldown.base.terminal import STDERR
 from hulldown.dataset.coco import CocoDataset
-from hulldown.rendering.supervisor import RenderReport
 from hulldown.tests.editing import render
 from hulldown.verbs.output import STDOUT
 
@@ -104,29 +106,25 @@ def test_an_argument_out_of_range_is_refused(words, expected, run):
 
 
 @pytest.mark.parametrize(
-    ("words", "expected"),
-    [(["export", "d", "-o", "out"], "nothing was written"), (["join", "d", "-o", "out"], "goes on from here")],
+    ("verb", "left"), [("export", "nothing was written"), ("join", "the same command goes on from here")]
 )
-def test_a_stopped_run_reports_what_is_left(words, expected, monkeypatch, capsys):
-    def stopped(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(hulldown.verbs.rendering, f"_{words[0]}", stopped)
-    assert cli.main(words) == 130
-    assert expected in capsys.readouterr().err
-
-
-def test_the_time_limit_of_a_picture_reaches_the_pool(monkeypatch):
-    given = {}
-    monkeypatch.setattr(hulldown.verbs.rendering, "planned_library", lambda *_: None)
-
-    def rendered(*_, **options):
-        given.update(options)
-        return RenderReport(1, 0, 1, (), restarts=0, interrupted=False, seconds=1.0)
-
-    monkeypatch.setattr("hulldown.rendering.supervisor.render_plan", rendered)
-    assert cli.main(["render", "plan.jsonl", "-o", "dataset", "--image-timeout", "7.5"]) == 0
-    assert given["engine"].limits.job_s == 7.5
+def test_a_stopped_run_reports_what_is_left(verb, left, tmp_path):
+    render(tmp_path / "d", range(100))
+    command = [sys.executable, "-P", "-m", "hulldown", verb, "d", "-o", "out"]
+    # Tests in the background ignore Ctrl-C, and so would the command.
+    heed = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    for _ in range(9):  # until the signal comes before the end
+        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=tmp_path, preexec_fn=heed) as run:
+            while run.poll() is None and not (tmp_path / "out").exists():
+                time.sleep(1e-3)
+            run.send_signal(signal.SIGINT)
+            said = run.stderr.read()
+        if run.returncode != cli.DONE:
+            break
+        shutil.rmtree(tmp_path / "out")
+    assert (run.returncode, said) == (130, f"hulldown: stopped; {left}\n")
+    assert (tmp_path / "out").exists() <= (verb == "join")
+    assert run_apart(*command[4:], cwd=tmp_path).returncode == cli.DONE
 
 
 def test_join_reports_its_result(run, tmp_path):

@@ -21,7 +21,8 @@ from hulldown.annotate.masks import iou, mask_box, vehicle_mask
 from hulldown.base.child import Child
 from hulldown.base.errors import HulldownError
 from hulldown.camera.shell import shell_axes
-from hulldown.dataset.provenance import read_provenance
+from hulldown.cli import FOUND, main
+from hulldown.dataset.provenance import read_failures, read_provenance
 from hulldown.geometry.transforms import rigid
 from hulldown.planning.inputs.loading import load_planned_library
 from hulldown.planning.plan_file import Plan
@@ -72,6 +73,16 @@ def test_killing_blender_and_then_the_run_loses_and_doubles_nothing(plan, datase
         run.kill()
     assert render_plan(plan.path, killed).complete
     assert digests(killed) == digests(dataset)
+
+
+def test_the_command_limits_the_time_of_a_picture(plan, blender, tmp_path):
+    hanging = tmp_path / "blender"
+    hanging.write_text(Path(blender).read_text().replace("exec", "FAILS=hang exec"))
+    hanging.chmod(0o755)
+    options = ["--limit", "1", "--blender", str(hanging), "--image-timeout", "0.25"]
+    assert main(["render", str(plan.path), "-o", str(tmp_path / "d"), *options]) == FOUND
+    (failure,) = read_failures(tmp_path / "d")
+    assert failure["reasons"] == ["no answer within 0.25 s"] * 3
 
 
 def standing(library, target):
