@@ -51,8 +51,12 @@ def settled(folder, path, **keys):
 def here(study, names, options, progress):
     """Runs in this process."""
     for number, name in enumerate(names, 1):
-        run_one(study, name, options, lambda what, *steps, at=f"{name} ({number})": progress(f"{at}: {what}", *steps))
-        yield name, None
+        reason = None
+        try:
+            run_one(study, name, options, lambda what, *done, at=f"{name} ({number})": progress(f"{at}: {what}", *done))
+        except HulldownError as error:
+            reason = str(error)
+        yield name, reason
 
 
 def pretend(study, out, name, found=None):
@@ -169,23 +173,6 @@ def test_a_runs_folder_is_named_by_all_its_inputs(pictures, tmp_path):
     assert differing == {"mixed-100-seed0", "mixed-50-seed0"}
 
 
-def test_a_failed_run_is_set_aside_and_the_others_continue(pictures, tmp_path):
-    study, ran = settled(pictures, tmp_path), []
-
-    def launch(out, names, options, progress):
-        for name in names:
-            ran.append(name)
-            yield name, "no room" if name == "mixed-100-seed0" and len(ran) < 5 else pretend(study, out, name)
-
-    done = run_study(study, tmp_path / "out", options=RunOptions("cpu", 0), launch=launch)
-    assert done.failed == read_failures(tmp_path / "out") == {"mixed-100-seed0": "no room"}
-    assert len(done.finished) == 3
-    again = run_study(study, tmp_path / "out", options=RunOptions("cpu", 0), launch=launch)
-    assert (again.finished, len(again.already), again.failed) == (("mixed-100-seed0",), 3, {})
-    assert ran.count("real-100-seed0") == 1
-    assert read_failures(tmp_path / "out") == {}
-
-
 def refuse(out, run):
     """Put another run's config into a run's folder, so that it fails."""
     other = out / "runs" / run.folder / "config.json"
@@ -194,13 +181,27 @@ def refuse(out, run):
     (out / "study.json").touch()
 
 
+def test_a_failed_run_is_set_aside_and_the_others_continue(pictures, tmp_path):
+    study, out, options = settled(pictures, tmp_path, fractions=[1.0]), tmp_path / "out", RunOptions("cpu", 0)
+    real, mixed = study.runs
+    refuse(out, real)
+    done = run_study(study, out, options=options, launch=here)
+    assert (done.finished, list(done.failed)) == ((mixed.name,), [real.name])
+    assert "the run in this folder has" in done.failed[real.name]
+    assert read_failures(out) == done.failed
+    (out / "runs" / real.folder / "config.json").unlink()
+    again = run_study(study, out, options=options, launch=here)
+    assert (again.finished, again.already, again.failed) == ((real.name,), (mixed.name,), {})
+    assert read_failures(out) == {}
+
+
 def test_two_slots_run_two_runs_at_once_and_the_end_stops_what_runs(pictures, tmp_path):
     study, out = settled(pictures, tmp_path, fractions=[1.0], train=SMALL | {"budget": 40_000}), tmp_path / "out"
     (real, mixed), options = study.runs, RunOptions("cpu", 0)
     refuse(out, mixed)
 
-    def launch(*arguments):
-        with closing(in_processes(*arguments, places=[options, options])) as ended:
+    def launch(study, names, options, progress):
+        with closing(in_processes(study, names, [options, options], progress)) as ended:
             yield next(ended)  # the second run; in sequence, the first would end first
 
     done = run_study(study, out, options=options, launch=launch)

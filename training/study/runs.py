@@ -125,7 +125,7 @@ def run_study(
     options
         Options of each run.
     launch
-        Function that runs them; None: `in_processes`.
+        Function that runs them; None: `in_processes`, at the places of `gpu_places`.
     progress
         Called with (title, steps done, all).
     say
@@ -146,7 +146,10 @@ def run_study(
         if already:
             say(f"{len(already)} of {len(manifest.runs)} runs are finished already")
         left = [run.name for run in manifest.runs if run.name not in already]
-        with closing((launch or in_processes)(out, left, options, progress)) as ended:
+        started = (
+            launch(out, left, options, progress) if launch else in_processes(out, left, gpu_places(options), progress)
+        )
+        with closing(started) as ended:
             for name, reason in ended:
                 if reason is None:
                     finished.append(name)
@@ -159,14 +162,10 @@ def run_study(
 
 
 def in_processes(
-    study: Path,
-    names: Sequence[str],
-    options: RunOptions,
-    progress: Progress,
-    places: Sequence[RunOptions] = (),
+    study: Path, names: Sequence[str], places: Sequence[RunOptions], progress: Progress
 ) -> Generator[tuple[str, str | None]]:
-    """Run runs in processes on this machine, one per place at a time, by default of `gpu_places`; a `Launch`."""
-    places, stop = places or gpu_places(options), threading.Event()
+    """Run runs in processes on this machine, one per place at a time; yields names and reasons as a `Launch` does."""
+    stop = threading.Event()
     slots: queue.SimpleQueue[RunOptions] = queue.SimpleQueue()
     for place in places:
         slots.put(place)
