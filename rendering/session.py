@@ -132,7 +132,7 @@ class Session:
         self._progress(Progress(self.already + self.rendered, len(self.failed), self.images, line, workers))
 
     def render(self, pool: Pool | ClusterPool) -> None:
-        """Render the remaining rows; errors as of `rendering.pool.Pool.results`."""
+        """Render the remaining rows, and end the pool; errors as of `rendering.pool.Pool.results`."""
         if self.unfinished.is_symlink() or self.unfinished.is_file():
             self.unfinished.unlink()  # not a link's target
         for wait in (0.1, 0.5, 2.0, 0.0):
@@ -144,11 +144,12 @@ class Session:
         self._pool = pool
         self.say("")
         try:
-            for index, outcome in pool.results(list(self._left), self._job):
-                self._take_in(index, outcome)
+            with pool:
+                for index, outcome in pool.results(list(self._left), self._job):
+                    self._take_in(index, outcome)
             if self.failed:
                 self._begin()
-        finally:
+        finally:  # after the pool's end, until which Blenders write
             shutil.rmtree(self.unfinished, ignore_errors=True)
 
     def _take_in(self, index: int, outcome: Outcome) -> None:

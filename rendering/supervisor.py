@@ -203,8 +203,7 @@ def render_plan(
         session: Session | None = None
         try:
             session = Session(plan, outline, dataset, library, part=part, progress=tell)
-            with _pool(engine, confined(folder, LOGS_NAME), library, session, stopping) as pool:
-                session.render(pool)
+            session.render(_pool(engine, confined(folder, LOGS_NAME), library, session, stopping))
         except Stopped:
             interrupted = True
             if session is not None and not session.begun:
