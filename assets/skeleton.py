@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
 
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import ConfigError
@@ -22,7 +21,7 @@ def category_fields(
     lines: Sequence[tuple[str, str]] | None,
     *,
     path: Path,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return COCO's `keypoints` and `skeleton`, the same for all categories, so an image's labels are one array.
 
     Parameters

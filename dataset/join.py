@@ -12,11 +12,20 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
+from msgspec.structs import replace
+
 from hulldown.assets.coco_types import Record
 from hulldown.base.errors import DatasetError
 from hulldown.base.terminal import shown
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.provenance import add_provenance, read_failures, read_provenance, write_failures
+from hulldown.dataset.provenance import (
+    Failure,
+    Provenance,
+    add_provenance,
+    read_failures,
+    read_provenance,
+    write_failures,
+)
 from hulldown.dataset.records import check_usable
 from hulldown.dataset.store.document import Document, check_is_dataset, read_document
 from hulldown.dataset.store.placed_pictures import confined, own_picture, place
@@ -53,8 +62,8 @@ class _Part:
     folder: Path
     document: Document
     boxes: dict[int, list[int]]
-    provenance: dict[str, Record]
-    failures: list[Record]
+    provenance: dict[str, Provenance]
+    failures: list[Failure]
 
     def runs(self, target: CocoDataset) -> list[tuple[Run, Run]]:
         """Return each plan's run here, and in the target, which reserves one if it has none."""
@@ -142,8 +151,9 @@ def join(
             advance(done, len(left))
         for part in read:
             first = {now.key: now.image_offset + 1 for _, now in part.runs(target) if now.key in part.provenance}
-            add_provenance(folder, {key: {**part.provenance[key], "first_image_id": first[key]} for key in first})
-        unmade = [line for name, line in sorted(failures.items()) if not target.finished(name)]
+            made = {key: replace(part.provenance[key], first_image_id=first[key]) for key in first}
+            add_provenance(folder, made)
+        unmade = [failure for name, failure in sorted(failures.items()) if not target.finished(name)]
         write_failures(folder, unmade)
         return Joined(len(left), len(moves) - len(left), len(unmade), target.missing())
 
@@ -183,18 +193,18 @@ def _read_part(folder: Path, target: Path, allowed: Sequence[Path]) -> _Part:
     return _Part(folder, document, boxes, read_provenance(folder), read_failures(folder))
 
 
-def _failures(parts: Sequence[_Part], target: CocoDataset) -> dict[str, Record]:
+def _failures(parts: Sequence[_Part], target: CocoDataset) -> dict[str, Failure]:
     """Failed images of dataset and parts, by their name in the dataset."""
-    latest = {line["file_name"]: line for line in read_failures(target.folder)}
+    latest = {failure.file_name: failure for failure in read_failures(target.folder)}
     for part in parts:
         runs = part.runs(target)
-        for line in part.failures:
-            name = line["file_name"]  # failed images have no id
+        for failure in part.failures:
+            name = failure.file_name  # failed images have no id
             own_runs = [(was, now) for was, now in runs if PurePosixPath(name).name.startswith(was.prefix)]
             if own_runs:
                 was, now = max(own_runs, key=lambda pair: len(pair[0].prefix))
                 name = now.file_name(was.planned(name))
-            latest[name] = {**line, "file_name": name}
+            latest[name] = replace(failure, file_name=name)
     return latest
 
 
@@ -261,18 +271,15 @@ def _check(moves: Sequence[_Move], target: CocoDataset) -> None:
 def _records(move: _Move) -> tuple[Record, Sequence[Record]]:
     """Return an image and its annotations as records of the dataset."""
     document = move.part.document
-    image = document.images[move.index]
-    boxes = [document.annotations[i] for i in move.part.boxes.get(image["id"], ())]
     names = {category["id"]: category["name"] for category in document.categories}
-    if move.image_id is None:
-        del image["id"]
-    else:
-        image["id"] = move.image_id
-    for box in boxes:
-        box["category"] = names[box.pop("category_id")]
-        del box["image_id"]
-        if move.runs is None or not move.runs[0].has_annotation(box["id"]):
-            del box["id"]
-        else:
-            box["id"] += move.runs[1].annotation_offset - move.runs[0].annotation_offset
-    return {**image, "file_name": move.name}, boxes
+    image = document.images[move.index]
+    labels = []
+    for i in move.part.boxes.get(image["id"], ()):
+        label = document.annotations[i]
+        new = {key: value for key, value in label.items() if key not in ("id", "image_id", "category_id")}
+        new["category"] = names[label["category_id"]]
+        if move.runs is not None and move.runs[0].has_annotation(label["id"]):
+            new["id"] = label["id"] + move.runs[1].annotation_offset - move.runs[0].annotation_offset
+        labels.append(new)
+    ids = {} if move.image_id is None else {"id": move.image_id}
+    return {**{key: value for key, value in image.items() if key != "id"}, **ids, "file_name": move.name}, labels

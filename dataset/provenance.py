@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import orjson
-from msgspec import Struct
+from msgspec import Struct, to_builtins
+from msgspec.structs import replace
 
-from hulldown.assets.coco_types import Record
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import read_json, typed
 from hulldown.dataset.store.journal import read_journal, replaced
@@ -20,12 +19,45 @@ PROVENANCE_NAME = "provenance.json"
 GROWING = ("blender", "devices", "systems", "confinement")  # lists that several runs and machines add to
 
 
-class _Provenance(Struct):
-    plans: dict[str, dict[str, Any]]
+class Provenance(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What a plan's images were made of.
+
+    Parameters
+    ----------
+    file
+        Name of the plan's file.
+    first_image_id, images
+        Id of its first image in the dataset, and number of all.
+    devices, systems, blender, confinement
+        What rendered them, on all machines.
+    plan
+        The plan's header.
+    """
+
+    file: str = ""
+    first_image_id: int = 0
+    images: int = 0
+    blender: list[str]
+    devices: list[str]
+    systems: list[str]
+    confinement: list[str]
+    plan: object = None
 
 
-def read_provenance(folder: Path) -> dict[str, Record]:
-    """Return the entry of each plan by its key; empty without a file.
+class Failure(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """An image that failed: its number in the plan, its name, and the reason of each attempt."""
+
+    index: int | None = None
+    file_name: str
+    reasons: list[str] = []
+
+
+class _File(Struct):
+    plans: dict[str, Provenance]
+
+
+def read_provenance(folder: Path) -> dict[str, Provenance]:
+    """Return the provenance of each plan's images by its key; empty without a file.
 
     Raises
     ------
@@ -34,49 +66,55 @@ def read_provenance(folder: Path) -> dict[str, Record]:
     """
     path = folder / PROVENANCE_NAME
     refuse = partial(DatasetError, path=path, remedy="move it away")
-    plans = read_json(path, _Provenance, refuse, what="a hulldown provenance file").plans if path.exists() else {}
-    try:
-        typed([[entry.get(key) for key in GROWING] for entry in plans.values()], list[list[list[str]]])
-    except ValueError as error:
-        raise refuse(f"isn't a hulldown provenance file ({error})") from None
-    return dict(plans)
+    return read_json(path, _File, refuse, what="a hulldown provenance file").plans if path.exists() else {}
 
 
-def add_provenance(folder: Path, entries: Mapping[str, Record]) -> None:
-    """Add entries, or update those of the same plans; replaces the file in one step.
+def add_provenance(folder: Path, plans: Mapping[str, Provenance]) -> None:
+    """Add plans, or update them; replaces the file in one step.
 
     Parameters
     ----------
     folder
         The dataset.
-    entries
-        Entries by the plan's key; the lists in `GROWING` are extended.
+    plans
+        By the plan's key; the lists in `GROWING` are extended.
 
     Raises
     ------
     DatasetError
         If the file can't be read or written.
     """
-    if not entries:
+    if not plans:
         return
     known = read_provenance(folder)
-    for key, entry in entries.items():
-        before = known.get(key, {})
-        known[key] = {**entry, **{name: sorted({*before.get(name, []), *entry[name]}) for name in GROWING}}
+    for key, new in plans.items():
+        before = known.get(key, new)
+        grown = {name: sorted({*getattr(before, name), *getattr(new, name)}) for name in GROWING}
+        known[key] = replace(new, **grown)
     with replaced(folder / PROVENANCE_NAME) as file:
-        file.write(orjson.dumps({"plans": known}, option=orjson.OPT_INDENT_2))
+        file.write(orjson.dumps({"plans": to_builtins(known)}, option=orjson.OPT_INDENT_2))
 
 
-def read_failures(folder: Path) -> list[Record]:
-    """Return one record per image, with its `file_name`; empty without a file."""
-    return [line for line in read_journal(folder / FAILURES_NAME) if isinstance(line.get("file_name"), str)]
+def read_failures(folder: Path) -> list[Failure]:
+    """Return one failure per image; empty without a file.
+
+    Raises
+    ------
+    DatasetError
+        If a line is damaged.
+    """
+    refuse = partial(DatasetError, path=folder / FAILURES_NAME, remedy="delete it; the images are tried again")
+    try:
+        return typed(list(read_journal(folder / FAILURES_NAME)), list[Failure])
+    except ValueError as error:
+        raise refuse(f"isn't a list of failed images ({error})") from None
 
 
-def write_failures(folder: Path, failures: Sequence[Record]) -> None:
+def write_failures(folder: Path, failures: Sequence[Failure]) -> None:
     """Replace the file in one step; without failures there is no file."""
     path = folder / FAILURES_NAME
     if not failures:
         path.unlink(missing_ok=True)
         return
     with replaced(path) as file:
-        file.writelines(orjson.dumps(line, option=orjson.OPT_APPEND_NEWLINE) for line in failures)
+        file.writelines(orjson.dumps(to_builtins(line), option=orjson.OPT_APPEND_NEWLINE) for line in failures)

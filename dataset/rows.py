@@ -64,15 +64,15 @@ def check_planned(coco: Coco, plan: Plan) -> Iterator[Finding]:
         yield Finding("warning", plan.path.name, problem)
 
 
-def image_record(row: Row) -> dict[str, Any]:
+def image_record(row: Row) -> Record:
     """Return a dataset's record of a row's image, without id and file name."""
     record = orjson.loads(encode(row))
     return {key: record[key] for key in IMAGE_KEYS if key in record}
 
 
-def label_records(row: Row) -> list[dict[str, Any]]:
+def label_records(row: Row) -> list[Record]:
     """Return a dataset's records of a row's labeled vehicles, without ids and what needs the scene."""
-    records = []
+    records: list[Record] = []
     for vehicle in row.labeled:
         encoded = orjson.loads(encode(vehicle))
         ignored = int(vehicle.label == "ignored")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
@@ -42,8 +42,3 @@ def join(tables: Sequence[Table]) -> Table:
     return type(tables[0])(
         *(np.concatenate(parts) if isinstance(parts[0], np.ndarray) else join(parts) for parts in columns)
     )
-
-
-def records(columns: Mapping[str, Iterable[Any]]) -> list[dict[str, Any]]:
-    """Return a dictionary for each row of columns of the same length."""
-    return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]

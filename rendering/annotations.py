@@ -34,7 +34,7 @@ def categories_of(plan: Plan, shapes: Mapping[str, VehicleShape]) -> list[Record
     labeled = [*header.vehicles, *(name for name, source in header.distractors.items() if source.category)]
     of_labeled = [shapes[name] for name in labeled]
     fields = category_fields(of_labeled, annotate.keypoints, annotate.skeleton, path=plan.path)
-    return [new_category(name) | fields for name in header.categories]
+    return [{**new_category(name), **fields} for name in header.categories]
 
 
 class Segmenter:
@@ -57,7 +57,7 @@ class Segmenter:
     def records(self, row: Row) -> list[Record]:
         """Annotation records of each labeled vehicle of a row, without ids."""
         return [
-            record | fields_of_scene(self._seen(row, vehicle))
+            {**record, **fields_of_scene(self._seen(row, vehicle))}
             for vehicle, record in zip(row.labeled, label_records(row), strict=True)
         ]
 

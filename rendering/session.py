@@ -13,12 +13,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import msgspec
-
 from hulldown.base.errors import ConfigError, HulldownError
 from hulldown.base.files import UNFINISHED_NAME
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.provenance import add_provenance, read_failures, read_provenance, write_failures
+from hulldown.dataset.provenance import (
+    Failure,
+    Provenance,
+    add_provenance,
+    read_failures,
+    read_provenance,
+    write_failures,
+)
 from hulldown.dataset.rows import image_record
 from hulldown.dataset.store.placed_pictures import confined, publish, writing
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
@@ -118,7 +123,7 @@ class Session:
         self._folder = dataset.folder
         self.unfinished = confined(self._folder, UNFINISHED_NAME).absolute()
         # Failures of other plans, and of images outside this run. Damage is found before Blender starts.
-        self._failures = [line for line in read_failures(self._folder) if line["file_name"] not in names]
+        self._failures = [failure for failure in read_failures(self._folder) if failure.file_name not in names]
         read_provenance(self._folder)
         self._recorded: dict[str, list[str]] = {}
         settings = plan.config.render
@@ -180,14 +185,14 @@ class Session:
         """Update the plan's provenance whenever there is news."""
         if self.made_by == self._recorded:
             return
-        entry = {
-            "file": self._plan.path.name,
-            "first_image_id": self._run.image_offset + 1,
-            "images": len(self._plan),
+        made = Provenance(
+            file=self._plan.path.name,
+            first_image_id=self._run.image_offset + 1,
+            images=len(self._plan),
             **self.made_by,
-            "plan": msgspec.to_builtins(self._plan.header),
-        }
-        add_provenance(self._folder, {self._run.key: entry})
+            plan=self._plan.header,
+        )
+        add_provenance(self._folder, {self._run.key: made})
         self._recorded = self.made_by
 
     def _output(self, row: Row) -> Path:
@@ -235,7 +240,7 @@ class Session:
 
     def _give_up(self, index: int, reasons: Sequence[str]) -> None:
         name, _ = self._left[index]
-        self._failures.append({"index": index, "file_name": name, "reasons": list(reasons)})
+        self._failures.append(Failure(index=index, file_name=name, reasons=list(reasons)))
         if self.begun:
             write_failures(self._folder, self._failures)
         self.failed.append(name)

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+from msgspec.structs import replace
 
 from hulldown.base.errors import HulldownError
 from hulldown.cluster.scheduler import Scheduler
@@ -207,7 +208,7 @@ def test_a_row_that_cannot_be_rendered_is_given_up_as_on_one_machine(folder, nod
     assert course.report.failed == whole.failed == ("images/00000002.png",)
     assert (tmp_path / "d/annotations.json").read_bytes() == (tmp_path / "whole/annotations.json").read_bytes()
     (local,), (elsewhere,) = read_failures(tmp_path / "whole"), read_failures(tmp_path / "d")
-    assert elsewhere == {**local, "reasons": 2 * local["reasons"]}  # by two workers
+    assert elsewhere == replace(local, reasons=2 * local.reasons)  # by two workers
 
 
 @pytest.mark.thorough

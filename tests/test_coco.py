@@ -9,7 +9,7 @@ import pytest
 import hulldown.dataset.store.document as documents
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.provenance import GROWING, add_provenance, write_failures
+from hulldown.dataset.provenance import GROWING, Failure, Provenance, add_provenance, write_failures
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.seals import broken
 from hulldown.tests.editing import edit
@@ -159,8 +159,8 @@ def test_a_link_in_place_of_the_temporary_file_is_not_followed(tmp_path):
     for name in ("annotations.json", "provenance.json", "failures.jsonl"):
         (tmp_path / f".{name}.{os.getpid()}.tmp").symlink_to(tmp_path / "mine")
     CocoDataset.open(tmp_path).close()
-    add_provenance(tmp_path, {"a": {key: [] for key in GROWING}})
-    write_failures(tmp_path, [{"file_name": "a.png"}])
+    add_provenance(tmp_path, {"a": Provenance(**{key: [] for key in GROWING})})
+    write_failures(tmp_path, [Failure(file_name="a.png")])
     assert (tmp_path / "mine").read_text() == "mine"
     assert not any(path.name.endswith(".tmp") for path in tmp_path.iterdir())
 

@@ -268,7 +268,7 @@ def test_annotations_of_a_dataset_equal_masks_by_cycles(dataset, plan, library):
     assert min(row.mask_iou for row in report.rows if row.pixels > 50) >= 0.99
     assert report.table().row_count == len(report.rows)
     [made] = read_provenance(dataset).values()
-    assert re.fullmatch(r"5\.\d.*, Python 3\.\d+\.\d+, NumPy \d.*", made["blender"][0])
+    assert re.fullmatch(r"5\.\d.*, Python 3\.\d+\.\d+, NumPy \d.*", made.blender[0])
 
 
 def test_a_path_in_a_plan_gives_no_access_to_its_folder(plan, library, tmp_path):

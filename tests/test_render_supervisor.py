@@ -185,9 +185,9 @@ def test_failures_of_images_that_are_not_rendered_now_are_kept(tmp_path, render)
     lines = [{"file_name": name, "reasons": []} for name in (*other, "images/00000002.png")]
     (dataset / "failures.jsonl").write_text("".join(f"{json.dumps(line)}\n" for line in lines))
     render(plan, dataset, part=Part(limit=2))
-    assert [line["file_name"] for line in read_failures(dataset)] == other
+    assert [failure.file_name for failure in read_failures(dataset)] == other
     render(plan, dataset, part=Part(limit=3))
-    assert [line["file_name"] for line in read_failures(dataset)] == [*other, "images/00000003.png"]
+    assert [failure.file_name for failure in read_failures(dataset)] == [*other, "images/00000003.png"]
 
 
 def run_apart(render, plan, dataset, engine):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -155,7 +154,7 @@ class Comparison:
         whole = [] if self.coverage is None else [self.coverage.sentence()]
         return whole + [compared.sentence for compared in apart if compared.differs]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Everything as plain numbers."""
         return {
             "photographs": str(self.source),

@@ -78,7 +78,7 @@ def is_list_of_numbers(value: Any) -> TypeGuard[list[float]]:
     return isinstance(value, list) and are_numbers(value)
 
 
-def new_category(name: str) -> dict[str, Any]:
+def new_category(name: str) -> Record:
     """Return the record of a new class; its id is assigned later."""
     return {"id": 0, "name": name, "supercategory": "vehicle"}
 

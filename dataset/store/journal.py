@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import orjson
 
@@ -110,7 +110,7 @@ def read_journal(path: Path) -> Iterator[Record]:
             if not line.endswith(b"\n"):
                 return
             try:
-                record = json_of(line, dict[str, Any])
+                record = json_of(line, dict[str, object])
             except ValueError as error:
                 raise _damaged(path, number, str(error)) from error
             if LINE_KEY in record:  # lines of older datasets have none

@@ -14,7 +14,6 @@ from hulldown.base.errors import ConfigError
 from hulldown.camera.response import ALBEDO, FARTHEST_EV, metered
 from hulldown.camera.sensor import LIMITS, Sensor
 from hulldown.camera.weather.kinds import KINDS, Weather
-from hulldown.geometry.columns import records
 from hulldown.planning.config.schema import LightSection
 from hulldown.planning.config.sensor_section import SensorSection
 from hulldown.planning.plan.row import rounded
@@ -115,4 +114,7 @@ def draw_sensors(section: SensorSection, *, draws: RandomStreams, image: Int[np.
     u = draws.uniform(Purpose.SENSOR, image, 0, count=len(LIMITS)).T
     table = {key: rounded("sensor", between(*ranges[key], own)) for key, own in zip(LIMITS, u, strict=True)}
     table["jpeg_quality"] = np.rint(table["jpeg_quality"]).astype(np.int64)
-    return [Sensor(**values) for values in records({key: column.tolist() for key, column in table.items()})]
+    return [
+        Sensor(**dict(zip(table, values, strict=True)))
+        for values in zip(*(column.tolist() for column in table.values()), strict=True)
+    ]
