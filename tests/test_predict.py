@@ -167,7 +167,7 @@ def test_a_damaged_video_names_its_lost_frames_and_a_playlist_is_refused(video, 
     content[frames[2] : frames[3]] = bytes(frames[3] - frames[2])
     video.write_bytes(content)
     with pytest.warns(UserWarning, match=r"is damaged: \d frames were read, \d of 5 are lost"):
-        assert len(find_pictures([video]).records) < 5
+        assert len(find_pictures([video]).images) < 5
     assert capfd.readouterr() == ("", "")  # FFmpeg's messages
     (tmp_path / "list.mp4").write_text(
         f"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nfile://{video}\n#EXT-X-ENDLIST\n"

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 
-from hulldown.assets.coco_types import Record
 from hulldown.assets.foreign_labels import PICTURES, foreign_reader
 from hulldown.assets.picture_files import read_picture, read_pixels
 from hulldown.base.errors import DatasetError
+from hulldown.dataset.images import Image
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, JOURNAL_NAME
 from hulldown.training.evaluation.labels import Labels, read_labels
 from hulldown.training.videos import VIDEOS, Video, frames_of, read_video
@@ -36,8 +36,8 @@ class Pictures:
         The user's path, for errors.
     folder
         Folder that file names are relative to.
-    records
-        COCO image records: ``id``, ``file_name``, ``width``, ``height``; of a video also ``frame``, from 0.
+    images
+        The pictures; records of a video's have ``frame``, from 0.
     categories
         Name -> id, of a dataset; empty otherwise.
     video
@@ -46,7 +46,7 @@ class Pictures:
 
     path: Path
     folder: Path
-    records: Sequence[Record]
+    images: Sequence[Image]
     categories: Mapping[str, int]
     video: Video | None = None
 
@@ -54,7 +54,7 @@ class Pictures:
     def of(cls, labels: Labels) -> Pictures:
         """Return a dataset's pictures."""
         ids = dict(zip(labels.class_names, labels.class_id.tolist(), strict=True))
-        return cls(labels.path, labels.folder, [image.record for image in labels.images], ids)
+        return cls(labels.path, labels.folder, labels.images, ids)
 
     def read(self, indices: Sequence[int]) -> Iterator[Picture]:
         """Yield RGB pictures, (h, w, 3), at ascending indices.
@@ -68,8 +68,7 @@ class Pictures:
 
     def _files(self, indices: Sequence[int]) -> Iterator[Picture]:
         def read(k: int) -> Picture:
-            record = self.records[k]
-            return read_pixels(self.folder / record["file_name"], (record["width"], record["height"]))
+            return read_pixels(self.folder / self.images[k].file_name, self.images[k].size)
 
         coming: deque[Future[Picture]] = deque()
         with ThreadPoolExecutor(READERS) as pool:
@@ -97,7 +96,7 @@ def find_pictures(paths: Sequence[str | os.PathLike[str]]) -> Pictures:
 
     Examples
     --------
-    >>> find_pictures(["photographs/*.jpg"]).records[0]["file_name"]  # doctest: +SKIP
+    >>> find_pictures(["photographs/*.jpg"]).images[0].file_name  # doctest: +SKIP
     '0001.jpg'
     """
     first = Path(paths[0])
@@ -106,16 +105,16 @@ def find_pictures(paths: Sequence[str | os.PathLike[str]]) -> Pictures:
     if len(paths) == 1 and first.suffix.lower() in VIDEOS:
         video = read_video(first)
         record = {"file_name": first.name, "width": video.width, "height": video.height}
-        records = [{"id": k + 1, "frame": k} | record for k in range(video.frames)]
-        return Pictures(first, first.parent, records, {}, video)
+        frames = [Image.of({"id": k + 1, "frame": k, **record}, ()) for k in range(video.frames)]
+        return Pictures(first, first.parent, frames, {}, video)
     files = sorted({file.absolute() for path in paths for file in _files_of(str(path))})
     folder = Path(os.path.commonpath([file.parent for file in files]))
-    records = []
+    images = []
     for number, file in enumerate(files, 1):
         width, height = read_picture(file, largest=0).size
         name = file.relative_to(folder).as_posix()
-        records.append({"id": number, "file_name": name, "width": width, "height": height})
-    return Pictures(first, folder, records, {})
+        images.append(Image.of({"id": number, "file_name": name, "width": width, "height": height}, ()))
+    return Pictures(first, folder, images, {})
 
 
 def _has_records(path: Path) -> bool:

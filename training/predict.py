@@ -16,7 +16,6 @@ import numpy as np
 import orjson
 from PIL import Image
 
-from hulldown.assets.coco_types import Record
 from hulldown.base.errors import HulldownError
 from hulldown.base.files import make_room, open_in_place, open_regular, replace_file, replacing
 from hulldown.base.outside import json_of, sha256_of
@@ -163,19 +162,19 @@ def predict(
     unfinished = output.with_name(output.name + UNFINISHED_SUFFIX)
     done = _resumed(unfinished, key)
     already = len(done)
-    left = [k for k, record in enumerate(found.records) if record["id"] not in done]
+    left = [k for k, image in enumerate(found.images) if image.id not in done]
     with shown("predicting", progress) as advance, open_in_place(unfinished) as file:
         for some in _detected(detector, found, ids, left, batch):
             file.write(_lines(some))
             file.flush()
             done |= some
-            advance(len(done), len(found.records))
-    results = [one for record in found.records for one in done[record["id"]]]
+            advance(len(done), len(found.images))
+    results = [one for image in found.images for one in done[image.id]]
     names = dict(zip(ids, detector.classes, strict=True))
     new = [NewCategory(id=i, name=name) for i, name in names.items() if name not in found.categories]
-    info = PredictionInfo(detector=str(run), images=[record["id"] for record in found.records], categories=new)
+    info = PredictionInfo(detector=str(run), images=[image.id for image in found.images], categories=new)
     if not found.categories:
-        info["pictures"] = found.records
+        info["pictures"] = [image.record for image in found.images]
     beside = output.with_name(output.name + INFO_SUFFIX)
     beside.unlink(missing_ok=True)  # of earlier results
     for path, value in ((output, results), (beside, info)):
@@ -184,7 +183,7 @@ def predict(
         _draw(found, done, names, Path(drawn), threshold)
     unfinished.unlink()
     counts = Counter(names[one["category_id"]] for one in results if one["score"] >= threshold)
-    return Predicted(len(found.records), len(results), already, unknown, dict(counts))
+    return Predicted(len(found.images), len(results), already, unknown, dict(counts))
 
 
 def validation_figures(
@@ -212,7 +211,7 @@ def _detected(
     """Yield the results of images by their ids, a batch at a time; `ids` are those of the detector's classes."""
     pixels = pictures.read(indices)
     for start in range(0, len(indices), batch):
-        images = [int(pictures.records[k]["id"]) for k in indices[start : start + batch]]
+        images = [pictures.images[k].id for k in indices[start : start + batch]]
         done: dict[int, Found] = {}
         for image, found in zip(images, detector.detect(list(islice(pixels, batch))), strict=True):
             columns = found.label.tolist(), found.xywh.round(DIGITS).tolist(), found.score.tolist()
@@ -245,15 +244,11 @@ def _draw(
 ) -> None:
     """Write each picture with its detections into a folder, under the same name; a video as a video."""
 
-    def labeled() -> Iterator[tuple[Record, Image.Image]]:
-        for record, pixels in zip(pictures.records, pictures.read(range(len(pictures.records))), strict=True):
-            shown = [
-                Drawn(np.array(one["bbox"]), category, f"{names.get(category, '?')} {one['score']:.2f}")
-                for one in found[record["id"]]
-                if one["score"] >= threshold
-                for category in [one["category_id"]]
-            ]
-            yield record, draw(Image.fromarray(pixels), shown)
+    def labeled() -> Iterator[tuple[str, Image.Image]]:
+        for image, pixels in zip(pictures.images, pictures.read(range(len(pictures.images))), strict=True):
+            boxes = [(np.array(one["bbox"]), one["category_id"], one["score"]) for one in found[image.id]]
+            shown = [Drawn(box, k, f"{names[k]} {score:.2f}") for box, k, score in boxes if score >= threshold]
+            yield image.file_name, draw(Image.fromarray(pixels), shown)
 
     if (video := pictures.video) is not None:
         from supervision import VideoInfo, VideoSink
@@ -263,8 +258,7 @@ def _draw(
             for _, picture in labeled():
                 sink.write_frame(np.asarray(picture)[..., ::-1])
         return
-    for record, picture in labeled():
-        name = record["file_name"]
+    for name, picture in labeled():
         make_room(target := folder / (name if name.lower().endswith((".jpg", ".jpeg", ".png")) else f"{name}.png"))
         with replacing(target) as file:
             picture.save(file, format="PNG" if target.suffix.lower() == ".png" else "JPEG", quality=90)
@@ -273,7 +267,7 @@ def _draw(
 def _key(run: Path, pictures: Pictures, classes: Sequence[str], tile: tuple[int, int] | None) -> str:
     """Return a key of the results: weights, classes, images, and tiles."""
     digest = hashlib.sha256(sha256_of(weights_of(run)).encode())
-    images = [[record["id"], record["file_name"], record["width"], record["height"]] for record in pictures.records]
+    images = [[image.id, image.file_name, *image.size] for image in pictures.images]
     digest.update(orjson.dumps([list(classes), images, sorted(pictures.categories.items()), tile]))
     return digest.hexdigest()
 
