@@ -84,8 +84,8 @@ def refuse_nameless(folder: Path) -> None:
 
 def _yolo_folders(folder: Path) -> tuple[tuple[Path, Path], ...]:
     """Folders of pictures and of labels that a split of YOLO may have."""
-    beside = Path(*("labels" if part == "images" else part for part in folder.parts))
-    return (folder / "images", folder / "labels"), (folder, beside)
+    labels = Path(*("labels" if part == "images" else part for part in folder.parts))
+    return (folder / "images", folder / "labels"), (folder, labels)
 
 
 def _pictures(folder: Path) -> list[Path]:
@@ -144,10 +144,10 @@ def _voc(folder: Path, texts: Path, pictures: Path) -> Coco:
     coco = _empty(names)
     for path, tree in trees.items():
         named = pictures / Path(tree.findtext("filename", "")).name
-        beside = [named] if os.path.isfile(named) else [p for p in _pictures(pictures) if p.stem == path.stem]
-        if not beside:
+        fitting = [named] if os.path.isfile(named) else [p for p in _pictures(pictures) if p.stem == path.stem]
+        if not fitting:
             raise DatasetError(f"its picture {named.name!r} is missing", path=path, remedy=f"put it into {pictures}")
-        image = _image(coco, folder, beside[0])
+        image = _image(coco, folder, fitting[0])
         for element in tree.iter("object"):
             try:
                 sides = [element.findtext(f"bndbox/{side}", "") for side in ("xmin", "ymin", "xmax", "ymax")]

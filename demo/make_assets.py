@@ -45,16 +45,16 @@ def build_demo_assets(
     folder.mkdir(parents=True, exist_ok=True)
     left = list(FILES)
     for _ in range(ATTEMPTS):
-        code, said = _run(
+        code, output = _run(
             folder.resolve(), seed, left, lambda: progress and progress(len(FILES) - len(left), len(FILES))
         )
         if not left:
             return tuple(folder / file for file in FILES)
         if code >= 0:
             break  # it said what is wrong; only a crash is worth another try
-    if remedy := remedy_for("".join(said)):
+    if remedy := remedy_for("".join(output)):
         raise AssetError("building demo assets needs Blender", remedy=remedy)
-    last = said[-1].strip() if said else f"exit status {code}"
+    last = output[-1].strip() if output else f"exit status {code}"
     raise AssetError(f"Blender could not build the demo assets: {last}", path=folder)
 
 
@@ -62,7 +62,7 @@ def _run(folder: Path, seed: int, left: list[str], step: Callable[[], object]) -
     """Exit status and last lines of a child process that builds the files `left`, which it takes off the list."""
     # -P: a folder `demo` where the user happens to be must not come first.
     command = [sys.executable, "-P", "-m", "hulldown.demo", str(folder), "--seed", str(seed), "--only"]
-    said: list[str] = []
+    output: list[str] = []
     with subprocess.Popen(
         [*command, *(Path(file).stem for file in left)],
         env={**os.environ},
@@ -73,10 +73,10 @@ def _run(folder: Path, seed: int, left: list[str], step: Callable[[], object]) -
         errors="replace",
     ) as child:
         for line in child.stdout or ():
-            said = [*said[-20:], line]
+            output = [*output[-20:], line]
             if line.startswith(BUILT):
                 file = Path(line.removeprefix(BUILT).strip()).relative_to(folder).as_posix()
                 if file in left:
                     left.remove(file)
                     step()
-    return child.returncode, said
+    return child.returncode, output

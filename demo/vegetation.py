@@ -167,12 +167,12 @@ def tussock(
     angle = rng.uniform(0, 2 * np.pi, clumps)
     center = radius * np.sqrt(rng.random((clumps, 1))) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     vigour = rng.uniform(0.45, 1.0, clumps)
-    mine = np.arange(blades) % clumps
-    away = rng.normal(0, 0.13, (blades, 2)) * vigour[mine, None]
-    tall = height * vigour[mine, None] * rng.uniform(0.55, 1.1, (blades, 1))
-    bend = (1.6 * away + rng.normal(0, 0.35, (blades, 2)) * height) * vigour[mine, None]
+    clump = np.arange(blades) % clumps
+    away = rng.normal(0, 0.13, (blades, 2)) * vigour[clump, None]
+    tall = height * vigour[clump, None] * rng.uniform(0.55, 1.1, (blades, 1))
+    bend = (1.6 * away + rng.normal(0, 0.35, (blades, 2)) * height) * vigour[clump, None]
     points = np.zeros((blades, len(t), 3))
-    points[..., :2] = (center[mine] + away)[:, None] + bend[:, None] * (t**2)[None, :, None]
+    points[..., :2] = (center[clump] + away)[:, None] + bend[:, None] * (t**2)[None, :, None]
     points[..., 2] = tall * t - 0.25 * np.linalg.norm(bend, axis=1, keepdims=True) * t**2 - 0.03
     curves.points.foreach_set("position", points.ravel().astype(np.float32))
     radii = np.tile(0.009 * (1.05 - t), blades)

@@ -230,7 +230,7 @@ def unit_normals(triangles: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 
     return normal / np.where(length > 0.0, length, np.nan)[:, None]
 
 
-def first_alike(points: Float[np.ndarray, "n d"]) -> Int[np.ndarray, " n"]:
+def first_equal(points: Float[np.ndarray, "n d"]) -> Int[np.ndarray, " n"]:
     """For every point the number of the first point at exactly the same place."""
     order = np.lexsort(points.T)  # stable: of equal points the lowest number comes first
     new = np.ones(len(order), dtype=bool)

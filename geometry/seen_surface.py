@@ -56,7 +56,7 @@ def seen_surface(mesh: Mesh) -> tuple[Mesh, Int[np.ndarray, " f"]] | None:
     whole[cutouts.face[mixed]] = False
     faces, origin, vertices = [mesh.faces[whole]], [np.flatnonzero(whole)], [mesh.vertices]
     count = len(mesh.vertices)
-    for steps, some in _alike(cutouts, mixed):
+    for steps, some in _blocks(cutouts, mixed):
         corners = mesh.vertices[mesh.faces[cutouts.face[some]]]
         alpha = cutouts.maps[cutouts.face_map[some[0]]]
         ring, face = _rings(alpha, cutouts.uv[some].astype(np.float64), steps)
@@ -76,7 +76,7 @@ def seen_surface(mesh: Mesh) -> tuple[Mesh, Int[np.ndarray, " f"]] | None:
     return seen.of_faces(np.arange(len(triangles))), np.concatenate(origin)
 
 
-def _alike(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Iterator[tuple[int, Int[np.ndarray, " k"]]]:
+def _blocks(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Iterator[tuple[int, Int[np.ndarray, " k"]]]:
     """Yield steps along sides, and mixed faces of one map that have so many, few enough to be in memory together."""
     steps = _steps(cutouts, mixed)
     order = np.lexsort((steps, cutouts.face_map[mixed]))

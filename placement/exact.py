@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Int8, Shaped
 
 from hulldown.geometry.boxtree import BoxTree
-from hulldown.geometry.meshes import first_alike
+from hulldown.geometry.meshes import first_equal
 from hulldown.geometry.predicates import heights as exact_heights
 from hulldown.geometry.predicates import normals as exact_normals
 from hulldown.geometry.predicates import orient
@@ -180,7 +180,7 @@ class ExactGround:
         g = self._ground
         used, local = np.unique(vertices, return_inverse=True)
         places = np.column_stack([g.x[used], g.y[used], g.z[used]])
-        return used[first_alike(places)][local].reshape(vertices.shape)
+        return used[first_equal(places)][local].reshape(vertices.shape)
 
     def _corners(self, face: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k 3 3"]:
         vertex = self._ground.corners[:, face].T

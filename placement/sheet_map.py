@@ -51,7 +51,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from scipy import ndimage
 
 from hulldown.geometry.arrays import numbered
-from hulldown.geometry.meshes import first_alike
+from hulldown.geometry.meshes import first_equal
 
 UNKNOWN = 255
 FEW_SHEETS, MOST_SHEETS = 3, 16  # that are worth tracing one after the other
@@ -190,7 +190,7 @@ def _unbalanced(
     """Of unpaired edges, those that don't cancel either against others with ends at the same places."""
     edges, balance = unpaired
     used, local = np.unique(edges, return_inverse=True)
-    a, b = used[first_alike(places[used])][local].reshape(-1, 2).T
+    a, b = used[first_equal(places[used])][local].reshape(-1, 2).T
     keys = _key(a, b, len(places), out=np.empty(len(edges), dtype=np.int64))
     order = np.argsort(keys)
     return _left_over(keys[order], balance[order], len(places))[0]

@@ -19,7 +19,7 @@ from hulldown.planning.config.schema import Config
 from hulldown.planning.plan.coats import Coat
 from hulldown.planning.plan.row import Bounds, Box, Followed, Label, OnMap, PlannedVehicle, Row, rounded
 from hulldown.planning.search.block import Block
-from hulldown.planning.search.extras import MOST, Role
+from hulldown.planning.search.extras import MOST_EXTRAS, Role
 from hulldown.planning.search.instance_table import Instances, boxes_at
 from hulldown.planning.search.positions import Planned
 from hulldown.planning.search.random_streams import Purpose
@@ -173,7 +173,7 @@ def _of_instances(planned: Planned, assets: Assets) -> dict[str, Sequence[object
 def _tracks(planned: Planned) -> list[int | None]:
     """Return a number for each instance of a sequence, and None for the others."""
     block, table = planned.block, planned.table
-    number = 1 + (block.positions.number[table.row] * len(Role) + table.role) * MOST + table.number
+    number = 1 + (block.positions.number[table.row] * len(Role) + table.role) * MOST_EXTRAS + table.number
     named = (block.given_of(block.positions.first_image).sequence >= 0)[table.row]
     return [track if inside else None for track, inside in zip(number.tolist(), named.tolist(), strict=True)]
 

@@ -26,7 +26,7 @@ from hulldown.planning.search.stage import PlanStage, Site
 from hulldown.planning.search.views import no_views, views_of_others
 
 ROUNDING = 1e-6  # tolerance of numbers from other processors: meters, degrees, pixels, shares
-MOST = 1000  # listed findings
+MOST_FINDINGS = 1000  # listed findings
 LONGEST = 80  # characters of a value in a finding
 
 
@@ -69,9 +69,9 @@ def check_rows(plan: Plan, planner: Planner, *, progress: Callable[[int, int], N
         block += islice(rows, max(len(wanted), 1) - 1)
         for row, planned in zip(block, wanted, strict=False):
             if encode(row) != encode(planned):
-                lines = list(_findings(row, planned, planner)) if len(findings) < MOST else [""]
-                hidden += max(len(findings) + len(lines) - MOST, 0)
-                findings += lines[: MOST - len(findings)]
+                lines = list(_findings(row, planned, planner)) if len(findings) < MOST_FINDINGS else [""]
+                hidden += max(len(findings) + len(lines) - MOST_FINDINGS, 0)
+                findings += lines[: MOST_FINDINGS - len(findings)]
         start, done = stop, done + len(block)
         if progress:
             progress(done, len(plan))
@@ -108,18 +108,18 @@ def _differing(
 ) -> Iterator[tuple[str, tuple[str, str]]]:
     for key in keys:
         pair = first.get(key), second.get(key)  # lines leave out some fields that are null
-        if not _alike(*pair):
+        if not _equal(*pair):
             yield place + key, (_shown(pair[0]), _shown(pair[1]))
 
 
-def _alike(first: object, second: object) -> bool:
+def _equal(first: object, second: object) -> bool:
     """Return whether two JSON values are equal up to rounding."""
     if isinstance(first, float) and isinstance(second, float):
         return math.isclose(first, second, rel_tol=0.0, abs_tol=ROUNDING)
     if isinstance(first, list) and isinstance(second, list):
-        return len(first) == len(second) and all(map(_alike, first, second))
+        return len(first) == len(second) and all(map(_equal, first, second))
     if isinstance(first, dict) and isinstance(second, dict):
-        return first.keys() == second.keys() and all(_alike(first[key], second[key]) for key in first)
+        return first.keys() == second.keys() and all(_equal(first[key], second[key]) for key in first)
     return bool(first == second)
 
 

@@ -111,8 +111,8 @@ def plan(
     unsaid = _unsaid(doubts, config)
     for line in warnings_of(unsaid):
         warnings.warn(line, stacklevel=2)
-    if said := sum(map(len, doubts.values())) - sum(map(len, unsaid.values())):
-        warnings.warn(f"{said} doubts aren't repeated, since `init` wrote them into {config.path}", stacklevel=2)
+    if stated := sum(map(len, doubts.values())) - sum(map(len, unsaid.values())):
+        warnings.warn(f"{stated} doubts aren't repeated, since `init` wrote them into {config.path}", stacklevel=2)
     assets = replace(library.assets, photographs=photographs)
     with shown("planning", progress) as advance:
         made = write_plan(
@@ -138,9 +138,9 @@ def _unsaid(doubts: Mapping[str, Sequence[Doubt]], config: Config) -> dict[str, 
     """Return doubts by path without those that `init` wrote into the config."""
     from hulldown.planning.inputs.found_assets import stated_doubts
 
-    said = stated_doubts(config.path, config.folder / CACHE_NAME) if config.path else {}
+    stated = stated_doubts(config.path, config.folder / CACHE_NAME) if config.path else {}
     return {
-        path: [doubt for doubt in some if doubt not in said.get(str(Path(path).resolve()), ())]
+        path: [doubt for doubt in some if doubt not in stated.get(str(Path(path).resolve()), ())]
         for path, some in doubts.items()
     }
 

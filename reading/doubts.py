@@ -11,7 +11,7 @@ from hulldown.reading.pieces.asset_report import By, FileReport, Missing, Object
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Piece, PieceRole
-from hulldown.reading.pieces.wording import MOST, as_key, quoted
+from hulldown.reading.pieces.wording import MOST_NAMES, as_key, quoted
 from hulldown.reading.scenery.scenery_roles import is_water_name
 from hulldown.reading.scenery.shape import LEVEL, PUDDLE, canopies, enclosing, sheets_between
 
@@ -45,11 +45,11 @@ def vehicle_doubts(report: FileReport, options: Options) -> tuple[Doubt, ...]:
     dropped = [row for row in rows if row.use == "dropped" and row.triangles and row.by is not By.CONFIG]
     kept = [row for row in rows if row.use != "dropped"]
     if sum(row.triangles * row.count for row in dropped) > sum(row.triangles * row.count for row in kept):
-        those = quoted([row.name for row in dropped])
+        names = quoted([row.name for row in dropped])
         doubts.append(
             Doubt(
                 DoubtKind.MOST_DROPPED,
-                f"more triangles are dropped than kept; name the vehicle's objects in `keep`: {those}",
+                f"more triangles are dropped than kept; name the vehicle's objects in `keep`: {names}",
             )
         )
     asked = [row for row in rows if row.use == "dropped" and row.by is By.CONFIG]
@@ -91,7 +91,7 @@ def scenery_doubts(
         )
     if parked:
         objects = list(dict.fromkeys(name for own in parked.values() for name in own))
-        key = f"drop = {as_key(objects)}" if len(objects) <= MOST else "their objects in drop"
+        key = f"drop = {as_key(objects)}" if len(objects) <= MOST_NAMES else "their objects in drop"
         doubts.append(
             Doubt(
                 DoubtKind.UNLABELED,
@@ -184,7 +184,7 @@ def _perhaps_water(used: Sequence[tuple[Piece, PieceRole]], wet: Sequence[str]) 
             f"{name!r} is ground and wears {material!r}; if a part of it is water, make that an object of its own in "
             "Blender and name it in water",
         )
-        for name, material in list(dict.fromkeys(dressed))[:MOST]
+        for name, material in list(dict.fromkeys(dressed))[:MOST_NAMES]
     ]
     open_ = [i for i, (_, role) in enumerate(used) if role.use == "obstacle" and role.by is By.DEFAULT]
     found = sheets_between([piece for piece, _ in used], open_, [piece.bounds for piece in ground], least=PUDDLE)
@@ -209,7 +209,7 @@ def _proposed_ground(among: Sequence[Piece]) -> str:
     for piece in able:
         families.setdefault(re.split(r"\d", piece.name, maxsplit=1)[0].rstrip("_- .") or piece.name, []).append(piece)
     stem, family = max(families.items(), key=lambda one: _level_area(one[1]))
-    if len(family) > MOST and _level_area(family) > _level_area([widest]):
+    if len(family) > MOST_NAMES and _level_area(family) > _level_area([widest]):
         return f"if it is the {len(family)} pieces {stem}..., give this scenery ground = {as_key([stem + '*'])}"
     return f"if it is {widest.name!r}, give this scenery ground = {as_key([widest.name])}"
 

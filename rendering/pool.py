@@ -18,7 +18,7 @@ from hulldown.cluster.scheduler import Scheduler
 from hulldown.rendering.blender.messages import MaskJob, RenderJob
 from hulldown.rendering.process import POLL_S, Allowance, Blender, Confinement, Limits, Outcome
 
-MOST = 256  # Blenders
+MOST_BLENDERS = 256  # Blenders
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +96,7 @@ class Pool:
         self._blenders: list[Blender] = []
         self._grow(engine.workers or 1)
         self._left = Event()
-        self._threads = ThreadPoolExecutor(MOST)
+        self._threads = ThreadPoolExecutor(MOST_BLENDERS)
 
     @property
     def working(self) -> int:

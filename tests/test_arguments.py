@@ -13,7 +13,7 @@ from hulldown.camera.shell import camera_pose, draw_elevation
 from hulldown.camera.size import solve_distance
 from hulldown.geometry.arrays import checked, whole
 from hulldown.geometry.instances import InstancedScene
-from hulldown.geometry.meshes import Mesh, first_alike, merge
+from hulldown.geometry.meshes import Mesh, first_equal, merge
 from hulldown.geometry.overlap import Obstacles
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply, facing, invert_rigid, tilt_to
@@ -196,7 +196,7 @@ NO_ROWS = [
     (lambda: solved(ONE[:0]), (0,)),
     (lambda: project(NO_CAMERA, ONE[:0], POINTS[None]).pixels, (0, 4, 2)),
     (lambda: VehicleBoxes(CRATE).boxes(ONE[:0], ONE[:0], NO_CAMERA).xywh, (0, 4)),
-    (lambda: first_alike(np.empty((0, 2))), (0,)),
+    (lambda: first_equal(np.empty((0, 2))), (0,)),
     (lambda: SCENES[1].bounds, (0, 2, 3)),
 ]
 

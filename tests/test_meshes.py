@@ -3,7 +3,7 @@ import pytest
 import trimesh
 
 from hulldown.base.errors import AssetError
-from hulldown.geometry.meshes import FORMATS, Mesh, first_alike, merge
+from hulldown.geometry.meshes import FORMATS, Mesh, first_equal, merge
 from hulldown.geometry.transforms import rigid, rotation_z
 from hulldown.tests.shapes import surface
 
@@ -24,8 +24,8 @@ def test_merging_gives_the_mesh_of_each_face():
 
 def test_the_first_of_equal_points_represents_them():
     points = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, -0.0], [0.0, 1.0], [5e-324, 1.0]])
-    assert first_alike(points).tolist() == [0, 1, 0, 1, 4]
-    assert first_alike(np.empty((0, 2))).tolist() == []
+    assert first_equal(points).tolist() == [0, 1, 0, 1, 4]
+    assert first_equal(np.empty((0, 2))).tolist() == []
 
 
 def hill() -> Mesh:

@@ -9,7 +9,7 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.weather.kinds import extinction
 from hulldown.camera.weather.precipitation import (
     FARTHEST,
-    MOST,
+    MOST_DROPS,
     NEAREST,
     Drops,
     drops_in_view,
@@ -126,7 +126,7 @@ def test_a_drop_that_moves_toward_the_camera_is_a_disc():
 def test_a_view_has_a_limited_number_of_drops(sizes, fov_x_deg, exposure_s):
     seen = view(1920, exposure_s, fov_x_deg)
     drops = drawn(sizes, seen, (100.0, -100.0))
-    assert len(drops.diameters) <= MOST + 6.0 * math.sqrt(MOST)
+    assert len(drops.diameters) <= MOST_DROPS + 6.0 * math.sqrt(MOST_DROPS)
     depth = drops.centers @ AHEAD[:3, 2]
     assert ((depth >= NEAREST * (1 - 1e-6)) & (depth <= FARTHEST * (1 + 1e-6))).all()
     assert np.isfinite(streaks(drops, seen).vertices).all()

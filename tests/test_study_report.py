@@ -16,7 +16,7 @@ from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.study.comparison import ReportedCell, compared_runs
 from hulldown.training.study.manifest import write_manifest
 from hulldown.training.study.results import Estimate, needed
-from hulldown.training.study.study_page import PAPER, PAPER_FIGURES, beside, over_photographs, page, png
+from hulldown.training.study.study_page import PAPER, PAPER_FIGURES, bars_of_arms, over_photographs, page, png
 from hulldown.training.study.study_report import write_report
 
 ARMS = ("real", "mixed", "synthetic")
@@ -188,10 +188,10 @@ def test_charts_of_the_papers_own_figures():
     """This test checks that all is drawn, and the same twice; people looked at the charts."""
     for fraction, arms in PAPER.items():
         cells = [ReportedCell(arm=arm, **dict(zip(PAPER_FIGURES, found, strict=True))) for arm, found in arms.items()]
-        figure = beside(f"{100 * fraction:g} %", cells)
+        figure = bars_of_arms(f"{100 * fraction:g} %", cells)
         bars = [bar.get_height() for axis in figure.axes for bar in axis.patches]
         assert [*arms["real"], *arms["mixed"]] == bars[6:12]
-    assert svg(figure) == svg(beside(f"{100 * fraction:g} %", cells))
+    assert svg(figure) == svg(bars_of_arms(f"{100 * fraction:g} %", cells))
     f1 = {arm: [PAPER[fraction][arm][2] for fraction in sorted(PAPER)] for arm in ("real", "mixed")}
     cells = [
         ReportedCell(arm=arm, photographs=420 * fraction, f1=value, intervals={"f1": None}, of_seeds={"f1": [value]})

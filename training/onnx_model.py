@@ -76,7 +76,7 @@ def _small(detector: SmallDetector) -> bytes:
     import torch
 
     from hulldown.training.detectors.center_points import peaks
-    from hulldown.training.detectors.small import MOST
+    from hulldown.training.detectors.small import MOST_OBJECTS
 
     network, (width, height) = detector.network, detector.size
 
@@ -88,7 +88,7 @@ def _small(detector: SmallDetector) -> bytes:
             self.network = network
 
         def forward(self, pictures: torch.Tensor) -> tuple[torch.Tensor, ...]:
-            return peaks(self.network(pictures), MOST)
+            return peaks(self.network(pictures), MOST_OBJECTS)
 
     content = io.BytesIO()
     with quiet():

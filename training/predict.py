@@ -175,9 +175,9 @@ def predict(
     info = PredictionInfo(detector=str(run), images=[image.id for image in found.images], categories=new)
     if not found.categories:
         info["pictures"] = [image.record for image in found.images]
-    beside = output.with_name(output.name + INFO_SUFFIX)
-    beside.unlink(missing_ok=True)  # of earlier results
-    for path, value in ((output, results), (beside, info)):
+    info_file = output.with_name(output.name + INFO_SUFFIX)
+    info_file.unlink(missing_ok=True)  # of earlier results
+    for path, value in ((output, results), (info_file, info)):
         replace_file(path, orjson.dumps(value) + b"\n")
     if drawn is not None:
         _draw(found, done, names, Path(drawn), threshold)

@@ -30,7 +30,7 @@ CLASSES = 100  # of diameters
 FLUTTER = 0.2  # m/s, standard deviation of each component of a flake's own motion
 NEAREST, FARTHEST = 0.4, 10.0  # meters from the camera; the veil alone contains farther drops
 FAINTEST = 0.01  # least opacity of a drawn drop; the veil alone contains fainter ones
-MOST = 40_000  # drops in an image: where more would be seen, the faintest are left out
+MOST_DROPS = 40_000  # drops in an image: where more would be seen, the faintest are left out
 MOST_ON_A_RAY = 0.15  # quads that a pixel's ray meets, as a mean: Cycles shades each, and the air before it
 WIDEST = 0.75  # pixels: the least radius of a drawn disc, so that a finer one fades instead of flickering
 
@@ -206,7 +206,7 @@ def _reaches(sizes: Sizes, speed: np.ndarray, view: View, behind: float) -> np.n
         reach = distances[np.maximum(seen - 1, 0)]
         met = np.where(distances <= reach[:, None], 4.0 * wide**2 * (way + 1.0), 0.0)  # area of quads, by distance
         crowd = sizes.number @ (met[:, 1:] @ np.diff(distances))
-        if sizes.number @ _volume(view, reach, behind) <= MOST and crowd <= MOST_ON_A_RAY:
+        if sizes.number @ _volume(view, reach, behind) <= MOST_DROPS and crowd <= MOST_ON_A_RAY:
             break
     return reach
 

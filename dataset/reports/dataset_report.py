@@ -36,7 +36,7 @@ from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.summary import SIZES
 
-MOST = 1_000  # thumbnails on a page: some 15 MB
+MOST_THUMBNAILS = 1_000  # thumbnails on a page: some 15 MB
 THUMBNAIL_WIDTH = 320  # pixels of a thumbnail
 QUALITY = 65  # of JPEG
 MARK = b'content="hulldown"'  # of a page by hulldown
@@ -49,7 +49,7 @@ def report(
     *,
     photographs: Path | str | None = None,
     encode: Encoder | None = None,
-    most: int = MOST,
+    most: int = MOST_THUMBNAILS,
     library: Library | None = None,
 ) -> Comparison | None:
     """Write a self-contained page about a dataset or a plan, and compare it with photographs if given.

@@ -195,8 +195,8 @@ def outline_strength(
     at, group, facing = at[counts], copy * SECTORS + sector.take(point), facing.take(point, axis=1)
     sums = []
     for channel in np.moveaxis(colors, -1, 0):
-        below, beside = (part.take(at) for part in _gradient(channel))
-        sums.append(np.bincount(group, below * facing[0] + beside * facing[1], minlength=len(down) * SECTORS))
+        below, across = (part.take(at) for part in _gradient(channel))
+        sums.append(np.bincount(group, below * facing[0] + across * facing[1], minlength=len(down) * SECTORS))
     strengths = _strengths(np.stack(sums), np.bincount(copy, minlength=len(down)))
     here, elsewhere = strengths[0], strengths[1:][counts[1:].any(axis=1)]
     if len(elsewhere) < FEWEST:

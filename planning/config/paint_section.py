@@ -56,15 +56,15 @@ def paint_doubts(paint: Sequence[PaintEntry], materials: Sequence[MaterialRow]) 
     coat_of = painted(materials, [entry.materials for entry in paint])
     for k, entry in enumerate(paint):
         for pattern in entry.materials:
-            alike = [row for row in materials if matches(row.name, pattern)]
-            if not alike:
+            fitting = [row for row in materials if matches(row.name, pattern)]
+            if not fitting:
                 doubts.append(
                     Doubt(
                         DoubtKind.PAINT, f"paint: {pattern!r} matches no material; those that can be painted: {names}"
                     )
                 )
-            elif not any(row.name in coat_of for row in alike):
-                why = f"{alike[0].name!r} is left alone, {alike[0].left_alone}"
+            elif not any(row.name in coat_of for row in fitting):
+                why = f"{fitting[0].name!r} is left alone, {fitting[0].left_alone}"
                 doubts.append(
                     Doubt(
                         DoubtKind.PAINT,

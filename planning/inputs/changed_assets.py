@@ -28,7 +28,7 @@ def refuse_changed(plan: PlanFile, assets: Assets) -> None:
                     path=plan.path,
                     remedy="plan again with `hulldown plan`, or bring the old file back",
                 )
-            if not _is_read_alike(was, files[name]):
+            if not _reads_the_same(was, files[name]):
                 raise ConfigError(
                     f"{kind}: {name!r} ({was.path}) has another geometry here than when this was planned"
                     f" ({_blenders(plan)})",
@@ -42,7 +42,7 @@ def _digests(source: Source) -> tuple[str, str]:
     return source.sha256, source.mended_sha256 if isinstance(source, HdriSource) else ""
 
 
-def _is_read_alike(was: Source, now: Source) -> bool:
+def _reads_the_same(was: Source, now: Source) -> bool:
     """Return whether a file's geometry is that of the plan, as far as the plan tells."""
     if not (isinstance(was, GeometrySource) and isinstance(now, GeometrySource) and was.geometry and now.geometry):
         return True

@@ -229,11 +229,11 @@ def load_planned_library(
     AssetError
         If a file can't be read.
     """
-    beside = plan.path.parent / CACHE_NAME
-    if not cache and beside.is_symlink():
+    own_cache = plan.path.parent / CACHE_NAME
+    if not cache and own_cache.is_symlink():
         remedy = "name the folder that it leads to by --cache, if it is yours"
-        raise ConfigError("is a link", path=beside, remedy=remedy)
-    library = load_library(config_of(plan), cache=cache or beside, progress=progress, limits=limits)
+        raise ConfigError("is a link", path=own_cache, remedy=remedy)
+    library = load_library(config_of(plan), cache=cache or own_cache, progress=progress, limits=limits)
     refuse_changed(plan, library.assets)
     return library
 

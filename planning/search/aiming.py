@@ -79,7 +79,7 @@ class Aims:
         (n,) share of the image that the target should fill.
     wishes
         The boxes of photographs; None without photographs.
-    alike
+    follows
         (n,) whether the camera follows such a box.
     sized
         (n, 4, 4) framed poses with the wanted sizes; nan for given cameras, and for distances by the paper's rule.
@@ -92,7 +92,7 @@ class Aims:
     elevation: Float[np.ndarray, " n"]
     fraction: Float[np.ndarray, " n"]
     wishes: Wishes | None
-    alike: Bool[np.ndarray, " n"]
+    follows: Bool[np.ndarray, " n"]
     sized: Float[np.ndarray, "n 4 4"]
 
 
@@ -112,10 +112,10 @@ def aims_of(block: Block, tries: Tries) -> Aims:
     turn = np.where(together, of_sequence[:, 1], rng.random((n, 1))[:, 0])
     roll = np.radians(between(*limits.roll_deg, turn))
 
-    wishes, alike = None, np.zeros(n, dtype=bool)
+    wishes, follows = None, np.zeros(n, dtype=bool)
     if likeness is not None:
         wishes = likeness.wishes(draws, targets, image=tries.image, attempt=tries.attempt, quarter=tries.quarter)
-        alike = tries.undirected & (wishes.box >= 0)
+        follows = tries.undirected & (wishes.box >= 0)
     measure = limits.size_measure
     sized, distance = np.full((n, 4, 4), np.nan), np.full(n, np.nan)
     if measure == "paper":
@@ -124,7 +124,7 @@ def aims_of(block: Block, tries: Tries) -> Aims:
         distance *= between(*limits.distance_factor, uniform[:, 2])
     else:
         for model, i in targets.by_model():
-            i = i[free[i] & ~alike[i]]
+            i = i[free[i] & ~follows[i]]
             sized[i], distance[i] = sized_cameras(
                 targets.take(i),
                 hull_of(model, targets.world_from_vehicle[i], targets.model_angles(model, i)),
@@ -137,7 +137,7 @@ def aims_of(block: Block, tries: Tries) -> Aims:
                 framed=partial(framed, block, tries, rows=i, intrinsics=intrinsics, roll=roll),
             )
     if wishes is not None:
-        i = np.flatnonzero(alike)
+        i = np.flatnonzero(follows)
         sized[i], distance[i] = matching_cameras(
             targets.take(i),
             take(wishes, i),
@@ -155,7 +155,7 @@ def aims_of(block: Block, tries: Tries) -> Aims:
         elevation=np.where(free, elevation, place[2]),
         fraction=fraction,
         wishes=wishes,
-        alike=alike,
+        follows=follows,
         sized=sized,
     )
 

@@ -13,7 +13,7 @@ from hulldown.geometry.columns import take
 from hulldown.placement.settle import Settled, unsettled
 from hulldown.planning.config.schema import Config
 from hulldown.planning.search.budget import Positions
-from hulldown.planning.search.extras import MOST, Extras, Role
+from hulldown.planning.search.extras import MOST_EXTRAS, Extras, Role
 from hulldown.planning.search.given import Given, nothing_given
 from hulldown.planning.search.instance_table import Instances, boxes_at, drawn_angles
 from hulldown.planning.search.likeness import Likeness
@@ -131,7 +131,7 @@ def instances_of(block: Block) -> InstanceTable:
             models, numbers = kind.drawn(draws, positions.number[rows], wanted)
             i, j = np.nonzero(models >= 0)
             turned = np.zeros((len(i), fleet.parts))
-            turned[:, :MOST] = numbers[i, j, : fleet.parts]
+            turned[:, :MOST_EXTRAS] = numbers[i, j, : fleet.parts]
             columns.append((rows[i], np.full(len(i), kind.role), j, models[i, j], turned))
     row, role, number, model, turns = (np.concatenate(column) for column in zip(*columns, strict=True))
     order = np.lexsort((number, role, row))

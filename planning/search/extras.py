@@ -15,8 +15,8 @@ from hulldown.planning.search.budget import Budget, Positions
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, between, choose
 from hulldown.planning.search.stage import PlanStage, Site
 
-MOST = 64  # extras of one role in an image; streams of random numbers are numbered by it
-_NUMBERS = 1 + MOST  # random numbers of each extra: its model, its articulation
+MOST_EXTRAS = 64  # extras of one role in an image; streams of random numbers are numbered by it
+_NUMBERS = 1 + MOST_EXTRAS  # random numbers of each extra: its model, its articulation
 
 
 class Role(IntEnum):

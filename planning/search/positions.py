@@ -25,7 +25,7 @@ from hulldown.placement.settle import Settled, unsettled
 from hulldown.planning.search.aiming import Tries, sampled_intrinsics
 from hulldown.planning.search.beside import poses_beside
 from hulldown.planning.search.block import Block, InstanceTable, instances_of
-from hulldown.planning.search.extras import MOST, Role, offsets
+from hulldown.planning.search.extras import MOST_EXTRAS, Role, offsets
 from hulldown.planning.search.likeness import PATIENCE, directions_of
 from hulldown.planning.search.placing import clear_of_vehicles, settle_clear
 from hulldown.planning.search.random_streams import Purpose, RowStreams
@@ -271,7 +271,7 @@ class _Search:
             role, row = table.role[extras], table.row[extras]
             uniform = self.draws.uniform(
                 np.where(role == Role.COMPANION, Purpose.COMPANION, Purpose.DISTRACTOR),
-                self.number[row] * MOST + table.number[extras],
+                self.number[row] * MOST_EXTRAS + table.number[extras],
                 # The number counts all places of the target, so that every place has new random numbers.
                 self.tries[row] * COMPANION_TRIES + number[batch],
                 count=3,

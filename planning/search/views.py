@@ -103,7 +103,7 @@ def try_cameras(block: Block, tries: Tries) -> Views:
     views.fov_x_deg[:] = rounded("fov_x_deg", aims.intrinsics.fov_x_deg)
     if aims.wishes is not None:
         views.asked[:] = np.where(tries.undirected, aims.wishes.asked, -1)
-        views.followed[:] = np.where(aims.alike, aims.wishes.box, -1)
+        views.followed[:] = np.where(aims.follows, aims.wishes.box, -1)
     views.rejection[:] = _of_distance(tries, aims, block.config)
 
     rows = np.flatnonzero(views.rejection == Rejection.NONE)
@@ -158,7 +158,7 @@ def _of_box(
     boxes: Boxes, aims: Aims, config: Config, *, rows: Int[np.ndarray, " k"], free: Bool[np.ndarray, " k"]
 ) -> UInt8[np.ndarray, " k"]:
     """Rejections of these rows of `aims` by their targets' boxes."""
-    limits, measure, alike = config.camera, config.camera.size_measure, aims.alike[rows]
+    limits, measure, follows = config.camera, config.camera.size_measure, aims.follows[rows]
     # A target outside the frame has the box nan, which is too small.
     small = outside(boxes.xywh[:, 2:].min(axis=1), limits.min_box_px, below=Rejection.SMALL)
     cut = outside(
@@ -168,10 +168,10 @@ def _of_box(
     # Sizes can miss if part of the target is nearer than the near plane.
     if measure != "paper":
         filled, wanted = fraction_of(boxes.amodal, measure, config.render), aims.fraction[rows]
-        rejection[free & ~alike & ~(np.abs(filled - wanted) <= SIZED * wanted)] = Rejection.SIZE
+        rejection[free & ~follows & ~(np.abs(filled - wanted) <= SIZED * wanted)] = Rejection.SIZE
     if aims.wishes is not None:
         size, wanted = np.where(aims.wishes.wide[rows], *boxes.amodal[:, 2:].T), aims.wishes.pixels[rows]
-        rejection[alike & ~(np.abs(size - wanted) <= SIZED * wanted)] = Rejection.SIZE
+        rejection[follows & ~(np.abs(size - wanted) <= SIZED * wanted)] = Rejection.SIZE
     return rejection
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 
-MOST = 12  # names that a sentence lists
+MOST_NAMES = 12  # names that a sentence lists
 
 
-def quoted(names: Iterable[str], *, most: int = MOST) -> str:
+def quoted(names: Iterable[str], *, most: int = MOST_NAMES) -> str:
     """Quote names, each once, and count the rest.
 
     Examples
@@ -21,6 +21,6 @@ def quoted(names: Iterable[str], *, most: int = MOST) -> str:
     return ", ".join(map(repr, unique[:most])) + more
 
 
-def as_key(names: Iterable[str], *, most: int = MOST) -> str:
+def as_key(names: Iterable[str], *, most: int = MOST_NAMES) -> str:
     """Format names as a config value, each once."""
     return json.dumps(list(dict.fromkeys(names))[:most], ensure_ascii=False)

@@ -19,7 +19,7 @@ from hulldown.reading.scenery.geotiff import on_map
 # Keys of OpenStreetMap, Overture, and OpenMapTiles, with meters to one unit.
 HEIGHTS = {"height": 1.0, "building:height": 1.0, "render_height": 1.0, "building:levels": 3.0, "num_floors": 3.0}
 USUAL = 6.0  # meters, for files without these keys
-MOST = 20_000  # each is an object in Blender
+MOST_BUILDINGS = 20_000  # each is an object in Blender
 
 
 # An outline and those of its courtyards, (n, 2) meters each, and a height in meters.
@@ -74,8 +74,8 @@ def read_buildings(path: Path, crs: str) -> list[Building]:
     there = data.crs.properties.name if data.crs else "OGC:CRS84"
     try:
         buildings = list(_buildings(data, USUAL))
-        if not 0 < len(buildings) <= MOST:
-            problem = f"has {len(buildings):,} polygons, expected 1 to {MOST:,}"
+        if not 0 < len(buildings) <= MOST_BUILDINGS:
+            problem = f"has {len(buildings):,} polygons, expected 1 to {MOST_BUILDINGS:,}"
             raise AssetError(problem, path=path, remedy="export the outlines of buildings in the terrain's area")
         rings = [ring for outlines, _ in buildings for ring in outlines]
         points = on_map(np.concatenate(rings), there, crs or there)

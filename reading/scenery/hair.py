@@ -23,7 +23,7 @@ FACES = np.concatenate([np.stack([RIM, NEXT, NEXT + SIDES], 1), np.stack([RIM, N
 BEND = 1.0  # radii: how far a prism's axis may be from the strand's
 EVEN = 1e-6  # of a piece more is rounding
 LARGEST = 1 << 18  # stretches in a mesh of some hundred megabytes; of more, some are taken and made thicker
-MOST = 4  # pieces of the stretch between two points, into which Cycles divides it too by default
+MOST_PIECES = 4  # pieces of the stretch between two points, into which Cycles divides it too by default
 
 # Points a, b, c, d to the cubic between b and c of the Catmull-Rom spline through them: rows are powers of t.
 CATMULL_ROM = np.array([[0, 2, 0, 0], [-1, 0, 1, 0], [2, -5, 4, -1], [-1, 3, -3, 1]]) / 2
@@ -72,7 +72,7 @@ def hair_mesh(
     linear = np.repeat(straight, np.diff(first, append=len(points)))[b]
     cubic[linear, 1], cubic[linear, 2:] = strand[b + 1][linear] - strand[b][linear], 0.0
     count = _pieces(cubic, thicker * (radii[b] + radii[b + 1]) / 2)
-    ends = np.concatenate([_cut(cubic[count == n], n) for n in range(1, MOST + 1)])
+    ends = np.concatenate([_cut(cubic[count == n], n) for n in range(1, MOST_PIECES + 1)])
     return _prisms(ends[..., :3], np.maximum(ends[..., 3], 0.0), name)
 
 
@@ -86,7 +86,7 @@ def _pieces(cubic: Float[np.ndarray, "s 4 4"], radius: Float[np.ndarray, " s"]) 
     with np.errstate(divide="ignore", invalid="ignore"):
         bend = np.linalg.norm(np.cross(second, chord), axis=-1).max(axis=0) / np.linalg.norm(chord, axis=1)
         count = np.ceil(np.sqrt(bend / (8 * BEND * radius)) - EVEN)
-    return np.clip(np.nan_to_num(count, nan=1.0), 1, MOST).astype(np.int64)
+    return np.clip(np.nan_to_num(count, nan=1.0), 1, MOST_PIECES).astype(np.int64)
 
 
 def _cut(cubic: Float[np.ndarray, "s 4 4"], n: int) -> Float[np.ndarray, "k 2 4"]:

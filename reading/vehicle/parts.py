@@ -127,8 +127,8 @@ def _named(whole: PlacedPieces, options: Options) -> tuple[Naming, list[Doubt]]:
 def _missing_parts(names: Sequence[str], options: Options, no_guns: Collection[str]) -> list[Doubt]:
     """Return doubts about a turret without a gun, or a gun without a turret, unless the config confirms it."""
     if TURRET_PART in names and GUN_PART not in names and options.gun is None:
-        those = f" ({quoted(sorted(no_guns), most=3)} are shaped like drums)" if no_guns else ""
-        return [_parts(f'it has a turret but no gun was found{those}; set gun to its name, or to "" if it has none')]
+        drums = f" ({quoted(sorted(no_guns), most=3)} are shaped like drums)" if no_guns else ""
+        return [_parts(f'it has a turret but no gun was found{drums}; set gun to its name, or to "" if it has none')]
     if GUN_PART in names and TURRET_PART not in names and options.turret is None:
         return [_parts('it has a gun but no turret was found; set turret to its name, or to "" if it has none')]
     return []

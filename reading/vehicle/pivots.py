@@ -238,10 +238,10 @@ def cheeks(gun: PlacedPieces, mount: PlacedPieces) -> Float[np.ndarray, "3"] | N
     low, high = own.min(axis=0), own.max(axis=0)
     middle = (low + high) / 2
     plate = (others.size[:, 2] < PLATE * others.size[:, 1]) & (np.abs(others.axes[:, 2, 1]) > 0.97)
-    beside = np.abs(others.center[:, 1] - middle[1]) < 0.55 * (high - low)[1]
+    aside = np.abs(others.center[:, 1] - middle[1]) < 0.55 * (high - low)[1]
     meets = (others.bounds[:, 0, ::2] < high[::2]).all(axis=1) & (others.bounds[:, 1, ::2] > low[::2]).all(axis=1)
     best, largest = None, 0.0
-    for i in np.flatnonzero(plate & beside & meets & (others.center[:, 1] > middle[1])):
+    for i in np.flatnonzero(plate & aside & meets & (others.center[:, 1] > middle[1])):
         mirrored = others.center[i] * [1, -1, 1] + [0, 2 * middle[1], 0]
         size = others.size[i]
         twin = np.linalg.norm(others.center - mirrored, axis=1) < 0.1 * size[1]
@@ -289,8 +289,8 @@ def gun_guess(
     start = solids.center[barrel] - line * solids.size[barrel, 0] / 2
     slender = solids.size[barrel, 0] > 5 * solids.size[barrel, 1]
     tubes = solids.where(solids.size[:, 0] > ALIKE * solids.size[barrel, 0])
-    beside = pdist(tubes.center - np.outer(tubes.center @ line, line)).max(initial=0.0)
-    if beside > 2 * solids.size[barrel, 1] or (beside > 0.5 * solids.size[barrel, 1] and len(tubes) > TWIN):
+    aside = pdist(tubes.center - np.outer(tubes.center @ line, line)).max(initial=0.0)
+    if aside > 2 * solids.size[barrel, 1] or (aside > 0.5 * solids.size[barrel, 1] and len(tubes) > TWIN):
         if held is not None:
             return Pivot(held, "the top of the plates that hold its tubes", guessed=True)
         low, high = own.min(axis=0), own.max(axis=0)

@@ -14,7 +14,7 @@ from hulldown.geometry.color import srgb_from_linear
 from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.paintable import CLEAR
-from hulldown.reading.pieces.wording import MOST, quoted
+from hulldown.reading.pieces.wording import MOST_NAMES, quoted
 
 PAPER = 250.0  # gray around vehicles, of 255
 MAGENTA = 0.02  # of the pixels that have Blender's color of missing pictures
@@ -71,7 +71,7 @@ def color_doubts(
         doubts.append(Doubt(DoubtKind.TRANSPARENT, text))
     elif ghostly > GHOSTLY:
         thin = [f"{row.name!r} has alpha {row.alpha:.3g}" for row in report.materials if row.alpha < OPAQUE]
-        why = ", ".join(thin[:MOST]) or "its textures have alpha"
+        why = ", ".join(thin[:MOST_NAMES]) or "its textures have alpha"
         text = f"see-through: {why} (`d` in an .mtl, BLEND in glTF); set alpha to 1 if it's no ghost"
         doubt(DoubtKind.TRANSPARENT, ghostly, text)
     elif white > ALL:

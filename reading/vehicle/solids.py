@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from hulldown.geometry.transforms import apply
 from hulldown.reading.pieces.roles import Link, Piece
 
-MOST = 4000  # solids that are kept, largest first
+MOST_SOLIDS = 4000  # solids that are kept, largest first
 ALIKE = 0.12  # two second moments are equal, so that the solid is round about the third axis, up to this share
 WIDEST_GAP = np.radians(65.0)  # between points on the rim of what is round: a hexagon is, a box is not
 RIM = 0.85  # of the largest radius: what lies beyond is the rim
@@ -168,8 +168,8 @@ def find_solids(points: Sequence[Float[np.ndarray, "_ 3"]], faces: Sequence[Int[
         for cloud in _loose(vertices, triangles):
             owner.append(number)
             clouds.append(cloud)
-    if len(clouds) > MOST:
-        largest = np.argsort([-float(np.ptp(c, axis=0).max()) for c in clouds])[:MOST]
+    if len(clouds) > MOST_SOLIDS:
+        largest = np.argsort([-float(np.ptp(c, axis=0).max()) for c in clouds])[:MOST_SOLIDS]
         owner, clouds = [owner[i] for i in largest], [clouds[i] for i in largest]
     n = len(clouds)
     axes, size, center, round_about = np.zeros((n, 3, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.full(n, -1)

@@ -105,7 +105,7 @@ def find_up(wheels: Wheels | None, stated: str) -> Direction[str]:
 
 
 def with_solids_of(upright: Upright, kept: Sequence[int]) -> Upright:
-    """Look for solids in these pieces alone, so that `MOST` doesn't leave theirs out for larger ones of others."""
+    """Look for solids in these pieces alone, so that larger ones of others don't replace theirs."""
     pieces, meshes = [upright.drawn.pieces[i] for i in kept], upright.drawn.meshes
     points = [apply(upright.meters @ piece.pose, meshes[piece.mesh].vertices) for piece in pieces]
     solids = find_solids(points, [meshes[piece.mesh].faces for piece in pieces])

@@ -16,7 +16,7 @@ from hulldown.reading.pieces.asset_report import Thing, xyz
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.naming import VEHICLES, first_match, words
 from hulldown.reading.pieces.roles import Piece, is_wanted
-from hulldown.reading.pieces.wording import MOST, as_key, quoted
+from hulldown.reading.pieces.wording import MOST_NAMES, as_key, quoted
 from hulldown.reading.vehicle.solids import PlacedPieces, touching
 
 NEAR = 0.02  # of the longest piece: pieces closer than this are one thing
@@ -243,7 +243,7 @@ def patterns_of(members: Sequence[int], pieces: Sequence[Piece]) -> tuple[str, .
     inside = np.isin(np.arange(len(pieces)), members)
     found: list[str] = []
     open_ = inside.copy()
-    while open_.any() and len(found) < MOST:
+    while open_.any() and len(found) < MOST_NAMES:
         best, most = "", 0
         for candidate in _candidates([pieces[i] for i in np.flatnonzero(open_)]):
             matched = np.array([is_wanted(piece, (candidate,)) for piece in pieces])

@@ -22,7 +22,7 @@ from hulldown.training.inputs.settings import Settings
 
 ASPECT = 3 / 4  # height over width of most photographs
 STEP = 16  # pixels: sides are multiples of it
-MOST = 100  # objects found in a picture
+MOST_OBJECTS = 100  # objects found in a picture
 MIN_SCORE = 0.01
 _Side = Annotated[int, Meta(ge=STEP, le=8192)]
 _Names = Annotated[list[str], Meta(min_length=1, max_length=10_000)]
@@ -55,7 +55,7 @@ class SmallDetector:
         """Detect objects in RGB pictures."""
         if not images:
             return []
-        found = peaks(self.network(network_pictures(images, self.size).to(self._device)), MOST)
+        found = peaks(self.network(network_pictures(images, self.size).to(self._device)), MOST_OBJECTS)
         detections = []
         for image, *own in zip(images, *(part.cpu() for part in found), strict=True):
             xyxy, score, label = (part[own[1] >= MIN_SCORE] for part in own)

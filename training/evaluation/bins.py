@@ -213,8 +213,8 @@ def worst(found: Sequence[BinFigures]) -> list[str]:
     rows = []
     for one in found:
         total = float(ratio(one.found.sum(), one.labels.sum()))
-        told = (one.labels >= ENOUGH) & (one.recall < total) & ~np.isnan(one.recall_interval[:, 0])
-        for b in np.flatnonzero(told):
+        weak = (one.labels >= ENOUGH) & (one.recall < total) & ~np.isnan(one.recall_interval[:, 0])
+        for b in np.flatnonzero(weak):
             low, high = one.recall_interval[b]
             words = (
                 f"{one.field.title} {one.field.bins[b]}: {one.found[b]} of {one.labels[b]} found, recall "

@@ -71,7 +71,7 @@ SOURCES = {
 }
 OUTCOMES = ("missed", "false alarm", "found")
 SHEETS = {"missed": "misses.png", "false alarm": "false_alarms.png"}
-MOST = 60  # of each outcome
+MOST_TILES = 60  # of each outcome
 SHEET = 24  # of these on a sheet
 TILE = (320, 240)
 AROUND = 2.4  # widths of a box that its picture shows
@@ -89,7 +89,7 @@ def evaluation_page(one: Evaluation, report: DetectorReport, tiles: Sequence[Til
             **WORDS,
             "reports": {report.predictions: report},
             "columns": {"all classes": report.overall, **report.per_class},
-            "most": MOST,
+            "most": MOST_TILES,
             "unread": unread,
             "tiles": tiles,
             "facets": facets(one),
@@ -247,7 +247,7 @@ def write_sheets(folder: Path, tiles: Sequence[Tile]) -> None:
 
 def _first(among: np.ndarray, order: np.ndarray) -> list[int]:
     rows = np.flatnonzero(among)
-    return rows[np.argsort(order[rows], kind="stable")][:MOST].tolist()
+    return rows[np.argsort(order[rows], kind="stable")][:MOST_TILES].tolist()
 
 
 def _about(one: Evaluation, outcome: str, k: int) -> tuple[list[str], dict[str, list[str]]]:

@@ -179,9 +179,9 @@ def _unusable(problem: str, path: Path, labels: Labels) -> DatasetError:
     return DatasetError(f"detection {problem}", path=path, remedy=f"give results of {labels.path}")
 
 
-def _names(beside: Mapping[str, object]) -> dict[int, str]:
+def _names(info: Mapping[str, object]) -> dict[int, str]:
     """Return names of the listed categories by id."""
-    listed = beside.get("categories")
+    listed = info.get("categories")
     records = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
     return {
         one["id"]: one["name"] for one in records if type(one.get("id")) is int and isinstance(one.get("name"), str)

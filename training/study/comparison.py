@@ -294,9 +294,9 @@ def worth_words(name: str, measure: str, found: Equivalent) -> str:
         much = f"minus {-found.photographs:.0f} photographs: fewer photographs alone are as good"
     else:
         much = f"{found.photographs:.0f} photographs"
-    told = [f"{end:.0f}" if np.isfinite(end) else f"more than {found.most:.0f}" for end in found.interval]
-    ends = " to ".join(dict.fromkeys(told))
-    return f"By {title} the synthetic images of {name} are worth {much} (95 % interval: {ends})."
+    ends = [f"{end:.0f}" if np.isfinite(end) else f"more than {found.most:.0f}" for end in found.interval]
+    interval = " to ".join(dict.fromkeys(ends))
+    return f"By {title} the synthetic images of {name} are worth {much} (95 % interval: {interval})."
 
 
 def bin_words(found: Sequence[BinDifference]) -> list[str]:
@@ -320,10 +320,10 @@ def sureness(manifest: Manifest, compared: int) -> str:
         if seeds == 1
         else f"They include the spread of the {seeds} seeds."
     )
-    told = f"Intervals have 95 % confidence, from resampling the positions in the {images} test pictures. {trainings}"
+    note = f"Intervals have 95 % confidence, from resampling the positions in the {images} test pictures. {trainings}"
     if not compared:
-        return told
+        return note
     return (
-        f"{told} Of {compared} differences with such intervals, about {max(1, round(0.05 * compared))} would exclude "
+        f"{note} Of {compared} differences with such intervals, about {max(1, round(0.05 * compared))} would exclude "
         "0 by chance alone."
     )

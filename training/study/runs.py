@@ -221,13 +221,13 @@ def in_a_process(
 
     def hear(line: bytes) -> None:
         try:
-            told = json_of(line, RunMessage)
+            message = json_of(line, RunMessage)
         except ValueError:
             return  # output of a library
-        if told.failed is not None:
-            reasons.append(told.failed)
+        if message.failed is not None:
+            reasons.append(message.failed)
         else:
-            progress(told.what, told.done, told.total)
+            progress(message.what, message.done, message.total)
 
     env = {**environment, **options.environment}
     with Child(command, env=env, hear=hear, log=log) as child:

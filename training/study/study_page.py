@@ -50,7 +50,7 @@ def charts_of(report: StudyReport) -> dict[str, tuple[str, Figure]]:
         cells = list(group)
         title = f"{100 * fraction:.10g} % of the photographs ({cells[0].photographs:.0f})"
         words = f"{', '.join(cell.arm for cell in cells)} at {100 * fraction:g} % of the photographs"
-        found[f"real_{subset_name(fraction)}"] = words, beside(title, cells)
+        found[f"real_{subset_name(fraction)}"] = words, bars_of_arms(title, cells)
     if report.cells:
         words = "AP50, F1, recall and precision of each arm over the number of photographs, with bands"
         found["over_photographs"] = words, over_photographs(report.cells, OVER)
@@ -108,7 +108,7 @@ def color_of(arm: str) -> str:
     return COLORS.get(arm, SPARE[sum(arm.encode()) % len(SPARE)])
 
 
-def beside(title: str, cells: Sequence[ReportedCell]) -> Figure:
+def bars_of_arms(title: str, cells: Sequence[ReportedCell]) -> Figure:
     """Bars of arms in four panels, as in the paper's Figures 5 to 9.
 
     `cells` has a cell for each arm; None is unknown.

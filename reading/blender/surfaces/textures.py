@@ -21,7 +21,7 @@ TILES = "<UDIM>"
 DEPTH = 2  # levels of folders below an asset's that are searched for missing textures
 TEXTURES = ("textures", "texture", "tex", "materials", "maps", "images")  # folders beside it that are searched too
 PICTURES = (".png", ".jpg", ".jpeg", ".tga", ".psd", ".tif", ".tiff", ".bmp", ".dds", ".webp")
-MOST = 20_000  # files that are looked at for them
+MOST_FILES = 20_000  # files that are looked at for them
 
 
 def used_files() -> list[str]:
@@ -87,13 +87,14 @@ def _replace(image: Any, file: str) -> None:
 
 
 def _files_near(path: Path) -> Iterator[Path]:
-    """Files in the folders that an asset may read, at most `MOST`."""
+    """Files in the folders that an asset may read, at most `MOST_FILES`."""
     readable = asset_folders(path)
     own = [path.parent, Path(os.path.realpath(path)).parent]
-    beside = [child for around in readable if around not in own for child in around.glob("*")]
-    folders = own + [child for child in beside if child.name.lower() in TEXTURES and child.is_dir()]
+    children = [child for around in readable if around not in own for child in around.glob("*")]
+    folders = own + [child for child in children if child.name.lower() in TEXTURES and child.is_dir()]
     levels = [folder.glob("/".join(["*"] * depth)) for folder in folders for depth in range(1, DEPTH + 2)]
-    return (file for file in islice(chain.from_iterable(levels), MOST) if file.is_file() and is_inside(file, readable))
+    files = islice(chain.from_iterable(levels), MOST_FILES)
+    return (file for file in files if file.is_file() and is_inside(file, readable))
 
 
 def missing_files(drawn: Collection[str]) -> tuple[Missing, ...]:
