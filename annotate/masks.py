@@ -72,7 +72,7 @@ def vehicle_masks(
 def show_pixels(
     subjects: Sequence[PosedVehicle],
     world_from_camera: Float[np.ndarray, "n 4 4"],
-    lens: Intrinsics,
+    intrinsics: Intrinsics,
     *,
     xywh: Float[np.ndarray, "n 4"],
     world: Scene,
@@ -83,7 +83,7 @@ def show_pixels(
     ----------
     subjects
         Vehicles in rows: one for each camera.
-    world_from_camera, lens
+    world_from_camera, intrinsics
         The cameras.
     xywh
         (n, 4) boxes of the subjects.
@@ -91,7 +91,7 @@ def show_pixels(
         Their occluders.
     """
     shown = np.zeros(len(xywh), dtype=bool)
-    first, end = _pixels_in(xywh, lens.size)
+    first, end = _pixels_in(xywh, intrinsics.size)
     width, pixels = end[:, 0] - first[:, 0], (end - first).prod(axis=1)
     few = pixels // FIRST_LOOK + 1
 
@@ -103,7 +103,7 @@ def show_pixels(
         camera = cameras[row]
         uv = np.stack([pixel % width[camera], pixel // width[camera]], axis=1) + first[camera] + 0.5
         poses = world_from_camera[camera]
-        along = rotate(poses[:, :3, :3], directions(lens.rows(camera), uv[:, None]))[:, 0]
+        along = rotate(poses[:, :3, :3], directions(intrinsics.rows(camera), uv[:, None]))[:, 0]
         start, distance = poses[:, :3, 3] + NEAR * along, np.full(len(row), np.inf)
         for subject in subjects:
             met = subject.rows(cameras).cast(start, along, row=row)

@@ -112,7 +112,7 @@ def _count(
     subjects: list[PosedVehicle],
     world: Scene,
     world_from_camera: Float[np.ndarray, "n 4 4"],
-    lens: Intrinsics,
+    intrinsics: Intrinsics,
     pattern: Float[np.ndarray, "r 2"],
 ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """For each camera: rays on its subject, how many of these see it, and the area that all rays go through."""
@@ -124,8 +124,8 @@ def _count(
             box = box_at_unit_depth(apply(pose, part.around))
             low[camera] = np.minimum(low[camera], box[:, 0])
             high[camera] = np.maximum(high[camera], box[:, 1])
-    first, last = lens.window
-    camera_rays, area = _rays(np.maximum(low, first), np.minimum(high, last), lens, pattern)
+    first, last = intrinsics.window
+    camera_rays, area = _rays(np.maximum(low, first), np.minimum(high, last), intrinsics, pattern)
     distance, asked = np.full(n * r, np.inf), np.repeat(area > 0.0, r)
     for subject in subjects:
         distance = np.minimum(distance, subject.first_hits(camera_rays, world_from_camera, asked).distance)
@@ -136,19 +136,22 @@ def _count(
 
 
 def _rays(
-    low: Float[np.ndarray, "n 2"], high: Float[np.ndarray, "n 2"], lens: Intrinsics, pattern: Float[np.ndarray, "r 2"]
+    low: Float[np.ndarray, "n 2"],
+    high: Float[np.ndarray, "n 2"],
+    intrinsics: Intrinsics,
+    pattern: Float[np.ndarray, "r 2"],
 ) -> tuple[CameraRays, Float[np.ndarray, " n"]]:
     """Return rays in windows at unit depth, uniform in the image, and the area of the windows in square pixels."""
     extent = np.clip(high - low, 0.0, None)
-    if not lens.distorted:
-        return CameraRays(low, extent, pattern), extent.prod(axis=1) * lens.focal.prod(axis=-1)
+    if not intrinsics.distorted:
+        return CameraRays(low, extent, pattern), extent.prod(axis=1) * intrinsics.focal.prod(axis=-1)
     seen = (extent > 0.0).all(axis=1)
     rows, patterns = np.flatnonzero(seen), np.zeros((len(low), *pattern.shape))
-    lens, area = lens.rows(rows), np.zeros(len(low))
-    first, last = lens.image_of(low[rows], high[rows])
+    intrinsics, area = intrinsics.rows(rows), np.zeros(len(low))
+    first, last = intrinsics.image_of(low[rows], high[rows])
     size = np.clip(last - first, 0.0, None)
     area[rows] = size.prod(axis=1)
-    at = lens.at_unit_depth(first[:, None] + size[:, None] * pattern)
+    at = intrinsics.at_unit_depth(first[:, None] + size[:, None] * pattern)
     low[rows] = at.min(axis=1)
     extent[rows] = np.maximum(at.max(axis=1) - low[rows], 1e-300)
     patterns[rows] = (at - low[rows, None]) / extent[rows, None]
