@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from PIL import Image, ImageDraw
 
 from hulldown.assets.picture_files import read_pixels
@@ -123,12 +123,6 @@ def draw(asset: VehicleShape | Scenery, picture: Path | None = None, *, size: in
         ground = f"ground ({len(asset.ground_names)})" if asset.ground else "no ground"
         colors = {ground: COLORS[3], f"obstacles ({len(asset.instance_names)})": OBSTACLE}
 
-    def number(hits: SceneHits) -> Int[np.ndarray, " n"]:
-        """Return the number of the color of each hit."""
-        if isinstance(asset, VehicleShape):
-            return asset.vertex_part[asset.mesh.faces[hits.face, 0]]
-        return (hits.kind == Kind.OBSTACLE).astype(int)
-
     sheet = Image.new("RGB", (2 * size, 2 * size), (int(PAPER),) * 3)
     for i, (title, sight, up) in enumerate(VIEWS):
         at = (i % 2 * size, i // 2 * size)
@@ -139,7 +133,8 @@ def draw(asset: VehicleShape | Scenery, picture: Path | None = None, *, size: in
             continue
         view = _View(np.array(sight), np.array(up), bounds, size)
         hits, light = view.look(world)
-        shaded = np.array(list(colors.values()))[number(hits)] * light[:, None]
+        number = hits.part if isinstance(asset, VehicleShape) else (hits.kind == Kind.OBSTACLE).astype(int)
+        shaded = np.array(list(colors.values()))[number] * light[:, None]
         image = np.where(hits.hit[:, None], shaded, PAPER)
         tile = Image.fromarray(image.reshape(size, size, 3).astype(np.uint8))
         if isinstance(asset, VehicleShape):

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from hulldown.assets.scenery import Scenery
 from hulldown.camera.camera_rays import CameraRays
 from hulldown.camera.projection import NEAR, Camera
+from hulldown.geometry.columns import put
 from hulldown.geometry.cutouts import caster_of
 from hulldown.geometry.instances import InstancedScene, InstanceHits
 from hulldown.geometry.rays import RayCaster, RayHits, in_threads
@@ -73,18 +74,22 @@ class SceneHits(RayHits):
         (n,) a code of `Kind`.
     which
         (n,) index of the obstacle's instance or of the vehicle; 0 for the ground, -1 on a miss.
+    part
+        (n,) index of the part in the vehicle's shape; -1 for other surfaces and on a miss.
     normal
         (n, 3) unit, on the side of the face that the ray comes from; nan on a miss and for faces without area.
     """
 
     kind: UInt8[np.ndarray, " n"]
     which: Int[np.ndarray, " n"]
+    part: Int[np.ndarray, " n"]
     normal: Float[np.ndarray, "n 3"]
 
     @classmethod
     def missed(cls, n: int) -> SceneHits:
         """Those of n rays that met nothing."""
-        return cls(np.full(n, np.inf), np.full(n, -1), np.zeros(n, np.uint8), np.full(n, -1), np.full((n, 3), np.nan))
+        face, which, part = np.full((3, n), -1)
+        return cls(np.full(n, np.inf), face, np.zeros(n, np.uint8), which, part, np.full((n, 3), np.nan))
 
 
 Thing: TypeAlias = RayCaster | Plane | InstancedScene | PosedVehicle
@@ -174,12 +179,8 @@ class Scene:
             low = np.stack([u.min(axis=1), v.min(axis=1)], axis=1)
             extent = np.maximum(np.stack([u.max(axis=1), v.max(axis=1)], axis=1) - low, 1e-300)
             rays = CameraRays(low, extent, (at - low[:, None]) / extent[:, None])
-            met = self._seen(rays, np.tile(camera.world_from_camera, (len(low), 1, 1)))
-            before = NEAR * np.sqrt(1.0 + u * u + v * v)
-            hits.distance[pixel] = before + met.distance.reshape(pixel.shape)
-            for to, values in ((hits.kind, met.kind), (hits.which, met.which), (hits.face, met.face)):
-                to[pixel] = values.reshape(pixel.shape)
-            hits.normal[pixel] = met.normal.reshape(*pixel.shape, 3)
+            put(hits, pixel.ravel(), self._seen(rays, np.tile(camera.world_from_camera, (len(low), 1, 1))))
+            hits.distance[pixel] += NEAR * np.sqrt(1.0 + u * u + v * v)
 
         in_threads(trace, rows, threads=threads)
         return hits
@@ -217,17 +218,10 @@ class Scene:
             else:
                 assert not isinstance(thing, InstancedScene)
                 hits.which[closer], hits.normal[closer] = i, thing.normals(face)
+            if isinstance(thing, PosedVehicle):
+                hits.part[closer] = thing.target.face_part[face]
         hits.normal[np.einsum("ij,ij->i", hits.normal, along) > 0.0] *= -1.0
         return hits
-
-    def parts(self, hits: SceneHits) -> Int[np.ndarray, " n"]:
-        """Return the part of the vehicle that each ray hits, as its index in the shape; -1 for other surfaces."""
-        part = np.full(len(hits.kind), -1)
-        for i, vehicle in enumerate(self.vehicles):
-            here = np.flatnonzero((hits.kind == Kind.VEHICLE) & (hits.which == i))
-            shape = vehicle.target.shape
-            part[here] = shape.vertex_part[shape.mesh.faces[hits.face[here], 0]]
-        return part
 
     def occluded(
         self,

@@ -62,7 +62,7 @@ class VehicleTarget:
 
     def __init__(self, shape: VehicleShape) -> None:
         self.shape = shape
-        face_part = shape.vertex_part[shape.mesh.faces[:, 0]]
+        self.face_part = face_part = shape.vertex_part[shape.mesh.faces[:, 0]]
         self.parts = tuple(
             _part(int(i), shape.mesh, np.flatnonzero(face_part == i), shape.part_names[i]) for i in np.unique(face_part)
         )
@@ -209,8 +209,8 @@ class PosedVehicle:
         """Return unit normals in the world of faces of the shape's mesh in the one pose; nan for faces without area."""
         shape = self.target.shape
         parts = self.world_from_vehicle[0] @ shape.vehicle_from_parts(self.articulation)
-        part = shape.vertex_part[shape.mesh.faces[face, 0]]
-        return np.einsum("nij,nj->ni", parts.reshape(-1, 4, 4)[part, :3, :3], shape.mesh.normals(face))
+        part_of_face = parts.reshape(-1, 4, 4)[self.target.face_part[face], :3, :3]
+        return np.einsum("nij,nj->ni", part_of_face, shape.mesh.normals(face))
 
     def _pairs(
         self, row: Int[np.ndarray, " n"] | None, rays: int

@@ -28,7 +28,7 @@ WORLD = Scene(RayCaster(GROUND), WOOD, VEHICLES)
 
 
 def in_the_world() -> tuple[trimesh.Trimesh, np.ndarray]:
-    """Everything as triangles of one trimesh, with kind, index, and face of each."""
+    """Everything as triangles of one trimesh, with kind, index, face, and part of each."""
     things = [(Kind.GROUND, 0, GROUND.vertices, GROUND.faces)]
     for i, (mesh, pose) in enumerate(zip((0, 1, 0), STRETCHED, strict=True)):
         vertices = trimesh.transform_points(WOOD.meshes[mesh].vertices, pose)
@@ -37,7 +37,12 @@ def in_the_world() -> tuple[trimesh.Trimesh, np.ndarray]:
         vertices = trimesh.transform_points(TANK.shape.vertices_at(vehicle.articulation), vehicle.world_from_vehicle[0])
         things.append((Kind.VEHICLE, i, vertices, TANK.shape.mesh.faces))
     made = trimesh.util.concatenate([trimesh.Trimesh(v, f, process=False) for _, _, v, f in things])
-    named = [[kind, which, face] for kind, which, _, faces in things for face in range(len(faces))]
+    parts = TANK.shape.vertex_part[TANK.shape.mesh.faces].max(axis=1)
+    named = [
+        [kind, which, face, parts[face] if kind == Kind.VEHICLE else -1]
+        for kind, which, _, faces in things
+        for face in range(len(faces))
+    ]
     return made, np.array(named)
 
 
@@ -71,7 +76,8 @@ def test_the_nearest_hit_is_that_of_all_triangles_in_the_world():
     same = np.isclose(hits.distance, distance, atol=1e-4) | (np.isinf(distance) & ~hits.hit)
     assert same.mean() > 0.995
     met = np.flatnonzero(same & hits.hit)
-    found = np.stack([hits.kind, hits.which, hits.face], axis=1)[met]
+    found = np.stack([hits.kind, hits.which, hits.face, hits.part], axis=1)[met]
+    assert set(found[:, 3]) == {-1, 0, 1, 2}
     assert set(found[:, 0]) == {Kind.GROUND, Kind.OBSTACLE, Kind.VEHICLE}
     assert {tuple(row) for row in found[:, :2]} == {(1, 0), (2, 0), (2, 1), (2, 2), (3, 0), (3, 1)}
     # The flat instance has two coincident faces.
@@ -83,6 +89,7 @@ def test_the_nearest_hit_is_that_of_all_triangles_in_the_world():
     assert missed.any()
     assert (hits.kind[missed] == Kind.NOTHING).all()
     assert (hits.which[missed] == -1).all()
+    assert (hits.part[missed] == -1).all()
     assert np.isnan(hits.normal[missed]).all()
 
 
@@ -116,6 +123,7 @@ def test_a_camera_sees_the_hits_of_its_pixels_rays(intrinsics, position):
         same = (seen.kind == rays.kind) & (seen.which == rays.which) & (seen.face == rays.face)
         assert same.mean() > 0.9995  # rays that graze an edge differ in their last digit
         assert np.allclose(seen.distance[same], (before + rays.distance)[same], rtol=1e-6)
+        np.testing.assert_array_equal(seen.part[same], rays.part[same])
         np.testing.assert_array_equal(seen.normal[same], rays.normal[same])
     assert len(pixel) == 1 or set(seen.kind) >= {Kind.GROUND, Kind.OBSTACLE}
     free = ~WORLD.occluded(np.broadcast_to(camera.position, along.shape), along)

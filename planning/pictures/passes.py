@@ -13,7 +13,7 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from jaxtyping import Float32, Int, UInt8, UInt16
+from jaxtyping import Float32, UInt8, UInt16
 from msgspec import UNSET, Struct, UnsetType
 from PIL import Image
 
@@ -28,7 +28,7 @@ from hulldown.geometry.arrays import spread
 from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan.lines import PlanFile
 from hulldown.planning.plan.row import Row, encode
-from hulldown.scene.posed_scene import Kind, Scene, SceneHits
+from hulldown.scene.posed_scene import Kind, SceneHits
 
 PASSES = ("depth", "normal", "instance", "part", "category")
 STUFF = ("ground", "obstacle", "water", "distractor", "sky")  # classes without instances in COCO panoptic
@@ -141,33 +141,30 @@ def part_table(artist: Artist) -> list[NumberedPart]:
 def pixels_of(row: Row, artist: Artist, sceneries: Mapping[str, Scenery]) -> Pixels:
     """Cast a ray through the center of each pixel of an image; `sceneries` are the plan's by name."""
     camera, shape = row.camera, (row.height, row.width)
-    scene = artist.scene(row)
-    hits = scene.seen_by(camera, threads=os.cpu_count() or 1)
+    hits = artist.scene(row).seen_by(camera, threads=os.cpu_count() or 1)
     y, x = np.indices(shape).reshape(2, -1)
     through = directions(camera.intrinsics, np.stack([x, y], axis=1) + 0.5)
     along_axis = hits.distance / np.sqrt(np.einsum("ij,ij->i", through, through))
-    instance, table = _instances(row, hits.kind, hits.which, sceneries[row.scenery])
+    instance, table = _instances(row, hits, sceneries[row.scenery])
     return Pixels(
         along_axis.astype(np.float32).reshape(shape),
         hits.distance.astype(np.float32).reshape(shape),
         hits.normal.astype(np.float32).reshape(*shape, 3),
         instance.reshape(shape),
-        _parts(row, artist, scene, hits).reshape(shape),
+        _parts(row, artist, hits).reshape(shape),
         table,
     )
 
 
-def _instances(
-    row: Row, kind: UInt8[np.ndarray, " n"], which: Int[np.ndarray, " n"], scenery: Scenery
-) -> tuple[UInt16[np.ndarray, " n"], list[Instance]]:
+def _instances(row: Row, hits: SceneHits, scenery: Scenery) -> tuple[UInt16[np.ndarray, " n"], list[Instance]]:
     """Return the number of each pixel's instance, and all vehicles and visible surfaces."""
     table = [Instance(i, "vehicle", v.vehicle, v.category, v.label) for i, v in enumerate(row.vehicles, start=1)]
-    instance = np.where(kind == Kind.VEHICLE, which + 1, 0)
-    if (ground := kind == Kind.GROUND).any():
+    instance = np.where(hits.kind == Kind.VEHICLE, hits.which + 1, 0)
+    if (ground := hits.kind == Kind.GROUND).any():
         table.append(Instance(len(table) + 1, "ground", "ground"))
         instance[ground] = len(table)
-    obstacles = kind == Kind.OBSTACLE
-    shown, number = np.unique(which[obstacles], return_inverse=True)
+    obstacles = hits.kind == Kind.OBSTACLE
+    shown, number = np.unique(hits.which[obstacles], return_inverse=True)
     instance[obstacles] = number + len(table) + 1
     for i in shown.tolist():
         what = "water" if scenery.instance_is_water[i] else "obstacle"
@@ -177,12 +174,11 @@ def _instances(
     return instance.astype(np.uint16), table
 
 
-def _parts(row: Row, artist: Artist, scene: Scene, hits: SceneHits) -> UInt16[np.ndarray, " n"]:
+def _parts(row: Row, artist: Artist, hits: SceneHits) -> UInt16[np.ndarray, " n"]:
     """Return the number in `part_table` of the part at each pixel."""
-    first = {part.vehicle: part.id for part in part_table(artist)[::-1]}
-    of_vehicle = np.array([first[vehicle.vehicle] for vehicle in row.vehicles] or [0])
-    part = scene.parts(hits)
-    return np.where(part >= 0, of_vehicle[np.where(part >= 0, hits.which, 0)] + part, 0).astype(np.uint16)
+    ids = {part.vehicle: part.id for part in part_table(artist)[::-1]}
+    first = np.array([ids[vehicle.vehicle] for vehicle in row.vehicles] or [0])
+    return np.where(hits.part >= 0, first.take(hits.which, mode="clip") + hits.part, 0).astype(np.uint16)
 
 
 def panoptic(pixels: Pixels, class_ids: Mapping[str, int]) -> tuple[UInt8[np.ndarray, "h w 3"], list[Segment]]:
