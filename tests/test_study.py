@@ -20,9 +20,9 @@ from hulldown.tests.networks import RUN
 from hulldown.tests.test_train import CONFIG, in_child
 from hulldown.tests.training_pictures import make_dataset, make_datasets
 from hulldown.training.run_folder import LOCK_NAME, RunFolder
-from hulldown.training.study.arms import SOURCES, arm_draws, study_runs
+from hulldown.training.study.arms import ARM_KINDS, arm_draws
 from hulldown.training.study.config import load_study
-from hulldown.training.study.manifest import predictions_paths, read_manifest, settle
+from hulldown.training.study.manifest import predictions_paths, read_manifest, settle, study_runs
 from hulldown.training.study.run_process import run_one
 from hulldown.training.study.runs import RunOptions, in_processes, read_failures, run_study
 
@@ -117,12 +117,12 @@ def test_a_study_killed_twice_ends_like_an_undisturbed_one(pictures, tmp_path, k
     assert len(tree(tmp_path / "alone")) == (4 if not keys else 2)
 
 
-@pytest.mark.parametrize("arm", ["real", "mixed", "synthetic", "matched", "balanced", "pretrain"])
+@pytest.mark.parametrize("arm", ARM_KINDS)
 def test_draws_add_up_to_the_budget(arm):
     photographs, budget = np.array([2, 3, 7]), 600
     draws = arm_draws(arm, photographs, 9, budget=budget, seed=1)
     assert len(draws) == (1200 if arm == "matched" else 600)
-    by_source = {name: draws.image[draws.source == k] for k, name in enumerate(SOURCES[arm])}
+    by_source = {name: draws.image[draws.source == k] for k, name in enumerate(ARM_KINDS[arm].sources)}
     assert sum(map(len, by_source.values())) == len(draws)
     if "real" in by_source:
         assert set(by_source["real"].tolist()) == {2, 3, 7}

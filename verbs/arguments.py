@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
@@ -51,6 +51,22 @@ def add_verb(
     if json:
         sub.add_argument("--json", action="store_true", help="machine-readable result on stdout")
     return sub
+
+
+class Choices:
+    """Names that an argument allows, found when they're needed, so that other verbs don't import the stage.
+
+    Parameters
+    ----------
+    find
+        Function that imports and returns them.
+    """
+
+    def __init__(self, find: Callable[[], Iterable[str]]) -> None:
+        self._find = find
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._find())
 
 
 def argument(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
 from functools import cache, partial
 from pathlib import Path
 
 from hulldown.base.errors import HulldownError
 from hulldown.base.terminal import say, warn
 from hulldown.verbs.arguments import (
+    Choices,
     Subparsers,
     add_allow_links,
     add_planned,
@@ -95,6 +97,12 @@ def _verify(arguments: argparse.Namespace) -> int:
     masks = f", {checked} masks rendered" if arguments.masks else ""
     say(f"{arguments.dataset}: {errors} errors, {len(findings) - errors} warnings{masks}")
     return FOUND if errors else DONE
+
+
+def _layouts() -> Iterable[str]:
+    from hulldown.dataset.exports.export import LAYOUTS
+
+    return LAYOUTS
 
 
 def _export(arguments: argparse.Namespace) -> None:
@@ -218,12 +226,8 @@ def add(verbs: Subparsers) -> None:
     sub.add_argument("dataset", type=Path, metavar="DATASET")
     sub.add_argument("-o", "--output", type=Path, metavar="DIR", required=True, help="a new or an empty folder")
     sub.add_argument(
-        "--format", default="coco",
-        choices=(
-            *("coco", "yolo", "rfdetr-yolo", "yolo-obb", "yolo-obb-ground", "yolo-pose", "dota", "dota-ground"),
-            *("voc", "kitti", "huggingface", "webdataset"),
-        ),
-        help="default: coco",
+        "--format", default="coco", metavar="FORMAT", choices=Choices(_layouts),
+        help="%(choices)s (default: coco)",
     )  # fmt: skip
     sub.add_argument(
         "--polygons", type=at_least_zero, nargs="?", const=0.3, metavar="PIXELS",

@@ -1,7 +1,7 @@
 """The weather of an image, and its kinds: one object each with all properties of the kind.
 
-A new kind is an entry of `KINDS`, its keys in `planning.config.weather_section`, and a section of docs/weather.md; if
-it covers surfaces in its own way, also `rendering.blender.surfaces`. Needs numpy only, as it runs in Blender too.
+A new kind is an entry of `KINDS` and a section of docs/weather.md; a new way to cover surfaces is a function of
+`rendering.blender.covers` too. Needs numpy only, as it runs in Blender.
 """
 
 from __future__ import annotations
@@ -89,6 +89,15 @@ class Weather:
             raise ValueError(f"weather: expected one of {', '.join(KINDS)} with numbers in range, got {self}")
 
 
+class RangeKey(NamedTuple):
+    """A key of `[weather]` with a range: its default, the least and the largest number that it allows, its meaning."""
+
+    name: str
+    default: tuple[float, float]
+    allowed: tuple[float, float]
+    meaning: str
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class WeatherKind:
     """A kind of weather: its keys in `[weather]` and its effect on air, light, surfaces, and previews.
@@ -97,10 +106,14 @@ class WeatherKind:
 
     Parameters
     ----------
+    share
+        Meaning of that key.
     visibility, rate
         Keys of the range of visibilities, or of the rates of rain that visibility and wetness follow from.
     covers
         Keys of the covers of ground and vehicles; empty if there are none, or the rate decides.
+    surfaces
+        Name in `rendering.blender.surfaces.COVERS` of what covers them; empty: nothing does.
     windy
         Whether wind and shutter time matter.
     overcast
@@ -123,9 +136,11 @@ class WeatherKind:
         Color of endless air in previews.
     """
 
-    visibility: str | None = None
-    rate: str | None = None
-    covers: tuple[str, ...] = ()
+    share: str
+    visibility: RangeKey | None = None
+    rate: RangeKey | None = None
+    covers: tuple[RangeKey, ...] = ()
+    surfaces: str = ""
     windy: bool = True
     overcast: bool = False
     layers: int = 1
@@ -137,15 +152,38 @@ class WeatherKind:
     preview_air: tuple[float, float, float] = (0.78, 0.84, 0.92)
 
 
+ANY_SHARE, VISIBILITIES = (0.0, 1.0), (1.0, 1e6)
+
 KINDS: Mapping[str, WeatherKind] = MappingProxyType(
     {
-        "fog": WeatherKind(visibility="visibility_m", windy=False, tint=None),
+        "fog": WeatherKind(
+            share="share of images with fog",
+            visibility=RangeKey(
+                "visibility_m", (300.0, 3000.0), VISIBILITIES, "visibility in fog, meters; 3000 is haze"
+            ),
+            windy=False,
+            tint=None,
+        ),
         "rain": WeatherKind(
-            rate="rain_mm_h", overcast=True, sizes=lambda weather: rain_sizes(weather.rain_mm_h), share_of_sky=0.94
+            share="share with rain",
+            rate=RangeKey(
+                "rain_mm_h", (2.0, 50.0), (0.1, 300.0), "rate of rain, mm/h: 2 is light, 10 heavy, 50 a cloudburst"
+            ),
+            surfaces="water",
+            overcast=True,
+            sizes=lambda weather: rain_sizes(weather.rain_mm_h),
+            share_of_sky=0.94,
         ),
         "snow": WeatherKind(
-            visibility="snow_visibility_m",
-            covers=("snow_cover", "vehicle_snow_cover"),
+            share="share with falling snow",
+            visibility=RangeKey(
+                "snow_visibility_m", (300.0, 2000.0), VISIBILITIES, "visibility in falling snow, meters"
+            ),
+            covers=(
+                RangeKey("snow_cover", (0.3, 1.0), ANY_SHARE, "share of the ground under snow"),
+                RangeKey("vehicle_snow_cover", (0.0, 0.8), ANY_SHARE, "share of a vehicle's upper faces under snow"),
+            ),
+            surfaces="snow",
             overcast=True,
             sizes=lambda weather: snow_sizes(extinction(weather.visibility_m)),
             share_of_sky=0.75,
@@ -153,8 +191,13 @@ KINDS: Mapping[str, WeatherKind] = MappingProxyType(
             settles_above=True,
         ),
         "dust": WeatherKind(
-            visibility="dust_visibility_m",
-            covers=("dust_cover", "vehicle_dust_cover"),
+            share="share with blown dust",
+            visibility=RangeKey("dust_visibility_m", (200.0, 2000.0), VISIBILITIES, "visibility in blown dust, meters"),
+            covers=(
+                RangeKey("dust_cover", (0.0, 0.5), ANY_SHARE, "share of the ground under dust"),
+                RangeKey("vehicle_dust_cover", (0.1, 0.8), ANY_SHARE, "share of a vehicle's lower parts under dust"),
+            ),
+            surfaces="dust",
             layers=DUST_LAYERS,
             tint=DUST_ALBEDO,
             preview=(0.6, 0.48, 0.33),

@@ -3,45 +3,33 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-from pydantic import Field, model_validator
+from pydantic import Field, create_model, model_validator
 
 from hulldown.camera.weather.extinction import GHOST
 from hulldown.camera.weather.kinds import KINDS
 from hulldown.planning.config.section import Pair, Section, Share, ranged
 
-Covers = Annotated[Pair, ranged(0.0, 1.0)]
-Visibilities = Annotated[Pair, ranged(1.0, 1e6)]
+
+def _keys_of_kinds() -> dict[str, object]:
+    """Return the shares of all kinds, then their ranges, then their covers, each with its type and its field."""
+    keys: dict[str, object] = {name: (Share, Field(0.0, description=kind.share)) for name, kind in KINDS.items()}
+    ranges = [key for kind in KINDS.values() for key in (kind.visibility, kind.rate) if key]
+    for key in (*ranges, *(key for kind in KINDS.values() for key in kind.covers)):
+        keys[key.name] = (Annotated[Pair, ranged(*key.allowed)], Field(key.default, description=key.meaning))
+    return keys
 
 
-class WeatherSection(Section):
+if TYPE_CHECKING:
+    _KeysOfKinds = Section
+else:
+    _KeysOfKinds = create_model("_KeysOfKinds", __base__=Section, **_keys_of_kinds())
+
+
+class WeatherSection(_KeysOfKinds):
     """Shares of images with each kind of weather, and its ranges; the other images are clear."""
 
-    fog: Share = 0.0
-    """share of images with fog"""
-    rain: Share = 0.0
-    """share with rain"""
-    snow: Share = 0.0
-    """share with falling snow"""
-    dust: Share = 0.0
-    """share with blown dust"""
-    visibility_m: Visibilities = (300.0, 3000.0)
-    """visibility in fog, meters; 3000 is haze"""
-    rain_mm_h: Annotated[Pair, ranged(0.1, 300.0)] = (2.0, 50.0)
-    """rate of rain, mm/h: 2 is light, 10 heavy, 50 a cloudburst"""
-    snow_visibility_m: Visibilities = (300.0, 2000.0)
-    """visibility in falling snow, meters"""
-    dust_visibility_m: Visibilities = (200.0, 2000.0)
-    """visibility in blown dust, meters"""
-    snow_cover: Covers = (0.3, 1.0)
-    """share of the ground under snow"""
-    vehicle_snow_cover: Covers = (0.0, 0.8)
-    """share of a vehicle's upper faces under snow"""
-    dust_cover: Covers = (0.0, 0.5)
-    """share of the ground under dust"""
-    vehicle_dust_cover: Covers = (0.1, 0.8)
-    """share of a vehicle's lower parts under dust"""
     wind_m_s: Annotated[Pair, ranged(0.0, 60.0)] = (0.0, 8.0)
     """wind in rain, snow, and dust, from any direction, m/s"""
     exposure_s: float = Field(default=0.004, gt=0, le=10)

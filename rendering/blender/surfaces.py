@@ -7,12 +7,13 @@ share; all others have the ground's. Runs inside Blender; needs numpy and bpy on
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from typing import Any
 
 import bpy
 import numpy as np
 
+from hulldown.camera.weather.kinds import KINDS
 from hulldown.reading.blender.surfaces.nodes import material_output, trees
 from hulldown.reading.blender.surfaces.opacity_nodes import SOCKET, opacity_socket
 from hulldown.reading.blender.surfaces.shaders import is_clear
@@ -24,6 +25,12 @@ OURS = "hulldown"  # begins the names of the stage's own materials
 SCENERY, VEHICLES = "scenery", "vehicles"
 UNTOUCHED = ("BSDF_GLOSSY", "BSDF_METALLIC", "BSDF_GLASS", "BSDF_REFRACTION", "BSDF_TRANSPARENT", "EMISSION")
 
+# By the name of a cover, the node groups that make it, of a name and for vehicles or not.
+COVERS: Mapping[str, Callable[[str, bool], list[Any]]] = {
+    "water": lambda name, vehicles: [covers.wetting(name, film=vehicles), covers.soaking(f"{name}, matt")],
+    "snow": lambda name, vehicles: [covers.snow(name)],
+    "dust": lambda name, vehicles: [covers.dust(name, climbs=vehicles)],
+}
 Shape = tuple[tuple[str, int], ...]  # names of a material's node tree and the groups in it, with their nodes
 
 
@@ -42,13 +49,13 @@ class Surfaces:
         Parameters
         ----------
         kind
-            Kind of weather; only rain, snow, and dust cover surfaces.
+            Kind of weather.
         ground, vehicle
             Shares from 0 to 1 of water in pores, snow on level ground, or dust.
         vehicles
             The objects of all vehicles in memory.
         """
-        kind = kind if kind in ("rain", "snow", "dust") and max(ground, vehicle) > 0 else ""
+        kind = kind if KINDS[kind].surfaces and max(ground, vehicle) > 0 else ""
         if kind != self._kind or any(self._dressed.get(m.session_uid, s) != s for m, s in _materials()):
             self.clear()
             self._kind = kind
@@ -85,23 +92,17 @@ class Surfaces:
     def _group(self, wearer: str) -> list[Any]:
         key = self._kind, wearer
         if key not in self._groups:
-            name, vehicles = f"{OURS} {self._kind} on {wearer}", wearer == VEHICLES
-            if self._kind == "rain":
-                groups = [covers.wetting(name, film=vehicles), covers.soaking(f"{name}, matt")]
-            elif self._kind == "snow":
-                groups = [covers.snow(name)]
-            else:
-                groups = [covers.dust(name, climbs=vehicles)]
-            self._groups[key] = groups
+            name = f"{OURS} {self._kind} on {wearer}"
+            self._groups[key] = COVERS[KINDS[self._kind].surfaces](name, wearer == VEHICLES)
         return self._groups[key]
 
     def _dress(self, material: Any, wearer: str) -> None:
-        groups = self._group(wearer)
-        if self._kind == "rain":
+        groups, cover = self._group(wearer), KINDS[self._kind].surfaces
+        if cover == "water":
             wetted = [_wet(tree, *groups) for tree in trees(material.node_tree)]
             if not any(wetted):
                 self.left.append(material.name)
-        elif self._kind == "dust" or wearer == VEHICLES or not _is_water(material):
+        elif cover != "snow" or wearer == VEHICLES or not _is_water(material):
             _cover(material, groups[0])
 
 

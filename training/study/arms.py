@@ -1,41 +1,77 @@
-"""The runs of a study and the draws of each arm, as pure functions of the config and the datasets.
+"""The arms of a study: a new one is an entry of `ARM_KINDS`, and a line of docs/study.md.
 
 Arms differ only in their draws. Model, budget, and test are the same for all runs.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
 import numpy as np
 from jaxtyping import Int
 
 from hulldown.training.inputs.draws import Draws, make_draws
-from hulldown.training.study.config import Arm, NamedArm, StudyConfig
-
-SOURCES: dict[Arm, tuple[str, ...]] = {
-    "real": ("real",),
-    "mixed": ("real", "synthetic"),
-    "synthetic": ("synthetic",),
-    "matched": ("real", "synthetic"),
-    "balanced": ("real", "synthetic"),
-    "pretrain": ("real", "synthetic"),
-}
 
 
-def study_runs(config: StudyConfig) -> list[tuple[NamedArm, float | None, int]]:
-    """Arm, share of the photographs, and seed of all runs, seed by seed, so that one stopped early has complete seeds.
+def _in_turn(sizes: Sequence[int], budget: int, *, seed: int) -> Draws:
+    return _separate(sizes, budget, seed).take(np.arange(2 * budget).reshape(2, budget).T.ravel())
 
-    The share is None for arms without photographs.
+
+def _synthetic_first(sizes: Sequence[int], budget: int, *, seed: int) -> Draws:
+    half = budget // 2
+    return _separate(sizes, budget, seed).take(np.append(np.arange(budget, budget + half), np.arange(half, budget)))
+
+
+def _separate(sizes: Sequence[int], budget: int, seed: int) -> Draws:
+    """Return a whole budget of each of two sources, one after the other."""
+    real, made = (make_draws([size], budget, seed=seed) for size in sizes)
+    return Draws(np.repeat([0, 1], budget), np.append(real.image, made.image), np.append(real.seed, made.seed))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ArmKind:
+    """What an arm draws from, and what it's compared with besides the real arm.
+
+    Parameters
+    ----------
+    sources
+        Names of its datasets.
+    draws
+        Function from the sizes of the sources, the budget, and the seed to draws from the sources' pictures.
+    beyond_mixed
+        Whether it's compared with the mixed arm too.
+    by_bins
+        Whether its recall is compared with the real arm's in bins.
     """
-    arms = config.named_arms
-    of_seed: list[tuple[NamedArm, float | None]] = [
-        *((arm, fraction) for fraction in config.fractions for arm in arms if "real" in SOURCES[arm.base]),
-        *((arm, None) for arm in arms if "real" not in SOURCES[arm.base]),
-    ]
-    return [(arm, fraction, seed) for seed in config.seeds for arm, fraction in of_seed]
+
+    sources: tuple[str, ...] = ("real", "synthetic")
+    draws: Callable[..., Draws] = make_draws
+    beyond_mixed: bool = False
+    by_bins: bool = False
+
+
+ARM_KINDS: Mapping[str, ArmKind] = MappingProxyType(
+    {
+        "real": ArmKind(("real",)),
+        "mixed": ArmKind(by_bins=True),
+        "synthetic": ArmKind(("synthetic",)),
+        "matched": ArmKind(draws=_in_turn, beyond_mixed=True),
+        "balanced": ArmKind(draws=partial(make_draws, shares=(0.5, 0.5)), beyond_mixed=True, by_bins=True),
+        "pretrain": ArmKind(draws=_synthetic_first, beyond_mixed=True),
+    }
+)
+if TYPE_CHECKING:
+    Arm: TypeAlias = str
+else:
+    Arm = Literal[tuple(ARM_KINDS)]
 
 
 def arm_draws(arm: Arm, photographs: Int[np.ndarray, " k"], synthetic: int, *, budget: int, seed: int) -> Draws:
-    """Return the draws of a run of an arm; `Draws.source` is an index into its `SOURCES`.
+    """Return the draws of a run of an arm; `Draws.source` is an index into its `ArmKind.sources`.
 
     Parameters
     ----------
@@ -60,15 +96,9 @@ def arm_draws(arm: Arm, photographs: Int[np.ndarray, " k"], synthetic: int, *, b
     >>> matched.source.tolist(), bool((matched.image[::2] == real.image).all())
     ([0, 1, 0, 1, 0, 1, 0, 1], True)
     """
-    pictures = [photographs if name == "real" else np.arange(synthetic) for name in SOURCES[arm]]
+    kind = ARM_KINDS[arm]
+    pictures = [photographs if name == "real" else np.arange(synthetic) for name in kind.sources]
     sizes = list(map(len, pictures))
-    if arm in ("matched", "pretrain"):
-        real, made = (make_draws([size], budget, seed=seed) for size in sizes)
-        both = Draws(np.repeat([0, 1], budget), np.append(real.image, made.image), np.append(real.seed, made.seed))
-        of_each, half = np.arange(2 * budget).reshape(2, budget), budget // 2
-        in_turn, one_after_another = of_each.T.ravel(), np.append(of_each[1, :half], of_each[0, half:])
-        draws = both.take(in_turn if arm == "matched" else one_after_another)
-    else:
-        draws = make_draws(sizes, budget, seed=seed, shares=[0.5, 0.5] if arm == "balanced" else ())
+    draws = kind.draws(sizes, budget, seed=seed)
     first = np.cumsum([0, *sizes])[draws.source]
     return Draws(draws.source, np.concatenate(pictures)[first + draws.image], draws.seed)

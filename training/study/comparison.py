@@ -14,6 +14,7 @@ from hulldown.base.terminal import tracked
 from hulldown.training.detectors.detector import read_run
 from hulldown.training.evaluation.detector_report import Ends, plain
 from hulldown.training.evaluation.labels import read_labels
+from hulldown.training.study.arms import ARM_KINDS, ArmKind
 from hulldown.training.study.manifest import RUNS_NAME, Manifest, PlannedRun, predictions_paths, read_manifest
 from hulldown.training.study.results import (
     COUNTS,
@@ -186,7 +187,7 @@ def compared_runs(study: Path | str) -> StudyReport:
     bins = {
         f"{second.name} minus {first.name}": bin_differences(first, second)
         for first, second in compared
-        if first.arm == "real" and second.arm in ("mixed", "balanced")
+        if first.arm == "real" and ARM_KINDS.get(second.arm, ArmKind()).by_bins
     }
     return StudyReport(
         study=_facts(manifest),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -13,9 +13,9 @@ from hulldown.base.errors import ConfigError, HulldownError
 from hulldown.base.files import make_room, replacing
 from hulldown.base.toml_files import read_toml, validated
 from hulldown.training.inputs.settings import Settings
+from hulldown.training.study.arms import ARM_KINDS, Arm
 from hulldown.training.subset import FRACTIONS
 
-Arm = Literal["real", "mixed", "synthetic", "matched", "balanced", "pretrain"]
 ARMS: tuple[Arm, ...] = ("real", "mixed", "balanced", "synthetic")  # the paper's, and one that renders can't drown
 Share = Annotated[float, Field(gt=0.0, le=1.0)]
 
@@ -93,7 +93,7 @@ def load_study(path: Path | str) -> StudyConfig:
             if ruled := [key for key in ("seed", "shares", "budget", "masks") if key in arm.train]:
                 remedy = "one value is for all arms, so that they can be compared"
                 raise ConfigError(f"arms: {arm.name} sets train.{ruled[0]}", path=path, remedy=remedy)
-            if arm.name in get_args(Arm):
+            if arm.name in ARM_KINDS:
                 raise ConfigError(f"arms: {arm.name} is taken", path=path, remedy="choose another name")
             # Another model has other defaults, which the keys of [train] replace.
             own = validated(Settings, {**data.get("train", {}), **arm.train}, path)

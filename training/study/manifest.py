@@ -29,8 +29,8 @@ from hulldown.training.inputs.sources import (
     read_sources,
     shared_pictures,
 )
-from hulldown.training.study.arms import SOURCES, arm_draws, study_runs
-from hulldown.training.study.config import Arm, StudyConfig
+from hulldown.training.study.arms import ARM_KINDS, Arm, arm_draws
+from hulldown.training.study.config import NamedArm, StudyConfig
 from hulldown.training.subset import nested_subsets, subset_name
 
 MANIFEST_NAME, RUNS_NAME, DRAWS_NAME, LOGS_NAME = "study.json", "runs", "draws", "logs"
@@ -88,6 +88,19 @@ class Manifest(BaseModel):
         return next(run for run in self.runs if run.name == name)
 
 
+def study_runs(config: StudyConfig) -> list[tuple[NamedArm, float | None, int]]:
+    """Arm, share of the photographs, and seed of all runs, seed by seed, so that one stopped early has complete seeds.
+
+    The share is None for arms without photographs.
+    """
+    arms = [(arm, "real" in ARM_KINDS[arm.base].sources) for arm in config.named_arms]
+    of_seed: list[tuple[NamedArm, float | None]] = [
+        *((arm, fraction) for fraction in config.fractions for arm, photographed in arms if photographed),
+        *((arm, None) for arm, photographed in arms if not photographed),
+    ]
+    return [(arm, fraction, seed) for seed in config.seeds for arm, fraction in of_seed]
+
+
 def settle(config: StudyConfig) -> Manifest:
     """Fix everything that determines the runs of a study; every picture is read.
 
@@ -120,7 +133,7 @@ def settle(config: StudyConfig) -> Manifest:
     runs, warnings, drowned = [], _equal_shares(shares), False
     for arm, fraction, seed in study_runs(config):
         photographs = shares[seed, fraction] if fraction is not None else np.zeros(0, dtype=np.int64)
-        synthetic, budget, used = len(sources["synthetic"]), config.train.budget, SOURCES[arm.base]
+        synthetic, budget, used = len(sources["synthetic"]), config.train.budget, ARM_KINDS[arm.base].sources
         own_draws = arm_draws(arm.base, photographs, synthetic, budget=budget, seed=seed)
         text = draws_text(own_draws, used, [sources[name].file_names for name in used])
         ruled = {"seed": seed, "budget": len(own_draws), "masks": masks}

@@ -31,6 +31,7 @@ from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_th
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.metrics import SHARES, SUMS, ratio, sums_by
 from hulldown.training.evaluation.predictions import read_predictions
+from hulldown.training.study.arms import ARM_KINDS, ArmKind
 from hulldown.training.study.manifest import PlannedRun
 
 COUNTS = ("tp", "fp", "fn")
@@ -209,7 +210,7 @@ def pairs(found: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
         if cell.arm != "real":
             wanted.append((by_key.get(("real", whole if cell.fraction is None else cell.fraction)), cell))
         base = next(iter(cell.judged.values())).run.base
-        later = "mixed" if cell.arm in ("matched", "balanced", "pretrain") else base
+        later = "mixed" if ARM_KINDS.get(cell.arm, ArmKind()).beyond_mixed else base
         if later not in (cell.arm, "real"):
             wanted.append((by_key.get((later, cell.fraction)), cell))
     return [

@@ -12,8 +12,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hulldown.dataset.reports.charts import BLUE, GREEN, INK, RED, SOFT, differences, tidy
+from hulldown.dataset.reports.charts import COLORS, INK, SOFT, differences, tidy
 from hulldown.dataset.reports.page import number, ranged, render
+from hulldown.training.study.arms import ARM_KINDS
 from hulldown.training.study.comparison import ReportedCell, StudyReport
 from hulldown.training.study.results import COUNTS, ENOUGH, MEASURES, TITLES
 from hulldown.training.subset import subset_name
@@ -29,14 +30,6 @@ PAPER = {
     1.0: {"real": (0.93, 0.64, 0.76), "mixed": (0.97, 0.48, 0.65)},
 }
 PAPER_FIGURES = ("precision", "recall", "f1")
-COLORS = {
-    "real": BLUE,
-    "mixed": RED,
-    "synthetic": GREEN,
-    "matched": "#cc79a7",
-    "balanced": "#e69f00",
-    "pretrain": "#56b4e9",
-}
 SPARE = ("#8c564b", "#7f7f7f", "#17becf", "#bcbd22")  # of named arms
 PANELS = (("tp", "fp", "fn"), ("precision", "recall", "f1"), ("mean_iou",), ("mean_confidence",))
 BARS = 0.8  # share of the width for the bars of one measure
@@ -105,7 +98,7 @@ def _bins_name(name: str) -> str:
 
 def color_of(arm: str) -> str:
     """Return the color of an arm, the same in every chart; of a named arm by its name."""
-    return COLORS.get(arm, SPARE[sum(arm.encode()) % len(SPARE)])
+    return dict(zip(ARM_KINDS, COLORS, strict=False)).get(arm, SPARE[sum(arm.encode()) % len(SPARE)])
 
 
 def bars_of_arms(title: str, cells: Sequence[ReportedCell]) -> Figure:
