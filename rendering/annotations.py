@@ -63,10 +63,10 @@ class Segmenter:
 
     def _seen(self, row: Row, vehicle: PlannedVehicle) -> SeenVehicle:
         """Return a row's vehicle in its scene; a target that is left out of the picture, as if it were there."""
-        posed = self._scenes.posed(vehicle)
-        others = self._scenes.scene(row, [other for other in row.vehicles if other is not vehicle])
+        posed, scene = self._scenes.posed(vehicle), self._scenes.scene(row)
+        others = scene.with_vehicles([p for p, v in zip(scene.vehicles, row.vehicles, strict=True) if v is not vehicle])
         whole, visible = vehicle_masks(posed, row.camera, xywh=np.array(vehicle.bbox), world=others)
-        return SeenVehicle(row, posed, self._scenes.scene(row), whole, visible, self._keypoints)
+        return SeenVehicle(row, posed, scene, whole, visible, self._keypoints)
 
     def mask(self, row: Row, vehicle: PlannedVehicle) -> Bool[np.ndarray, "h w"]:
         """Visible mask of a row's vehicle; of a target that is left out of the picture, as if it were there."""

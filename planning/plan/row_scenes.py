@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
@@ -40,14 +40,8 @@ class RowScenes:
             self._targets[name] = VehicleTarget(self._vehicles[name])
         return PosedVehicle(self._targets[name], vehicle.world_from_vehicle[None], vehicle.articulation)
 
-    def bare(self, scenery: str) -> Scene:
-        """Return a scenery without vehicles."""
-        if self._scenery[0] != scenery:
-            self._scenery = scenery, Scene.of(self._sceneries[scenery], fallback_z=self._fallback_z)
-        return self._scenery[1]
-
-    def scene(self, row: Row, vehicles: Sequence[PlannedVehicle] | None = None) -> Scene:
-        """Return a row's scene with some of its vehicles; None: with those in its picture."""
-        return self.bare(row.scenery).with_vehicles(
-            [self.posed(v) for v in (row.vehicles if vehicles is None else vehicles)]
-        )
+    def scene(self, row: Row) -> Scene:
+        """Return a row's scenery with the vehicles in its picture."""
+        if self._scenery[0] != row.scenery:
+            self._scenery = row.scenery, Scene.of(self._sceneries[row.scenery], fallback_z=self._fallback_z)
+        return self._scenery[1].with_vehicles([self.posed(vehicle) for vehicle in row.vehicles])
