@@ -72,7 +72,7 @@ class SceneHits(RayHits):
     ----------
     kind
         (n,) a code of `Kind`.
-    which
+    instance
         (n,) index of the obstacle's instance or of the vehicle; 0 for the ground, -1 on a miss.
     part
         (n,) index of the part in the vehicle's shape; -1 for other surfaces and on a miss.
@@ -81,15 +81,15 @@ class SceneHits(RayHits):
     """
 
     kind: UInt8[np.ndarray, " n"]
-    which: Int[np.ndarray, " n"]
+    instance: Int[np.ndarray, " n"]
     part: Int[np.ndarray, " n"]
     normal: Float[np.ndarray, "n 3"]
 
     @classmethod
     def missed(cls, n: int) -> SceneHits:
         """Those of n rays that met nothing."""
-        face, which, part = np.full((3, n), -1)
-        return cls(np.full(n, np.inf), face, np.zeros(n, np.uint8), which, part, np.full((n, 3), np.nan))
+        face, instance, part = np.full((3, n), -1)
+        return cls(np.full(n, np.inf), face, np.zeros(n, np.uint8), instance, part, np.full((n, 3), np.nan))
 
 
 Thing: TypeAlias = RayCaster | Plane | InstancedScene | PosedVehicle
@@ -213,11 +213,11 @@ class Scene:
             hits.distance[closer], hits.kind[closer], hits.face[closer] = met.distance[closer], kind, face
             if isinstance(met, InstanceHits):
                 assert isinstance(thing, InstancedScene)
-                hits.which[closer] = met.instance[closer]
+                hits.instance[closer] = met.instance[closer]
                 hits.normal[closer] = thing.normals(met.instance[closer], face)
             else:
                 assert not isinstance(thing, InstancedScene)
-                hits.which[closer], hits.normal[closer] = i, thing.normals(face)
+                hits.instance[closer], hits.normal[closer] = i, thing.normals(face)
             if isinstance(thing, PosedVehicle):
                 hits.part[closer] = thing.target.face_part[face]
         hits.normal[np.einsum("ij,ij->i", hits.normal, along) > 0.0] *= -1.0

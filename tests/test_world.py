@@ -76,7 +76,7 @@ def test_the_nearest_hit_is_that_of_all_triangles_in_the_world():
     same = np.isclose(hits.distance, distance, atol=1e-4) | (np.isinf(distance) & ~hits.hit)
     assert same.mean() > 0.995
     met = np.flatnonzero(same & hits.hit)
-    found = np.stack([hits.kind, hits.which, hits.face, hits.part], axis=1)[met]
+    found = np.stack([hits.kind, hits.instance, hits.face, hits.part], axis=1)[met]
     assert set(found[:, 3]) == {-1, 0, 1, 2}
     assert set(found[:, 0]) == {Kind.GROUND, Kind.OBSTACLE, Kind.VEHICLE}
     assert {tuple(row) for row in found[:, :2]} == {(1, 0), (2, 0), (2, 1), (2, 2), (3, 0), (3, 1)}
@@ -88,7 +88,7 @@ def test_the_nearest_hit_is_that_of_all_triangles_in_the_world():
     missed = ~hits.hit
     assert missed.any()
     assert (hits.kind[missed] == Kind.NOTHING).all()
-    assert (hits.which[missed] == -1).all()
+    assert (hits.instance[missed] == -1).all()
     assert (hits.part[missed] == -1).all()
     assert np.isnan(hits.normal[missed]).all()
 
@@ -120,7 +120,7 @@ def test_a_camera_sees_the_hits_of_its_pixels_rays(intrinsics, position):
     rays = WORLD.nearest(camera.position + before[:, None] * along, along)
     for threads in (1, 3):
         seen = WORLD.seen_by(camera, threads=threads)
-        same = (seen.kind == rays.kind) & (seen.which == rays.which) & (seen.face == rays.face)
+        same = (seen.kind == rays.kind) & (seen.instance == rays.instance) & (seen.face == rays.face)
         assert same.mean() > 0.9995  # rays that graze an edge differ in their last digit
         assert np.allclose(seen.distance[same], (before + rays.distance)[same], rtol=1e-6)
         np.testing.assert_array_equal(seen.part[same], rays.part[same])

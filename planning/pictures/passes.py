@@ -159,12 +159,12 @@ def pixels_of(row: Row, artist: Artist, sceneries: Mapping[str, Scenery]) -> Pix
 def _instances(row: Row, hits: SceneHits, scenery: Scenery) -> tuple[UInt16[np.ndarray, " n"], list[Instance]]:
     """Return the number of each pixel's instance, and all vehicles and visible surfaces."""
     table = [Instance(i, "vehicle", v.vehicle, v.category, v.label) for i, v in enumerate(row.vehicles, start=1)]
-    instance = np.where(hits.kind == Kind.VEHICLE, hits.which + 1, 0)
+    instance = np.where(hits.kind == Kind.VEHICLE, hits.instance + 1, 0)
     if (ground := hits.kind == Kind.GROUND).any():
         table.append(Instance(len(table) + 1, "ground", "ground"))
         instance[ground] = len(table)
     obstacles = hits.kind == Kind.OBSTACLE
-    shown, number = np.unique(hits.which[obstacles], return_inverse=True)
+    shown, number = np.unique(hits.instance[obstacles], return_inverse=True)
     instance[obstacles] = number + len(table) + 1
     for i in shown.tolist():
         what = "water" if scenery.instance_is_water[i] else "obstacle"
@@ -178,7 +178,7 @@ def _parts(row: Row, artist: Artist, hits: SceneHits) -> UInt16[np.ndarray, " n"
     """Return the number in `part_table` of the part at each pixel."""
     ids = {part.vehicle: part.id for part in part_table(artist)[::-1]}
     first = np.array([ids[vehicle.vehicle] for vehicle in row.vehicles] or [0])
-    return np.where(hits.part >= 0, first.take(hits.which, mode="clip") + hits.part, 0).astype(np.uint16)
+    return np.where(hits.part >= 0, first.take(hits.instance, mode="clip") + hits.part, 0).astype(np.uint16)
 
 
 def panoptic(pixels: Pixels, class_ids: Mapping[str, int]) -> tuple[UInt8[np.ndarray, "h w 3"], list[Segment]]:

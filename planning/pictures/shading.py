@@ -62,7 +62,7 @@ def look(
     if weather is not None and KINDS[weather.kind].overcast:
         direct *= 0.0  # clouds hide the sun
     light = _AMBIENT * (0.7 + 0.3 * normal[:, 2]) + (1.0 - _AMBIENT) * 1.3 * direct
-    albedo = _albedo(hits.kind[hit], hits.which[hit], points, paints)
+    albedo = _albedo(hits.kind[hit], hits.instance[hit], points, paints)
     if weather is not None:
         albedo = _covered(albedo, normal[:, 2], hits.kind[hit] == Kind.VEHICLE, weather)
     color[hit] = albedo * light[:, None]
@@ -89,7 +89,7 @@ def _covered(
 
 def _albedo(
     kind: UInt8[np.ndarray, " n"],
-    which: Int[np.ndarray, " n"],
+    instance: Int[np.ndarray, " n"],
     points: Float[np.ndarray, "n 3"],
     paints: Sequence[Float[np.ndarray, "3"]],
 ) -> Float[np.ndarray, "n 3"]:
@@ -98,7 +98,7 @@ def _albedo(
     albedo = _EARTH * (1.0 - 0.07 * odd)[:, None]
     albedo[kind == Kind.OBSTACLE] = _LEAVES
     for i, paint in enumerate(paints):
-        albedo[(kind == Kind.VEHICLE) & (which == i)] = paint
+        albedo[(kind == Kind.VEHICLE) & (instance == i)] = paint
     return albedo
 
 
