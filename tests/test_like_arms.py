@@ -4,7 +4,8 @@ import pytest
 
 from hulldown.benchmarks.like import ARMS, SETS, SHARES, renders_of, stand_ins_of
 from hulldown.benchmarks.stand_ins import write_side
-from hulldown.planning.config.schema import CameraSection, Config
+from hulldown.planning.config.camera_section import CameraSection
+from hulldown.planning.config.schema import Config
 
 
 @pytest.mark.parametrize("name", SETS)

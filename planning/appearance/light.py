@@ -14,7 +14,7 @@ from hulldown.base.errors import ConfigError
 from hulldown.camera.response import ALBEDO, FARTHEST_EV, metered
 from hulldown.camera.sensor import LIMITS, Sensor
 from hulldown.camera.weather.kinds import KINDS, Weather
-from hulldown.planning.config.schema import LightSection
+from hulldown.planning.config.light_section import LightSection
 from hulldown.planning.config.sensor_section import SensorSection
 from hulldown.planning.plan.row import rounded
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, between, choose

@@ -42,6 +42,9 @@ def ranged(lowest: float, highest: float, kind: type = float, *, optional: bool 
     return BeforeValidator(check, json_schema_input_type=Annotated[kind, Field(ge=lowest, le=highest)])
 
 
+Lengths = Annotated[Pair, ranged(0.0, 1e6)]
+
+
 def is_absent(value: object) -> bool:
     """Return whether an optional key has its default, and is left out of a plan's header."""
     return value is None or value == (0.0, 0.0)

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 from hulldown.planning.config.config_keys import ENTRIES, Key, keys_of, sections, toml_value
-from hulldown.planning.config.schema import PROFILES, Config
+from hulldown.planning.config.render_section import PROFILES
+from hulldown.planning.config.schema import Config
 from hulldown.planning.config.sensor_section import PRESETS
 
 _WIDTH = 120

@@ -22,7 +22,8 @@ from hulldown.camera.framing import place_boxes
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import draw_azimuth, draw_elevation, shell_axes
 from hulldown.geometry.portable import exp, log
-from hulldown.planning.config.schema import CameraSection, Config
+from hulldown.planning.config.camera_section import CameraSection
+from hulldown.planning.config.schema import Config
 from hulldown.planning.search.instance_table import Instances, hull_of
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, RowStreams, choose
 from hulldown.planning.search.sizing import sized_cameras
