@@ -11,7 +11,7 @@ from jaxtyping import Float
 from hulldown.assets.coco_types import Coco, Record
 from hulldown.base.outside import typed
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.dataset.store.declared import LabelRecord, Optics, fields_of
+from hulldown.dataset.store.declared import Keypoints, LabelRecord, Optics, fields_of
 from hulldown.dataset.store.seals import changed
 
 
@@ -23,13 +23,21 @@ class Category:
     ----------
     id, name
         COCO's.
+    keypoints
+        Names of its keypoints; None if it has none.
     record
         All fields in the file.
     """
 
     id: int
     name: str
+    keypoints: list[str] | None
     record: Record
+
+    @classmethod
+    def of(cls, record: Record) -> Category:
+        """Return the class in a record, which may be one without a usable name."""
+        return cls(record["id"], str(record.get("name")), fields_of(record, Keypoints).keypoints, record)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -152,7 +160,7 @@ class LabeledImages:
     @classmethod
     def of(cls, coco: Coco) -> LabeledImages:
         """Return the images of a COCO dictionary with usable records, see `dataset.records.check_usable`."""
-        categories = tuple(Category(record["id"], record["name"], record) for record in coco["categories"])
+        categories = tuple(map(Category.of, coco["categories"]))
         names = {category.id: category.name for category in categories}
         of_image: dict[int, list[Label]] = {image["id"]: [] for image in coco["images"]}
         strays = []
@@ -186,5 +194,6 @@ class LabeledImages:
         ordered = sorted(self.categories, key=lambda category: category.id)
         of_images = (label for image in self.images for label in image.labels)
         used = {label.category_id for label in (*of_images, *(label for _, label in self.strays))}
-        parents = {c.record.get("supercategory") for c in ordered if c.record.get("supercategory") != c.name}
+        # A list, since a foreign record may have a value that can't be hashed.
+        parents = [c.record.get("supercategory") for c in ordered if c.record.get("supercategory") != c.name]
         return [category for category in ordered if category.id in used or category.name not in parents]

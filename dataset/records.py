@@ -22,8 +22,7 @@ from hulldown.camera.weather.extinction import GHOST
 from hulldown.dataset.images import Category, Image, Label, LabeledImages
 from hulldown.dataset.labels.mask import MASK
 from hulldown.dataset.labels.types import LABEL_TYPES, LabelFields
-from hulldown.dataset.store import declared
-from hulldown.dataset.store.declared import fields_of, misfits
+from hulldown.dataset.store.declared import CategoryRecord, ImageRecord, LabelRecord, View, fields_of, misfits
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.entries import place_of
 from hulldown.dataset.store.reservations import runs_of
@@ -108,7 +107,7 @@ def check_usable(
         raise DatasetError(f"{where}: {problem}", path=folder, remedy="check it with `hulldown verify`")
 
     for category in categories:
-        for problem in misfits(category, declared.Category):
+        for problem in misfits(category, CategoryRecord):
             refuse(f"category {category['id']}", problem)
     first: dict[int, str] = {}
     for image in images:
@@ -117,7 +116,7 @@ def check_usable(
         first[image["id"]] = _name(image)
         if not stays_inside(image.get("file_name")):
             refuse(f"image {image['id']}", f"file_name {image.get('file_name')!r} is no path inside the dataset")
-        for problem in misfits(image, declared.Image):
+        for problem in misfits(image, ImageRecord):
             refuse(_name(image), problem)
     known = {category["id"] for category in categories}
     for annotation in annotations:
@@ -136,7 +135,7 @@ def check_categories(categories: Sequence[Record]) -> Iterator[Finding]:
     spelled: dict[str, str] = {}
     for category in categories:
         name = category.get("name")
-        for problem in misfits(category, declared.Category):
+        for problem in misfits(category, CategoryRecord):
             yield Finding("error", f"category {category['id']}", problem)
         if isinstance(name, str) and (other := spelled.setdefault(name.casefold(), name)) != name:
             yield Finding("warning", f"category {category['id']}", f"{name!r} and {other!r} differ in capitals only")
@@ -159,8 +158,8 @@ def check_images(images: Sequence[Record]) -> Iterator[Finding]:
         if (other := spelled.setdefault(name.casefold(), name)) != name:
             yield Finding("warning", name, f"differs from {other} in capitals only: on some disks both are one file")
     for image in images:
-        sized, seen = list(misfits(image, declared.Image)), list(misfits(image, declared.View))
-        if not (sized or seen) and (view := fields_of(image, declared.View)).K is not None:
+        sized, seen = list(misfits(image, ImageRecord)), list(misfits(image, View))
+        if not (sized or seen) and (view := fields_of(image, View)).K is not None:
             try:
                 Intrinsics.of_fields(image["width"], image["height"], K=view.K, dist=view.dist)
             except ValueError as error:
@@ -177,7 +176,7 @@ def sound_images(coco: Coco) -> dict[int, Image]:
     for annotation in coco["annotations"]:
         with contextlib.suppress(ValueError, TypeError, KeyError):
             of_image[annotation["image_id"]].append(Label.of(annotation, names))
-    sound = (image for image in coco["images"] if not any(misfits(image, declared.Image)))
+    sound = (image for image in coco["images"] if not any(misfits(image, ImageRecord)))
     return {image["id"]: Image.of(image, of_image[image["id"]]) for image in sound}
 
 
@@ -185,10 +184,8 @@ def check_annotations(coco: Coco) -> Iterator[Finding]:
     """Check ids, references, boxes, masks, fractions, and duplicates."""
     yield from _repeated("annotation", [a["id"] for a in coco["annotations"]])
     images = {image["id"]: image for image in coco["images"]}
-    sound = {image["id"]: Image.of(image, ()) for image in coco["images"] if not any(misfits(image, declared.Image))}
-    categories = {
-        record["id"]: Category(record["id"], str(record.get("name")), record) for record in coco["categories"]
-    }
+    sound = {image["id"]: Image.of(image, ()) for image in coco["images"] if not any(misfits(image, ImageRecord))}
+    categories = {record["id"]: Category.of(record) for record in coco["categories"]}
     names = {category.id: category.name for category in categories.values()}
     seen: set[tuple[object, ...]] = set()
     repeated: dict[str, list[int]] = {}
@@ -232,7 +229,7 @@ def _hints(where: str, label: Label, image: Image) -> Iterator[Finding]:
     if (gap := _gap(label, image)) > 0.0:
         problem = f"its bbox is {gap:.4g} px larger than its mask, more than a quarter, though nothing hides it"
         yield Finding("warning", where, problem, gap)
-    left = fields_of(label.record, declared.LabelRecord).air_contrast
+    left = fields_of(label.record, LabelRecord).air_contrast
     if left is not None and left < GHOST and not label.crowd:
         problem = f"is a ghost: the air leaves {100.0 * left:.1f} % of its contrast"
         yield Finding("warning", where, problem, left)

@@ -141,6 +141,15 @@ def test_verify_finds_invalid_keypoints(dataset, change, problem):
     assert any(problem in finding.problem for finding in verify(dataset, fast=True))
 
 
+@pytest.mark.parametrize("name", [None, 5, ""])
+def test_verify_checks_keypoints_of_a_category_without_a_usable_name(dataset, name):
+    edit(
+        dataset, lambda coco: (coco["categories"][0].update(name=name), coco["annotations"][0].update(num_keypoints=3))
+    )
+    problems = [finding.problem for finding in verify(dataset, fast=True)]
+    assert any(problem.startswith("name is") for problem in problems) and "num_keypoints is 3" in problems
+
+
 def test_other_keypoints_of_a_category_are_refused(dataset, tmp_path):
     with CocoDataset.open(dataset) as again, pytest.raises(DatasetError, match="'tank' has the keypoints"):
         again.add_categories([{"name": "tank", "keypoints": ["muzzle"]}], keypoints=True)

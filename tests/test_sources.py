@@ -63,6 +63,12 @@ def test_a_parent_category_without_boxes_is_not_a_class(tmp_path):
     assert read_sources({"real": dataset})[0] == ("shapes", "square", "disc")
 
 
+def test_a_supercategory_of_an_odd_type_is_no_parent(tmp_path):
+    dataset = make_dataset(tmp_path / "set", 4)
+    edit(dataset, lambda coco: coco["categories"][0].update(supercategory=["square"]))
+    assert read_sources({"real": dataset})[0] == ("square", "disc")
+
+
 def test_pictures_without_boxes_are_used_and_crowds_are_left_out(tmp_path):
     dataset = make_dataset(tmp_path / "set", 8)
     edit(dataset, lambda coco: coco["annotations"][0].update(iscrowd=1))

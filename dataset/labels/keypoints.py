@@ -9,8 +9,7 @@ from msgspec import Struct
 from hulldown.annotate.keypoint_visibility import keypoints_in_image
 from hulldown.dataset.images import Category, Image, Label
 from hulldown.dataset.labels.label_type import LabelType, SeenVehicle
-from hulldown.dataset.store import declared
-from hulldown.dataset.store.declared import Pixel, fields_of
+from hulldown.dataset.store.declared import Pixel
 
 
 class Fields(Struct):
@@ -35,7 +34,7 @@ def _problems(label: Label, image: Image, category: Category | None) -> Iterator
     fields = KEYPOINTS.read(label)
     if (keypoints := fields.keypoints) is None:
         return
-    names = None if category is None else fields_of(category.record, declared.Category).keypoints
+    names = category.keypoints if category is not None else None
     if names is None or len(keypoints) != 3 * len(names):
         yield f"keypoints has {len(keypoints)} numbers, its category has {len(names or ())} keypoints"
         return

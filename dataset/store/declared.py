@@ -25,7 +25,7 @@ Pose = tuple[tuple[Meters, Meters, Meters, Meters], ...]
 Declared = TypeVar("Declared", bound=Struct)
 
 
-class Image(Struct):
+class ImageRecord(Struct):
     """Fields of an image that every dataset has."""
 
     file_name: str
@@ -67,12 +67,17 @@ class LabelRecord(Struct, kw_only=True):
     record_sha256: str | None = None
 
 
-class Category(Struct):
+class Keypoints(Struct):
+    """Fields of a class's keypoints: their names, and pairs of their numbers, from 1."""
+
+    keypoints: list[str] | None = None
+    skeleton: list[tuple[int, int]] | None = None
+
+
+class CategoryRecord(Keypoints, kw_only=True):
     """Fields of a class."""
 
     name: Annotated[str, Meta(min_length=1)]
-    keypoints: list[str] | None = None
-    skeleton: list[tuple[int, int]] | None = None
 
 
 def fields_of(record: Record, kind: type[Declared]) -> Declared:

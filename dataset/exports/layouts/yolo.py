@@ -24,8 +24,6 @@ from hulldown.dataset.exports.layouts.shares import VAL_NAMES, Item, Shares, rin
 from hulldown.dataset.images import Image, Label
 from hulldown.dataset.labels.keypoints import KEYPOINTS
 from hulldown.dataset.labels.mask import MASK
-from hulldown.dataset.store import declared
-from hulldown.dataset.store.declared import fields_of
 
 CornersOf: TypeAlias = Callable[[Label, Image], Float[np.ndarray, "4 2"]]
 Lines: TypeAlias = Callable[[Item, Mapping[int, int]], list[str]]
@@ -112,7 +110,7 @@ def write_pose(shares: Shares, out: Path) -> None:
     DatasetError
         If the classes don't have the same keypoints, of which YOLO knows one list.
     """
-    lists = [fields_of(category.record, declared.Category).keypoints for category in shares.categories]
+    lists = [category.keypoints for category in shares.categories]
     if not lists or not (names := lists[0]) or any(each != names for each in lists):
         problem = "its categories have no keypoints" if not any(lists) else "its categories have different keypoints"
         raise DatasetError(problem, path=shares.folder, remedy="plan with annotate.keypoints, or export as coco")
