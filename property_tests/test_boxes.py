@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 
 from hulldown.annotate.boxes import FAR, VehicleBoxes, surface_box
 from hulldown.annotate.clusters import SMALL
-from hulldown.annotate.masks import mask_box, vehicle_mask
+from hulldown.annotate.masks import mask_box
 from hulldown.annotate.posing import PosedParts, move
+from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, Camera
@@ -224,7 +225,7 @@ def test_the_box_contains_the_mask_and_touches_it_on_four_sides(seed: int) -> No
     # Eight rays a pixel and axis, since the pointed end of a surface can be between pixel centers.
     fine = Camera(Intrinsics(8 * 64, 8 * 48, 1.0), view)
     around = 8.0 * box + [-16.0, -16.0, 32.0, 32.0]
-    inner = mask_box(vehicle_mask(PosedVehicle(VehicleTarget(shape), pose[None], {}), fine, xywh=around))
+    inner = mask_box(vehicle_masks(PosedVehicle(VehicleTarget(shape), pose[None], {}), fine, xywh=around)[1])
     assert inner is not None
     inner /= 8.0
     low, high = inner[:2] - box[:2], box[:2] + box[2:] - inner[:2] - inner[2:]

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Bool
 
-from hulldown.annotate.masks import vehicle_masks
+from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.assets.coco_types import Record
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.skeleton import category_fields

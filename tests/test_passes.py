@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hulldown.annotate.masks import mask_box, vehicle_mask
+from hulldown.annotate.masks import mask_box
+from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.cli import main
 from hulldown.planning.pictures.passes import PASSES, STUFF, write_passes
 from hulldown.planning.pictures.preview import Artist
@@ -56,9 +57,9 @@ def test_instances_equal_the_vehicles_masks(made):
         assert [r["name"] for r in table["instances"][: len(row.vehicles)]] == [v.vehicle for v in row.vehicles]
         for i, vehicle in enumerate(world.vehicles):
             others = world.with_vehicles([v for v in world.vehicles if v is not vehicle])
-            mask = vehicle_mask(vehicle, row.camera, world=others)
+            mask = vehicle_masks(vehicle, row.camera, world=others)[1]
             assert (mask != (arrays["instance"] == i + 1)).sum() <= 1  # where two objects have the same distance
-            alone = vehicle_mask(vehicle, row.camera)
+            alone = vehicle_masks(vehicle, row.camera)[1]
             hidden += int((alone & ~mask).sum())
             if alone.sum() > 200:
                 assert row.vehicles[i].visible_fraction == pytest.approx(mask.sum() / alone.sum(), abs=0.1)

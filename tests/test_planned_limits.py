@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hulldown.annotate.boxes import surface_box
-from hulldown.annotate.masks import vehicle_mask
+from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.base.errors import ConfigError
 from hulldown.geometry.transforms import apply
 from hulldown.placement.rejection import first_accepted
@@ -73,7 +73,7 @@ def test_a_target_smaller_than_a_pixel_covers_the_center_of_one():
     target = VehicleTarget(TANK)
     for row in rows:
         assert row.target.bbox[3] < 2
-        assert vehicle_mask(PosedVehicle(target, row.target.world_from_vehicle[None], {}), row.camera).any()
+        assert vehicle_masks(PosedVehicle(target, row.target.world_from_vehicle[None], {}), row.camera)[1].any()
 
 
 def sized(**camera):

@@ -17,7 +17,8 @@ import numpy as np
 import psutil
 import pytest
 
-from hulldown.annotate.masks import iou, mask_box, vehicle_mask
+from hulldown.annotate.masks import iou, mask_box
+from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.base.child import Child
 from hulldown.base.errors import HulldownError
 from hulldown.camera.shell import shell_axes
@@ -100,7 +101,7 @@ def test_cycles_and_embree_see_the_same_pixels(plan, library):
     assert any(row.target.truncated_fraction > 0 for row in plan)
     for row, (_, *maps) in zip(plan, cycles_masks(plan, range(len(plan)), library), strict=True):
         for number, (target, alone) in enumerate(zip(row.vehicles, maps, strict=True), start=1):
-            assert iou(alone == number, vehicle_mask(standing(library, target), row.camera)) >= 0.99
+            assert iou(alone == number, vehicle_masks(standing(library, target), row.camera)[1]) >= 0.99
         # All parts of the tank are thicker than a pixel: the outermost pixel centers are within one pixel of the box.
         assert np.abs(corners(mask_box(maps[0] == 1)) - corners(row.target.bbox)).max() <= 1.0
 
@@ -116,7 +117,7 @@ def test_pictures_show_the_planned_vehicles(dataset, plan, library):
         expected = np.zeros((row.height, row.width), dtype=bool)
         world = Scene.of(library.assets.sceneries[row.scenery])
         for target in row.vehicles:
-            expected |= vehicle_mask(standing(library, target), row.camera, world=world)
+            expected |= vehicle_masks(standing(library, target), row.camera, world=world)[1]
         # Antialiased edges: one pixel more or less on every side.
         assert iou(pink(pixels(dataset / row.file_name)), expected) > 0.8
 
@@ -308,6 +309,6 @@ def test_any_field_of_view_is_rendered_exactly(plan, library, tmp_path, fov_x_de
     row = altered(row, target=altered(row.target, world_from_vehicle=up, articulation={}), companions=[])
     with Blender(tmp_path / "log") as blender:
         seen = np.load(BytesIO(blender.do(mask_job(row, library, tmp_path / "m.npy")).content))[1] == 1
-    expected = vehicle_mask(PosedVehicle(target, up[None], {}), row.camera)
+    expected = vehicle_masks(PosedVehicle(target, up[None], {}), row.camera)[1]
     assert expected.sum() > 100
     assert iou(seen, expected) >= 0.99

@@ -5,7 +5,7 @@ import pytest
 from matplotlib.colors import rgb_to_hsv
 from scipy import ndimage
 
-from hulldown.annotate.masks import vehicle_mask
+from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.camera.weather.kinds import Weather
 from hulldown.planning.check import check_plan
 from hulldown.planning.inputs.loading import load_library
@@ -84,7 +84,7 @@ def masks(row, library):
     shape = VehicleTarget(library.shapes["odd"])
     return [
         ndimage.binary_erosion(
-            vehicle_mask(PosedVehicle(shape, v.world_from_vehicle[None], v.articulation), row.camera, world=world)
+            vehicle_masks(PosedVehicle(shape, v.world_from_vehicle[None], v.articulation), row.camera, world=world)[1]
         )
         for v in row.vehicles
     ]

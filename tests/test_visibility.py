@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hulldown.annotate.boxes import VehicleBoxes
-from hulldown.annotate.masks import vehicle_mask
+from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.benchmarks.visibility import error_bound
 from hulldown.camera.framing import turned as aimed_off
 from hulldown.camera.intrinsics import Intrinsics
@@ -79,7 +79,7 @@ def test_visibility_is_the_share_of_pixels_that_show_the_vehicle(name: str, lens
     camera, world = Camera(lens, pose), Scene(RayCaster(SCENES[name]))
     target = PosedVehicle(TANK, rigid(rotation_z(0.6), np.zeros(3))[None], turned)
     box = VehicleBoxes(TANK.shape).box(target.world_from_vehicle[0], camera, turned)
-    whole, left = (vehicle_mask(target, camera, xywh=box, world=each).sum() for each in (None, world))
+    whole, left = (mask.sum() for mask in vehicle_masks(target, camera, xywh=box, world=world))
     seen = visible_fraction([target], pose[None], intrinsics=lens, world=world, rays=20_000)
     assert 0.1 < left / whole < 0.95
     assert seen.fraction[0] == pytest.approx(left / whole, abs=0.005)

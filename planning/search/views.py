@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from hulldown.annotate.boxes import Boxes
-from hulldown.annotate.masks import show_pixels
+from hulldown.annotate.silhouettes import show_pixels
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
 from hulldown.camera.weather.extinction import air_contrast

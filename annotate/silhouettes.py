@@ -1,0 +1,120 @@
+"""Which pixels' centers are on a vehicle, and which of these nothing hides, by rays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, Shaped
+from numpy.typing import ArrayLike
+
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.projection import NEAR, Camera, directions
+from hulldown.geometry.arrays import checked, numbered
+from hulldown.geometry.transforms import rotate
+from hulldown.scene.posed_scene import Scene
+from hulldown.scene.posed_vehicle import PosedVehicle
+from hulldown.scene.visibility import TOUCHING
+
+FIRST_LOOK = 256  # pixels that are tested first
+MOST_RAYS = 1 << 18  # cast together
+
+
+def vehicle_masks(
+    vehicle: PosedVehicle, camera: Camera, *, xywh: ArrayLike | None = None, world: Scene | None = None
+) -> tuple[Bool[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
+    """Return the pixels whose center is on the vehicle, and those of them that nothing hides.
+
+    Parameters
+    ----------
+    vehicle
+        The vehicle, in one pose.
+    camera
+        What sees it; nothing nearer than `NEAR` is seen.
+    xywh
+        The vehicle's box in the image: only pixels with their center in it are tested. None: all pixels.
+    world
+        Occluders: ground, obstacles, and other vehicles. None: nothing hides it.
+
+    Returns
+    -------
+    (height, width) each: the whole silhouette in the image, and what is visible of it.
+    """
+    size = np.array([camera.intrinsics.width, camera.intrinsics.height])
+    whole, mask = np.zeros((2, *size[::-1]), dtype=bool)
+    box = np.append([0.0, 0.0], size) if xywh is None else checked(xywh, "xywh", (4,))
+    first, end = _pixels_in(box, size)
+    rows, columns = np.mgrid[first[1] : end[1], first[0] : end[0]].reshape(2, -1)
+    if not len(rows):
+        return whole, mask
+    along = directions(camera.intrinsics, np.stack([columns, rows], axis=1) + 0.5) @ camera.world_from_camera[:3, :3].T
+    origins = camera.position + NEAR * along
+    distance = vehicle.cast(origins, along).distance
+    seen = np.flatnonzero(np.isfinite(distance))
+    whole[rows[seen], columns[seen]] = True
+    if world is not None:
+        seen = seen[~world.occluded(origins[seen], along[seen], max_distance=distance[seen] - TOUCHING)]
+    mask[rows[seen], columns[seen]] = True
+    return whole, mask
+
+
+def show_pixels(
+    subjects: Sequence[PosedVehicle],
+    world_from_camera: Float[np.ndarray, "n 4 4"],
+    intrinsics: Intrinsics,
+    *,
+    xywh: Float[np.ndarray, "n 4"],
+    world: Scene,
+) -> Bool[np.ndarray, " n"]:
+    """Return whether any pixel's center shows each camera's subject; a few pixels are tested first.
+
+    Parameters
+    ----------
+    subjects
+        Vehicles in rows: one for each camera.
+    world_from_camera, intrinsics
+        The cameras.
+    xywh
+        (n, 4) boxes of the subjects.
+    world
+        Their occluders.
+    """
+    shown = np.zeros(len(xywh), dtype=bool)
+    first, end = _pixels_in(xywh, intrinsics.size)
+    width, pixels = end[:, 0] - first[:, 0], (end - first).prod(axis=1)
+    few = pixels // FIRST_LOOK + 1
+
+    def look(cameras: Int[np.ndarray, " k"], step: Int[np.ndarray, " k"]) -> None:
+        """Test every step-th pixel of these cameras' boxes."""
+        count = -(-pixels[cameras] // step)
+        row, number = numbered(count)
+        pixel = number * step[row]
+        camera = cameras[row]
+        uv = np.stack([pixel % width[camera], pixel // width[camera]], axis=1) + first[camera] + 0.5
+        poses = world_from_camera[camera]
+        along = rotate(poses[:, :3, :3], directions(intrinsics.rows(camera), uv[:, None]))[:, 0]
+        start, distance = poses[:, :3, 3] + NEAR * along, np.full(len(row), np.inf)
+        for subject in subjects:
+            met = subject.rows(cameras).cast(start, along, row=row)
+            distance = np.minimum(distance, met.distance)
+        seen = np.flatnonzero(np.isfinite(distance))
+        reach = distance[seen] - TOUCHING
+        hidden = world.rows(cameras).occluded(start[seen], along[seen], row=row[seen], max_distance=reach)
+        shown[camera[seen[~hidden]]] = True
+
+    for step in (few, np.ones_like(few)):
+        cameras = np.flatnonzero(~shown & (pixels > 0) & ((step is few) | (few > 1)))
+        # As many cameras together as have some hundred thousand rays between them.
+        block = np.cumsum(-(-pixels[cameras] // step[cameras])) // MOST_RAYS
+        for some in np.split(cameras, np.flatnonzero(np.diff(block)) + 1):
+            if len(some):
+                look(some, step[some])
+    return shown
+
+
+def _pixels_in(
+    xywh: Float[np.ndarray, "... 4"], size: Shaped[np.ndarray, "... 2"]
+) -> tuple[Int[np.ndarray, "... 2"], Int[np.ndarray, "... 2"]]:
+    """First column and row, and those after the last, of the pixels whose centers are in boxes."""
+    first = np.clip(np.ceil(xywh[..., :2] - 0.5), 0, size).astype(int)
+    return first, np.clip(np.floor(xywh[..., :2] + xywh[..., 2:] - 0.5) + 1, first, size).astype(int)
