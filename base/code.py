@@ -10,20 +10,22 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = (
-    *(
-        "base",
-        "geometry",
-        "assets",
-        "placement",
-        "camera",
-        "scene",
-        "annotate",
-        "pictures",
-        "reading",
-        "planning",
-        "dataset",
-    ),
-    *("cluster", "rendering", "training", "demo", "verbs"),
+    "base",
+    "geometry",
+    "assets",
+    "placement",
+    "camera",
+    "scene",
+    "annotate",
+    "pictures",
+    "reading",
+    "planning",
+    "dataset",
+    "cluster",
+    "rendering",
+    "training",
+    "demo",
+    "verbs",
 )
 MISSING = "not installed"
 

@@ -165,19 +165,6 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-# What a picture of a plan may be called on any file system: a path below images/ in normal form. No component is empty,
-# begins with a dot, ends in what Windows drops, or is a device of Windows; no character is one that a system refuses.
-PICTURE_NAME = (
-    r"^images(?:/(?!\.)(?!(?i:con|prn|aux|nul|com\d|lpt\d)(?:\.|/|\Z))"
-    r"[^/\\\x00-\x1f\x7f-\x9f<>:\"|?*\ud800-\udfff]{1,200}(?<![ .])){1,16}(?<=\.png|\.jpg)\Z"
-)
-
-
-def picture_name(index: int, suffix: str = ".png") -> str:
-    """Return the planned path of an image."""
-    return f"images/{index + 1:08d}{suffix}"
-
-
 def stays_inside(file_name: object) -> TypeGuard[str]:
     """Return whether a relative path does not leave its folder, read the Unix way and the Windows way."""
     if not isinstance(file_name, str) or not file_name or "\0" in file_name:

@@ -120,7 +120,7 @@ def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
 
 
 @contextmanager
-def shown(title: str, progress: Callable[[int, int], None] | None = None) -> Iterator[Callable[[int, int], None]]:
+def reporting(title: str, progress: Callable[[int, int], None] | None = None) -> Iterator[Callable[[int, int], None]]:
     """Yield `progress`, or if it's None a function that shows a bar in a terminal or notebook."""
     if progress is not None:
         yield progress
@@ -133,7 +133,7 @@ def shown(title: str, progress: Callable[[int, int], None] | None = None) -> Ite
 
 def tracked(title: str, items: Iterable[Item], total: int) -> Iterator[Item]:
     """Yield items, and show a bar of those that are done in a terminal or notebook."""
-    with shown(title) as advance:
+    with reporting(title) as advance:
         for done, item in enumerate(items):
             advance(done, total)
             yield item

@@ -16,7 +16,7 @@ from msgspec.structs import replace
 
 from hulldown.assets.coco_types import Record
 from hulldown.base.errors import DatasetError
-from hulldown.base.terminal import shown
+from hulldown.base.terminal import reporting
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.provenance import (
     Failure,
@@ -144,7 +144,7 @@ def join(
     except BaseException:
         target.abandon()
         raise
-    with target, shown("joining", progress) as advance:
+    with target, reporting("joining", progress) as advance:
         for done, move in enumerate(left, start=1):
             place(own_picture(move.part.folder, move.old_name, allowed), folder, move.name)
             target.append(*_records(move))

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import replacing
-from hulldown.base.terminal import shown
+from hulldown.base.terminal import reporting
 from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, DISTRACTORS, LAUNCHER, PAINT, SCENERY_FILES, TANK, TRUCK
 from hulldown.demo.make_assets import build_demo_assets
 from hulldown.planning.config.template import config_text
@@ -115,7 +115,7 @@ def create_project(
     """
     folder = Path(folder)
     refuse_config(folder / CONFIG)
-    with shown("building demo assets") as advance:
+    with reporting("building demo assets") as advance:
         build_demo_assets(folder, seed=seed, progress=advance)
     return write_config(folder, project_text(small=small, values=values))
 

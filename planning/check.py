@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from hulldown.assets.library import Assets
 from hulldown.base.errors import ConfigError
-from hulldown.base.terminal import shown
+from hulldown.base.terminal import reporting
 from hulldown.placement.contact import gap_and_penetration
 from hulldown.planning.block_rows import bounds_in_rows, geo_in_rows, labels_of, of_views
 from hulldown.planning.plan.row import Label, PlannedVehicle, Row, encode, fields, rounded
@@ -51,7 +51,7 @@ def check_plan(plan: Plan, assets: Assets) -> list[str]:
             path=plan.path,
             remedy="plan again with `hulldown plan`, or bring the old file back",
         )
-    with shown("checking") as advance:
+    with reporting("checking") as advance:
         return check_rows(plan, planner, progress=advance)
 
 

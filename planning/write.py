@@ -88,7 +88,7 @@ def plan(
     >>> made = plan("project/hulldown.toml", "project/plan.jsonl")  # doctest: +SKIP
     """
     # Local imports, since the worker processes import this module.
-    from hulldown.base.terminal import reading_status, shown
+    from hulldown.base.terminal import reading_status, reporting
     from hulldown.pictures.sheets import make_room_for_picture
     from hulldown.planning.appearance.hdri_land import land_above_horizon
     from hulldown.planning.inputs.loading import load_library
@@ -114,7 +114,7 @@ def plan(
     if stated := sum(map(len, doubts.values())) - sum(map(len, unsaid.values())):
         warnings.warn(f"{stated} doubts aren't repeated, since `init` wrote them into {config.path}", stacklevel=2)
     assets = replace(library.assets, photographs=photographs)
-    with shown("planning", progress) as advance:
+    with reporting("planning", progress) as advance:
         made = write_plan(
             config,
             assets,

@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 
 from hulldown.base.errors import ConfigError
-from hulldown.base.files import PICTURE_NAME, stays_inside
+from hulldown.base.files import stays_inside
 from hulldown.dataset.rows import image_record
 from hulldown.planning.plan.lines import PlanWriter
+from hulldown.planning.plan.picture_names import PICTURE_NAME
 from hulldown.planning.plan.row import PlannedVehicle, Row, decode_header, encode, fields
 from hulldown.planning.plan_file import read_plan
 from hulldown.tests.plan_lines import HEADER, POSE, VEHICLE, line, row, write_lines

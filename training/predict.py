@@ -19,7 +19,7 @@ from PIL import Image
 from hulldown.base.errors import HulldownError
 from hulldown.base.files import make_room, open_in_place, open_regular, replace_file, replacing
 from hulldown.base.outside import json_of, sha256_of
-from hulldown.base.terminal import shown
+from hulldown.base.terminal import reporting
 from hulldown.pictures.drawing import Drawn, draw
 from hulldown.training.detectors.detector import (
     Detector,
@@ -163,7 +163,7 @@ def predict(
     done = _resumed(unfinished, key)
     already = len(done)
     left = [k for k, image in enumerate(found.images) if image.id not in done]
-    with shown("predicting", progress) as advance, open_in_place(unfinished) as file:
+    with reporting("predicting", progress) as advance, open_in_place(unfinished) as file:
         for some in _detected(detector, found, ids, left, batch):
             file.write(_lines(some))
             file.flush()

@@ -11,7 +11,7 @@ import orjson
 
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import all_or_nothing
-from hulldown.base.terminal import shown
+from hulldown.base.terminal import reporting
 from hulldown.dataset.exports.split import positions, shuffled
 from hulldown.dataset.images import Image
 from hulldown.dataset.records import read_usable
@@ -117,7 +117,7 @@ def write_subsets(
     chosen = {name: set(ids) for name, ids in zip(names, subsets, strict=True)}
     done, total = 0, sum(sizes)
     head = {"info": {}, **found.head, "categories": [category.record for category in found.categories]}
-    with shown("linking images") as advance, all_or_nothing(out) as unfinished:
+    with reporting("linking images") as advance, all_or_nothing(out) as unfinished:
         for name, ids in chosen.items():
             images = [image for image in found.images if image.id in ids]
             for image in images:

@@ -15,7 +15,7 @@ from hulldown.annotate.masks import extent
 from hulldown.annotate.outlines import polygons
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import all_or_nothing, is_done
-from hulldown.base.terminal import say, shown
+from hulldown.base.terminal import reporting, say
 from hulldown.dataset.exports.layouts import coco_folders, dota, huggingface, kitti, voc, webdataset, yolo
 from hulldown.dataset.exports.layouts.shares import Item, Shares, flat_names, sound_pictures
 from hulldown.dataset.exports.split import SPLITS, share_out
@@ -126,7 +126,7 @@ def export(
     if is_done(Path(out), key):
         say(f"{out}: is complete already")
         return counts
-    with shown("linking images", progress) as advance, all_or_nothing(Path(out), key) as unfinished:
+    with reporting("linking images", progress) as advance, all_or_nothing(Path(out), key) as unfinished:
         LAYOUTS[layout](replace(shares, progress=advance), unfinished)
     return counts
 

@@ -15,7 +15,7 @@ from scipy.stats import ks_2samp
 from hulldown.assets.photographs import Photographs
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
-from hulldown.base.terminal import shown
+from hulldown.base.terminal import reporting
 from hulldown.dataset.reports.charts import BINS, two_histograms
 from hulldown.dataset.reports.coverage import FEWEST, Coverage, coverage_of
 from hulldown.dataset.table import Dataset
@@ -219,7 +219,7 @@ def compare(
     if pixels and files:
         dataset_rows, photograph_rows = spread(len(dataset.images), MOST_PICTURES), spread(len(files), MOST_PICTURES)
         own_pictures, pictures = [], []
-        with shown("comparing", None) as advance:
+        with reporting("comparing", None) as advance:
             for done, i in enumerate([*dataset_rows.tolist(), *photograph_rows.tolist()], start=1):
                 if done <= len(dataset_rows):
                     own_pictures.append(_small(np.asarray(dataset.picture(i, labels=False).convert("RGB"))))

@@ -17,7 +17,7 @@ from hulldown.annotate.rectangles import rectangle_corners
 from hulldown.assets.photographs import read_photographs
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import make_room, replace_file
-from hulldown.base.terminal import shown
+from hulldown.base.terminal import reporting
 from hulldown.dataset.attributes import SCALES, SIDES, SIZE, bins_of, camera_poses, pose_of, poses
 from hulldown.dataset.images import Image, Label
 from hulldown.dataset.labels.box_3d import BOX_3D
@@ -92,7 +92,7 @@ def report(
         comparison = compare(dataset, read_photographs(Path(photographs)), pixels=source.is_dir(), encode=encode)
     chosen = spread(len(dataset), most)
     tiles = []
-    with shown("thumbnails", None) as advance:
+    with reporting("thumbnails", None) as advance:
         for i in chosen.tolist():
             tiles.append(_tile(dataset, i))
             advance(len(tiles), len(chosen))

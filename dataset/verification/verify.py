@@ -13,7 +13,7 @@ from pycocotools.coco import COCO
 
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.base.outside import DATA, json_with_repeats, read_file
-from hulldown.base.terminal import reading_status, shown
+from hulldown.base.terminal import reading_status, reporting
 from hulldown.dataset.records import Finding, check_annotations, check_categories, check_images, check_runs, check_seals
 from hulldown.dataset.rows import check_planned
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, JOURNAL_NAME, read_coco
@@ -89,7 +89,7 @@ def verify(
         findings.append(Finding("warning", JOURNAL_NAME, problem))
     if not fast:
         findings += check_seals(coco)
-    with shown("checking", progress) as advance:
+    with reporting("checking", progress) as advance:
         findings += check_pictures(folder, coco, fast=fast, look=look, progress=advance)
     return findings
 

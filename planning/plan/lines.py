@@ -20,10 +20,11 @@ import numpy as np
 from jaxtyping import Int
 
 from hulldown.base.errors import ConfigError
-from hulldown.base.files import open_in_place, open_regular, picture_name
+from hulldown.base.files import open_in_place, open_regular
 from hulldown.base.outside import json_of
 from hulldown.placement.rejection import BY_KEY
 from hulldown.planning.plan.misfit import misfit
+from hulldown.planning.plan.picture_names import picture_name
 from hulldown.planning.plan.row import FORMAT, Header, Row, decode_header, decode_row, encode
 
 _CHUNK = 1 << 24

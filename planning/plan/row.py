@@ -17,13 +17,13 @@ from jaxtyping import Float
 from msgspec import Meta, Struct
 
 from hulldown.assets.library import GeometrySource, HdriSource, Source
-from hulldown.base.files import PICTURE_NAME
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.camera.sensor import Sensor
 from hulldown.camera.weather.kinds import Weather
 from hulldown.planning.plan.coats import Coat
 from hulldown.planning.plan.given_poses import FARTHEST, GivenPoses
+from hulldown.planning.plan.picture_names import PICTURE_NAME
 
 FORMAT = 4
 

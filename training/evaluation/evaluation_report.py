@@ -15,7 +15,7 @@ from msgspec.structs import asdict
 
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.base.files import make_room, replace_file
-from hulldown.base.terminal import shown
+from hulldown.base.terminal import reporting
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.detector_report import (
     DetectorReport,
@@ -97,7 +97,7 @@ def evaluate_files(
             f"--validation names {len(validation) - 1} files of detections where {len(paths)} are evaluated",
             remedy="name a dataset and then the detections of each detector in it",
         )
-    with shown("evaluating", progress) as advance:
+    with reporting("evaluating", progress) as advance:
         labels = read_labels(Path(dataset))
         read = [read_predictions(path, labels, name=name) for path, name in zip(paths, _names(paths), strict=True)]
         if validation:

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.base.files import replace_file
 from hulldown.base.outside import read_json, sha256_of
-from hulldown.base.terminal import shown
+from hulldown.base.terminal import reporting
 from hulldown.base.toml_files import validated
 from hulldown.dataset.records import read_usable
 from hulldown.training.inputs.draws import draws_text
@@ -120,7 +120,7 @@ def settle(config: StudyConfig) -> Manifest:
     classes, found = read_sources(folders)
     sources = {source.name: source for source in found}
     _check_classes(sources, classes)
-    with shown("checking pictures") as advance:
+    with reporting("checking pictures") as advance:
         checked = check_pictures(found, progress=advance)
     _check_apart(sources, checked)
     datasets = {
