@@ -14,8 +14,6 @@ from hulldown.geometry.transforms import apply, compose, product, rotation_about
 
 Articulation = Mapping[str, float]  # part name -> radians; parts not named are at rest
 
-HULL = 0  # the part that stands on the ground and turns about nothing
-
 
 @dataclass(frozen=True, eq=False, slots=True)
 class VehicleShape:
@@ -129,15 +127,6 @@ class VehicleShape:
                 if parent >= 0:
                     affine[:, i] = compose(affine[:, parent], affine[:, i])
         return poses
-
-    def vertices_at(self, articulation: Articulation) -> Float[np.ndarray, "v 3"]:
-        """Return all vertices in the vehicle frame with the parts turned."""
-        vertices = self.mesh.vertices.copy()
-        for i, pose in enumerate(self.vehicle_from_parts(articulation)):
-            if i != HULL and not np.array_equal(pose, np.eye(4)):
-                of_part = self.vertex_part == i
-                vertices[of_part] = apply(pose, vertices[of_part])
-        return vertices
 
     def keypoints_at(
         self, articulation: Articulation | Sequence[Articulation] | Float[np.ndarray, "1 p"]

@@ -20,6 +20,7 @@ from hulldown.camera.projection import Camera
 from hulldown.camera.shell import camera_pose
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply, rigid, rotation_z
+from hulldown.tests.shapes import vertices_at
 
 KINDS = ("framed", "cut by the frame", "across the near plane")
 PEERS = {
@@ -213,7 +214,7 @@ def _views(kind: str, count: int, shape: VehicleShape) -> list[tuple[np.ndarray,
         aside = rng.normal(size=3) * (0.0 if kind == KINDS[0] else 0.2 * distance)
         camera = Camera(HD, camera_pose(pose[:3, 3] + aside, distance, rng.uniform(0, 7), rng.uniform(0, 0.7)))
         box, amodal = boxes.box(pose, camera, turned), boxes.box(pose, camera, turned, frame=False)
-        depth = apply(camera.camera_from_world @ pose, shape.vertices_at(turned))[:, 2]
+        depth = apply(camera.camera_from_world @ pose, vertices_at(shape, turned))[:, 2]
         crossing = depth.min() < 0.1 < depth.max()
         if box is None or amodal is None or crossing != (kind == KINDS[2]):
             continue
@@ -229,7 +230,7 @@ def _errors(count: int) -> dict:
     for kind in KINDS:
         views = _views(kind, count, shape)
         truth = [
-            surface_box(apply(pose, shape.vertices_at(turned)), shape.mesh.faces, camera)
+            surface_box(apply(pose, vertices_at(shape, turned)), shape.mesh.faces, camera)
             for pose, camera, turned in views
         ]
         answers = {name: [rule(*view) for view in views] for name, rule in rules.by_name.items()}

@@ -22,6 +22,7 @@ from hulldown.geometry.transforms import apply, rigid, rotation_z
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
 from hulldown.scene.visibility import Visibility, visible_fraction
+from hulldown.tests.shapes import vertices_at
 
 RAYS = (64, 256, 1024, 4096, 16384, 65536)
 SHOWN = 4  # rows of the table; the plot shows all
@@ -72,7 +73,7 @@ class Woods:
 
     def placed(self, i: int) -> Mesh:
         """The vehicle of view i, turned, in the world."""
-        vertices = apply(self.world_from_vehicle[i], self.shape.vertices_at(self.articulation[i]))
+        vertices = apply(self.world_from_vehicle[i], vertices_at(self.shape, self.articulation[i]))
         return Mesh(vertices, self.shape.mesh.faces)
 
     def by_pixels(self, i: int, pixels: np.ndarray, vehicle: RayCaster) -> tuple[int, int]:

@@ -129,10 +129,7 @@ def frame_bounds(
         If the lens folds inside the image.
     """
     fx, fy, cx, cy = pinhole
-    t = np.linspace(0.0, 1.0, SIDE + 1)
-    zero, one = np.zeros_like(t), np.ones_like(t)
-    sides = np.array([[t, zero], [t, one], [zero, t], [one, t]]).transpose(0, 2, 1)
-    pixels = (sides * [width, height] - [cx, cy]) / [fx, fy]
+    pixels = (along_sides(SIDE) * [width, height] - [cx, cy]) / [fx, fy]
     if not any(distortion):
         return tuple(pixels.min(axis=(0, 1)).tolist()), tuple(pixels.max(axis=(0, 1)).tolist())
     unit = undistorted(pixels, distortion, seen_radius(distortion))
@@ -144,6 +141,13 @@ def frame_bounds(
     # Between two places a side bulges by no more than an eighth of the second difference.
     bulge = np.abs(np.diff(unit, n=2, axis=1)).max(axis=(0, 1))
     return tuple((unit.min(axis=(0, 1)) - bulge).tolist()), tuple((unit.max(axis=(0, 1)) + bulge).tolist())
+
+
+def along_sides(parts: int) -> np.ndarray:
+    """Return points (4, parts + 1, 2) that cut each side of the unit square into equal parts, ends included."""
+    t = np.linspace(0.0, 1.0, parts + 1)
+    zero, one = np.zeros_like(t), np.ones_like(t)
+    return np.array([[t, zero], [t, one], [zero, t], [one, t]]).transpose(0, 2, 1)
 
 
 def _within(points: np.ndarray, radius: float) -> np.ndarray:

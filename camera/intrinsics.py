@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hulldown.camera.distortion import NONE, distorted, frame_bounds, seen_radius, undistorted
+from hulldown.camera.distortion import NONE, along_sides, distorted, frame_bounds, seen_radius, undistorted
 from hulldown.geometry.portable import arctan2, hypot, tan
 
 WHOLE = (int, np.integer)  # built once: building the union for each camera would take longer than the checks
@@ -51,8 +51,8 @@ class Intrinsics:
     --------
     >>> import math
     >>> camera = Intrinsics(width=1920, height=1080, fov_x=math.radians(60.0))
-    >>> round(camera.f_px, 1), round(math.degrees(camera.fov_y), 1)
-    (1662.8, 36.0)
+    >>> round(float(camera.f_px), 1)
+    1662.8
     >>> round(float(camera.distance_for(2.4, 0.2)), 2)  # 2.4 m high, a fifth of the image's height
     18.48
     """
@@ -144,16 +144,6 @@ class Intrinsics:
         return selected
 
     @property
-    def aspect(self) -> float:
-        """Width over height (eq 2)."""
-        return self.width / self.height
-
-    @property
-    def fov_y(self) -> float:
-        """Vertical field of view in radians (eq 3), of a camera that isn't calibrated."""
-        return 2.0 * math.atan(self.half_tangents[1])
-
-    @property
     def half_tangents(self) -> tuple[float, float]:
         """Half the width and height at unit depth of the smallest centered image that holds this one."""
         if self.pinhole is None:
@@ -168,7 +158,7 @@ class Intrinsics:
         """(2,) or (m, 2) focal lengths fx and fy in pixels (eq 4)."""
         if self.pinhole is not None:
             return np.array(self.pinhole[:2])
-        # The same number as eq 4, (height / 2) / tan(fov_y / 2), without the digits that going through fov_y costs.
+        # The same number as (height / 2) / tan(fov_y / 2), without the digits that going through eqs 2 and 3 costs.
         f = self.width / 2.0 / tan(self.fov_x / 2.0)
         return np.stack([f, f], -1)
 
@@ -189,6 +179,12 @@ class Intrinsics:
     def size(self) -> np.ndarray:
         """(2,) width and height in pixels."""
         return np.array([self.width, self.height], dtype=np.float64)
+
+    @property
+    def pixel_centers(self) -> np.ndarray:
+        """(height * width, 2) the centers of all pixels, row by row."""
+        pixel = np.arange(self.width * self.height)
+        return np.stack([pixel % self.width, pixel // self.width], axis=1) + 0.5
 
     @property
     def matrix(self) -> np.ndarray:
@@ -257,9 +253,7 @@ class Intrinsics:
 
         It's the whole image if the lens doesn't see the whole window.
         """
-        t = np.linspace(0.0, 1.0, ALONG + 1)
-        zero, one = np.zeros_like(t), np.ones_like(t)
-        sides = np.array([[t, zero], [t, one], [zero, t], [one, t]]).transpose(0, 2, 1)
+        sides = along_sides(ALONG)
         pixels = self.pixels(low[:, None] + (high - low)[:, None] * sides.reshape(-1, 2)).reshape(-1, *sides.shape)
         # Between two places a side bulges by about an eighth of the second difference.
         bulge = np.abs(np.diff(pixels, n=2, axis=2)).max(axis=(1, 2))

@@ -1,4 +1,4 @@
-"""Projection of world points to pixels and back, for one or many cameras."""
+"""World points to pixels, and pixels to rays, for one or many cameras."""
 
 from __future__ import annotations
 
@@ -114,11 +114,6 @@ class Camera:
     def project(self, points_world: ArrayLike) -> Projected:
         """Return pixels (n, 2) and depth (n,) of world points (n, 3); pixels are nan at or behind the camera."""
         return project(self.intrinsics, self.world_from_camera, points_world)
-
-    def unproject(self, pixels: ArrayLike, depth: ArrayLike) -> Float[np.ndarray, "n 3"]:
-        """World points seen at `pixels` (n, 2) at `depth` (n,) meters along the optical axis."""
-        z = checked(depth, "depth", ("n",), finite=False)
-        return apply(self.world_from_camera, directions(self.intrinsics, pixels) * z[:, None])
 
     def ray_directions(self, pixels: ArrayLike) -> Float[np.ndarray, "n 3"]:
         """World unit directions of the rays through `pixels` (n, 2); all start at `position`."""

@@ -74,7 +74,11 @@ def _daylight(kelvin: float) -> np.ndarray:
     t = 1000.0 / kelvin
     cool, warm = ((0.244063, 0.09911, 2.9678, -4.6070), (0.237040, 0.24748, 1.9018, -2.0064))
     x = float(np.polyval((cool if kelvin <= 7000.0 else warm)[::-1], t))
-    y = -3.0 * x * x + 2.870 * x - 0.275
+    return _xyz(x, -3.0 * x * x + 2.870 * x - 0.275)
+
+
+def _xyz(x: float, y: float) -> np.ndarray:
+    """XYZ of luminance 1 of a CIE 1931 chromaticity."""
     return np.array([x / y, 1.0, (1.0 - x - y) / y])
 
 
@@ -96,7 +100,7 @@ def off_daylight(light: np.ndarray, *, warmest: float = 2000.0) -> float:
     """
     kelvins = (4000.0, 4500.0, 5000.0, 5500.0, 6500.0, 8000.0, 12000.0, 25000.0)
     daylight = [_daylight(kelvin) for kelvin in kelvins if kelvin >= warmest]
-    sunsets = [np.array([x / y, 1.0, (1.0 - x - y) / y]) for x, y in _BLACK_BODY if warmest < 4000.0]
+    sunsets = [_xyz(x, y) for x, y in _BLACK_BODY if warmest < 4000.0]
     places = np.stack([_uv(color) for color in (*sunsets, *daylight)])
     place, start, along = _uv(_XYZ @ light), places[:-1], np.diff(places, axis=0)
     share = np.clip(((place - start) * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)

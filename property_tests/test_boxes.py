@@ -25,7 +25,7 @@ from hulldown.geometry.transforms import apply, rigid
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
 from hulldown.tests.oracles.clipping import clipped
 from hulldown.tests.oracles.curves import LENSES, dense_extent
-from hulldown.tests.shapes import random_rotations, vehicle_of
+from hulldown.tests.shapes import random_rotations, vehicle_of, vertices_at
 
 PIXEL_ERROR = 1e-6  # the promised error; relative for boxes with more digits than a pixel's
 View = tuple[VehicleShape, np.ndarray, Camera, dict[str, float]]  # with the vehicle's pose and articulation
@@ -165,7 +165,7 @@ def test_the_fast_box_equals_clipping(seed: int, frame: bool, large: bool) -> No
 def assert_is_the_rule(boxes: VehicleBoxes, view: View, *, frame: bool) -> None:
     shape, pose, camera, articulation = view
     found = boxes.box(pose, camera, articulation, frame=frame)
-    vertices_world = apply(pose, shape.vertices_at(articulation))
+    vertices_world = apply(pose, vertices_at(shape, articulation))
     expected = surface_box(vertices_world, shape.mesh.faces, camera, frame=frame)
     # Coordinates of 1e4 m have rounding errors of 1e-12 m, which a long lens nearby magnifies to pixels.
     far = 1e-15 * np.abs(vertices_world).max() * camera.intrinsics.f_px / NEAR

@@ -34,6 +34,7 @@ from hulldown.tests.planning_assets import (
     small_config,
     to_camera,
 )
+from hulldown.tests.shapes import vertices_at
 
 # Rounding of rows: see planning/plan/row.py.
 ROUNDED, ROTATION, PIXELS = 1e-9, 1e-12, 1e-6
@@ -192,7 +193,7 @@ def guests_keep_their_distance(row, config):
     for one in row.planned:
         for other in row.planned:
             if one is not other:
-                points = apply(other.world_from_vehicle, SHAPES[other.vehicle].vertices_at(other.articulation))
+                points = apply(other.world_from_vehicle, vertices_at(SHAPES[other.vehicle], other.articulation))
                 points = apply(np.linalg.inv(one.world_from_vehicle), points)
                 hull = SHAPES[one.vehicle].mesh.vertices[:8]
                 low, high = hull.min(axis=0), hull.max(axis=0)
@@ -251,7 +252,7 @@ def stands_within_limits(row, vehicle, config, *, target):
     assert above.max() <= limits.max_gap + 1e-3
     assert -above.min() <= limits.max_penetration + 1e-3
     assert vehicle.gap == pytest.approx(max(above.max(), 0.0), abs=1e-3)
-    world = apply(pose, shape.vertices_at(vehicle.articulation))
+    world = apply(pose, vertices_at(shape, vehicle.articulation))
     for pose_k, mesh_k in zip(scenery.world_from_instance, scenery.instance_mesh, strict=True):
         obstacle = apply(pose_k, scenery.obstacle_meshes[mesh_k].vertices)
         # Necessary, not sufficient: no vertex of the vehicle may be inside an obstacle's (axis-aligned) box.
@@ -285,7 +286,7 @@ def camera_within_limits(row, config):
     scenery = ASSETS.sceneries[row.scenery]
     ground = TERRAINS[scenery.name].top_hits(camera[None, :2, 3]).z[0] if scenery.ground else 0.0
     assert camera[2, 3] - ground >= limits.ground_clearance - 1e-9
-    vertices = apply(pose, shape.vertices_at(row.target.articulation))
+    vertices = apply(pose, vertices_at(shape, row.target.articulation))
     found = surface_box(vertices, shape.mesh.faces, Camera(intrinsics, camera))
     amodal = surface_box(vertices, shape.mesh.faces, Camera(intrinsics, camera), frame=False)
     assert row.target.bbox == pytest.approx(found, abs=1e-6)

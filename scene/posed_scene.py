@@ -151,7 +151,6 @@ class Scene:
     def nearest(self, origins: ArrayLike, directions: ArrayLike) -> SceneHits:
         """First hit of each ray; on ties ground, then obstacles, then vehicles. Arguments as for `occluded`."""
         start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
-
         return self._first(along, lambda thing, reach: thing.cast(start, along, max_distance=reach))
 
     def seen_by(self, camera: Camera, *, threads: int = 1) -> SceneHits:
@@ -264,9 +263,7 @@ class Scene:
 
         As `occluded`, and faster in a wood.
         """
-        width, height = camera.intrinsics.width, camera.intrinsics.height
-        pixel = np.arange(width * height)
-        along = camera.ray_directions(np.stack([pixel % width, pixel // width], axis=1) + 0.5)
+        along = camera.ray_directions(camera.intrinsics.pixel_centers)
         free = np.ones(len(along), dtype=bool)
         for _, _, thing in self._things():
             left = np.flatnonzero(free)

@@ -20,6 +20,7 @@ from hulldown.geometry.rays import RayCaster
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import Exported, Job, ask_reader, exported_by, job_for
 from hulldown.tests.blender_plans import run_script
+from hulldown.tests.shapes import vertices_at
 
 SIZE, FOV = 160, math.radians(40)  # of pictures
 VEHICLES = [
@@ -155,7 +156,7 @@ def silhouette(asset: VehicleShape | Scenery, camera: np.ndarray, articulation: 
     directions = np.stack([x, y, -np.ones_like(x)], axis=-1).reshape(-1, 3) @ camera[:3, :3].T
     origins = np.repeat(camera[None, :3, 3], len(directions), axis=0)
     if isinstance(asset, VehicleShape):
-        posed = Mesh(asset.vertices_at(articulation or {}), asset.mesh.faces)
+        posed = Mesh(vertices_at(asset, articulation or {}), asset.mesh.faces)
         return RayCaster(posed).cast(origins, directions).hit.reshape(SIZE, SIZE)
     seen = InstancedScene(asset.obstacle_meshes, asset.instance_mesh, asset.world_from_instance)
     hit = seen.cast(origins, directions).hit

@@ -13,7 +13,7 @@ from hulldown.geometry.transforms import apply
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.config.schema import Config
 from hulldown.planning.planner import BLOCK, Planner
-from hulldown.tests.shapes import box, scenery_of, surface, vehicle_of
+from hulldown.tests.shapes import box, scenery_of, surface, vehicle_of, vertices_at
 
 CLASSES = {"t72": "tank", "leo": "tank", "ural": "truck"}
 SCALES = {"t72": 1.0, "leo": 1.1, "ural": 0.8}
@@ -109,7 +109,7 @@ def small_config(**sections):
 
 def to_camera(shape, vehicle, row):
     """From the center of a vehicle's box, parts turned, to the camera, in the world."""
-    vertices = shape.vertices_at(vehicle.articulation)
+    vertices = vertices_at(shape, vehicle.articulation)
     center = apply(vehicle.world_from_vehicle, (vertices.min(axis=0) + vertices.max(axis=0))[None] / 2.0)[0]
     return row.world_from_camera[:3, 3] - center
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from hulldown.assets.scenery import Scenery
-from hulldown.assets.vehicle import VehicleShape
+from hulldown.assets.vehicle import Articulation, VehicleShape
 from hulldown.geometry.meshes import Mesh, merge
-from hulldown.geometry.transforms import rotation_about
+from hulldown.geometry.transforms import apply, rotation_about
 
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
@@ -17,6 +17,12 @@ FACES = np.array([face for a, b, c, d in QUADS for face in ([a, b, c], [a, c, d]
 PARTS = ("hull", "turret", "gun")
 AXES = np.array([[0, 0, 1.0], [0, 0, 1.0], [0, -1.0, 0]])
 LIMITS = np.array([[0, 0], [-np.pi, np.pi], [-0.1, 0.35]])
+
+
+def vertices_at(shape: VehicleShape, articulation: Articulation) -> np.ndarray:
+    """All vertices (v, 3) in the vehicle frame with the parts turned."""
+    poses = shape.vehicle_from_parts(articulation)[shape.vertex_part]
+    return apply(poses, shape.mesh.vertices[:, None])[:, 0]
 
 
 def box(low, high, name: str = "mesh") -> Mesh:

@@ -31,6 +31,7 @@ from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import export
 from hulldown.tests.blender_plans import run_python
 from hulldown.tests.parameters import few
+from hulldown.tests.shapes import vertices_at
 
 # Prints hashes of the pose and the evaluated points of each object, without rounding.
 FINGERPRINT = """
@@ -169,7 +170,7 @@ def test_vehicles_are_read_as_intended(built, name, tmp_path):
     assert {row.name for row in report.rows if row.use == "dropped"} >= {"Floor", "Grid", "Camera", "Sun"}
     if CATEGORY[name] != TRUCK:
         # Raising the gun moves it up in front of its pivot and moves nothing else.
-        rest, raised = shape.vertices_at({}), shape.vertices_at({"gun": 0.2})
+        rest, raised = vertices_at(shape, {}), vertices_at(shape, {"gun": 0.2})
         moved = np.abs(raised - rest).max(axis=1) > 1e-9
         assert moved.any()
         assert set(shape.vertex_part[moved]) == {shape.part_names.index("gun")}

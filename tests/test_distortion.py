@@ -13,6 +13,7 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.camera.shell import camera_pose
 from hulldown.geometry.transforms import rigid, rotation_about
+from hulldown.tests.cameras import unproject
 from hulldown.tests.oracles.curves import LENSES
 from hulldown.tests.planning_assets import filled_share, plan, small_assets, small_config, vehicle
 from hulldown.tests.shapes import sheet
@@ -47,7 +48,7 @@ def test_a_camera_projects_and_casts_rays_like_opencv(name):
     camera = Camera(intrinsics, pose)
     pixels = np.random.default_rng(1).uniform(0, [1920, 1080], (2000, 2))
     depth = np.random.default_rng(2).uniform(0.2, 100, 2000)
-    points = camera.unproject(pixels, depth)
+    points = unproject(camera, pixels, depth)
     lens, world = np.array(LENSES[name]), np.linalg.inv(pose)
     seen, _ = cv2.projectPoints(points, cv2.Rodrigues(world[:3, :3])[0], world[:3, 3], intrinsics.matrix, lens)
     np.testing.assert_allclose(seen[:, 0], pixels, atol=1e-7)

@@ -21,9 +21,9 @@ from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
 from hulldown.tests.editing import append, edit
 from hulldown.tests.planning_assets import small_assets
-from hulldown.tests.shapes import FACES
-from hulldown.tests.test_masks import CAMERA, CUBE, SHAPE
+from hulldown.tests.shapes import FACES, vertices_at
 from hulldown.tests.test_roles import link
+from hulldown.tests.test_silhouettes import CAMERA, CUBE, SHAPE
 
 # In the center of each face of the cube, and in front of the camera but outside the picture.
 POINTS = {
@@ -58,7 +58,7 @@ def test_a_keypoint_moves_with_the_part_of_the_nearest_surface(tmp_path):
     points = shape.mesh.vertices[:: max(1, len(shape.mesh.vertices) // 40)]
     marked = shape.with_keypoints({f"p{i}": (point, None) for i, point in enumerate(points)})
     turned = {name: 0.3 for name in shape.part_names[1:]}
-    moved = shape.vertices_at(turned)[:: max(1, len(shape.mesh.vertices) // 40)]
+    moved = vertices_at(shape, turned)[:: max(1, len(shape.mesh.vertices) // 40)]
     shared = np.abs(marked.keypoints_at(turned) - moved).max(axis=1) > 1e-9
     assert shared.mean() < 0.2  # two parts touch there
     save(tmp_path / "v.npz", marked)
@@ -147,7 +147,8 @@ def test_verify_checks_keypoints_of_a_category_without_a_usable_name(dataset, na
         dataset, lambda coco: (coco["categories"][0].update(name=name), coco["annotations"][0].update(num_keypoints=3))
     )
     problems = [finding.problem for finding in verify(dataset, fast=True)]
-    assert any(problem.startswith("name is") for problem in problems) and "num_keypoints is 3" in problems
+    assert any(problem.startswith("name is") for problem in problems)
+    assert "num_keypoints is 3" in problems
 
 
 def test_other_keypoints_of_a_category_are_refused(dataset, tmp_path):

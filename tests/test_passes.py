@@ -15,6 +15,7 @@ from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.search.stage import make_stage
 from hulldown.planning.write import write_plan
+from hulldown.tests.cameras import unproject
 from hulldown.tests.planning_assets import small_assets, small_config
 
 ASSETS = small_assets(distractors=True)
@@ -75,7 +76,7 @@ def test_depths_and_normals_equal_those_of_the_ground(made):
         rows, columns = np.nonzero((arrays["instance"] == ground) & (arrays["ray"] < 300.0))  # a plane is unlimited
         pixels, camera = np.stack([columns, rows], 1) + 0.5, row.camera
         axis, ray = (arrays[name][rows, columns].astype(float) for name in ("axis", "ray"))
-        points = camera.unproject(pixels, axis)
+        points = unproject(camera, pixels, axis)
         assert np.allclose(points, camera.position + ray[:, None] * camera.ray_directions(pixels), rtol=0, atol=1e-3)
         tops = terrains[row.scenery].top_hits(points[:, :2])
         assert np.abs(tops.z - points[:, 2]).max() < 1e-3

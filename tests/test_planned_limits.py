@@ -15,6 +15,7 @@ from hulldown.planning.plan.row import encode_rows
 from hulldown.planning.planner import Planner
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
 from hulldown.tests.planning_assets import bare, filled_share, hills, plan, small_assets, small_config, vehicle
+from hulldown.tests.shapes import vertices_at
 
 TANK = vehicle("t72")
 ROCK = 1  # of the obstacle meshes, lower than the gun
@@ -82,7 +83,7 @@ def sized(**camera):
 
 def amodal_share(row, measure):
     """Share of the image by the exact rule, from the row's poses alone."""
-    vertices = apply(row.target.world_from_vehicle, TANK.vertices_at(row.target.articulation))
+    vertices = apply(row.target.world_from_vehicle, vertices_at(TANK, row.target.articulation))
     return filled_share(surface_box(vertices, TANK.mesh.faces, row.camera, frame=False)[2:], row, measure)
 
 

@@ -14,6 +14,7 @@ from hulldown.dataset.rows import label_records
 from hulldown.dataset.store.declared import fields_of, misfits
 from hulldown.geometry.transforms import apply
 from hulldown.tests.planning_assets import plan, small_assets, small_config
+from hulldown.tests.shapes import vertices_at
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +29,7 @@ def rows(assets):
 
 def points_of(assets, vehicle, row):
     """All vertices of a vehicle in its camera's frame."""
-    points = apply(vehicle.world_from_vehicle, assets.vehicles[vehicle.vehicle].vertices_at(vehicle.articulation))
+    points = apply(vehicle.world_from_vehicle, vertices_at(assets.vehicles[vehicle.vehicle], vehicle.articulation))
     return apply(np.linalg.inv(row.world_from_camera), points)
 
 

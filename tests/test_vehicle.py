@@ -6,6 +6,7 @@ import pytest
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply, rigid, rotation_about
+from hulldown.tests.shapes import vertices_at
 
 RNG = np.random.default_rng(0)
 AXIS = np.array([[0.0, 0, 1], [0, 0, 1], [0.1, -1, 0.2], [1, 2, 3]])
@@ -39,7 +40,7 @@ def test_parts_turn_about_their_pivots_and_move_with_their_parents(articulation:
     expected = twin(articulation)
     np.testing.assert_allclose(SHAPE.vehicle_from_parts(articulation), expected, rtol=0, atol=1e-15 * 8)
     vertices = np.concatenate([apply(expected[i], SHAPE.mesh.vertices[3 * i : 3 * i + 3]) for i in range(4)])
-    np.testing.assert_allclose(SHAPE.vertices_at(articulation), vertices, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(vertices_at(SHAPE, articulation), vertices, rtol=0, atol=1e-14)
 
 
 def test_one_articulation_equals_a_row_of_many_bit_for_bit() -> None:

@@ -12,7 +12,7 @@ from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import rigid, rotation_about, rotation_z
 from hulldown.scene.posed_scene import Kind, Plane, Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
-from hulldown.tests.shapes import box
+from hulldown.tests.shapes import box, vertices_at
 from hulldown.tests.test_visibility import TANK
 
 TILT = rotation_about(np.array([0.6, 0.0, 0.8]), 0.7)
@@ -34,7 +34,9 @@ def in_the_world() -> tuple[trimesh.Trimesh, np.ndarray]:
         vertices = trimesh.transform_points(WOOD.meshes[mesh].vertices, pose)
         things.append((Kind.OBSTACLE, i, vertices, WOOD.meshes[mesh].faces))
     for i, vehicle in enumerate(VEHICLES):
-        vertices = trimesh.transform_points(TANK.shape.vertices_at(vehicle.articulation), vehicle.world_from_vehicle[0])
+        vertices = trimesh.transform_points(
+            vertices_at(TANK.shape, vehicle.articulation), vehicle.world_from_vehicle[0]
+        )
         things.append((Kind.VEHICLE, i, vertices, TANK.shape.mesh.faces))
     made = trimesh.util.concatenate([trimesh.Trimesh(v, f, process=False) for _, _, v, f in things])
     parts = TANK.shape.vertex_part[TANK.shape.mesh.faces].max(axis=1)

@@ -35,8 +35,7 @@ def land_above_horizon(plan: PlanFile, assets: Assets) -> tuple[int, int]:
         world = Scene.of(assets.sceneries[scenery], fallback_z=fallback_z)
         for row in of_scenery:
             camera = Camera(row.intrinsics.resized(COLUMNS, ROWS), row.world_from_camera)
-            x, y = np.meshgrid(np.arange(COLUMNS) + 0.5, np.arange(ROWS) + 0.5)
-            along = camera.ray_directions(np.stack([x.ravel(), y.ravel()], axis=1))
+            along = camera.ray_directions(camera.intrinsics.pixel_centers)
             down = along[along[:, 2] < BELOW]
             missed = ~world.nearest(np.tile(camera.position, (len(down), 1)), down).hit
             count += int(missed.sum()) > SEEN * COLUMNS * ROWS

@@ -142,8 +142,7 @@ def pixels_of(row: Row, artist: Artist, sceneries: Mapping[str, Scenery]) -> Pix
     """Cast a ray through the center of each pixel of an image; `sceneries` are the plan's by name."""
     camera, shape = row.camera, (row.height, row.width)
     hits = artist.scene(row).seen_by(camera, threads=os.cpu_count() or 1)
-    y, x = np.indices(shape).reshape(2, -1)
-    through = directions(camera.intrinsics, np.stack([x, y], axis=1) + 0.5)
+    through = directions(camera.intrinsics, camera.intrinsics.pixel_centers)
     along_axis = hits.distance / np.sqrt(np.einsum("ij,ij->i", through, through))
     instance, table = _instances(row, hits, sceneries[row.scenery])
     return Pixels(

@@ -43,9 +43,7 @@ def look(
     weather
         Its haze and covers are shown, but no streaks and flakes.
     """
-    width, rows = camera.intrinsics.width, camera.intrinsics.height
-    pixel = np.arange(width * rows)
-    along = camera.ray_directions(np.stack([pixel % width, pixel // width], axis=1) + 0.5)
+    along = camera.ray_directions(camera.intrinsics.pixel_centers)
     height = np.clip(along[:, 2], 0.0, 1.0)[:, None]
     color = _HORIZON + (_ZENITH - _HORIZON) * np.sqrt(height)
     hits = world.seen_by(camera)
