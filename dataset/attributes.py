@@ -16,7 +16,7 @@ from msgspec import UNSET, Struct, UnsetType
 
 from hulldown.camera.shell import shell_place
 from hulldown.dataset.images import Image, Label
-from hulldown.dataset.store.declared import LabelRecord, Pose, Three, View, fields_of
+from hulldown.dataset.store.declared import Pose, Three, View, fields_of
 
 INFINITY = math.inf
 SIDES = ("front", "side", "rear")
@@ -75,7 +75,6 @@ class _Numbers(Struct):
     slope_deg: float | None = None
     air_contrast: float | None = None
     contrast: float | None = None
-    world_from_vehicle: Pose | None = None
     bbox_3d: _Centered | None = None
 
 
@@ -92,7 +91,7 @@ def numbers_of(
         (g,) which of the images each label belongs to.
     """
     fields = [fields_of(label.record, _Numbers) for label in labels]
-    vehicles = poses([each.world_from_vehicle for each in fields])
+    vehicles = poses([label.world_from_vehicle for label in labels])
     cameras = camera_poses(images)[image]
     # Centers of 3D boxes in the world; without one, vehicles' origins.
     boxed = np.array([each.bbox_3d is not None for each in fields], dtype=bool)
@@ -189,11 +188,6 @@ def conditions_of(images: Sequence[Image]) -> list[Conditions]:
 def camera_poses(images: Sequence[Image]) -> Float[np.ndarray, "n 4 4"]:
     """Return the poses of images' cameras; nan if there is none."""
     return poses([fields_of(image.record, View).world_from_camera for image in images])
-
-
-def pose_of(label: Label) -> Pose | None:
-    """Return the pose of a label's vehicle if it's known."""
-    return fields_of(label.record, LabelRecord).world_from_vehicle
 
 
 def poses(given: Sequence[Pose | None]) -> Float[np.ndarray, "n 4 4"]:

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from hulldown.assets.coco_types import Coco, Record
 from hulldown.base.outside import typed
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.dataset.store.declared import Keypoints, LabelRecord, Optics, fields_of
+from hulldown.dataset.store.declared import Keypoints, LabelRecord, Optics, Pose, fields_of
 from hulldown.dataset.store.seals import changed
 
 
@@ -56,8 +56,8 @@ class Label:
         Whether it's an ignored region.
     visible_fraction, truncated_fraction
         Shares; nan if unknown.
-    vehicle
-        The model's name; None if unknown.
+    vehicle, world_from_vehicle
+        The model's name, and its pose; None if unknown.
     record
         All fields in the file; `dataset.labels` reads those of each type of label.
     """
@@ -70,6 +70,7 @@ class Label:
     visible_fraction: float
     truncated_fraction: float
     vehicle: str | None
+    world_from_vehicle: Pose | None
     record: Record
 
     @classmethod
@@ -85,6 +86,7 @@ class Label:
             np.nan if fields.visible_fraction is None else fields.visible_fraction,
             np.nan if fields.truncated_fraction is None else fields.truncated_fraction,
             fields.vehicle or None,
+            fields.world_from_vehicle,
             record,
         )
 

@@ -56,7 +56,7 @@ def test_kittis_rotation_and_location_are_the_boxs(rows):
     for row in rows:
         label = label_records(row)[0]
         of_image = {"id": 1, "image_id": 1, "category_id": 1}
-        numbers = [float(word) for word in label_line(Label.of({**label, **of_image}, {}), "tank").split()[1:]]
+        numbers = [float(word) for word in label_line(Label.of({**label, **of_image}, {1: "tank"})).split()[1:]]
         rotation, center = np.array(label["bbox_3d"]["rotation"]), np.array(label["bbox_3d"]["center"])
         ground = center - rotation[:, 2] * label["bbox_3d"]["size"][2] / 2
         np.testing.assert_allclose(numbers[10:13], ground, atol=1e-5)

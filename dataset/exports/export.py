@@ -136,7 +136,8 @@ def _key(layout: str, shares: Shares) -> str:
     key = hashlib.sha256(orjson.dumps([layout, shares.coco_head]))
     for split, of_split in shares.items.items():
         for item in of_split:
-            key.update(orjson.dumps([split, item.image.record, [label.record for label in item.labels], item.name]))
+            labels = [label.record for label in item.image.labels]
+            key.update(orjson.dumps([split, item.image.record, labels, item.name]))
     return key.hexdigest()
 
 

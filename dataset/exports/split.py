@@ -12,7 +12,7 @@ from msgspec import Struct
 from scipy import sparse
 
 from hulldown.dataset.images import Image
-from hulldown.dataset.store.declared import Pose, fields_of
+from hulldown.dataset.store.declared import fields_of
 
 SPLITS = ("train", "valid", "test")
 _WITHOUT, _IMAGES = -1, -2  # labels for images without objects, and for images; COCO ids are 0 or more
@@ -25,13 +25,6 @@ class _Position(Struct):
     position: object = None
 
 
-class _Placed(Struct):
-    """The same of a label's record."""
-
-    vehicle: object = None
-    world_from_vehicle: Pose | None = None
-
-
 def group_of(image: Image) -> str:
     """Return the group of an image that must stay together: shots of one position show one vehicle on the same ground.
 
@@ -41,10 +34,9 @@ def group_of(image: Image) -> str:
     """
     shot = fields_of(image.record, _Position)
     for label in image.labels:
-        placed = fields_of(label.record, _Placed)
-        if placed.world_from_vehicle is not None and len(placed.world_from_vehicle) >= 3:
-            place = " ".join(f"{row[3]:.3f}" for row in placed.world_from_vehicle[:3])
-            return f"{shot.scenery} {placed.vehicle} {place}"
+        if label.world_from_vehicle is not None and len(label.world_from_vehicle) >= 3:
+            place = " ".join(f"{row[3]:.3f}" for row in label.world_from_vehicle[:3])
+            return f"{shot.scenery} {label.vehicle} {place}"
     if shot.position is not None:
         return f"{shot.scenery} position {shot.position}"
     return f"image {image.id}"

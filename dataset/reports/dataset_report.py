@@ -18,7 +18,7 @@ from hulldown.assets.photographs import read_photographs
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import make_room, replace_file
 from hulldown.base.terminal import reporting
-from hulldown.dataset.attributes import SCALES, SIDES, SIZE, bins_of, camera_poses, pose_of, poses
+from hulldown.dataset.attributes import SCALES, SIDES, SIZE, bins_of, camera_poses, poses
 from hulldown.dataset.images import Image, Label
 from hulldown.dataset.labels.box_3d import BOX_3D
 from hulldown.dataset.labels.corners import ground_corners
@@ -171,7 +171,8 @@ def _maps(dataset: Dataset) -> dict[str, Figure]:
     """Return a map of vehicles and cameras for each scenery."""
     scenery = dataset.of_images["scenery"]
     cameras = camera_poses(dataset.images)[:, :2, 3]
-    vehicles = poses([pose_of(image.labels[0]) if image.labels else None for image in dataset.images])[:, :2, 3]
+    firsts = (image.labels[0] if image.labels else None for image in dataset.images)
+    vehicles = poses([None if first is None else first.world_from_vehicle for first in firsts])[:, :2, 3]
     known = np.isfinite(cameras).all(axis=1)
     return {
         f"map of {name}": place_map(name, *(side[known & (scenery == name)] for side in (cameras, vehicles)))
@@ -225,10 +226,9 @@ def _about(dataset: Dataset, row: int) -> list[str]:
 
 def _shapes(image: Image, dataset: Dataset) -> list[Shape]:
     """Return an image's masks, oriented boxes, and boxes."""
-    ids = {name: number for number, name in dataset.categories.items()}
     masks, lines, boxes = [], [], []
     for label in image.labels:
-        color = "rgb({},{},{})".format(*color_of(ids[label.category]))
+        color = "rgb({},{},{})".format(*color_of(label.category_id))
         if mask := MASK.read(label).segmentation:
             within = image.width / THUMBNAIL_WIDTH / 2  # half a pixel of the thumbnail
             try:

@@ -22,6 +22,6 @@ def write(shares: Shares, out: Path) -> None:
         for item in items:
             item.link(folder)
             images.append(changed(item.image.record, file_name=item.name))
-            labels += [label.record for label in item.labels]
+            labels += [label.record for label in item.image.labels]
         part = {**shares.coco_head, "images": images, "annotations": labels}
         (folder / COCO_NAME).write_bytes(orjson.dumps(part))

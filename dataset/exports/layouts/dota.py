@@ -16,7 +16,6 @@ from hulldown.dataset.exports.layouts.yolo import CornersOf
 
 def write(shares: Shares, out: Path, *, corners_of: CornersOf) -> None:
     """Write ``train/images``, ``train/labelTxt`` and so on; crowds are difficult, blanks in class names hyphens."""
-    names = {number: "-".join(name.split()) for number, name in shares.class_names.items()}
     for split, items in shares:
         pictures, texts = (out / VAL_NAMES[split] / name for name in ("images", "labelTxt"))
         pictures.mkdir(parents=True)
@@ -24,7 +23,8 @@ def write(shares: Shares, out: Path, *, corners_of: CornersOf) -> None:
         for item in items:
             item.link(pictures)
             lines = []
-            for label in item.labels:
+            for label in item.image.labels:
                 corners = " ".join(f"{n:.4f}" for n in corners_of(label, item.image).ravel())
-                lines.append(f"{corners} {names[label.category_id]} {int(label.crowd)}\n")
+                name = "-".join(label.category.split())
+                lines.append(f"{corners} {name} {int(label.crowd)}\n")
             (texts / f"{item.stem}.txt").write_text("".join(lines), encoding="utf-8")

@@ -7,7 +7,7 @@ Hugging Face Datasets documentation, "Create an image dataset", section "ImageFo
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import orjson
@@ -26,9 +26,8 @@ def write(shares: Shares, out: Path) -> None:
     (COCO's), ``category`` (its name), ``iscrowd``, and on request ``segmentation`` (polygons; for a label without a
     mask its box). Readers infer types from the lines, so a split without any label doesn't fit the others.
     """
-    labels = [label for items in shares.items.values() for item in items for label in item.labels]
+    labels = [label for items in shares.items.values() for item in items for label in item.image.labels]
     outlined = any(isinstance(MASK.read(label).segmentation, list) for label in labels)
-    names = shares.class_names
     for split, items in shares:
         folder = out / FOLDERS[split]
         folder.mkdir()
@@ -38,12 +37,12 @@ def write(shares: Shares, out: Path) -> None:
                 record = {
                     **{"file_name": item.name, "image_id": item.image.id},
                     **{"width": item.image.width, "height": item.image.height},
-                    "objects": _objects(item.labels, names, outlined),
+                    "objects": _objects(item.image.labels, outlined),
                 }
                 lines.write(orjson.dumps(record) + b"\n")
 
 
-def _objects(labels: Sequence[Label], names: Mapping[int, str], outlined: bool) -> dict[str, object]:
+def _objects(labels: Sequence[Label], outlined: bool) -> dict[str, object]:
     areas = [MASK.read(label).area for label in labels]
     columns: dict[str, object] = {
         "id": [label.id for label in labels],
@@ -52,7 +51,7 @@ def _objects(labels: Sequence[Label], names: Mapping[int, str], outlined: bool) 
             for label, area in zip(labels, areas, strict=True)
         ],
         "bbox": [label.bbox.tolist() for label in labels],
-        "category": [names[label.category_id] for label in labels],
+        "category": [label.category for label in labels],
         "iscrowd": [int(label.crowd) for label in labels],
     }
     if outlined:

@@ -36,14 +36,14 @@ def write(shares: Shares, out: Path) -> None:
     lists = out / "ImageSets"
     for folder in (pictures, texts, cameras, lists):
         folder.mkdir(parents=True)
-    names, number, without, curved = shares.class_names, 0, 0, 0
+    number, without, curved = 0, 0, 0
     for split, items in shares:
         with (lists / f"{VAL_NAMES[split]}.txt").open("w", encoding="utf-8") as stems:
             for item in items:
                 stem = f"{number:06d}"  # its readers number files so
                 number += 1
                 item.link(pictures, stem + Path(item.name).suffix)
-                lines = [label_line(label, names[label.category_id]) for label in item.labels]
+                lines = [label_line(label) for label in item.image.labels]
                 (texts / f"{stem}.txt").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
                 if (intrinsics := item.image.intrinsics) is None:
                     without += 1
@@ -58,7 +58,7 @@ def write(shares: Shares, out: Path) -> None:
         warnings.warn(f"calib files have no place for the distortion of {curved} pictures: `dist` has it", stacklevel=2)
 
 
-def label_line(label: Label, name: str) -> str:
+def label_line(label: Label) -> str:
     """Class, truncated, occluded, alpha, box, and height, width, length, position, and rotation in the camera's frame.
 
     Names have no blanks. Crowds are ``DontCare``. ``occluded`` is 0 from 95 % visible, 1 from 50 %, else 2, and 3
@@ -77,7 +77,7 @@ def label_line(label: Label, name: str) -> str:
         turn = math.atan2(-rotation[2, 0], rotation[0, 0])
         alpha = math.remainder(turn - math.atan2(ground[0], ground[2]), 2 * math.pi)
         numbers = (height, width, length, *(float(each) for each in ground), turn)
-    kind = "DontCare" if label.crowd else "_".join(name.split())
+    kind = "DontCare" if label.crowd else "_".join(label.category.split())
     corners = (x, y, x + w, y + h)
     truncated = -1.0 if math.isnan(cut) else cut
     return " ".join(

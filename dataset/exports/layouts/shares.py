@@ -40,16 +40,6 @@ class Item:
     picture: Path
 
     @property
-    def labels(self) -> tuple[Label, ...]:
-        """The kept labels."""
-        return self.image.labels
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of the picture in pixels."""
-        return self.image.size
-
-    @property
     def stem(self) -> str:
         """The name without its suffix."""
         return PurePosixPath(self.name).stem
@@ -93,11 +83,6 @@ class Shares:
     def coco_head(self) -> dict[str, object]:
         """The COCO dictionary without images and annotations."""
         return {**self.head, "categories": [category.record for category in self.categories]}
-
-    @property
-    def class_names(self) -> dict[int, str]:
-        """Category id -> name, in the order of the ids."""
-        return {category.id: category.name for category in self.categories}
 
     def _counted(self, items: Sequence[Item], done: Iterator[int]) -> Iterator[Item]:
         for item in items:

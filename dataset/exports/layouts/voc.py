@@ -9,7 +9,6 @@ from 1, and the last one of a box belongs to it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -26,29 +25,28 @@ def write(shares: Shares, out: Path) -> None:
     pictures, texts, lists = out / "JPEGImages", out / "Annotations", out / "ImageSets" / "Main"
     for folder in (pictures, texts, lists):
         folder.mkdir(parents=True)
-    names = shares.class_names
     for split, items in shares:
         with (lists / f"{VAL_NAMES[split]}.txt").open("w", encoding="utf-8") as stems:
             for item in items:
                 item.link(pictures)
                 stems.write(f"{item.stem}\n")
-                tree = ElementTree.ElementTree(_annotation(item, names))
+                tree = ElementTree.ElementTree(_annotation(item))
                 ElementTree.indent(tree)
                 tree.write(texts / f"{item.stem}.xml", encoding="utf-8")
 
 
-def _annotation(item: Item, names: Mapping[int, str]) -> ElementTree.Element:
+def _annotation(item: Item) -> ElementTree.Element:
     root = ElementTree.Element("annotation")
     _with(root, folder="JPEGImages", filename=item.name)
-    width, height = item.size
+    width, height = item.image.size
     _with(ElementTree.SubElement(root, "size"), width=width, height=height, depth=3)
     _with(root, segmented=0)
-    for label in item.labels:
+    for label in item.image.labels:
         x, y, w, h = label.bbox.tolist()
         shown = ElementTree.SubElement(root, "object")
         _with(
             shown,
-            name=names[label.category_id],
+            name=label.category,
             pose="Unspecified",
             truncated=int(label.truncated_fraction > TRUNCATED),  # nan, if it isn't known, is neither
             occluded=int(label.visible_fraction < OCCLUDED),

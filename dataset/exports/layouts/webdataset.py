@@ -29,7 +29,6 @@ def write(shares: Shares, out: Path) -> None:
     A sample is ``STEM.png`` and ``STEM.json``, which has ``image`` and ``annotations``, COCO's records with the class's
     name as ``category``. The files are the same whenever they are written.
     """
-    names = shares.class_names
     for split, items in shares:
         number, images, room = 0, SHARD_IMAGES, 0  # the first picture begins a shard
         with ExitStack() as stack:
@@ -41,7 +40,7 @@ def write(shares: Shares, out: Path) -> None:
                     shard = stack.enter_context(tarfile.open(path, "w", format=tarfile.USTAR_FORMAT))
                     number, images, room = number + 1, 0, SHARD_BYTES
                 images, room = images + 1, room - size
-                labels = [{**label.record, "category": names[label.category_id]} for label in item.labels]
+                labels = [{**label.record, "category": label.category} for label in item.image.labels]
                 suffix = PurePosixPath(item.name).suffix.lower()
                 content = read_file(item.picture, partial(DatasetError, path=item.picture), most=DATA)
                 _add(shard, f"{item.stem}{suffix}", content)

@@ -35,13 +35,13 @@ def label_lines(item: Item, numbers: Mapping[int, int]) -> list[str]:
     Class, center, and size of its box; or, if any label has polygons, class and corners for all, since readers
     expect one or the other in a file. Several polygons are bridged into one.
     """
-    labels = [label for label in item.labels if not label.crowd]
+    labels = [label for label in item.image.labels if not label.crowd]
     masks = [MASK.read(label).segmentation for label in labels]
     if any(isinstance(mask, list) and mask for mask in masks):
         corners = [bridged([np.reshape(ring, (-1, 2)) for ring in rings_of(label)]) for label in labels]
-        shares = [(each / item.size).ravel() for each in corners]
+        shares = [(each / item.image.size).ravel() for each in corners]
     else:
-        shares = [_center(label, item.size) for label in labels]
+        shares = [_center(label, item.image.size) for label in labels]
     return [_line(numbers[label.category_id], each) for label, each in zip(labels, shares, strict=True)]
 
 
@@ -54,9 +54,9 @@ def _center(label: Label, size: tuple[int, int]) -> Float[np.ndarray, "4"]:
 def corner_lines(item: Item, numbers: Mapping[int, int], *, corners_of: CornersOf) -> list[str]:
     """Return one line for each label: class and corners of its oriented box; crowds are left out."""
     lines = []
-    for label in item.labels:
+    for label in item.image.labels:
         if not label.crowd:
-            shares = corners_of(label, item.image) / item.size
+            shares = corners_of(label, item.image) / item.image.size
             if (np.ptp(shares, axis=0) > 1.0).any():  # Ultralytics leaves out pictures with labels larger than they
                 shares = shares.clip(0.0, 1.0)
             lines.append(_line(numbers[label.category_id], shares.ravel()))
@@ -84,7 +84,7 @@ def write(
     more
         Further lines of ``data.yaml``.
     """
-    numbers = {category_id: number for number, category_id in enumerate(shares.class_names)}
+    numbers = {category.id: number for number, category in enumerate(shares.categories)}
     folders = {}
     for split, items in shares:
         pictures, texts = (Path(split, kind) if split_first else Path(kind, split) for kind in ("images", "labels"))
@@ -97,7 +97,7 @@ def write(
             (out / texts / f"{item.stem}.txt").write_text(text, encoding="utf-8")
     data = [f"{VAL_NAMES[split]}: {pictures.as_posix()}" for split, pictures in folders.items()]
     # Every JSON string is a YAML string.
-    names = [json.dumps(name) for name in shares.class_names.values()]
+    names = [json.dumps(category.name) for category in shares.categories]
     data += [*more, "names:", *(f"  {number}: {name}" for number, name in enumerate(names))]
     (out / "data.yaml").write_text("\n".join(data) + "\n", encoding="utf-8")
 
@@ -122,9 +122,9 @@ def write_pose(shares: Shares, out: Path) -> None:
 
 def _pose_lines(item: Item, numbers: Mapping[int, int], *, keypoints: int) -> list[str]:
     lines = []
-    for label in item.labels:
+    for label in item.image.labels:
         if not label.crowd:
             points = np.reshape(KEYPOINTS.read(label).keypoints or np.zeros(3 * keypoints), (-1, 3))
-            shares = " ".join(f"{x:.9f} {y:.9f} {v:.0f}" for x, y, v in points / [*item.size, 1])
-            lines.append(f"{_line(numbers[label.category_id], _center(label, item.size))} {shares}")
+            shares = " ".join(f"{x:.9f} {y:.9f} {v:.0f}" for x, y, v in points / [*item.image.size, 1])
+            lines.append(f"{_line(numbers[label.category_id], _center(label, item.image.size))} {shares}")
     return lines
