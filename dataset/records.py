@@ -106,9 +106,13 @@ def check_usable(
     def refuse(where: str, problem: str) -> None:
         raise DatasetError(f"{where}: {problem}", path=folder, remedy="check it with `hulldown verify`")
 
+    known: set[int] = set()
     for category in categories:
         for problem in misfits(category, CategoryRecord):
             refuse(f"category {category['id']}", problem)
+        if category["id"] in known:
+            refuse(f"category {category['id']}", "is given twice")
+        known.add(category["id"])
     first: dict[int, str] = {}
     for image in images:
         if image["id"] in first:
@@ -118,7 +122,6 @@ def check_usable(
             refuse(f"image {image['id']}", f"file_name {image.get('file_name')!r} is no path inside the dataset")
         for problem in misfits(image, ImageRecord):
             refuse(_name(image), problem)
-    known = {category["id"] for category in categories}
     for annotation in annotations:
         where = f"annotation {annotation['id']}"
         if not isinstance(annotation.get("image_id"), int):

@@ -143,9 +143,8 @@ def test_verify_finds_invalid_keypoints(dataset, change, problem):
 
 @pytest.mark.parametrize("name", [None, 5, ""])
 def test_verify_checks_keypoints_of_a_category_without_a_usable_name(dataset, name):
-    edit(
-        dataset, lambda coco: (coco["categories"][0].update(name=name), coco["annotations"][0].update(num_keypoints=3))
-    )
+    edit(dataset, lambda coco: coco["categories"][0].update(name=name))
+    edit(dataset, lambda coco: coco["annotations"][0].update(num_keypoints=3))
     problems = [finding.problem for finding in verify(dataset, fast=True)]
     assert any(problem.startswith("name is") for problem in problems)
     assert "num_keypoints is 3" in problems

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -91,12 +90,8 @@ def labels_of(found: LabeledImages, *, path: Path) -> Labels:
     Raises
     ------
     DatasetError
-        If a category's id occurs twice, a box belongs to no image, or a size is negative.
+        If a box belongs to no image, or a size is negative.
     """
-    doubled = [i for i, times in Counter(category.id for category in found.categories).items() if times > 1]
-    if doubled:
-        problem = f"category {doubled[0]} is given twice"
-        raise DatasetError(problem, path=path, remedy="check it with `hulldown verify`")
     if found.strays:
         image_id, label = found.strays[0]
         problem = f"annotation {label.id}: image {image_id} does not exist"
