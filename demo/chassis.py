@@ -111,9 +111,9 @@ def tracks(m: BlendModel, p: Paints, gear: Running) -> None:
     m.add("Tracks", belt.moved(z=-low), p.dark, bevel=0, mirror=True, smooth=20)
 
 
-def road_wheel(radius: float, width: float, *, sides: int = 24) -> tuple[Shape, Shape]:
+def road_wheel(radius: float, width: float) -> tuple[Shape, Shape]:
     """Tire with tread blocks, and rim with hub, of a truck's wheel about the y axis, its outer side at +y."""
-    r, w = radius, width / 2
+    r, w, sides = radius, width / 2, 24
     tire = lathe(
         [
             (r * 0.56, -w * 0.9),
@@ -250,13 +250,13 @@ def hatch(x: float, y: float, z: float, radius: float = 0.3) -> Shape:
     )
 
 
-def smoke_launchers(x: float, y: float, z: float, *, tubes: int = 4, spread: float = 0.16, lean: float = 30) -> Shape:
+def smoke_launchers(x: float, y: float, z: float, *, tubes: int = 4) -> Shape:
     """Return a row of grenade tubes pointing forward, outward and up; for the left side (mirror it)."""
-    shapes = []
+    shapes, spread = [], 0.16
     for k in range(tubes):
         cup = (
             profile_tube([(0, 0.055), (0.34, 0.055), (0.345, 0.045)], sides=10)
-            .turned("y", -lean)
+            .turned("y", -30)
             .turned("z", 15 + 12 * k)
         )
         shapes.append(cup.moved(x - k * spread, y + 0.03 * k, z + 0.05 * (k % 2)))

@@ -30,10 +30,10 @@ def bale(radius: float, length: float, *, rng: np.random.Generator) -> Shape:
     return Shape(points - [0, 0, points[:, 2].min()], body.faces)
 
 
-def tufts(radius: float, length: float, n: int, *, rng: np.random.Generator) -> Shape:
+def tufts(radius: float, length: float, *, rng: np.random.Generator) -> Shape:
     """Loose stalks that stand out of a bale about the y axis whose lowest line is at z = 0."""
     stalks = []
-    for _ in range(n):
+    for _ in range(90):
         a, y = rng.uniform(0, 2 * np.pi), rng.uniform(-0.5, 0.5) * length
         foot = np.array([radius * 0.96 * np.cos(a), y, radius * (1 + 0.96 * np.sin(a))])
         along = np.array([np.cos(a), 0.0, np.sin(a)]) * 0.4 + rng.standard_normal(3)
@@ -56,12 +56,12 @@ def bale_stack(m: BlendModel, p: Paints) -> None:
         if z:  # only those on the ground are flat below
             shape = shape.turned("y", turn, about=(0, 0, radius))
         m.add(f"Bale_{k + 1}", shape.moved(x, y + shift, z), p.canvas, bevel=0, smooth=70)
-        m.add(f"Stalks_{k + 1}", tufts(radius, length, 90, rng=rng).moved(x, y + shift, z), p.canvas, bevel=0)
+        m.add(f"Stalks_{k + 1}", tufts(radius, length, rng=rng).moved(x, y + shift, z), p.canvas, bevel=0)
         bands = joined(
             lathe([(radius * 1.004, b - 0.01), (radius * 1.004, b + 0.01)], sides=40) for b in (-0.35, 0, 0.35)
         )
         m.add(f"Twine_{k + 1}", bands.moved(x, y + shift, z + radius * 0.985), p.dark, bevel=0)
-    lone = bale(radius, length, rng=rng) + tufts(radius, length, 90, rng=rng)
+    lone = bale(radius, length, rng=rng) + tufts(radius, length, rng=rng)
     m.add("Bale_7", lone.turned("z", 68).moved(0.4, 1.95, 0), p.canvas, bevel=0, smooth=70)
 
 

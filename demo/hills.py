@@ -40,9 +40,9 @@ def temperate_hills(path: Path, *, rng: np.random.Generator) -> Path:
     grass, hillside = earth.ground("Meadow_Ground", SOIL), earth.ground("Hill_Ground", SOIL)
     field = np.linspace(-land.half, land.half, 201)
     land.add("Ground_Meadow", sheet(field, field, meadow), grass, home="Terrain")
-    wooded = land.add("Ground_Hill", patch((-90, 110), 125, hill, step=2.0), hillside, home="Terrain")
-    land.add("Ground_Knoll", patch((120, -110), 78, knoll, step=2.0), hillside, home="Terrain")
-    land.add("Ground_Crest", patch((40, 150), 108, crest, step=2.0), grass, home="Terrain")
+    wooded = land.add("Ground_Hill", patch((-90, 110), 125, hill), hillside, home="Terrain")
+    land.add("Ground_Knoll", patch((120, -110), 78, knoll), hillside, home="Terrain")
+    land.add("Ground_Crest", patch((40, 150), 108, crest), grass, home="Terrain")
     dirt = earth.road("Dirt_Road", ("#7a6446", "#94805c"), "#666330", half=2.6)
     land.road("Road_Dirt", course, level, dirt, half=2.6)
 

@@ -129,7 +129,7 @@ def mound(
     return height
 
 
-def patch(center: tuple[float, float], reach: float, height: Height, *, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return a square sheet about a center."""
-    line = np.linspace(-reach, reach, int(2 * reach / step) + 1)
+def patch(center: tuple[float, float], reach: float, height: Height) -> tuple[np.ndarray, np.ndarray]:
+    """Return a square sheet about a center, of lines 2 m apart."""
+    line = np.linspace(-reach, reach, int(reach) + 1)
     return sheet(center[0] + line, center[1] + line, height)

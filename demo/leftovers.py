@@ -9,10 +9,9 @@ from hulldown.demo.model import BlendModel
 from hulldown.demo.shapes import Shape, block, box, joined, lathe, path_tube, prism, slab, stack, track, tube
 
 
-def corrugated(
-    length: float, *, pitch: float = 0.28, depth: float = 0.036, thickness: float = 0.02
-) -> list[tuple[float, float]]:
+def corrugated(length: float, *, depth: float = 0.036) -> list[tuple[float, float]]:
     """Return the outline (along, out) of a sheet in trapezoidal folds, from 0 to `length`."""
+    pitch, thickness = 0.28, 0.02
     outer: list[tuple[float, float]] = []
     for k in range(round(length / pitch)):
         at = k * pitch

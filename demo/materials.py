@@ -14,6 +14,7 @@ from hulldown.geometry.color import linear_color
 from hulldown.reading.blender.api.add_nodes import add_node
 
 Color = str  # "#rrggbb" as a color picker shows it
+TILE = 3.0  # meters of a paint's image without a UV map
 
 
 def linear(color: Color) -> tuple[float, float, float, float]:
@@ -93,9 +94,9 @@ def plain(name: str, color: Color, *, rough: float = 0.6, metal: float = 0.0, mo
     )
 
 
-def glass(name: str = "Glass") -> Any:
+def glass() -> Any:
     """Dark window glass that mirrors the sky; opaque, as windows look from outside."""
-    g = Graph(name)
+    g = Graph("Glass")
     return g.surface({"Base Color": linear("#10181c"), "Roughness": 0.06, "Specular IOR Level": 0.9})
 
 
@@ -116,21 +117,21 @@ def camouflage(name: str, colors: Sequence[Color], *, dust: Color, unit: float =
     return _painted(g, color, where, dust)
 
 
-def image_paint(name: str, image: bpy.types.Image, *, dust: Color, by_uv: bool, tile: float = 3.0) -> Any:
+def image_paint(name: str, image: bpy.types.Image, *, dust: Color, by_uv: bool) -> Any:
     """Paint from an image texture, by UV map or by box projection, with the same wear and dust as `camouflage`."""
     g = Graph(name)
     where = _meters(g, 1.0)
     if by_uv:
         texture = g.add("TexImage", {"Vector": g.add("TexCoord").outputs["UV"]}, image=image)
     else:
-        scaled = g.add("VectorMath", {0: where, "Scale": 1 / tile}, operation="SCALE").outputs[0]
+        scaled = g.add("VectorMath", {0: where, "Scale": 1 / TILE}, operation="SCALE").outputs[0]
         texture = g.add("TexImage", {"Vector": scaled}, image=image, projection="BOX", projection_blend=0.1)
     return _painted(g, texture.outputs["Color"], where, dust)
 
 
-def gloss(name: str, color: Color, *, dust: Color) -> Any:
+def gloss(color: Color, *, dust: Color) -> Any:
     """Clean car paint with a film of dust toward the ground."""
-    g = Graph(name)
+    g = Graph("Paint")
     where = _meters(g, 1.0)
     worn = g.noise(where, 1.6, detail=4.0)
     height = g.add("SeparateXYZ", {0: where}).outputs[2]
@@ -177,9 +178,9 @@ def burnt(name: str) -> Any:
     return g.surface({"Base Color": color, "Roughness": 0.92, "Normal": g.bump(fine, 0.006)})
 
 
-def straw(name: str, colors: tuple[Color, Color]) -> Any:
+def straw(colors: tuple[Color, Color]) -> Any:
     """Dry stalks, wound round the y axis: fine streaks across, tangled, with shadows between them."""
-    g = Graph(name)
+    g = Graph("Straw")
     where = g.add("TexCoord").outputs["Object"]
     wound = g.add("VectorMath", {0: where, 1: (9.0, 60.0, 9.0)}, operation="MULTIPLY").outputs[0]
     streak, clump = g.noise(wound, 1.0, detail=5.0, rough=0.7, warp=1.2), g.noise(where, 3.0, detail=4.0)
@@ -219,8 +220,9 @@ def _painted(g: Graph, color: Any, where: Any, dust: Color) -> bpy.types.Materia
     )
 
 
-def block_pattern(path: Path, colors: Sequence[Color], *, rng: np.random.Generator, cells: int = 96) -> None:
+def block_pattern(path: Path, colors: Sequence[Color], *, rng: np.random.Generator) -> None:
     """Write a tileable image of camouflage in square blocks, the paint that `image_paint` uses."""
+    cells = 96
     height = np.zeros((cells, cells))
     for octave, weight in ((6, 1.0), (12, 0.6), (32, 0.35)):
         coarse = rng.random((octave, octave))

@@ -84,12 +84,11 @@ class BlendModel:
         thing.matrix_world = place @ Matrix.Rotation(np.radians(turn_deg), 4, "Z") @ Matrix.Diagonal((*size, 1.0))
         self.collection.objects.link(thing)
 
-    def under_scaled_root(self, scale: float, *, upright: bool = True) -> None:
+    def under_scaled_root(self, scale: float) -> None:
         """Hang everything on an empty with this scale, and undo it in the children: what an importer leaves behind."""
         root = bpy.data.objects.new("Import_Root", None)
         self.collection.objects.link(root)
-        turn = Matrix.Identity(4) if upright else Matrix.Rotation(np.pi / 2, 4, "X")
-        root.matrix_basis = turn @ Matrix.Scale(scale, 4)
+        root.matrix_basis = Matrix.Scale(scale, 4)
         undo = root.matrix_basis.inverted()
         for thing in list(self.collection.all_objects):
             if thing.parent is None and thing is not root:

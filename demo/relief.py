@@ -11,6 +11,8 @@ from scipy.spatial import KDTree
 
 Field = Float[np.ndarray, "..."]
 Height = Callable[[np.ndarray, np.ndarray], np.ndarray]  # z over x and y
+COURSE_STEP = 2.0  # meters between points of a course
+LEVELED = 40.0  # meters of a course over which its ground is averaged
 
 
 def smoothstep(value: Field, low: Any, high: Any) -> Field:
@@ -43,14 +45,14 @@ class Noise:
 class Course:
     """A winding line across the scenery, for a road or a dry river, and the distance of points from it."""
 
-    def __init__(self, corners: Sequence[tuple[float | int, float | int]], *, step: float = 2.0) -> None:
+    def __init__(self, corners: Sequence[tuple[float | int, float | int]]) -> None:
         points = np.array(corners, float)
         for _ in range(5):  # Chaikin's corner cutting
             a, b = points[:-1], points[1:]
             cut = np.stack([0.75 * a + 0.25 * b, 0.25 * a + 0.75 * b], axis=1).reshape(-1, 2)
             points = np.concatenate([points[:1], cut, points[-1:]])
         along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-        self.at = np.arange(0.0, along[-1], step)
+        self.at = np.arange(0.0, along[-1], COURSE_STEP)
         self.xy = np.stack([np.interp(self.at, along, points[:, k]) for k in (0, 1)], axis=-1)
         tangent = np.gradient(self.xy, axis=0)
         tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
@@ -65,10 +67,10 @@ class Course:
         """1 where a point is farther than `gap` meters from the line, else 0."""
         return (self.nearest(x, y)[0] > gap).astype(float)
 
-    def profile(self, height: Height, *, window: float = 40.0) -> Field:
-        """Heights along the line, averaged over a window, as a road levels its ground."""
+    def profile(self, height: Height) -> Field:
+        """Heights along the line, averaged over `LEVELED` meters, as a road levels its ground."""
         z = height(self.xy[:, 0], self.xy[:, 1])
-        n = max(int(window / (self.at[1] - self.at[0])) | 1, 3)
+        n = max(int(LEVELED / COURSE_STEP) | 1, 3)
         padded = np.pad(z, n // 2, mode="edge")
         return np.convolve(padded, np.ones(n) / n, mode="valid")
 

@@ -112,9 +112,9 @@ def tube(start: Point, end: Point, radius: float, end_radius: float | None = Non
     return loft([a + radius * circle, b + (radius if end_radius is None else end_radius) * circle])
 
 
-def profile_tube(stations: Sequence[tuple[float, float]], *, sides: int = 14, y: float = 0.0, z: float = 0.0) -> Shape:
+def profile_tube(stations: Sequence[tuple[float, float]], *, sides: int = 14, z: float = 0.0) -> Shape:
     """Return a round body along +x through stations (x, radius): a barrel, a missile."""
-    return lathe([(r, x) for x, r in stations], sides=sides).turned("z", -90).moved(y=y, z=z)
+    return lathe([(r, x) for x, r in stations], sides=sides).turned("z", -90).moved(z=z)
 
 
 def path_tube(points: Sequence[Point], radius: float, *, sides: int = 6) -> Shape:

@@ -66,7 +66,7 @@ def dry_steppe(path: Path, *, rng: np.random.Generator) -> Path:
     plain_mesh = land.add("Ground_Plain", sheet(field, field, ground), earthy, home="Terrain")
     dunes = sheet(np.linspace(-40, 280, 161), np.linspace(90, 280, 96), dune)
     land.add("Sand_Dunes", dunes, sand, home="Terrain")
-    land.add("Terrain_Mesa", patch((-190, 200), 82, mesa, step=2.0), earthy, home="Terrain")
+    land.add("Terrain_Mesa", patch((-190, 200), 82, mesa), earthy, home="Terrain")
     gravel = earth.road("Gravel", ("#a8926c", "#bda985"), "#a98f66", half=2.4)
     land.road("Track_Gravel", course, level, gravel, half=2.4)
 

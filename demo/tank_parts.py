@@ -76,8 +76,8 @@ def fittings(m: BlendModel, p: Paints, *, front: float, rear: float, half: float
     m.add("Shovel", block((-1.2, half - 0.28, z), (0.1, half - 0.23, z + 0.05)), p.wood, bevel=0)
 
 
-def machine_gun(m: BlendModel, p: Paints, at: tuple[float, float, float], *, part: str = "turret") -> None:
-    """Add a heavy machine gun on a pintle."""
+def machine_gun(m: BlendModel, p: Paints, at: tuple[float, float, float]) -> None:
+    """Add a heavy machine gun on a pintle to the turret."""
     x, y, z = at
     gun = box((0.55, 0.12, 0.15), (x, y, z + 0.25)) + tube(
         (x + 0.2, y, z + 0.34), (x + 1.25, y, z + 0.4), 0.025, sides=8
@@ -87,5 +87,5 @@ def machine_gun(m: BlendModel, p: Paints, at: tuple[float, float, float], *, par
         gun + tube(at, (x, y, z + 0.28), 0.04) + box((0.2, 0.14, 0.2), (x + 0.05, y + 0.15, z + 0.22)),
         p.dark,
         bevel=0.008,
-        part=part,
+        part="turret",
     )

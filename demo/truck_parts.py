@@ -115,11 +115,9 @@ def drop_side_bed(m: BlendModel, p: Paints, *, x0: float, x1: float, z: float, h
     )
 
 
-def canopy(
-    m: BlendModel, p: Paints, *, x0: float, x1: float, z0: float, z1: float, half: float, hoops: int = 5
-) -> None:
+def canopy(m: BlendModel, p: Paints, *, x0: float, x1: float, z0: float, z1: float, half: float) -> None:
     """Add a tarpaulin sagging between hoops, open at the rear, with straps."""
-    rings = []
+    rings, hoops = [], 5
     stations = np.linspace(x0, x1, 4 * (hoops - 1) + 1)
     for k, x in enumerate(stations):
         sag = 0.05 * np.sin(np.pi * (k % 4) / 4)

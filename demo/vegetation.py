@@ -41,23 +41,22 @@ class Plant:
             (points[:, None] + radii[:, None, None] * ring).reshape(-1, 3), quads(len(points), sides + 1)[:, ::-1], 0
         )
 
-    def sprays(self, centers: Points, along: Points, across: Points, *, slot: int = 1) -> None:
-        """Leaf sprays: bent kites at `centers`, half as long as `along` and half as wide as `across` both ways."""
+    def sprays(self, centers: Points, along: Points, across: Points) -> None:
+        """Leaf sprays: bent kites at `centers`, reaching `along` and `across` both ways, in slot 1."""
         fold = 0.25 * np.cross(along, across) / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
         corners = np.stack(
             [centers - along, centers + across * 0.9 + fold, centers + along, centers - across * 0.9 + fold], axis=1
         )
-        self.add(corners.reshape(-1, 3), np.arange(4 * len(centers)).reshape(-1, 4), slot)
+        self.add(corners.reshape(-1, 3), np.arange(4 * len(centers)).reshape(-1, 4), 1)
 
-    def mesh(self, name: str, materials: list[Any], *, smooth: bool = True) -> Any:
+    def mesh(self, name: str, materials: list[Any]) -> Any:
         """Return the finished Blender mesh."""
         mesh = bpy.data.meshes.new(name)
         mesh.from_pydata(np.concatenate(self.vertices), [], np.concatenate(self.faces))
         for material in materials:
             mesh.materials.append(material)
         mesh.polygons.foreach_set("material_index", np.concatenate(self.slots).astype(np.int32))
-        if smooth:
-            mesh.polygons.foreach_set("use_smooth", np.concatenate(self.slots) == 0)
+        mesh.polygons.foreach_set("use_smooth", np.concatenate(self.slots) == 0)
         mesh.update()
         return mesh
 

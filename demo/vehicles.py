@@ -42,14 +42,14 @@ TEXTURES = {
 
 
 DISTRACTORS = {  # what builds it, and the material of its body
-    "civilian_car": (cars.civilian_car, lambda: materials.gloss("Paint", "#7d1f1c", dust=DUSTS["earth"])),
-    "panel_van": (cars.panel_van, lambda: materials.gloss("Paint", "#d9dad6", dust=DUSTS["earth"])),
+    "civilian_car": (cars.civilian_car, lambda: materials.gloss("#7d1f1c", dust=DUSTS["earth"])),
+    "panel_van": (cars.panel_van, lambda: materials.gloss("#d9dad6", dust=DUSTS["earth"])),
     "container": (
         leftovers.container,
         lambda: materials.rusted("Paint", "#2f5f7d", rust="#6b3a22", share=0.35),
     ),
-    "bale_stack": (farm.bale_stack, lambda: materials.straw("Straw", ("#8f7440", "#c6a868"))),
-    "tractor_trailer": (farm.tractor_trailer, lambda: materials.gloss("Paint", "#2e6b34", dust=DUSTS["earth"])),
+    "bale_stack": (farm.bale_stack, lambda: materials.straw(("#8f7440", "#c6a868"))),
+    "tractor_trailer": (farm.tractor_trailer, lambda: materials.gloss("#2e6b34", dust=DUSTS["earth"])),
     "burnt_hull": (leftovers.burnt_hull, lambda: materials.burnt("Burnt_Steel")),
 }
 # Where one differs from `_paints`: a part's name there, and the material in its place.
@@ -58,13 +58,13 @@ OTHER = {
     "panel_van": {"canvas": lambda: materials.plain("Plates", "#e2c33a", rough=0.4, mottle=0.03)},
     "container": {"canvas": lambda: materials.plain("Lettering", "#dedad0", rough=0.6, mottle=0.1)},
     "bale_stack": {
-        "canvas": lambda: materials.straw("Straw", ("#8f7440", "#c6a868")),
+        "canvas": lambda: materials.straw(("#8f7440", "#c6a868")),
         "dark": lambda: materials.plain("Twine", "#5d6f8a", rough=0.8, mottle=0.05),
     },
     "tractor_trailer": {
         "canvas": lambda: materials.plain("Cab_Roof", "#e8e6dc", rough=0.4, mottle=0.05),
         "red": lambda: materials.rusted("Red_Paint", "#9a2a1d", rust="#5c3a26", share=0.2),
-        "wood": lambda: materials.straw("Straw", ("#9a7e45", "#d2b673")),
+        "wood": lambda: materials.straw(("#9a7e45", "#d2b673")),
     },
     "burnt_hull": {
         "steel": lambda: materials.rusted("Bare_Rust", "#6e3c22", rust="#8c4d28", share=0.6, streaks=False),
