@@ -43,7 +43,6 @@ class CameraRoom:
         ground_clearance: float = 0.0,
         obstacle_clearance: float = 0.0,
         vehicles: Sequence[PosedVehicle] = (),
-        vehicle_clearance: float = 0.0,
     ) -> UInt8[np.ndarray, " n"]:
         """Return a `Rejection` for each place: the first that applies of ground, height, water, obstacles, vehicles.
 
@@ -58,19 +57,17 @@ class CameraRoom:
         obstacle_clearance
             Half the side in meters of the upright cube about the camera that no obstacle's surface may touch: no
             surface is nearer than this. A camera that an obstacle shuts in on all sides and above is inside it.
+            Also the least distance to the bounding boxes of vehicles' parts; never inside one.
         vehicles
             Vehicles, in a pose for each place, in one for all, or in several with the place of each.
-        vehicle_clearance
-            Least distance in meters to the bounding boxes of their parts; never inside one.
         """
         place = checked(position, "position", ("n", 3))
-        for name, meters in (("obstacle_clearance", obstacle_clearance), ("vehicle_clearance", vehicle_clearance)):
-            if not meters >= 0.0:
-                raise ValueError(f"{name}: expected meters of 0 or more, got {meters}")
+        if not obstacle_clearance >= 0.0:
+            raise ValueError(f"obstacle_clearance: expected meters of 0 or more, got {obstacle_clearance}")
         n = len(place)
         rejection = np.zeros(n, dtype=np.uint8)
         for vehicle in vehicles:
-            rejection[_distance_to(vehicle, place) <= vehicle_clearance] = Rejection.CAMERA_VEHICLE
+            rejection[_distance_to(vehicle, place) <= obstacle_clearance] = Rejection.CAMERA_VEHICLE
         cube = np.tile(np.eye(4), (n, 1, 1))
         cube[:, :3, 3] = place
         rejection[self.obstacles.touched(np.full((n, 3), float(obstacle_clearance)), cube)] = Rejection.CAMERA_OBSTACLE

@@ -160,8 +160,10 @@ WRONG = [
     ),
     (lambda: PosedVehicle(SEEN[0].target, ONE, [{}, {}]), "articulation: expected one or 1, got 2"),
     *(
-        (lambda o={name: meters}: clear(**o), f"{name}: expected meters of 0 or more, got {meters}")
-        for name in ("obstacle_clearance", "vehicle_clearance")
+        (
+            lambda m=meters: clear(obstacle_clearance=m),
+            f"obstacle_clearance: expected meters of 0 or more, got {meters}",
+        )
         for meters in (-0.1, math.nan)
     ),
     (lambda: VehicleBoxes(CRATE).boxes(ONE[0], ONE, VGA), "world_from_vehicle: expected shape"),

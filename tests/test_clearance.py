@@ -77,7 +77,7 @@ def test_cameras_keep_clear_of_vehicles(position: tuple, expected: Rejection) ->
     place = at[:3, :3] @ position + at[:3, 3]
     vehicle = PosedVehicle(CRATE, at[None], {})
     room = CameraRoom(Terrain(0.0), NOTHING)
-    assert judge(room, *place, vehicles=[vehicle], vehicle_clearance=1.0) == expected
+    assert judge(room, *place, vehicles=[vehicle], obstacle_clearance=1.0) == expected
 
 
 def pose(x, y, z=0.0, yaw=0.0):

@@ -115,7 +115,6 @@ def try_cameras(block: Block, tries: Tries) -> Views:
         ground_clearance=limits.ground_clearance,
         obstacle_clearance=limits.obstacle_clearance,
         vehicles=[*targets.posed(), *tries.others.beside(rows)[0].posed()],
-        vehicle_clearance=limits.obstacle_clearance,
     )
 
     kept = np.flatnonzero(views.rejection[rows] == Rejection.NONE)
