@@ -90,7 +90,7 @@ def structs_of(kind: Callable[..., T], columns: Mapping[str, Iterable[object]]) 
 def _followed(block: Block, views: Views) -> list[Followed | None]:
     """Return the photographs of each image."""
     if block.likeness is None:
-        return [None] * len(views.asked)
+        return [None] * len(views.sampled)
     photographs = block.likeness.photographs
 
     def name(box: int) -> str:
@@ -98,7 +98,7 @@ def _followed(block: Block, views: Views) -> list[Followed | None]:
 
     return [
         Followed(name(sampled), name(box) if box >= 0 else None) if sampled >= 0 else None
-        for sampled, box in zip(views.asked.tolist(), views.followed.tolist(), strict=True)
+        for sampled, box in zip(views.sampled.tolist(), views.followed.tolist(), strict=True)
     ]
 
 

@@ -21,25 +21,18 @@ from hulldown.planning.config.asset_sections import CACHE_NAME, DistractorEntry,
 from hulldown.planning.config.paint_section import paint_doubts, paint_notes
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.changed_assets import refuse_changed
+from hulldown.planning.inputs.lengths import odd_length, refuse_odd_lengths, usual_text
 from hulldown.planning.plan.lines import PlanFile
 from hulldown.reading.cache import cached
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
-from hulldown.reading.doubts import length_said, likely_scale
+from hulldown.reading.doubts import length_said
 from hulldown.reading.hdri import Hdri, read_hdris, refuse_no_hdri
-from hulldown.reading.pieces.asset_report import FileReport, refuse_missing
+from hulldown.reading.pieces.asset_report import refuse_missing
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.formats import HDRI_SUFFIXES
-from hulldown.reading.pieces.naming import first_match
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import Exported
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART
-
-USUAL_LENGTHS = {  # meters, up to the longest with gun or trailer
-    ("car", "suv", "sedan", "jeep", "hatchback", "pickup", "van", "taxi"): (2.0, 9.0),
-    ("truck", "lorry", "bus", "launcher", "howitzer", "artillery"): (3.0, 30.0),
-    ("tank", "mbt", "apc", "ifv"): (3.0, 16.0),
-}
-ANY_VEHICLE, ANY_LENGTH = ("vehicle",), (0.2, 100.0)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -159,7 +152,7 @@ def load_library(
     with ThreadPoolExecutor(at_once) as pool:
         files = list(zip(listed.entries, pool.map(read, listed.entries), strict=True))
     skies = dict(zip(hdris, read_hdris(list(hdris.values()), cache, limits=limits, progress=progress), strict=True))
-    _refuse_sizes([(entry, exported.report) for entry, (exported, _) in files if isinstance(entry, ModelEntry)])
+    refuse_odd_lengths([(entry, exported.report) for entry, (exported, _) in files if isinstance(entry, ModelEntry)])
     needed = [e.report for entry, (e, _) in files if strict or not getattr(entry, "allow_missing", True)]
     refuse_missing(needed, strict=strict)
     models = {e.name: _painted(exported, e) for e, (exported, _) in files if isinstance(e, ModelEntry)}
@@ -204,8 +197,8 @@ def _painted(exported: Exported, entry: ModelEntry) -> Exported:
     """Return the export with notes and doubts about the config's paint in its report."""
     report = exported.report
     doubts = paint_doubts(entry.paint, report.materials)
-    if entry.scale is not None and (odd := _odd_size(entry, report)):  # without a scale, it's refused
-        text = f"with its scale of {entry.scale:g} it is {length_said(max(report.size))} long, and {_usual_said(*odd)}"
+    if entry.scale is not None and (odd := odd_length(entry, report)):  # without a scale, it's refused
+        text = f"with its scale of {entry.scale:g} it is {length_said(max(report.size))} long, and {usual_text(*odd)}"
         doubts.append(Doubt(DoubtKind.SCALE, text))
     notes = paint_notes(entry.paint, report.materials)
     return replace(exported, report=replace(report, doubts=(*report.doubts, *doubts), painted=tuple(notes)))
@@ -262,41 +255,6 @@ def _as_listed(shape: VehicleShape, entry: ModelEntry, config: Config) -> Vehicl
         for key, point in (entry.keypoints or {}).items()
     }
     return replace(shape, name=entry.name, part_limits=limits).with_keypoints(points)
-
-
-def _refuse_sizes(vehicles: Sequence[tuple[ModelEntry, FileReport]]) -> None:
-    """Refuse vehicles of unusual length for their class, unless the config gives their scale.
-
-    Raises
-    ------
-    AssetError
-        Naming the first one's length, the usual lengths, the key, and the other vehicles.
-    """
-    refused = [(e, odd, r) for e, r in vehicles if e.scale is None and (odd := _odd_size(e, r)) is not None]
-    if refused:
-        others = [f"{entry.name} ({length_said(max(report.size))})" for entry, _, report in refused[1:]]
-        _, (kind, lengths), report = refused[0]
-        several = next((str(doubt) for doubt in report.doubts if doubt.kind == DoubtKind.SEVERAL), "")
-        raise AssetError(
-            f"is {length_said(max(report.size))} long, and {_usual_said(kind, lengths)}"
-            + (f"; of unusual length are also {', '.join(others)}" if others else ""),
-            path=report.path,
-            remedy=several
-            or f"set scale{likely_scale(max(report.size), report.unit, lengths)}, also to the value that "
-            "it has now if the size is right",
-        )
-
-
-def _odd_size(entry: ModelEntry, report: FileReport) -> tuple[str, tuple[float, float]] | None:
-    """Return a vehicle's class and its usual lengths, if it doesn't have them."""
-    name = f"{getattr(entry, 'category', None) or ''} {entry.name}"
-    kind = next((kind for kind in USUAL_LENGTHS if first_match(name, kind)), ANY_VEHICLE)
-    low, high = USUAL_LENGTHS.get(kind, ANY_LENGTH)
-    return None if low <= max(report.size) <= high else (kind[0], (low, high))
-
-
-def _usual_said(kind: str, usual: tuple[float, float]) -> str:
-    return f"a {kind} has {usual[0]:g} to {usual[1]:g} m"
 
 
 def read_options(entry: ModelEntry | SceneryEntry, config: Config) -> Options:

@@ -19,7 +19,8 @@ from hulldown.planning.plan.row import rounded
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.given import Given
 from hulldown.planning.search.instance_table import Instances, hull_of
-from hulldown.planning.search.likeness import Wishes, directions_of, matching_cameras
+from hulldown.planning.search.likeness import Wishes
+from hulldown.planning.search.matching_cameras import directions_of, matching_cameras
 from hulldown.planning.search.random_streams import Purpose, RowStreams, between
 from hulldown.planning.search.sizing import image_size, sized_cameras
 

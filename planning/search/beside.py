@@ -15,7 +15,8 @@ from hulldown.camera.shell import camera_pose
 from hulldown.geometry.portable import hypot, log, sin_cos
 from hulldown.geometry.transforms import rotate
 from hulldown.planning.search.instance_table import Instances
-from hulldown.planning.search.likeness import DIRECTIONS, Likeness, Wishes, chosen_directions, fitting
+from hulldown.planning.search.likeness import Likeness, Wishes
+from hulldown.planning.search.matching_cameras import DIRECTIONS, chosen_directions, fitting
 from hulldown.planning.search.random_streams import RowStreams
 
 STEEP = math.radians(15.0)  # elevation above which level ground tells a companion's distance better than its box does

@@ -1,4 +1,4 @@
-"""The photograph that each image follows, and cameras that reproduce its box.
+"""The photograph that each image follows, and what its box asks of cameras.
 
 Half of an image's tries follow its sampled photograph, so that boxes that are hard to reproduce stay frequent. Each try
 of the third quarter samples another one with a box of about that height, so that refused boxes don't change the
@@ -11,30 +11,20 @@ import math
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.assets.photographs import Photographs
 from hulldown.base.errors import ConfigError
-from hulldown.camera.framing import place_boxes
-from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.shell import draw_azimuth, draw_elevation, shell_axes
-from hulldown.geometry.portable import exp, log
-from hulldown.planning.config.camera_section import CameraSection
 from hulldown.planning.config.schema import Config
-from hulldown.planning.search.instance_table import Instances, hull_of
-from hulldown.planning.search.random_streams import Purpose, RandomStreams, RowStreams, choose
-from hulldown.planning.search.sizing import sized_cameras
+from hulldown.planning.search.instance_table import Instances
+from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose
 from hulldown.planning.search.stage import Fleet
 
 FEW = 20  # boxes of a class, below which those of all classes are used
-DIRECTIONS = 24  # candidates for each camera
-LEAST_TOLERANCE = 0.03  # relative, of aspect ratios: no vehicle has exactly the sampled one
 HALF_CUT = 0.5  # largest share of the height assumed to be cut off from a box over a corner of the photograph
 CUT = 0.8  # of the largest `truncated_fraction`, aimed for: what the frame leaves fills less than its share of the box
-SLACK = 2.0  # largest factor by which estimated distances are wrong
 LAST = np.nextafter(1.0, 0.0)  # highest rank
 PATIENCE = 10  # places without a camera that count as a quarter of an image's tries
 
@@ -45,7 +35,7 @@ class Wishes:
 
     Parameters
     ----------
-    asked, box
+    sampled, box
         (n,) box of the photographs that was sampled for the image, and the one that this try follows; -1: none.
     corners, cut
         (n, 4) left, top, right, and bottom side of the box in pixels, and whether the frame cuts it off there.
@@ -58,7 +48,7 @@ class Wishes:
         (n,) uniform numbers in [0, 1) that choose directions.
     """
 
-    asked: Int[np.ndarray, " n"]
+    sampled: Int[np.ndarray, " n"]
     box: Int[np.ndarray, " n"]
     corners: Float[np.ndarray, "n 4"]
     cut: Bool[np.ndarray, "n 4"]
@@ -158,12 +148,12 @@ class Likeness:
         """
         camera, render, photographs = self.config.camera, self.config.render, self.photographs
         again = draws.uniform(Purpose.LIKE, image, 1 + attempt, count=6)
-        asked = self.sampled(draws, targets.fleet, model=targets.model, image=image)
+        sampled = self.sampled(draws, targets.fleet, model=targets.model, image=image)
         rank = draws.uniform(Purpose.LIKE, image, 0, count=2)[:, 1]
         near = np.abs(rank + (2.0 * again[:, 0] - 1.0) ** 3)  # half of them within an eighth of all ranks
         near = np.where(near < 1.0, near, 2.0 - near).clip(0.0, LAST)
-        box = np.where(quarter < 2, asked, self._picked(targets.fleet, targets.model, near))
-        box = np.where((asked >= 0) & (quarter < 3), box, -1)
+        box = np.where(quarter < 2, sampled, self._picked(targets.fleet, targets.model, near))
+        box = np.where((sampled >= 0) & (quarter < 3), box, -1)
         size, cut = np.array([render.width, render.height], dtype=np.float64), photographs.cut[box]
         deviation = camera.like_spread * (2.0 * again[:, 1:4] - 1.0)
         height, aspect = photographs.height[box] * size[1] * (1.0 + deviation[:, 0]), photographs.aspect[box]
@@ -179,7 +169,7 @@ class Likeness:
         deepest = min(HALF_CUT, 1.0 - math.sqrt(1.0 - CUT * camera.truncated_fraction[1]))
         kept = np.where(down & across, 1.0 - deepest * again[:, 4], 1.0)
         return Wishes(
-            asked,
+            sampled,
             box,
             np.concatenate([low, low + extent], axis=1),
             cut,
@@ -207,103 +197,3 @@ def usable_boxes(photographs: Photographs, config: Config) -> tuple[Bool[np.ndar
         counts[reason] = int(np.count_nonzero(rows & ~refused))
         refused |= rows
     return ~refused, +counts
-
-
-def directions_of(draws: RandomStreams, image: Int[np.ndarray, " n"], attempt: Int[np.ndarray, " n"]) -> RowStreams:
-    """Return the generator for the candidate directions of these tries."""
-    tries = attempt[:, None] * DIRECTIONS + np.arange(DIRECTIONS)
-    return RowStreams(draws, Purpose.DIRECTION, np.repeat(image, DIRECTIONS), tries.ravel())
-
-
-def matching_cameras(
-    targets: Instances,
-    wishes: Wishes,
-    config: Config,
-    *,
-    intrinsics: Intrinsics,
-    roll: Float[np.ndarray, " n"],
-    rng: RowStreams,
-) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, " n"]]:
-    """Return n cameras that reproduce size and place of the photographs' boxes, and their distances; nan without one.
-
-    Parameters
-    ----------
-    targets, wishes, intrinsics, roll
-        n each; every wish has a box.
-    rng
-        See `directions_of`.
-    """
-    n = len(targets)
-    azimuth, elevation, distance = chosen_directions(targets, wishes, config, intrinsics=intrinsics, rng=rng)
-    poses = np.full((n, 4, 4), np.nan)
-    least, most = config.camera.distance_m
-    # Estimated distances far beyond the limits are rejected without solving.
-    possible = np.flatnonzero((distance > least / SLACK) & (distance < most * SLACK))
-    for model, of_model in targets.take(possible).by_model():
-        of_model = possible[of_model]
-        hull = hull_of(model, targets.world_from_vehicle[of_model], targets.model_angles(model, of_model))
-        for wide in (False, True):
-            chosen = wishes.wide[of_model] == wide
-            i = of_model[chosen]
-            if not len(i):
-                continue
-            framed = partial(
-                place_boxes,
-                points_world=hull[chosen],
-                intrinsics=intrinsics.rows(i),
-                corners=wishes.corners[i],
-                cut=wishes.cut[i],
-                kept=wishes.least_kept(config)[i],
-                roll=roll[i],
-            )
-            poses[i], distance[i] = sized_cameras(
-                targets.take(i),
-                hull[chosen],
-                intrinsics=intrinsics.rows(i),
-                pixels=wishes.pixels[i],
-                measure="width" if wide else "height",
-                azimuth=azimuth[i],
-                elevation=elevation[i],
-                roll=roll[i],
-                framed=framed,
-            )
-    return poses, distance
-
-
-def chosen_directions(
-    targets: Instances, wishes: Wishes, config: Config, *, intrinsics: Intrinsics, rng: RowStreams
-) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Sample elevations, choose azimuths by how well the aspect ratio fits, and estimate the distance.
-
-    Elevations are the configured ones, since an aspect ratio hardly tells them: a turret that a label leaves out weighs
-    as much as 20 degrees.
-    """
-    n, limits = len(targets), config.camera
-    low, high = (math.radians(angle) for angle in limits.elevation_deg)
-    azimuth = draw_azimuth(n * DIRECTIONS, rng=rng).reshape(n, DIRECTIONS)
-    elevation = draw_elevation(n * DIRECTIONS, (low, high), rng=rng, uniform_in=limits.elevation_sampling)
-    elevation = np.repeat(elevation.reshape(n, DIRECTIONS)[:, :1], DIRECTIONS, axis=1)
-    axes = shell_axes(azimuth, elevation)[1]
-    local = targets.corners() - targets.centers[:, None]
-    x, y, depth = (sum(local[:, None, :, k] * axes[..., None, k, axis] for k in range(3)) for axis in range(3))
-    measured = np.where(wishes.wide[:, None], np.ptp(x, axis=2), np.ptp(y, axis=2))
-    # Perspective changes the aspect ratio of near targets: apply it at about the wanted size.
-    distance = measured * intrinsics.focal[..., 1:] / wishes.pixels[:, None]
-    scale = 1.0 / np.maximum(distance[..., None] + depth, 0.1 * distance[..., None])
-    misfit = log(np.ptp(x * scale, axis=2) / np.ptp(y * scale, axis=2)) - log(wishes.aspect)[:, None]
-    across, down = (wishes.cut[:, :2] | wishes.cut[:, 2:]).T[..., None]
-    # Where the frame cuts off the width, a target is longer than its box, and taller where it cuts off the height: as
-    # much as `truncated_fraction` allows.
-    longer = np.maximum(log(wishes.kept / (1.0 - CUT * limits.truncated_fraction[1])), 0.0)[:, None]
-    misfit -= np.where(across, np.clip(misfit, 0.0, longer), 0.0)
-    misfit -= np.where(down & ~across, np.clip(misfit, -longer, 0.0), 0.0)
-    row, chosen = np.arange(n), fitting(misfit, limits, wishes.choice)
-    return azimuth[row, chosen], elevation[row, chosen], distance[row, chosen]
-
-
-def fitting(
-    misfit: Float[np.ndarray, "n d"], limits: CameraSection, choice: Float[np.ndarray, " n"]
-) -> Int[np.ndarray, " n"]:
-    """Choose a direction for each row by the misfits of logarithmic aspect ratios, with numbers in [0, 1)."""
-    exponent = -0.5 * (misfit / max(limits.like_spread / 2.0, LEAST_TOLERANCE)) ** 2
-    return choose(exp(exponent - exponent.max(axis=1, keepdims=True)), choice)

@@ -26,7 +26,8 @@ from hulldown.planning.search.aiming import Tries, sampled_intrinsics
 from hulldown.planning.search.beside import poses_beside
 from hulldown.planning.search.block import Block, InstanceTable, instances_of
 from hulldown.planning.search.extras import MOST_EXTRAS, Role, offsets
-from hulldown.planning.search.likeness import PATIENCE, directions_of
+from hulldown.planning.search.likeness import PATIENCE
+from hulldown.planning.search.matching_cameras import directions_of
 from hulldown.planning.search.placing import clear_of_vehicles, settle_clear
 from hulldown.planning.search.random_streams import Purpose, RowStreams
 from hulldown.planning.search.views import Seen, Views, no_views, try_cameras, views_of_others

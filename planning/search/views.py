@@ -44,7 +44,7 @@ class Views:
         (n,) share of the vehicle's contrast after haze; see `camera.weather.extinction`.
     rejection
         (n,) codes of `Rejection`.
-    asked, followed
+    sampled, followed
         (n,) boxes of photographs; see `planning.search.likeness.Wishes`. -1: none.
     """
 
@@ -54,7 +54,7 @@ class Views:
     visible_fraction: Float[np.ndarray, " n"]
     air_contrast: Float[np.ndarray, " n"]
     rejection: UInt8[np.ndarray, " n"]
-    asked: Int[np.ndarray, " n"]
+    sampled: Int[np.ndarray, " n"]
     followed: Int[np.ndarray, " n"]
 
 
@@ -102,7 +102,7 @@ def try_cameras(block: Block, tries: Tries) -> Views:
     views = no_views(len(tries.image))
     views.fov_x_deg[:] = rounded("fov_x_deg", aims.intrinsics.fov_x_deg)
     if aims.wishes is not None:
-        views.asked[:] = np.where(tries.undirected, aims.wishes.asked, -1)
+        views.sampled[:] = np.where(tries.undirected, aims.wishes.sampled, -1)
         views.followed[:] = np.where(aims.follows, aims.wishes.box, -1)
     views.rejection[:] = _of_distance(tries, aims, block.config)
 
