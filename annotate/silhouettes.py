@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, Camera, directions
-from hulldown.geometry.arrays import checked, numbered
+from hulldown.geometry.arrays import checked
+from hulldown.geometry.indices import numbered
 from hulldown.geometry.transforms import rotate
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle

@@ -20,7 +20,7 @@ from hulldown.dataset.labels.keypoints import KEYPOINTS
 from hulldown.dataset.labels.mask import MASK
 from hulldown.dataset.records import read_usable
 from hulldown.dataset.rows import image_record, label_records
-from hulldown.geometry.arrays import spread
+from hulldown.geometry.indices import spread
 from hulldown.pictures.drawing import Drawn, contact_sheet, draw
 from hulldown.pictures.notebooks import ShownInNotebooks
 from hulldown.planning.plan_file import Plan

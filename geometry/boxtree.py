@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hulldown.geometry.arrays import numbered
+from hulldown.geometry.indices import numbered
 
 FANOUT = 8
 SLACK = 1e-14  # relative rounding error of a ray through a box's edge

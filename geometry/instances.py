@@ -14,9 +14,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.arrays import checked, rounds
+from hulldown.geometry.arrays import checked
 from hulldown.geometry.boxtree import BoxTree
 from hulldown.geometry.cutouts import caster_of
+from hulldown.geometry.indices import rounds
 from hulldown.geometry.meshes import Mesh, unit_normals
 from hulldown.geometry.rays import RayCaster, RayHits, checked_rays
 from hulldown.geometry.transforms import apply, invert_affine

@@ -13,9 +13,9 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hulldown.geometry.arrays import rounds
 from hulldown.geometry.boxtree import BoxTree
 from hulldown.geometry.cutouts import Solidity
+from hulldown.geometry.indices import rounds
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.portable import sin_cos
 from hulldown.geometry.transforms import apply, compose, invert_rigid, rotate

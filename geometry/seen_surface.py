@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.geometry.alpha import HIDES, AlphaMap, Cut, Cutouts
-from hulldown.geometry.arrays import numbered
 from hulldown.geometry.hulls import hulls_of_groups
+from hulldown.geometry.indices import numbered
 from hulldown.geometry.meshes import Mesh
 
 FLAT = 2.0  # float32 units in the last place, up to whose height a triangle has no area for Cycles

@@ -9,8 +9,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.arrays import checked, numbered
+from hulldown.geometry.arrays import checked
 from hulldown.geometry.hulls import inner_point
+from hulldown.geometry.indices import numbered
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.portable import hypot
 from hulldown.geometry.rays import RayCaster

@@ -50,7 +50,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy import ndimage
 
-from hulldown.geometry.arrays import numbered
+from hulldown.geometry.indices import numbered
 from hulldown.geometry.meshes import first_equal
 
 UNKNOWN = 255

@@ -32,7 +32,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 from scipy import ndimage
 
-from hulldown.geometry.arrays import batches, numbered
+from hulldown.geometry.indices import batches, numbered
 from hulldown.geometry.predicates import EPS, orient
 from hulldown.placement.ground import Ground
 from hulldown.placement.sheet_map import SheetMap

@@ -11,7 +11,7 @@ import orjson
 
 from hulldown.base.errors import HulldownError
 from hulldown.base.terminal import reading_status
-from hulldown.geometry.arrays import spread
+from hulldown.geometry.indices import spread
 from hulldown.pictures.notebooks import ShownInNotebooks
 from hulldown.planning.inputs.loading import config_of, load_planned_library
 from hulldown.planning.plan.lines import PlanFile

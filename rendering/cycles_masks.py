@@ -25,7 +25,7 @@ from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.entries import is_box
 from hulldown.dataset.store.reservations import find_run
 from hulldown.dataset.verification.look import appearance
-from hulldown.geometry.arrays import spread
+from hulldown.geometry.indices import spread
 from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan.row import Row
 from hulldown.planning.plan_file import Plan, read_plan

@@ -11,8 +11,8 @@ from jaxtyping import Bool, Float, Int
 
 from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
 from hulldown.camera.projection import NEAR, Camera
-from hulldown.geometry.arrays import numbered, rounds
 from hulldown.geometry.cutouts import PASSED
+from hulldown.geometry.indices import numbered, rounds
 from hulldown.geometry.instances import InstancedScene, InstanceHits
 from hulldown.geometry.transforms import apply, invert_rigid, rotate
 

@@ -13,9 +13,9 @@ from scipy.spatial import HalfspaceIntersection, QhullError
 
 from hulldown.assets.vehicle import Articulation, VehicleShape
 from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
-from hulldown.geometry.arrays import joined
 from hulldown.geometry.cutouts import caster_of
 from hulldown.geometry.hulls import extreme_points
+from hulldown.geometry.indices import joined
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster, RayHits
 from hulldown.geometry.transforms import apply, compose, invert_rigid, rotate

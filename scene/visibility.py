@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 
 from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.geometry.arrays import checked, numbered
+from hulldown.geometry.arrays import checked
+from hulldown.geometry.indices import numbered
 from hulldown.geometry.transforms import apply
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle

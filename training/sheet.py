@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from hulldown.base.terminal import tracked
-from hulldown.geometry.arrays import spread
+from hulldown.geometry.indices import spread
 from hulldown.pictures.drawing import Drawn, contact_sheet, draw
 from hulldown.training.inputs.augment import Augmenter, changed_table
 from hulldown.training.inputs.data import at_work_size

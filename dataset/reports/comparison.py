@@ -19,8 +19,8 @@ from hulldown.base.terminal import reporting
 from hulldown.dataset.reports.charts import BINS, two_histograms
 from hulldown.dataset.reports.coverage import FEWEST, Coverage, coverage_of
 from hulldown.dataset.table import Dataset
-from hulldown.geometry.arrays import spread
 from hulldown.geometry.color import LUMINANCE
+from hulldown.geometry.indices import spread
 
 SPLITS = 40  # random halves of the photographs
 MOST_PICTURES = 500  # most measured pictures, spread evenly

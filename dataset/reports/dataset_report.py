@@ -28,7 +28,7 @@ from hulldown.dataset.reports.charts import azimuths, histogram, place_map, plac
 from hulldown.dataset.reports.comparison import Comparison, Encoder, compare
 from hulldown.dataset.reports.page import Facet, Shape, Tile, render
 from hulldown.dataset.table import CONDITIONS, Dataset
-from hulldown.geometry.arrays import spread
+from hulldown.geometry.indices import spread
 from hulldown.pictures.drawing import color_of
 from hulldown.pictures.sheets import refuse_foreign
 from hulldown.planning.inputs.loading import Library, load_planned_library

@@ -9,7 +9,7 @@ import numpy as np
 
 from hulldown.assets.library import Assets
 from hulldown.camera.projection import Camera
-from hulldown.geometry.arrays import spread
+from hulldown.geometry.indices import spread
 from hulldown.planning.inputs.loading import config_of
 from hulldown.planning.plan.lines import PlanFile
 from hulldown.planning.plan.row import Row

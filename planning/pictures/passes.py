@@ -24,7 +24,7 @@ from hulldown.base.files import make_room, replace_file
 from hulldown.base.outside import read_json
 from hulldown.base.terminal import tracked
 from hulldown.camera.projection import directions
-from hulldown.geometry.arrays import spread
+from hulldown.geometry.indices import spread
 from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan.lines import PlanFile
 from hulldown.planning.plan.row import Row, encode

@@ -15,8 +15,8 @@ from hulldown.base.terminal import tracked
 from hulldown.camera.projection import Camera
 from hulldown.camera.response import ALBEDO
 from hulldown.camera.weather.kinds import Weather
-from hulldown.geometry.arrays import spread
 from hulldown.geometry.color import LUMINANCE
+from hulldown.geometry.indices import spread
 from hulldown.pictures.drawing import Drawn, contact_sheet, draw
 from hulldown.pictures.sheets import save_sheet
 from hulldown.planning.appearance.light import card

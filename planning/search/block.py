@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Int
 
-from hulldown.geometry.arrays import numbered
 from hulldown.geometry.columns import take
+from hulldown.geometry.indices import numbered
 from hulldown.placement.settle import Settled, unsettled
 from hulldown.planning.config.schema import Config
 from hulldown.planning.search.budget import Positions

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from hulldown.base.errors import ConfigError
-from hulldown.geometry.arrays import numbered
+from hulldown.geometry.indices import numbered
 from hulldown.planning.config.budget_section import BudgetSection
 
 ROUNDING = 1e-9  # of shares of a class's images

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from hulldown.geometry.arrays import joined
+from hulldown.geometry.indices import joined
 from hulldown.geometry.transforms import apply, compose
 from hulldown.planning.plan.row import rounded
 from hulldown.planning.search.stage import Fleet, Model

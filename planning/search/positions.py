@@ -17,8 +17,8 @@ from jaxtyping import Bool, Float, Int
 
 from hulldown.base.errors import ConfigError
 from hulldown.camera.weather.kinds import Weather
-from hulldown.geometry.arrays import batches, joined, numbered
 from hulldown.geometry.columns import join, put, take
+from hulldown.geometry.indices import batches, joined, numbered
 from hulldown.placement.candidates import candidates
 from hulldown.placement.rejection import AIMING, KINDS, PLACING, Rejection, first_accepted, sentence
 from hulldown.placement.settle import Settled, unsettled

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from msgspec import UNSET, Struct, UnsetType
 
-from hulldown.geometry.arrays import spread
+from hulldown.geometry.indices import spread
 from hulldown.training.evaluation.bins import BinFigures, worst
 from hulldown.training.evaluation.evaluate import DetectorComparison, Evaluation
 from hulldown.training.evaluation.metrics import COUNTS, confusion, curves

@@ -19,7 +19,7 @@ import shapely
 from jaxtyping import Bool, Float, Int
 
 from hulldown.dataset.labels.oriented_box import visible_corners
-from hulldown.geometry.arrays import numbered
+from hulldown.geometry.indices import numbered
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.predictions import Predictions
 
