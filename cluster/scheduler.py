@@ -49,7 +49,7 @@ def needing_dask() -> Iterator[None]:
 
 @contextmanager
 def local_cluster(workers: int, *, port: int = 0) -> Iterator[str]:
-    """Run a scheduler in this process, and rendering workers, during the block; yields its address.
+    """Run a scheduler in this process, and workers for rendering and training, during the block; yields its address.
 
     The workers end with the scheduler in any case; one that dies is restarted.
 

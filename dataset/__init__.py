@@ -1,1 +1,1 @@
-"""COCO datasets on disk: records, journal, append, join, verify, split, overlay, exports (paper, section 2.1.7)."""
+"""COCO datasets on disk: append, join, verify, report, split, export (paper, section 2.1.7)."""

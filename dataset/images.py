@@ -1,4 +1,4 @@
-"""Images with their labels: declared fields of usable records; the records have all others."""
+"""A dataset's classes, images, and labels, made of usable records, which keep all fields of the file."""
 
 from __future__ import annotations
 

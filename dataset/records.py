@@ -179,15 +179,19 @@ def sound_images(coco: Coco) -> dict[int, Image]:
     for annotation in coco["annotations"]:
         with contextlib.suppress(ValueError, TypeError, KeyError):
             of_image[annotation["image_id"]].append(Label.of(annotation, names))
-    sound = (image for image in coco["images"] if not any(misfits(image, ImageRecord)))
-    return {image["id"]: Image.of(image, of_image[image["id"]]) for image in sound}
+    return {number: image.labeled(of_image[number]) for number, image in _unlabeled(coco).items()}
+
+
+def _unlabeled(coco: Coco) -> dict[int, Image]:
+    """Return images whose records fit, by id, without their labels."""
+    return {image["id"]: Image.of(image, ()) for image in coco["images"] if not any(misfits(image, ImageRecord))}
 
 
 def check_annotations(coco: Coco) -> Iterator[Finding]:
     """Check ids, references, boxes, masks, fractions, and duplicates."""
     yield from _repeated("annotation", [a["id"] for a in coco["annotations"]])
     images = {image["id"]: image for image in coco["images"]}
-    sound = {image["id"]: Image.of(image, ()) for image in coco["images"] if not any(misfits(image, ImageRecord))}
+    sound = _unlabeled(coco)
     categories = {record["id"]: Category.of(record) for record in coco["categories"]}
     names = {category.id: category.name for category in categories.values()}
     seen: set[tuple[object, ...]] = set()

@@ -1,4 +1,4 @@
-"""A dataset for notebooks and reports: typed records, tables of numbers, labeled pictures."""
+"""A dataset for notebooks and reports: its images, tables of their labels, and labeled pictures."""
 
 from __future__ import annotations
 

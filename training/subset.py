@@ -12,8 +12,9 @@ import orjson
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import all_or_nothing
 from hulldown.base.terminal import reporting
-from hulldown.dataset.exports.split import positions, shuffled
+from hulldown.dataset.exports.split import shuffle_key
 from hulldown.dataset.images import Image
+from hulldown.dataset.positions import positions
 from hulldown.dataset.records import read_usable
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, write_coco
 from hulldown.dataset.store.placed_pictures import link_or_copy
@@ -58,7 +59,7 @@ def nested_subsets(
     groups = positions(images)
     for members in groups.values():
         members.sort(key=lambda image: image.file_name)
-    order = sorted(groups.values(), key=lambda members: shuffled(members[0].file_name, seed))
+    order = sorted(groups.values(), key=lambda members: shuffle_key(members[0].file_name, seed))
     if stratified:
         order = _spread(order)
     ids = [image.id for members in order for image in members]

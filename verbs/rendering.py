@@ -35,9 +35,7 @@ def _render(arguments: argparse.Namespace) -> int:
 
     alone = next((name for name in ("workers", "blender") if getattr(arguments, name) is not None), None)
     if alone and arguments.scheduler is not None:
-        raise HulldownError(
-            f"--{alone} is for this machine; with --scheduler, the cluster's workers say that themselves"
-        )
+        raise HulldownError(f"--{alone} is for this machine; with --scheduler, the cluster's workers have their own")
     engine = Engine(
         workers=arguments.workers,
         device=arguments.device,

@@ -17,7 +17,7 @@ from hulldown.base.errors import DatasetError
 from hulldown.base.files import all_or_nothing, is_done
 from hulldown.base.terminal import reporting, say
 from hulldown.dataset.exports.layouts import coco_folders, dota, huggingface, kitti, voc, webdataset, yolo
-from hulldown.dataset.exports.layouts.shares import Item, Shares, flat_names, sound_pictures
+from hulldown.dataset.exports.layouts.splits import Item, Splits, flat_names, sound_pictures
 from hulldown.dataset.exports.split import SPLITS, share_out
 from hulldown.dataset.images import Image, Label
 from hulldown.dataset.labels.corners import ground_corners
@@ -27,7 +27,7 @@ from hulldown.dataset.records import read_usable
 from hulldown.dataset.usable_labels import ALL_LABELS, LabelFloors, clipped, refuse_all
 
 # The function that writes each layout into an existing folder; docs/exports.md lists their readers.
-LAYOUTS: Mapping[str, Callable[[Shares, Path], None]] = {
+LAYOUTS: Mapping[str, Callable[[Splits, Path], None]] = {
     "coco": coco_folders.write,
     "yolo": yolo.write,
     "rfdetr-yolo": partial(yolo.write, split_first=True),
@@ -121,20 +121,20 @@ def export(
         items[split_of[image.id]].append(Item(image.labeled(kept), name, picture))
     categories = document.classes  # numbered as in training
     counts = {split: len(of_split) for split, of_split in items.items()}
-    shares = Shares(folder, document.head, categories, items)
-    key = _key(layout, shares)
+    splits = Splits(folder, document.head, categories, items)
+    key = _key(layout, splits)
     if is_done(Path(out), key):
         say(f"{out}: is complete already")
         return counts
     with reporting("linking images", progress) as advance, all_or_nothing(Path(out), key) as unfinished:
-        LAYOUTS[layout](replace(shares, progress=advance), unfinished)
+        LAYOUTS[layout](replace(splits, progress=advance), unfinished)
     return counts
 
 
-def _key(layout: str, shares: Shares) -> str:
+def _key(layout: str, splits: Splits) -> str:
     """Return a hash of everything that determines an export, besides the content of pictures without a seal."""
-    key = hashlib.sha256(orjson.dumps([layout, shares.coco_head]))
-    for split, of_split in shares.items.items():
+    key = hashlib.sha256(orjson.dumps([layout, splits.coco_head]))
+    for split, of_split in splits.items.items():
         for item in of_split:
             labels = [label.record for label in item.image.labels]
             key.update(orjson.dumps([split, item.image.record, labels, item.name]))

@@ -8,46 +8,13 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
-from msgspec import Struct
 from scipy import sparse
 
 from hulldown.dataset.images import Image
-from hulldown.dataset.store.declared import fields_of
+from hulldown.dataset.positions import positions
 
 SPLITS = ("train", "valid", "test")
 _WITHOUT, _IMAGES = -1, -2  # labels for images without objects, and for images; COCO ids are 0 or more
-
-
-class _Position(Struct):
-    """Fields of an image's record by which images belong together."""
-
-    scenery: object = None
-    position: object = None
-
-
-def group_of(image: Image) -> str:
-    """Return the group of an image that must stay together: shots of one position show one vehicle on the same ground.
-
-    The first vehicle's position, to the millimeter, identifies the group, so another plan's shots of the same place
-    belong to it too. Images without poses, such as photographs, are groups of their own, as are those whose poses
-    have another form.
-    """
-    shot = fields_of(image.record, _Position)
-    for label in image.labels:
-        if label.world_from_vehicle is not None and len(label.world_from_vehicle) >= 3:
-            place = " ".join(f"{row[3]:.3f}" for row in label.world_from_vehicle[:3])
-            return f"{shot.scenery} {label.vehicle} {place}"
-    if shot.position is not None:
-        return f"{shot.scenery} position {shot.position}"
-    return f"image {image.id}"
-
-
-def positions(images: Iterable[Image]) -> dict[str, list[Image]]:
-    """Return images by `group_of`, in order."""
-    groups: dict[str, list[Image]] = {}
-    for image in images:
-        groups.setdefault(group_of(image), []).append(image)
-    return groups
 
 
 def share_out(
@@ -76,7 +43,7 @@ def share_out(
     if len(fractions) != 3 or not all(f >= 0.0 for f in fractions) or not abs(sum(fractions) - 1.0) <= 1e-6:
         raise ValueError(f"fractions: expected three shares that are not negative and add up to 1, got {fractions}")
     groups = positions(images)
-    names = sorted(groups, key=lambda name: shuffled(name, seed))
+    names = sorted(groups, key=lambda name: shuffle_key(name, seed))
     labels = [_labels(groups[name]) for name in names]
     kinds = sorted({label for of_image in labels for label in of_image})
     column = {kind: i for i, kind in enumerate(kinds)}
@@ -129,6 +96,6 @@ def _stratified(has: sparse.csr_matrix, shares: Float[np.ndarray, " s"]) -> Int[
     return chosen
 
 
-def shuffled(name: str, seed: int) -> bytes:
+def shuffle_key(name: str, seed: int) -> bytes:
     """Return a sort key for an order that depends on the names and the seed alone."""
     return hashlib.sha256(f"{seed} {name}".encode()).digest()

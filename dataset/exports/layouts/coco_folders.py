@@ -7,14 +7,14 @@ from pathlib import Path
 import orjson
 
 from hulldown.assets.coco_types import Record
-from hulldown.dataset.exports.layouts.shares import Shares
+from hulldown.dataset.exports.layouts.splits import Splits
 from hulldown.dataset.store.document import COCO_NAME
 from hulldown.dataset.store.seals import changed
 
 
-def write(shares: Shares, out: Path) -> None:
+def write(splits: Splits, out: Path) -> None:
     """Write ``train``, ``valid`` and ``test``, each with its pictures and records."""
-    for split, items in shares:
+    for split, items in splits:
         folder = out / split
         folder.mkdir()
         images: list[Record] = []
@@ -23,5 +23,5 @@ def write(shares: Shares, out: Path) -> None:
             item.link(folder)
             images.append(changed(item.image.record, file_name=item.name))
             labels += [label.record for label in item.image.labels]
-        part = {**shares.coco_head, "images": images, "annotations": labels}
+        part = {**splits.coco_head, "images": images, "annotations": labels}
         (folder / COCO_NAME).write_bytes(orjson.dumps(part))

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hulldown.dataset.exports.layouts.shares import VAL_NAMES, Shares
+from hulldown.dataset.exports.layouts.splits import VAL_NAMES, Splits
 from hulldown.dataset.exports.layouts.yolo import CornersOf
 
 
-def write(shares: Shares, out: Path, *, corners_of: CornersOf) -> None:
+def write(splits: Splits, out: Path, *, corners_of: CornersOf) -> None:
     """Write ``train/images``, ``train/labelTxt`` and so on; crowds are difficult, blanks in class names hyphens."""
-    for split, items in shares:
+    for split, items in splits:
         pictures, texts = (out / VAL_NAMES[split] / name for name in ("images", "labelTxt"))
         pictures.mkdir(parents=True)
         texts.mkdir()

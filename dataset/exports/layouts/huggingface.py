@@ -12,23 +12,23 @@ from pathlib import Path
 
 import orjson
 
-from hulldown.dataset.exports.layouts.shares import Shares, rings_of
+from hulldown.dataset.exports.layouts.splits import Splits, rings_of
 from hulldown.dataset.images import Label
 from hulldown.dataset.labels.mask import MASK
 
 FOLDERS = {"train": "train", "valid": "validation", "test": "test"}  # folder names of the splits
 
 
-def write(shares: Shares, out: Path) -> None:
+def write(splits: Splits, out: Path) -> None:
     """Write ``train``, ``validation`` and ``test``, each with its pictures and ``metadata.jsonl``.
 
     A line has ``file_name``, ``image_id``, ``width``, ``height`` and ``objects``: lists of ``id``, ``area``, ``bbox``
     (COCO's), ``category`` (its name), ``iscrowd``, and on request ``segmentation`` (polygons; for a label without a
     mask its box). Readers infer types from the lines, so a split without any label doesn't fit the others.
     """
-    labels = [label for items in shares.items.values() for item in items for label in item.image.labels]
+    labels = [label for items in splits.items.values() for item in items for label in item.image.labels]
     outlined = any(isinstance(MASK.read(label).segmentation, list) for label in labels)
-    for split, items in shares:
+    for split, items in splits:
         folder = out / FOLDERS[split]
         folder.mkdir()
         with (folder / "metadata.jsonl").open("wb") as lines:

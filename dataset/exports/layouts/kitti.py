@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.dataset.exports.layouts.shares import VAL_NAMES, Shares
+from hulldown.dataset.exports.layouts.splits import VAL_NAMES, Splits
 from hulldown.dataset.images import Label
 from hulldown.dataset.labels.box_3d import BOX_3D
 
@@ -27,7 +27,7 @@ CAMERA_FROM_LIDAR = "0 -1 0 0 0 0 -1 0 1 0 0 0"
 LIDAR_FROM_IMU = "1 0 0 0 0 1 0 0 0 0 1 0"
 
 
-def write(shares: Shares, out: Path) -> None:
+def write(splits: Splits, out: Path) -> None:
     """Write ``training/image_2``, ``label_2``, ``calib``, and ``ImageSets`` with the splits.
 
     Pictures without a known field of view, such as photographs, get no file in ``calib``.
@@ -37,7 +37,7 @@ def write(shares: Shares, out: Path) -> None:
     for folder in (pictures, texts, cameras, lists):
         folder.mkdir(parents=True)
     number, without, curved = 0, 0, 0
-    for split, items in shares:
+    for split, items in splits:
         with (lists / f"{VAL_NAMES[split]}.txt").open("w", encoding="utf-8") as stems:
             for item in items:
                 stem = f"{number:06d}"  # its readers number files so

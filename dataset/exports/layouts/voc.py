@@ -12,12 +12,12 @@ import math
 from pathlib import Path
 from xml.etree import ElementTree
 
-from hulldown.dataset.exports.layouts.shares import VAL_NAMES, Item, Shares
+from hulldown.dataset.exports.layouts.splits import VAL_NAMES, Item, Splits
 
 TRUNCATED, OCCLUDED = 0.0, 0.95  # truncated above the first; occluded below the second
 
 
-def write(shares: Shares, out: Path) -> None:
+def write(splits: Splits, out: Path) -> None:
     """Write ``JPEGImages`` (for pictures of any format), ``Annotations``, and ``ImageSets/Main``.
 
     Boxes are grown to whole pixels. Crowds are ``difficult``, VOC's mark for labels that aren't counted.
@@ -25,7 +25,7 @@ def write(shares: Shares, out: Path) -> None:
     pictures, texts, lists = out / "JPEGImages", out / "Annotations", out / "ImageSets" / "Main"
     for folder in (pictures, texts, lists):
         folder.mkdir(parents=True)
-    for split, items in shares:
+    for split, items in splits:
         with (lists / f"{VAL_NAMES[split]}.txt").open("w", encoding="utf-8") as stems:
             for item in items:
                 item.link(pictures)

@@ -17,19 +17,19 @@ import orjson
 
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import DATA, read_file
-from hulldown.dataset.exports.layouts.shares import Shares
+from hulldown.dataset.exports.layouts.splits import Splits
 
 SHARD_BYTES = 512 * 2**20  # bytes; suits object storage and readers
 SHARD_IMAGES = 10_000
 
 
-def write(shares: Shares, out: Path) -> None:
+def write(splits: Splits, out: Path) -> None:
     """Write ``train-000000.tar`` and so on, and ``categories.json``.
 
     A sample is ``STEM.png`` and ``STEM.json``, which has ``image`` and ``annotations``, COCO's records with the class's
     name as ``category``. The files are the same whenever they are written.
     """
-    for split, items in shares:
+    for split, items in splits:
         number, images, room = 0, SHARD_IMAGES, 0  # the first picture begins a shard
         with ExitStack() as stack:
             for item in items:
@@ -45,7 +45,7 @@ def write(shares: Shares, out: Path) -> None:
                 content = read_file(item.picture, partial(DatasetError, path=item.picture), most=DATA)
                 _add(shard, f"{item.stem}{suffix}", content)
                 _add(shard, f"{item.stem}.json", orjson.dumps({"image": item.image.record, "annotations": labels}))
-    (out / "categories.json").write_bytes(orjson.dumps([category.record for category in shares.categories]))
+    (out / "categories.json").write_bytes(orjson.dumps([category.record for category in splits.categories]))
 
 
 def _add(shard: tarfile.TarFile, name: str, content: bytes) -> None:

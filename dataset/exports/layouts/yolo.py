@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from hulldown.annotate.outlines import bridged
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.exports.layouts.shares import VAL_NAMES, Item, Shares, rings_of
+from hulldown.dataset.exports.layouts.splits import VAL_NAMES, Item, Splits, rings_of
 from hulldown.dataset.images import Image, Label
 from hulldown.dataset.labels.keypoints import KEYPOINTS
 from hulldown.dataset.labels.mask import MASK
@@ -69,13 +69,13 @@ def _line(number: int, shares: Float[np.ndarray, " n"]) -> str:
 
 
 def write(
-    shares: Shares, out: Path, *, lines: Lines = label_lines, split_first: bool = False, more: Sequence[str] = ()
+    splits: Splits, out: Path, *, lines: Lines = label_lines, split_first: bool = False, more: Sequence[str] = ()
 ) -> None:
     """Write ``images/train``, ``labels/train``, and so on, as Ultralytics reads them.
 
     Parameters
     ----------
-    shares, out
+    splits, out
         The dataset, and an empty folder.
     lines
         A picture's lines, given the number of each class.
@@ -84,9 +84,9 @@ def write(
     more
         Further lines of ``data.yaml``.
     """
-    numbers = {category.id: number for number, category in enumerate(shares.categories)}
+    numbers = {category.id: number for number, category in enumerate(splits.categories)}
     folders = {}
-    for split, items in shares:
+    for split, items in splits:
         pictures, texts = (Path(split, kind) if split_first else Path(kind, split) for kind in ("images", "labels"))
         folders[split] = pictures
         (out / pictures).mkdir(parents=True)
@@ -97,12 +97,12 @@ def write(
             (out / texts / f"{item.stem}.txt").write_text(text, encoding="utf-8")
     data = [f"{VAL_NAMES[split]}: {pictures.as_posix()}" for split, pictures in folders.items()]
     # Every JSON string is a YAML string.
-    names = [json.dumps(category.name) for category in shares.categories]
+    names = [json.dumps(category.name) for category in splits.categories]
     data += [*more, "names:", *(f"  {number}: {name}" for number, name in enumerate(names))]
     (out / "data.yaml").write_text("\n".join(data) + "\n", encoding="utf-8")
 
 
-def write_pose(shares: Shares, out: Path) -> None:
+def write_pose(splits: Splits, out: Path) -> None:
     """Write ``images/train`` and so on, with boxes and keypoints: x, y, and COCO's v of each.
 
     Raises
@@ -110,14 +110,14 @@ def write_pose(shares: Shares, out: Path) -> None:
     DatasetError
         If the classes don't have the same keypoints, of which YOLO knows one list.
     """
-    lists = [category.keypoints for category in shares.categories]
+    lists = [category.keypoints for category in splits.categories]
     if not lists or not (names := lists[0]) or any(each != names for each in lists):
         problem = "its categories have no keypoints" if not any(lists) else "its categories have different keypoints"
-        raise DatasetError(problem, path=shares.folder, remedy="plan with annotate.keypoints, or export as coco")
+        raise DatasetError(problem, path=splits.folder, remedy="plan with annotate.keypoints, or export as coco")
     swapped = [re.sub("left|right", lambda side: {"left": "right", "right": "left"}[side[0]], name) for name in names]
     mirrored = [names.index(partner) if partner in names else i for i, partner in enumerate(swapped)]
     more = [f"kpt_shape: [{len(names)}, 3]", f"flip_idx: {mirrored}"]
-    write(shares, out, lines=partial(_pose_lines, keypoints=len(names)), more=more)
+    write(splits, out, lines=partial(_pose_lines, keypoints=len(names)), more=more)
 
 
 def _pose_lines(item: Item, numbers: Mapping[int, int], *, keypoints: int) -> list[str]:

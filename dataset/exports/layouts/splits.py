@@ -50,7 +50,7 @@ class Item:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Shares:
+class Splits:
     """A dataset divided into splits.
 
     Parameters

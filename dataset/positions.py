@@ -1,0 +1,42 @@
+"""Positions: groups of images that show the same place, and must not be in training and test at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from msgspec import Struct
+
+from hulldown.dataset.images import Image
+from hulldown.dataset.store.declared import fields_of
+
+
+class _Position(Struct):
+    """Fields of an image's record by which images belong together."""
+
+    scenery: object = None
+    position: object = None
+
+
+def group_of(image: Image) -> str:
+    """Return the group of an image that must stay together: shots of one position show one vehicle on the same ground.
+
+    The first vehicle's position, to the millimeter, identifies the group, so another plan's shots of the same place
+    belong to it too. Images without poses, such as photographs, are groups of their own, as are those whose poses
+    have another form.
+    """
+    shot = fields_of(image.record, _Position)
+    for label in image.labels:
+        if label.world_from_vehicle is not None and len(label.world_from_vehicle) >= 3:
+            place = " ".join(f"{row[3]:.3f}" for row in label.world_from_vehicle[:3])
+            return f"{shot.scenery} {label.vehicle} {place}"
+    if shot.position is not None:
+        return f"{shot.scenery} position {shot.position}"
+    return f"image {image.id}"
+
+
+def positions(images: Iterable[Image]) -> dict[str, list[Image]]:
+    """Return images by `group_of`, in order."""
+    groups: dict[str, list[Image]] = {}
+    for image in images:
+        groups.setdefault(group_of(image), []).append(image)
+    return groups
