@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import cache
@@ -11,6 +12,7 @@ import numpy as np
 import trimesh
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from hulldown.annotate.boxes import FAR, VehicleBoxes, surface_box
 from hulldown.annotate.clusters import SMALL
@@ -21,40 +23,67 @@ from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, Camera
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.transforms import apply, rigid
+from hulldown.geometry.transforms import apply, rigid, rotation_about
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
 from hulldown.tests.oracles.clipping import clipped
 from hulldown.tests.oracles.curves import LENSES, dense_extent
-from hulldown.tests.shapes import random_rotations, vehicle_of, vertices_at
+from hulldown.tests.shapes import PARTS, random_rotations, vehicle_of, vertices_at
 
 PIXEL_ERROR = 1e-6  # the promised error; relative for boxes with more digits than a pixel's
-View = tuple[VehicleShape, np.ndarray, Camera, dict[str, float]]  # with the vehicle's pose and articulation
+View = tuple[np.ndarray, Camera, dict[str, float]]  # the vehicle's pose, the camera, and angles of parts
 FIELDS_OF_VIEW = [math.radians(degrees) for degrees in (0.1, 1.0, 30.0, 60.0, 120.0, 179.0)]
 
 
-def random_rotation(rng: np.random.Generator) -> np.ndarray:
-    return random_rotations(rng, 1)[0]
+def numbers(low: float, high: float) -> st.SearchStrategy[float]:
+    return st.floats(low, high, allow_subnormal=False)
 
 
-def random_vehicle(rng: np.random.Generator) -> VehicleShape:
-    """Up to three parts, each a triangle soup, a subdivided box, a ball, or a flat plate."""
-    meshes = []
-    for kind in rng.choice(["soup", "box", "ball", "plate"], rng.integers(1, 4)):
-        vertices, faces = soup(rng) if kind in ("soup", "plate") else solid(rng.integers(4), ball=kind == "ball")
-        stretched = vertices * rng.uniform(0.2, 4.0, 3) * ([1.0, 1.0, 0.0] if kind == "plate" else 1.0)
-        meshes.append(Mesh(stretched @ random_rotation(rng).T + rng.normal(size=3), faces))
-    return turning(rng, *meshes)
+def arrays_of(shape: tuple[int, ...], low: float = -2.0, high: float = 2.0) -> st.SearchStrategy[np.ndarray]:
+    """Arrays whose elements are all drawn."""
+    return arrays(float, shape, elements=numbers(low, high), fill=st.nothing())
 
 
-def turning(rng: np.random.Generator, *meshes: Mesh) -> VehicleShape:
-    shape = vehicle_of(*meshes, pivots=rng.normal(size=(3, 3)) * [[0], [1], [1]])
+def turned(turns: np.ndarray) -> np.ndarray:
+    """The rotation by these angles about z, y, and x."""
+    return np.linalg.multi_dot(
+        [rotation_about(axis, angle) for axis, angle in zip(np.eye(3)[::-1], turns, strict=True)]
+    )
+
+
+rotations = arrays_of((3,), -math.pi, math.pi).map(turned)
+
+
+@st.composite
+def soups(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
+    """A few triangles, which leave vertices unused, or many."""
+    n, count = draw(st.integers(3, 11)), draw(st.integers(1, 3) | st.integers(4, 300))
+    faces = np.random.default_rng(draw(st.integers(0, 2**32))).integers(0, n, (300, 3))
+    return draw(arrays_of((n, 3))), faces[:count]
+
+
+@st.composite
+def parts(draw: st.DrawFn) -> Mesh:
+    """A triangle soup, a flat plate, a subdivided box, or a ball."""
+    kind = draw(st.sampled_from(["soup", "plate", "box", "ball"]))
+    vertices, faces = (
+        draw(soups()) if kind in ("soup", "plate") else solid(draw(st.integers(0, 3)), ball=kind == "ball")
+    )
+    stretched = vertices * draw(arrays_of((3,), 0.2, 4.0)) * ([1.0, 1.0, 0.0] if kind == "plate" else 1.0)
+    return Mesh(stretched @ draw(rotations).T + draw(arrays_of((3,))), faces)
+
+
+# The meshes of up to three parts, with their pivots and axes; `turning` makes the vehicle. Not in a strategy: the type
+# checker samples with `random`, which Hypothesis forbids there.
+vehicles = st.tuples(
+    st.lists(parts(), min_size=1, max_size=3), arrays_of((3, 3)), st.tuples(rotations, rotations, rotations)
+)
+Drawn = tuple[list[Mesh], np.ndarray, tuple[np.ndarray, ...]]
+
+
+def turning(meshes: Sequence[Mesh], pivots: np.ndarray, rotations: Sequence[np.ndarray]) -> VehicleShape:
+    shape = vehicle_of(*meshes, pivots=pivots * [[0], [1], [1]])
     limits = np.tile([-math.pi, math.pi], (3, 1))[: len(meshes)]
-    return replace(shape, part_axis=random_rotations(rng, len(meshes))[:, 0], part_limits=limits)
-
-
-def soup(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    n, faces = int(rng.integers(3, 12)), int(rng.integers(1, rng.choice([4, 300])))  # few faces leave vertices unused
-    return rng.normal(size=(n, 3)), rng.integers(0, n, size=(faces, 3))
+    return replace(shape, part_axis=np.array([each[0] for each in rotations[: len(meshes)]]), part_limits=limits)
 
 
 def solid(subdivisions: int, *, ball: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -68,29 +97,29 @@ def solid(subdivisions: int, *, ball: bool) -> tuple[np.ndarray, np.ndarray]:
 @cache
 def large_vehicle() -> tuple[VehicleShape, VehicleBoxes]:
     """A vehicle of so many triangles that boxes cut by the frame are found by branch and bound."""
-    parts = [Mesh(vertices * size, faces) for size in (2.0, 1.3) for vertices, faces in [solid(6, ball=size < 2.0)]]
-    shape = turning(np.random.default_rng(0), *parts)
+    meshes = [Mesh(vertices * size, faces) for size in (2.0, 1.3) for vertices, faces in [solid(6, ball=size < 2.0)]]
+    rng = np.random.default_rng(0)
+    shape = turning(meshes, rng.normal(size=(3, 3)), random_rotations(rng, 2))
     assert len(shape.mesh.faces) > 2 * SMALL
     return shape, VehicleBoxes(shape)
 
 
-def random_camera(rng: np.random.Generator, target: np.ndarray) -> Camera:
+@st.composite
+def cameras(draw: st.DrawFn, target: np.ndarray) -> Camera:
     """Cameras roughly towards the target, from inside it to far away, with any field of view and image size."""
-    distance = 10.0 ** rng.uniform(-2.0, 2.5)
-    rotation = random_rotation(rng)
-    aside = rng.normal(size=3) * distance * rng.choice([0.0, 0.05, 0.5])
-    width, height = (int(n) for n in rng.choice([1, 16, 640, 1920], size=2))
+    distance, rotation = 10.0 ** draw(numbers(-2.0, 2.5)), draw(rotations)
+    aside = draw(arrays_of((3,))) * distance * draw(st.sampled_from([0.0, 0.05, 0.5]))
+    width, height = draw(st.tuples(*[st.sampled_from([640, 1, 16, 1920])] * 2))
     position = target - distance * rotation[:, 2] + aside
-    return Camera(Intrinsics(width, height, float(rng.choice(FIELDS_OF_VIEW))), rigid(rotation, position))
+    return Camera(Intrinsics(width, height, draw(st.sampled_from(FIELDS_OF_VIEW))), rigid(rotation, position))
 
 
-def random_view(seed: int) -> View:
-    rng = np.random.default_rng(seed)
-    shape = random_vehicle(rng)
-    origin = rng.normal(size=3) * rng.choice([0.0, 1.0, 1e4])
-    pose = rigid(random_rotation(rng), origin)
-    articulation = {name: float(rng.uniform(-3.0, 3.0)) for name in shape.part_names[1:] if rng.random() < 0.8}
-    return shape, pose, random_camera(rng, origin), articulation
+@st.composite
+def views(draw: st.DrawFn) -> View:
+    origin = draw(arrays_of((3,))) * draw(st.sampled_from([0.0, 1.0, 1e4]))
+    angles = {name: draw(st.none() | numbers(-3.0, 3.0)) for name in PARTS[1:]}
+    articulation = {name: angle for name, angle in angles.items() if angle is not None}
+    return rigid(draw(rotations), origin), draw(cameras(origin)), articulation
 
 
 def exact_box(
@@ -132,60 +161,72 @@ def assert_between(found: np.ndarray | None, least: tuple | None, most: tuple | 
         assert (high >= np.array(least[2:], dtype=float) - error).all()
 
 
-@given(st.integers(0, 2**32), st.booleans())
-def test_clipping_equals_exact_clipping(seed: int, frame: bool) -> None:
-    rng = np.random.default_rng(seed)
-    n = int(rng.integers(3, 7))
-    vertices = rng.normal(size=(n, 3)) * 10.0 ** rng.uniform(-2.0, 2.0)
-    faces = rng.integers(0, n, size=(int(rng.integers(1, 5)), 3))
-    camera = random_camera(rng, vertices[0])
+@given(st.data(), st.integers(3, 6), numbers(-2.0, 2.0), st.booleans())
+def test_clipping_equals_exact_clipping(data: st.DataObject, n: int, exponent: float, frame: bool) -> None:
+    vertices = data.draw(arrays_of((n, 3))) * 10.0**exponent
+    faces = np.array(data.draw(st.lists(st.tuples(*[st.integers(0, n - 1)] * 3), min_size=1, max_size=4)))
+    camera = data.draw(cameras(vertices[0]))
     # Rounding of coordinates of this size can move a plane by this much.
     slack = 1e-13 * (np.abs(vertices - camera.position).max() + 1.0)
     found = surface_box(vertices, faces, camera, frame=frame)
     assert_between(found, *(exact_box(vertices, faces, camera, frame=frame, slack=s) for s in (-slack, slack)))
 
 
-@given(st.integers(0, 2**32), st.booleans(), st.booleans())
-def test_the_fast_box_equals_clipping(seed: int, frame: bool, large: bool) -> None:
-    rng = np.random.default_rng(seed)
-    shape, pose, camera, articulation = random_view(seed)
-    boxes = VehicleBoxes(shape)
-    if large:
-        shape, boxes = large_vehicle()
-        articulation = {name: float(rng.uniform(-3.0, 3.0)) for name in shape.part_names[1:]}
-    for _ in range(4):
-        assert_is_the_rule(boxes, (shape, pose, camera, articulation), frame=frame)
-        # From here on, typical uses of branch and bound: a normal lens nearby, the vehicle cut by the frame.
-        distance, rotation = rng.uniform(0.5, 6.0), random_rotation(rng)
-        aside = rotation[:, :2] @ rng.uniform(-0.6, 0.6, 2) * distance
-        position = pose[:3, 3] - distance * rotation[:, 2] + aside
-        camera = Camera(Intrinsics(640, 480, float(rng.uniform(0.5, 1.5))), rigid(rotation, position))
+# Typical uses of branch and bound: a normal lens nearby, the vehicle cut by the frame.
+closeups = st.tuples(numbers(0.5, 6.0), rotations, arrays_of((2,), -0.6, 0.6), numbers(0.5, 1.5))
+# Lenses whose near plane, at 0.1 m, may touch the vehicle: where they see its nearest vertex.
+touching = st.tuples(numbers(0.05, 0.2), rotations, arrays_of((2,)), st.sampled_from(FIELDS_OF_VIEW))
+# Lenses whose left edge is some pixels from the box's left or right side.
+offsets = numbers(0.01, 9.0) | numbers(-9.0, -0.01)  # at 0, rounding decides
+beside = st.tuples(rotations, offsets, st.sampled_from([np.min, np.max]), st.sampled_from(FIELDS_OF_VIEW))
 
 
-def assert_is_the_rule(boxes: VehicleBoxes, view: View, *, frame: bool) -> None:
-    shape, pose, camera, articulation = view
-    found = boxes.box(pose, camera, articulation, frame=frame)
+@given(
+    st.none() | vehicles, views(), st.lists(closeups, max_size=1), st.lists(touching, min_size=1, max_size=2),
+    st.lists(beside, min_size=1, max_size=3), st.booleans(),
+)  # fmt: skip
+def test_the_fast_box_equals_clipping(
+    vehicle: Drawn | None, view: View, cut: list[tuple], near: list[tuple], edges: list[tuple], frame: bool
+) -> None:
+    shape = turning(*vehicle) if vehicle else large_vehicle()[0]
+    boxes = VehicleBoxes(shape) if vehicle else large_vehicle()[1]
+    pose, camera, angles = view
+    articulation = {name: angle for name, angle in angles.items() if name in shape.part_names}
+    lenses = [camera]
+    for distance, rotation, aside, fov_x in cut:
+        position = pose[:3, 3] - distance * rotation[:, 2] + rotation[:, :2] @ aside * distance
+        lenses.append(Camera(Intrinsics(640, 480, fov_x), rigid(rotation, position)))
     vertices_world = apply(pose, vertices_at(shape, articulation))
-    expected = surface_box(vertices_world, shape.mesh.faces, camera, frame=frame)
-    # Coordinates of 1e4 m have rounding errors of 1e-12 m, which a long lens nearby magnifies to pixels.
-    far = 1e-15 * np.abs(vertices_world).max() * camera.intrinsics.f_px / NEAR
-    assert (expected is None) == (found is None)
-    if expected is not None and found is not None:
-        tolerance = (PIXEL_ERROR + far) * max(1.0, np.abs(expected).max()) ** 0.5
-        assert np.abs(found - expected).max() <= tolerance
+    for depth, rotation, aside, fov_x in near:
+        nearest = vertices_world[(vertices_world @ rotation[:, 2]).argmin()]
+        position = nearest - depth * (rotation[:, 2] + rotation[:, :2] @ aside)
+        lenses.append(Camera(Intrinsics(640, 480, fov_x), rigid(rotation, position)))
+    for rotation, edge, side, fov_x in edges:
+        intrinsics, position = Intrinsics(640, 480, fov_x), pose[:3, 3] - 50.0 * rotation[:, 2]
+        x, _, z = rotation.T @ (vertices_world - position).T
+        shift = side(x - (edge - 320.0) * z / intrinsics.f_px)  # of the camera to its right
+        lenses.append(Camera(intrinsics, rigid(rotation, position + shift * rotation[:, 0])))
+    for lens in lenses:
+        found = boxes.box(pose, lens, articulation, frame=frame)
+        expected = surface_box(vertices_world, shape.mesh.faces, lens, frame=frame)
+        # Coordinates of 1e4 m have rounding errors of 1e-12 m, which a long lens nearby magnifies to pixels.
+        far = 1e-15 * np.abs(vertices_world).max() * lens.intrinsics.f_px / NEAR
+        assert (expected is None) == (found is None)
+        if expected is not None and found is not None:
+            tolerance = (PIXEL_ERROR + far) * max(1.0, np.abs(expected).max()) ** 0.5
+            assert np.abs(found - expected).max() <= tolerance
 
 
-@given(st.integers(0, 2**32))
-def test_hull_vertices_give_the_bits_of_all_vertices(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    shape = random_vehicle(rng)
-    camera = Camera(Intrinsics(1920, 1080, 1.0), rigid(np.eye(3), [0.0, 0.0, -60.0]))
-    pose = rigid(random_rotation(rng), rng.normal(size=3))
-    parts = PosedParts(shape)
-    angles = rng.uniform(-3.0, 3.0, (1, len(shape.part_names))) * (np.arange(len(shape.part_names)) > 0)
+@given(vehicles, rotations, arrays_of((3,)), arrays_of((3,), -3.0, 3.0))
+def test_hull_vertices_give_the_bits_of_all_vertices(
+    vehicle: Drawn, rotation: np.ndarray, position: np.ndarray, angles: np.ndarray
+) -> None:
+    camera, shape = Camera(Intrinsics(1920, 1080, 1.0), rigid(np.eye(3), [0.0, 0.0, -60.0])), turning(*vehicle)
+    pose, posed = rigid(rotation, position), PosedParts(shape)
+    angles = (angles * [0.0, 1.0, 1.0])[None, : len(shape.part_names)]
     articulation = dict(zip(shape.part_names[1:], angles[0, 1:].tolist(), strict=True))
-    camera_from_parts = parts.camera_from_parts(pose[None], camera.world_from_camera[None], angles)
-    x, y, z = move(parts.vertices, parts.vertex_slices, camera_from_parts)[:, 0]
+    camera_from_parts = posed.camera_from_parts(pose[None], camera.world_from_camera[None], angles)
+    x, y, z = move(posed.vertices, posed.vertex_slices, camera_from_parts)[:, 0]
     u, v = x / z * camera.intrinsics.f_px + 960.0, y / z * camera.intrinsics.f_px + 540.0
     assume(min(u.min(), v.min()) >= 0.0)
     assume(u.max() <= 1920.0)
@@ -194,30 +235,27 @@ def test_hull_vertices_give_the_bits_of_all_vertices(seed: int) -> None:
     assert np.array_equal(VehicleBoxes(shape).box(pose, camera, articulation), expected)
 
 
-@given(st.lists(st.integers(0, 2**32), max_size=5), st.integers(0, 2**32))
-def test_a_batch_gives_the_bits_of_its_rows(seeds: list[int], vehicle: int) -> None:
-    shape = random_vehicle(np.random.default_rng(vehicle))
-    boxes = VehicleBoxes(shape)
-    views = [random_view(seed) for seed in seeds]
-    poses = np.array([view[1] for view in views]).reshape(-1, 4, 4)
-    first = random_view(vehicle)[2].intrinsics
-    cameras = [replace(view[2], intrinsics=replace(first, fov_x=view[2].intrinsics.fov_x)) for view in views]
-    lenses = replace(first, fov_x=np.array([camera.intrinsics.fov_x for camera in cameras]))
-    world_from_camera = np.array([camera.world_from_camera for camera in cameras]).reshape(-1, 4, 4)
-    angles = [{name: 0.3 * len(view[3]) for name in shape.part_names[1:]} for view in views]
+@given(vehicles, st.lists(views(), max_size=5), cameras(np.zeros(3)))
+def test_a_batch_gives_the_bits_of_its_rows(vehicle: Drawn, rows: list[View], camera: Camera) -> None:
+    shape, first = turning(*vehicle), camera.intrinsics
+    boxes, poses = VehicleBoxes(shape), np.array([view[0] for view in rows]).reshape(-1, 4, 4)
+    angles = [{name: angle for name, angle in view[2].items() if name in shape.part_names} for view in rows]
+    each = [replace(view[1], intrinsics=replace(first, fov_x=view[1].intrinsics.fov_x)) for view in rows]
+    lenses = replace(first, fov_x=np.array([camera.intrinsics.fov_x for camera in each]))
+    world_from_camera = np.array([camera.world_from_camera for camera in each]).reshape(-1, 4, 4)
     found = boxes.boxes(poses, world_from_camera, lenses, angles)
-    for i, camera in enumerate(cameras):
-        for frame, rows in ((True, found.xywh), (False, found.amodal)):
+    for i, camera in enumerate(each):
+        for frame, together in ((True, found.xywh), (False, found.amodal)):
             alone = boxes.box(poses[i], camera, angles[i], frame=frame)
-            assert np.array_equal(rows[i], np.full(4, np.nan) if alone is None else alone, equal_nan=True)
+            assert np.array_equal(together[i], np.full(4, np.nan) if alone is None else alone, equal_nan=True)
 
 
-@given(st.integers(0, 2**32))
-def test_the_box_contains_the_mask_and_touches_it_on_four_sides(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    vertices, faces = solid(rng.integers(4), ball=seed % 2 == 1)
-    shape = vehicle_of(Mesh(vertices * rng.uniform(1.0, 4.0, 3), faces))
-    pose = rigid(random_rotation(rng), rng.uniform(-3.0, 3.0, 3))
+@given(st.integers(0, 3), st.booleans(), arrays_of((3,), 1.0, 4.0), rotations, arrays_of((3,), -3.0, 3.0))
+def test_the_box_contains_the_mask_and_touches_it_on_four_sides(
+    subdivisions: int, ball: bool, stretch: np.ndarray, rotation: np.ndarray, position: np.ndarray
+) -> None:
+    vertices, faces = solid(subdivisions, ball=ball)
+    shape, pose = vehicle_of(Mesh(vertices * stretch, faces)), rigid(rotation, position)
     view = rigid(np.eye(3), [0.0, 0.0, -8.0])
     box = VehicleBoxes(shape).box(pose, Camera(Intrinsics(64, 48, 1.0), view))
     if box is None or box[2:].min() < 1.0:
@@ -233,24 +271,31 @@ def test_the_box_contains_the_mask_and_touches_it_on_four_sides(seed: int) -> No
     assert max(low.max(), high.max()) <= 1.0
 
 
-@given(st.integers(0, 2**63), st.sampled_from(sorted(LENSES)), st.sampled_from(["before", "large", "across"]))
-def test_curved_boxes_are_within_a_hundredth_of_a_pixel(seed: int, name: str, kind: str) -> None:
-    rng = np.random.default_rng(seed)
-    width, height = ((1920, 1080), (640, 480), (1080, 1920))[rng.integers(3)]
-    half = math.radians(rng.uniform(40, 120)) / 2
+@given(
+    st.data(), st.sampled_from([(1920, 1080), (640, 480), (1080, 1920)]), st.sampled_from(sorted(LENSES)),
+    st.sampled_from(["before", "large", "across"]), numbers(40.0, 120.0), arrays_of((6,), -1.0, 1.0), st.integers(1, 6),
+)  # fmt: skip
+def test_curved_boxes_are_within_a_hundredth_of_a_pixel(
+    data: st.DataObject, size_px: tuple[int, int], name: str, kind: str, fov_deg: float, place: np.ndarray, count: int
+) -> None:
+    (width, height), half = size_px, math.radians(fov_deg) / 2
     while True:  # the widest view that doesn't fold
         f = width / 2 / math.tan(half)
-        pinhole = (f, f * rng.uniform(0.9, 1.1), width * rng.uniform(0.35, 0.65), height * rng.uniform(0.35, 0.65))
+        pinhole = (f, f * (1 + 0.1 * place[0]), width * (0.5 + 0.15 * place[1]), height * (0.5 + 0.15 * place[2]))
         try:
             intrinsics = Intrinsics.calibrated(width, height, pinhole, LENSES[name])
             break
         except ValueError:
             half *= 0.9
-    middle = np.array([*rng.uniform(-1, 1, 2), 1.0]) * 10 ** rng.uniform(-0.5, 1.5)
-    size = 10 ** rng.uniform(-1.5, 1) * np.linalg.norm(middle) * (3 if kind == "large" else 1)
-    triangles = middle + rng.normal(size=(rng.integers(1, 7), 3, 3)) * size * rng.uniform(0.05, 1, 3)
+    middle = np.array([*place[3:5], 1.0]) * 10 ** data.draw(numbers(-0.5, 1.5))
+    size = 10 ** data.draw(numbers(-1.5, 1)) * np.linalg.norm(middle) * (3 if kind == "large" else 1)
+    corners = np.eye(3) + data.draw(arrays_of((count, 3, 3)))
+    assume(
+        (np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) > 0.01).all()
+    )
+    triangles = middle + corners * size * data.draw(arrays_of((3,), 0.05, 1.0))
     if kind == "across":
-        triangles[..., 2] += rng.uniform(-1, 1) * size - middle[2]
+        triangles[..., 2] += place[5] * size - middle[2]
     faces = np.arange(3 * len(triangles)).reshape(-1, 3)
     for frame in (True, False):
         box = surface_box(triangles.reshape(-1, 3), faces, Camera(intrinsics, np.eye(4)), frame=frame)
