@@ -33,7 +33,7 @@ from hulldown.reading.pieces.formats import format_of
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import Exported, export, export_in
 
-EXPORTER = 35
+EXPORTER = 36
 NOTE_NAME = "entry.json"
 LARGEST_NOTE = 1 << 26  # bytes
 KEY_BYTES = 32

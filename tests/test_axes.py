@@ -275,6 +275,7 @@ STUDIO = Mesh(
         ("Blueprint", card(1, -1), False, ("reaches below the wheels",)),
         ("Cyc", STUDIO, False, ()),
         ("Plinth", box((9, 4, 0.4), (0, 0, -0.2)), False, ()),
+        ("Object_9", box((9, 4, 0.4), (0, 0, -0.2)), False, ()),
         ("Softbox", box((2, 2, 0.01), (0, 0, 5)), False, ("far from the rest",)),
         ("Human_Reference", box((0.4, 0.4, 1.8), (0, 3.5, 0.9)), False, ()),
     ],

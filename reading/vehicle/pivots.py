@@ -290,13 +290,10 @@ def gun_guess(
     slender = solids.size[barrel, 0] > 5 * solids.size[barrel, 1]
     tubes = solids.where(solids.size[:, 0] > ALIKE * solids.size[barrel, 0])
     aside = pdist(tubes.center - np.outer(tubes.center @ line, line)).max(initial=0.0)
-    if aside > 2 * solids.size[barrel, 1] or (aside > 0.5 * solids.size[barrel, 1] and len(tubes) > TWIN):
-        if held is not None:
-            return Pivot(held, "the top of the plates that hold its tubes", guessed=True)
-        low, high = own.min(axis=0), own.max(axis=0)
-        at = np.array([np.clip(behind[0], low[0], high[0]), (low[1] + high[1]) / 2, low[2] + (high[2] - low[2]) / 3])
-        return Pivot(at, "the lower third of its tubes, over the turret's axis", guessed=True)
-    if not slender:
+    several = aside > 2 * solids.size[barrel, 1] or (aside > 0.5 * solids.size[barrel, 1] and len(tubes) > TWIN)
+    if several and held is not None:
+        return Pivot(held, "the top of the plates that hold its tubes", guessed=True)
+    if several or not slender:
         return Pivot(rear, "the middle of its rear end", guessed=True)
     reach = (solids.bounds[:, 0] - start) @ line, (solids.bounds[:, 1] - start) @ line
     nearest, farthest = np.minimum(*reach), np.maximum(*reach)
