@@ -108,10 +108,10 @@ def plan(
     with reading_status() as reading:
         library = load_library(config, strict=strict, cache=cache, progress=reading, limits=limits)
     doubts = library.doubts(backdrop=config.light.backdrop == "hdri")
-    new = _not_in_config(doubts, config)
-    for line in warnings_of(new):
+    unstated = new_doubts(doubts, config)
+    for line in warnings_of(unstated):
         warnings.warn(line, stacklevel=2)
-    if stated := sum(map(len, doubts.values())) - sum(map(len, new.values())):
+    if stated := sum(map(len, doubts.values())) - sum(map(len, unstated.values())):
         warnings.warn(f"{stated} doubts aren't repeated, since `init` wrote them into {config.path}", stacklevel=2)
     assets = replace(library.assets, photographs=photographs)
     with reporting("planning", progress) as advance:
@@ -134,7 +134,7 @@ def plan(
     return made
 
 
-def _not_in_config(doubts: Mapping[str, Sequence[Doubt]], config: Config) -> dict[str, list[Doubt]]:
+def new_doubts(doubts: Mapping[str, Sequence[Doubt]], config: Config) -> dict[str, list[Doubt]]:
     """Return doubts by path without those that `init` wrote into the config."""
     from hulldown.planning.inputs.found_assets import stated_doubts
 

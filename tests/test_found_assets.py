@@ -9,7 +9,7 @@ from hulldown.base.errors import AssetError
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.found_assets import FoundFile, asset_files, found_config, missing_kinds, read_found
 from hulldown.planning.inputs.loading import hdri_paths, load_library
-from hulldown.planning.write import _unsaid
+from hulldown.planning.write import new_doubts
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.tests.blender_plans import run_python
 
@@ -83,11 +83,11 @@ def test_a_folder_becomes_a_config_with_findings_as_comments(
     assert any(listed.values())
     of_pair = [d for name in ("pair_a_Hull", "pair_b_Hull") for d in library.models[name].report.doubts]
     assert set(of_pair) == {d for path, some in listed.items() if "pair" in path for d in some}
-    assert not any(_unsaid(listed, config).values())  # they're in its comments
+    assert not any(new_doubts(listed, config).values())  # they're in its comments
     Path("project/other.toml").write_text(text, encoding="utf-8")
-    assert _unsaid(listed, Config.read("project/other.toml")) == listed  # `init` didn't write this one
+    assert new_doubts(listed, Config.read("project/other.toml")) == listed  # `init` didn't write this one
     new = {path: [*some, Doubt(DoubtKind.SCALE, "new")] for path, some in listed.items()}
-    assert {str(doubt) for some in _unsaid(new, config).values() for doubt in some} == {"new"}
+    assert {str(doubt) for some in new_doubts(new, config).values() for doubt in some} == {"new"}
     assert cli.main(["inspect", "project/hulldown.toml"]) == 0
     assert cli.main(["init", "project", "--from", "mine"]) == 2  # and existing files stay
     assert text == Path("project/hulldown.toml").read_text(encoding="utf-8")
