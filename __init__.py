@@ -30,11 +30,9 @@ if TYPE_CHECKING:
     from hulldown.planning.plan_file import read_plan as read_plan
     from hulldown.planning.write import plan as plan
     from hulldown.rendering.supervisor import render as render
-    from hulldown.training.evaluation.evaluation_report import evaluate_files
+    from hulldown.training.evaluation.evaluation_report import evaluate as evaluate
     from hulldown.training.predict import predict as predict
     from hulldown.training.train import train as train
-
-    evaluate = evaluate_files
 
 _HOMES = {
     "Config": "planning.config.schema",
@@ -42,7 +40,7 @@ _HOMES = {
     "HulldownError": "base.errors",
     "Mesh": "geometry.meshes",
     "Terrain": "placement.terrain",
-    "evaluate": "training.evaluation.evaluation_report:evaluate_files",
+    "evaluate": "training.evaluation.evaluation_report",
     "export": "dataset.exports.export",
     "join": "dataset.join",
     "plan": "planning.write",
@@ -59,8 +57,7 @@ __all__ = sorted(_HOMES)
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'hulldown' has no attribute {name!r}")
-    module, _, attribute = _HOMES[name].partition(":")
-    value = getattr(import_module(f"hulldown.{module}"), attribute or name)
+    value = getattr(import_module(f"hulldown.{_HOMES[name]}"), name)
     globals()[name] = value
     return value
 

@@ -48,7 +48,7 @@ def needing_dask() -> Iterator[None]:
 
 
 @contextmanager
-def local_cluster(workers: int, *, port: int = 0) -> Iterator[str]:
+def local_cluster(workers: int, *, port: int) -> Iterator[str]:
     """Run a scheduler in this process, and workers for rendering and training, during the block; yields its address.
 
     The workers end with the scheduler in any case; one that dies is restarted.

@@ -14,7 +14,7 @@ from selenium.webdriver.support.ui import Select
 from hulldown.cli import main
 from hulldown.tests.detections import dataset, random_case, results
 from hulldown.tests.editing import write_dataset
-from hulldown.training.evaluation.evaluation_report import evaluate_files
+from hulldown.training.evaluation.evaluation_report import evaluate
 
 METRICS = {"tp", "fp", "fn", "precision", "recall", "f1", "mean_iou", "mean_confidence", "ap", "ap50", "ap75"}
 
@@ -30,7 +30,7 @@ def stored(folder, coco, **found):
 
 def evaluated(dataset, predictions, output, **options):
     """The contents of report.json, which are those of the returned report."""
-    found = evaluate_files(dataset, predictions, output, **options)
+    found = evaluate(dataset, predictions, output, **options)
     assert json.loads(msgspec.json.encode(found)) == json.loads((output / "report.json").read_text())
     return msgspec.to_builtins(found)
 
@@ -94,7 +94,7 @@ def test_sheets_show_misses_and_false_positives(weak):
 
 
 def test_a_second_report_is_equal_to_the_byte(weak, scene, tmp_path):
-    evaluate_files(scene, [scene / "weak.json"], tmp_path)
+    evaluate(scene, [scene / "weak.json"], tmp_path)
     for path in weak[1].iterdir():
         assert (tmp_path / path.name).read_bytes() == path.read_bytes()
 

@@ -95,9 +95,9 @@ def _export_model(arguments: argparse.Namespace) -> None:
 
 def _evaluate(arguments: argparse.Namespace) -> None:
     from hulldown.training.evaluation.detector_report import DetectorReports
-    from hulldown.training.evaluation.evaluation_report import evaluate_files
+    from hulldown.training.evaluation.evaluation_report import evaluate
 
-    found = evaluate_files(
+    found = evaluate(
         arguments.dataset, arguments.predictions, arguments.output, threshold=arguments.threshold, iou=arguments.iou,
         validation=arguments.validation or (),
     )  # fmt: skip

@@ -32,7 +32,7 @@ from hulldown.training.evaluation.predictions import Predictions, read_predictio
 COLUMNS = ("predictions", "scope", *COUNTS, *FIGURES, *AVERAGES, "threshold", "threshold_source", "iou")
 
 
-def evaluate_files(
+def evaluate(
     dataset: str | os.PathLike[str],
     predictions: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
     output: str | os.PathLike[str],
@@ -82,7 +82,7 @@ def evaluate_files(
     ...     _ = dataset.append({"file_name": "1.jpg", "width": 640, "height": 480}, [label])
     >>> result = {"image_id": 1, "category_id": 1, "bbox": [10, 10, 80, 40], "score": 0.9}
     >>> _ = (folder / "found.json").write_bytes(orjson.dumps([result]))
-    >>> evaluate_files(folder, folder / "found.json", folder / "report").overall.recall
+    >>> evaluate(folder, folder / "found.json", folder / "report").overall.recall
     1.0
     """
     if not (threshold == "best" or (isinstance(threshold, int | float) and 0 <= threshold <= 1)):

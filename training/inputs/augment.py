@@ -97,7 +97,7 @@ class Augmenter:
         Approximate height of the pictures, the unit of flares.
     """
 
-    def __init__(self, table: Table = TABLE, *, height: int) -> None:
+    def __init__(self, table: Table, *, height: int) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # Albumentations only warns of a wrong argument's name
             warnings.filterwarnings("ignore", message="Got processor for bboxes")  # a table may leave boxes alone
