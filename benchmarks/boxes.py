@@ -1,4 +1,4 @@
-"""Boxes: what each rule costs, and by how many pixels it is wrong against clipping every triangle."""
+"""Boxes: time and error of each rule, in pixels from the box by clipping every triangle."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def plots(results: dict, folder: Path) -> list[Path]:
 
 
 def tank(vertices: int) -> VehicleShape:
-    """A made-up tank of about so many vertices: rounded, rough bodies, as scanned or sculpted models are."""
+    """Return an invented tank with about so many vertices: rounded, rough bodies, like scanned or sculpted models."""
     rng = np.random.default_rng(0)
     n = max(2, round(math.sqrt(vertices / 3 / 6)))
     bodies = [
@@ -189,7 +189,7 @@ class _Rules:
 
 
 def _clamped(x: np.ndarray, y: np.ndarray, z: np.ndarray, camera: Camera) -> np.ndarray | None:
-    """What most tools do: drop what is behind, project the rest, clamp to the image."""
+    """Return a box as most tools do: drop what is behind the camera, project the rest, clamp to the image."""
     ahead = z > 1e-6
     if not ahead.any():
         return None

@@ -1,4 +1,4 @@
-"""Cluster: what Dask costs beside workers of this machine, and what kills cost. Real Dask and Blender processes."""
+"""Cluster: the cost of Dask, compared with workers of this machine, and of kills. Real Dask and Blender processes."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def run(quick: bool) -> dict[str, Any]:
 
 
 def overhead(plan: Plan, library: Library, output: Path, rounds: int) -> dict[str, Any]:
-    """The same rows by two workers of this machine and by two of Dask's, in turn; all keep what they have loaded."""
+    """Time the same rows on two workers of this machine and on two of Dask's, in turn; all keep loaded assets."""
     rows = sorted(plan, key=sort_key)[:CHUNK]
     settings = plan.config.render
     cycles = CyclesSettings(settings.samples, settings.denoise, settings.adaptive_threshold, settings.bounces)
@@ -86,7 +86,7 @@ def overhead(plan: Plan, library: Library, output: Path, rounds: int) -> dict[st
 
 
 def _kills(folder: Path, config: Path, n: int) -> dict[str, Any]:
-    """A plan on three workers, of which one, or its Blender, is killed again and again; another takes its place."""
+    """Render a plan on three workers; one of them, or its Blender, is killed again and again, and replaced."""
     plan, library = planned(folder, config, 4 * n, SIZES[0], one_of_a_class=True, render=TINY)
     render_plan(plan.path, folder / "whole", library=library, engine=Engine(device="cpu"))
     found: dict[str, Any] = {"images": len(plan), "workers": 3}

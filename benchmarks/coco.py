@@ -1,4 +1,4 @@
-"""The dataset file: what recording one more image costs when there are a thousand, and when there are a million."""
+"""The dataset file: the cost of recording another image, from a thousand images to a million."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def _cell(figure: float | None) -> str:
 
 
 def plots(results: dict, folder: Path) -> list[Path]:
-    """Cost of one image against the images there already."""
+    """Draw the cost of an image against the number of images in the dataset."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6, 4), layout="constrained")
@@ -124,7 +124,7 @@ def _rewrite(path: Path) -> float:
 
 
 def _fsync(folder: Path) -> float:
-    """Microseconds the disk takes to make a line safe."""
+    """Return microseconds of the disk's fsync of a line."""
     spent = []
     with (folder / "probe").open("ab", buffering=0) as file:
         for _ in range(APPENDS):
@@ -137,7 +137,7 @@ def _fsync(folder: Path) -> float:
 
 
 def _opened(folder: Path) -> tuple[float, float]:
-    """Seconds it takes to open a dataset, and how many MB that adds to a process that does nothing else."""
+    """Return seconds of opening a dataset, and the MB that it adds to a process of its own."""
     code = r"""if True:
         import re, sys, time
         from hulldown.dataset.coco import CocoDataset
@@ -153,7 +153,7 @@ def _opened(folder: Path) -> tuple[float, float]:
 
 
 def _fill(folder: Path, n: int) -> None:
-    """A dataset of n images, written at once: as if each had been appended."""
+    """Write a dataset of n images at once, with the files that appending each would make."""
     folder.mkdir()
     images = ({"id": i + 1, **_image(i)} for i in range(n))
     annotations = ({"id": i + 1, "image_id": i + 1, "category_id": 1, **_annotation(i)} for i in range(n))

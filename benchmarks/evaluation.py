@@ -156,7 +156,7 @@ def _scene(images: int) -> tuple[Labels, Predictions]:
 
 
 def _records(labels: Labels, predictions: Predictions) -> tuple[dict, list[dict]]:
-    """The same as the peers take them."""
+    """Return labels and detections in COCO's form, for the peers."""
     true = [
         {"id": k + 1, "image_id": i + 1, "category_id": c + 1, "bbox": box, "area": box[2] * box[3], "iscrowd": 0}
         for k, (i, c, box) in enumerate(

@@ -55,13 +55,13 @@ SETTINGS = {"model": "small", "budget": 18000, "resolution": 160}
 
 
 def stand_ins_of(name: str) -> Side:
-    """What the stand-ins of a set are rendered from."""
+    """Return what the stand-ins of a set are rendered from."""
     values = {**SETS[name], "budget.images_per_position": 1}
     return replace(STAND_INS, name=f"{name}-stand-ins", images_per_class=STAND_INS_PER_CLASS, values=values)
 
 
 def renders_of(name: str) -> dict[str, Side]:
-    """What the arms of a set learn from, by the names in `ARMS`: each is half of an arm's images."""
+    """Return the halves of the arms' training images, by their names in `ARMS`."""
     like = {"camera.like": f"{name}-photographs/train"}
     values = {**DEFAULT, "budget.images_per_position": 1}
     half = replace(SYNTHETIC, images_per_class=RENDERS_PER_CLASS // 2, values=values)
@@ -75,7 +75,7 @@ def renders_of(name: str) -> dict[str, Side]:
 
 
 def detector(run: Path, data: Sequence[Path], seed: int) -> Path:
-    """The folder of a detector that has learned from some datasets; a finished one stays."""
+    """Train a detector on some datasets, unless it's finished; return its folder."""
     from hulldown.training.train import train
 
     settings = load_settings(None, {**SETTINGS, "seed": seed})
@@ -84,7 +84,7 @@ def detector(run: Path, data: Sequence[Path], seed: int) -> Path:
 
 
 def found(run: Path, photographs: Path) -> Path:
-    """The file of what a detector finds in photographs."""
+    """Detect in photographs, unless it's done; return the file of detections."""
     from hulldown.training.predict import predict
 
     path = run / f"{photographs.parent.name}-{photographs.name}.json"
@@ -122,7 +122,7 @@ def table(arms: Mapping[str, Cell]) -> tuple[list[str], dict[str, Any]]:
 
 
 def main() -> None:
-    """Make, train, and judge what isn't there yet, and print the table."""
+    """Make, train, and judge what is missing, and print the table."""
     parser = argparse.ArgumentParser(prog="python -m hulldown.benchmarks.like", description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("set", choices=SETS)

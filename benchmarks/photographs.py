@@ -1,4 +1,4 @@
-"""`make photographs SET=tanks`: what renders of the demo's vehicles are worth beside photographs.
+"""`make photographs SET=tanks`: the worth of renders of the demo's vehicles beside photographs.
 
 Writes demo assets, a config of renders that follow the photographs, and a study's config into a folder. The
 photographs aren't part of the project.
@@ -44,7 +44,7 @@ resolution = {resolution}
 
 @dataclass(frozen=True, slots=True)
 class Photographed:
-    """What a set of photographs shows, and how renders follow it.
+    """A set of photographs: the assets and config keys of renders that follow it, and its study.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Photographed:
 
 
 def _car(name: str, weight: float) -> dict[str, Any]:
-    """The demo's distractor as a vehicle in more colors."""
+    """Return one of the demo's distractors as a vehicle in more colors."""
     paint = [{**table, "colors": CAR_COLORS} for table in DISTRACTORS[name]["paint"]]
     return {"path": f"distractors/{name}.blend", "category": "vehicle", "weight": weight, "paint": paint}
 
@@ -134,7 +134,7 @@ SHARED = {
 
 
 def renders_text(shown: Photographed, photographs: Path) -> str:
-    """The config of renders that follow the boxes of photographs."""
+    """Return the config of renders that follow the boxes of photographs."""
     return config_text(
         vehicles=shown.vehicles,
         distractors=shown.distractors,
@@ -145,7 +145,7 @@ def renders_text(shown: Photographed, photographs: Path) -> str:
 
 
 def main() -> None:
-    """Write what the study needs; files that are there stay."""
+    """Write the files of the study that are missing."""
     parser = argparse.ArgumentParser(prog="python -m hulldown.benchmarks.photographs", description=__doc__)
     parser.add_argument("set", choices=sorted(SETS))
     parser.add_argument("folder", type=Path)

@@ -107,7 +107,7 @@ def _plan(make: Callable[..., tuple[Any, Assets]], *arguments: Any) -> dict[str,
 
 
 def _in_blender(images: int, rays: int, cells: int) -> dict[str, float]:
-    """The same steps the way scripts inside Blender take them: one Python call of scene.ray_cast a ray."""
+    """Do the same steps as scripts inside Blender do: one Python call of scene.ray_cast a ray."""
     import bpy
 
     assets = _assets(cells)
@@ -203,7 +203,7 @@ def _apart(work: Callable[..., dict[str, float]], *arguments: Any) -> dict[str, 
 
 
 def config_hash() -> str:
-    """What the config that `hulldown init` writes is known by in the table: its values, not its comments."""
+    """Return a hash of the config that `hulldown init` writes, of its values without its comments."""
     config = Config.of(tomllib.loads(project_text()))
     return hashlib.sha256(config.model_dump_json().encode()).hexdigest()[:12]
 

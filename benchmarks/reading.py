@@ -1,4 +1,4 @@
-"""Hard vehicle files of known truth: how many are read right or wrong without a word, and how far off pivots are."""
+"""Hard vehicle files with ground truth: numbers read right, wrong with a doubt, or wrong without; errors of pivots."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def _judged(opened: Any, drawn: Any) -> tuple[Any, list[str], list[Doubt]]:
 
 
 def _compared(truth: Truth, drawn: Any, uses: list[str]) -> set[str]:
-    """The keys that would mend which parts have lost or gained triangles."""
+    """Return the keys that would correct the parts that have lost or gained triangles."""
     faces = np.array([p.faces for p in drawn.pieces])
     is_ = np.array([truth.part_of.get(p.name, truth.part_of.get(p.data, 0)) for p in drawn.pieces])
     used = np.array([(*PARTS, "dropped").index(u) for u in uses])

@@ -1,4 +1,4 @@
-"""Hard files from the demo's vehicles: what each is called, how it is built, turned and littered, and the truth.
+"""Hard files from the demo's vehicles: their names, hierarchies, axes, litter, and ground truth.
 
 Plain arrays: a `Model` is a list of objects that `benchmarks.reading_blender` writes into a file.
 """
@@ -132,7 +132,7 @@ LOST = ("all is in the file", "its pivots are lost", "its names say nothing", "i
 
 
 def lost(case: Case) -> str:
-    """What of a case cannot be known from its file, one of `LOST`."""
+    """Return what a case's file doesn't determine, one of `LOST`."""
     carries = not case.vehicle.startswith("truck") and case.layout != "one mesh"
     # OBJ files keep no hierarchy and no empties: there a part is what the object's own name says.
     bare = case.suffix == ".obj" and not _flat(case.layout) and not case.layout.startswith("part meshes")
@@ -179,7 +179,7 @@ def build(base: Model, case: Case) -> Model:
 
 
 def _flat(layout: str) -> bool:
-    """Whether objects hang from nothing that says their part, so that their own names do."""
+    """Return whether no parent names the objects' parts, so that their own names must."""
     return "flat" in layout or layout in ("loose", "middles")
 
 

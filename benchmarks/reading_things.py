@@ -1,4 +1,4 @@
-"""What a hard file is made of: objects of plain arrays, and the litter that may lie around a vehicle."""
+"""The contents of a hard file: objects as plain arrays, and litter around a vehicle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rendering: what an image costs beside Cycles' sampling, and samples against error.
+"""Rendering: the time of an image besides Cycles' sampling, and error against samples.
 
 All on the CPU, on the demo assets.
 """
@@ -114,7 +114,7 @@ def _loading(folder: Path, config_path: Path, quick: bool) -> dict:
 
 
 def _large(folder: Path, config_path: Path, quick: bool) -> dict:
-    """What 1080p costs outside sampling, beside what the paper's 128 samples take.
+    """Return the time of 1080p images outside sampling, and that of the paper's 128 samples.
 
     In the scenery that samples faster, which makes the share larger. On a CPU 128 samples take a quarter of an hour, so
     they are reckoned from few and more samples of one picture.

@@ -1,4 +1,4 @@
-"""Vehicles and ground that benchmarks make for themselves."""
+"""Vehicles and ground that benchmarks make."""
 
 from __future__ import annotations
 

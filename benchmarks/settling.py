@@ -1,4 +1,4 @@
-"""Settling: candidates a second, and how far each rule lands from where a rigid footprint comes to rest."""
+"""Settling: candidates a second, and each rule's error from the rest pose of a rigid footprint."""
 
 from __future__ import annotations
 

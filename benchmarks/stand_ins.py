@@ -1,10 +1,8 @@
-"""`python -m hulldown.benchmarks.stand_ins FOLDER`: make what `make study` compares.
+"""`python -m hulldown.benchmarks.stand_ins FOLDER`: make the datasets that `make study` compares.
 
-These are rendered images, and stand-ins for photographs.
-
-The stand-ins are renders too, and no photographs: other vehicles, sceneries and skies than those of the synthetic
-images, seen from a standing eye's height, then exposed wrongly, blurred, made noisy and compressed. So there is a gap
-between the two, of which nobody knows how it compares with that to real photographs.
+They're synthetic images, and stand-ins for photographs. The stand-ins are renders too, of other vehicles, sceneries,
+and skies, from a standing person's eye height, then exposed wrongly, blurred, noisy, and compressed. How this gap
+compares with that to real photographs isn't known.
 """
 
 from __future__ import annotations
@@ -99,7 +97,7 @@ SYNTHETIC = Side(
 
 
 def write_side(side: Side, folder: Path) -> Path:
-    """The config of one half, in a folder that holds the demo's assets."""
+    """Write the config of one half into the folder of the demo's assets."""
     text = config_text(
         vehicles=[{"path": f"vehicles/{name}.blend", "category": CATEGORY[name]} for name in side.vehicles],
         sceneries=[{"path": f"sceneries/{side.scenery}.blend"}],
@@ -131,7 +129,7 @@ def make_side(side: Side, folder: Path) -> Path:
 
 
 def photographed(picture: UInt8[np.ndarray, "h w 3"], *, rng: np.random.Generator) -> bytes:
-    """A JPEG of a render as a poor camera might have taken it: exposure, white balance, focus, noise, compression."""
+    """Return a JPEG of a render as by a poor camera: exposure, white balance, focus, noise, compression."""
     light = (picture / 255.0) ** 2.2 * 2.0 ** rng.normal(0.0, 0.6) * np.exp(rng.normal(0.0, 0.06, 3))
     electrons = rng.uniform(150.0, 1500.0)  # of a full pixel: few in poor light
     light = rng.poisson(np.clip(light, 0.0, 1.0) * electrons) / electrons + rng.normal(0.0, 0.004, light.shape)
@@ -185,7 +183,7 @@ resolution = 160
 
 
 def main() -> None:
-    """Make everything that the study needs; what is there already stays."""
+    """Make the parts of the study that are missing."""
     parser = argparse.ArgumentParser(prog="python -m hulldown.benchmarks.stand_ins", description=__doc__)
     parser.add_argument("folder", type=Path)
     folder = parser.parse_args().folder

@@ -1,4 +1,4 @@
-"""Top hits: how fast, how wrong, how long to build and how much memory, beside every peer that is installed."""
+"""Top hits: speed, error, time to build, and memory, beside every installed peer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hard cases of the top hit, and how far each method is from the rational answer on them."""
+"""Hard cases of the top hit, and each method's error from the answer by rational arithmetic."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def _against(exact: list[Top | None], hits: Hits, mesh: Mesh, xy: np.ndarray) ->
 
 
 def _in_world_coordinates(mesh: Mesh, xy: np.ndarray) -> Hits:
-    """What comes of handing the mesh to Embree as it is: its face, and height and normal in float32."""
+    """Return Embree's hits in the mesh's own coordinates: face, and height and normal in float32."""
     face = raw_embreex(mesh)(xy)
     a, b, c = np.moveaxis(mesh.vertices.astype(np.float32)[mesh.faces[face]], 1, 0)
     normal = np.cross(b - a, c - a)

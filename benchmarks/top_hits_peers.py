@@ -15,7 +15,7 @@ DOWN = np.array([[0, 0, -1]], dtype=np.float32)
 
 
 def hills(faces: int, *, seed: int = 0) -> Mesh:
-    """Rolling, rough terrain of about so many triangles with sides of 1 m, its vertices off any lattice."""
+    """Return rolling, rough terrain of about so many triangles with sides of 1 m, and vertices off any lattice."""
     rng = np.random.default_rng(seed)
     n = max(1, round((faces / 2) ** 0.5))
     x, y = np.meshgrid(np.arange(n + 1.0), np.arange(n + 1.0), indexing="ij")
@@ -54,7 +54,7 @@ def raw_embreex(mesh: Mesh) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def sorted_embreex(mesh: Mesh) -> Callable[[np.ndarray], np.ndarray]:
-    """Embreex with what its user can do about speed and rounding: points in order of cells, and a centered mesh."""
+    """Return embreex with a user's remedies for speed and rounding: points sorted by cells, and a centered mesh."""
     center = mesh.bounds.mean(axis=0)
     raw, low, extent = raw_embreex(Mesh(mesh.vertices - center, mesh.faces)), mesh.bounds[0, :2], np.ptp(mesh.bounds, 0)
 
@@ -69,7 +69,7 @@ def sorted_embreex(mesh: Mesh) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def by_two_threads(query: Callable[[np.ndarray], object]) -> Query:
-    """The same query, half of the points on either of two threads: what the machine gives to who shares nothing."""
+    """Return the query on two threads, each with half of the points: the speedup of threads that share nothing."""
     pool = ThreadPoolExecutor(2)
     return lambda xy: list(pool.map(query, np.array_split(xy, 2)))
 

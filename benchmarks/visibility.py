@@ -61,7 +61,7 @@ class Woods:
         self.world_from_camera[above < 0.5, 2, 3] += 0.5 - above[above < 0.5]
 
     def seen(self, rows: slice, rays: int, seed: int = 0, *, world: Scene) -> Visibility:
-        """What hulldown answers."""
+        """Return hulldown's visible shares."""
         target = PosedVehicle(self.target, self.world_from_vehicle[rows], self.articulation[rows])
         cameras = self.world_from_camera[rows]
         return visible_fraction([target], cameras, intrinsics=HD, world=world, rays=rays, seed=seed)
@@ -77,7 +77,7 @@ class Woods:
         return Mesh(vertices, self.shape.mesh.faces)
 
     def by_pixels(self, i: int, pixels: np.ndarray, vehicle: RayCaster) -> tuple[int, int]:
-        """Rays through pixels of view i that meet the vehicle, and that meet it first, by nothing that is timed."""
+        """Count rays through pixels of view i that hit the vehicle, and that hit it first, by code that isn't timed."""
         camera = Camera(HD, self.world_from_camera[i])
         along = camera.ray_directions(pixels)
         origin = np.broadcast_to(camera.position, along.shape)
@@ -225,7 +225,7 @@ def _costs(world: Woods, rounds: int, quick: bool) -> dict:
 
 
 def _blender_peer(world: Woods) -> Callable[[int], set[str]] | None:
-    """The way of BlenderProc's `visible_objects`: 10 x 10 rays over the frame, scene.ray_cast one by one.
+    """Do as BlenderProc's `visible_objects`: 10 x 10 rays over the frame, one scene.ray_cast each.
 
     References
     ----------

@@ -1,1 +1,1 @@
-"""The demo's own content, built by script: ordinary .blend files and HDRIs, as a user would bring them."""
+"""The demo's vehicles, sceneries, and skies, built by script: ordinary .blend files and HDRIs, as users have them."""

@@ -1,4 +1,4 @@
-"""What the demo assets are called and where they lie below their folder. Needs no Blender."""
+"""Names and paths of the demo assets. Needs no Blender."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PAINT: dict[str, object] = {
     "saturation": [0.75, 1.2],
     "value": [0.75, 1.3],
 }
-CAMOUFLAGE = {"mbt_slab": "Desert_Blocks", "sam_turret": "Forest_Blocks"}  # where the material is called otherwise
+CAMOUFLAGE = {"mbt_slab": "Desert_Blocks", "sam_turret": "Forest_Blocks"}  # where the material has another name
 GLOSS = ["#d9dad6", "#8d9194", "#2b2d30", "#16191c", "#7d1f1c", "#23406e", "#3b4a3a", "#b9ad92"]
 # What is no target: distractor -> the keys that the config gives it. The file is distractors/<name>.blend.
 DISTRACTORS: dict[str, dict[str, object]] = {

@@ -1,4 +1,4 @@
-"""What vehicles stand on and what hangs on all of them: wheels, tracks, axles, lamps, antennae, hatches."""
+"""Parts that vehicles share: wheels, tracks, axles, lamps, antennas, hatches."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""Builds all demo assets into a folder, in a process of its own: Blender keeps state, and a crash must cost nothing."""
+"""Build all demo assets into a folder, in their own process, since Blender keeps state and may crash."""
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -25,16 +24,15 @@ def build_demo_assets(
     Parameters
     ----------
     folder
-        Where to; made if it is not there.
+        The folder; made if missing.
     seed
         The same seed gives the same assets: equal evaluated geometry, equal pictures.
     progress
-        Called with the files done and their total.
+        Called with (done, all) after each file.
 
     Returns
     -------
-    tuple of Path
-        The files of `catalog`, in its order.
+    The files of `catalog`, in its order.
 
     Raises
     ------
@@ -51,7 +49,7 @@ def build_demo_assets(
         if not left:
             return tuple(folder / file for file in FILES)
         if code >= 0:
-            break  # it said what is wrong; only a crash is worth another try
+            break  # an error, which its output explains; only a crash is worth another attempt
     if remedy := remedy_for("".join(output)):
         raise AssetError("building demo assets needs Blender", remedy=remedy)
     last = output[-1].strip() if output else f"exit status {code}"
@@ -59,13 +57,12 @@ def build_demo_assets(
 
 
 def _run(folder: Path, seed: int, left: list[str], step: Callable[[], object]) -> tuple[int, list[str]]:
-    """Exit status and last lines of a child process that builds the files `left`, which it takes off the list."""
+    """Build the files in `left`, and remove each from it when it's done; return exit status and last lines."""
     # -P: a folder `demo` where the user happens to be must not come first.
     command = [sys.executable, "-P", "-m", "hulldown.demo", str(folder), "--seed", str(seed), "--only"]
     output: list[str] = []
     with subprocess.Popen(
         [*command, *(Path(file).stem for file in left)],
-        env={**os.environ},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

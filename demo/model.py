@@ -21,7 +21,7 @@ class BlendModel:
     name
         Name of the vehicle's collection.
     unit
-        File units in a meter: 100 stores centimeters and says so in the scene's unit scale.
+        File units in a meter: 100 stores centimeters and sets the scene's unit scale.
     """
 
     def __init__(self, name: str, *, unit: float = 1.0) -> None:
@@ -96,7 +96,7 @@ class BlendModel:
                 thing.matrix_basis = undo @ thing.matrix_basis
 
     def save(self, path: Path) -> None:
-        """Add what such files are full of (floor, grid, camera, lamps) and write the file."""
+        """Add what such files usually have too (floor, grid, camera, lamps), and write the file."""
         u = self.unit
         floor = bpy.data.objects.new("Floor", _mesh_data("Floor", box((24 * u, 24 * u, 0.1 * u), (0, 0, -0.1 * u)), 1))
         grid_lines = [((-12, y, 0), (12, y, 0)) for y in range(-12, 13)] + [

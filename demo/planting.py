@@ -1,6 +1,6 @@
-"""What grows and lies on both demo sceneries: plants strewn by share, stones of every size, patches of grass.
+"""Plants, stones, and grass of both demo sceneries.
 
-They get there in three ways: as copies, in groups that empties instance, and by geometry nodes.
+They're instanced in three ways: as copies, in groups by empties, and by geometry nodes.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ LEVEL = 0.8  # least cosine of the slope of ground that geometry nodes strew thi
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Planting:
-    """A scenery whose ground is finished: `top` is its height, `rng` says where things stand on it."""
+    """A scenery whose ground is finished: `top` is its height, `rng` selects the places."""
 
     land: Land
     top: Height

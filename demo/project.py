@@ -62,7 +62,7 @@ AERIAL = {
 
 
 def write_config(folder: Path, text: str) -> Path:
-    """Return path of a config written into `folder`.
+    """Write a config into `folder`, and return its path.
 
     Raises
     ------
@@ -77,13 +77,7 @@ def write_config(folder: Path, text: str) -> Path:
 
 
 def refuse_config(config: Path) -> None:
-    """Raise if there is a config, which is the user's.
-
-    Raises
-    ------
-    ConfigError
-        Naming it.
-    """
+    """Raise ConfigError if there is a config, which is the user's."""
     if config.exists():
         raise ConfigError("is there already", path=config, remedy="delete it or name another folder")
 
@@ -95,23 +89,23 @@ def create_project(
     small: bool = False,
     values: Mapping[str, object] = NOTHING,
 ) -> Path:
-    """Return path of the config written into `folder`, beside the demo assets.
+    """Write the demo assets and a config of them into `folder`, and return the config's path.
 
     Parameters
     ----------
     folder
-        Where to; made if it is not there.
+        The folder; made if missing.
     seed
-        Of the demo assets.
+        Seed of the demo assets.
     small
-        Whether the config asks for a few small images rather than for a dataset with the paper's settings.
+        Whether the config is for a few small images instead of a dataset with the paper's settings.
     values
-        What the config says instead of that; see `planning.config.template.config_text`.
+        Keys of the config with other values; see `planning.config.template.config_text`.
 
     Raises
     ------
     ConfigError
-        If the folder has a config already; it is the user's and stays as it is.
+        If the folder has a config already, which stays as it is.
     """
     folder = Path(folder)
     refuse_config(folder / CONFIG)

@@ -19,7 +19,7 @@ SUN_SIZE = np.radians(1.1)  # twice the real sun: six pixels, and half floats ca
 
 @dataclass(frozen=True)
 class Sky:
-    """What a computed sky looks like."""
+    """Parameters of a computed sky."""
 
     sun_elevation_deg: float
     sun_share: float  # of the light that falls on level ground

@@ -1,4 +1,4 @@
-"""What the tanks have in common: gun barrels, skirts, engine decks, tools, machine guns."""
+"""Parts that tanks share: gun barrels, skirts, engine decks, tools, machine guns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What military trucks share: a flat-nosed cab, mirrors, a cargo bed, a tarpaulin."""
+"""Parts that military trucks share: a flat-nosed cab, mirrors, a cargo bed, a tarpaulin."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Paints the demo vehicles and distractors and writes each into its .blend file."""
+"""Paint the demo vehicles and distractors, and write each into its .blend file."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def write_distractor(name: str, folder: Path) -> Path:
 
 
 def write_vehicle(name: str, folder: Path, *, rng: np.random.Generator) -> Path:
-    """BlendModel one vehicle and save it as folder/<name>.blend, its texture, if any, in folder/textures."""
+    """Model one vehicle and save it as folder/<name>.blend, and its texture, if it has one, in folder/textures."""
     if name in TEXTURES:
         file, blocks = TEXTURES[name]
         materials.block_pattern(folder / "textures" / file, blocks, rng=rng)
@@ -94,7 +94,7 @@ def write_vehicle(name: str, folder: Path, *, rng: np.random.Generator) -> Path:
 
 
 def _paints(body: Any) -> Paints:
-    """Return what is not the body is of the same materials on most of them."""
+    """Return a vehicle's paints: its own for the body, and those that most vehicles share."""
     return Paints(
         body=body,
         rubber=materials.plain("Rubber", "#2b2a28", rough=0.85, mottle=0.3),
@@ -109,7 +109,7 @@ def _paints(body: Any) -> Paints:
 
 
 def _save(model: BlendModel, name: str, folder: Path) -> Path:
-    """Drop what is not used and write the file."""
+    """Remove unused materials, and write the file."""
     for material in list(bpy.data.materials):
         if material.users == 0:
             bpy.data.materials.remove(material)
