@@ -31,7 +31,7 @@ def keypoints_in_image(vehicle: PosedVehicle, camera: Camera, world: Scene) -> F
     -------
     (k, 3) x, y, and v; zeros where v is 0.
     """
-    shape, world_from_vehicle = vehicle.target.shape, vehicle.world_from_vehicle[0]
+    shape, world_from_vehicle = vehicle.caster.shape, vehicle.world_from_vehicle[0]
     points = apply(world_from_vehicle, shape.keypoints_at(vehicle.articulation))
     pixels, depth = camera.project(points)
     size = (camera.intrinsics.width, camera.intrinsics.height)

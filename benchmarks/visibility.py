@@ -20,7 +20,7 @@ from hulldown.geometry.meshes import Mesh, merge
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply, rigid, rotation_z
 from hulldown.scene.posed_scene import Scene
-from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.scene.visibility import Visibility, visible_fraction
 from hulldown.tests.shapes import vertices_at
 
@@ -43,7 +43,7 @@ class Woods:
         poses[:, :3, :3] *= scale[:, None, None]
         self.wood = InstancedScene([self.tree], np.zeros(trees, dtype=int), poses)
         self.shape = vehicles(fine=6)["tank"]
-        self.target = VehicleTarget(self.shape)
+        self.caster = VehicleCaster(self.shape)
         self.articulation = [{"turret": float(a), "gun": 0.1} for a in rng.uniform(-3, 3, n)]
         spot = rng.uniform(-0.8 * SIZE, 0.8 * SIZE, (n, 2))
         self.world_from_vehicle = rigid(rotation_z(rng.uniform(0, 6, n)), np.c_[spot, _height(*spot.T)])
@@ -54,7 +54,7 @@ class Woods:
             draw_azimuth(n, rng=rng),
             draw_elevation(n, (math.radians(3), math.radians(35)), rng=rng),
         )
-        at_rest = np.concatenate([part.hull for part in self.target.parts])
+        at_rest = np.concatenate([part.hull for part in self.caster.parts])
         hull = apply(self.world_from_vehicle, at_rest)
         self.world_from_camera = frame_target(poses, hull, HD, rng=rng)
         above = self.world_from_camera[:, 2, 3] - _height(*self.world_from_camera[:, :2, 3].T)
@@ -62,7 +62,7 @@ class Woods:
 
     def seen(self, rows: slice, rays: int, seed: int = 0, *, world: Scene) -> Visibility:
         """Return hulldown's visible shares."""
-        target = PosedVehicle(self.target, self.world_from_vehicle[rows], self.articulation[rows])
+        target = PosedVehicle(self.caster, self.world_from_vehicle[rows], self.articulation[rows])
         cameras = self.world_from_camera[rows]
         return visible_fraction([target], cameras, intrinsics=HD, world=world, rays=rays, seed=seed)
 

@@ -24,7 +24,7 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, Camera
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply, rigid, rotation_about
-from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.oracles.clipping import clipped
 from hulldown.tests.oracles.curves import LENSES, dense_extent
 from hulldown.tests.shapes import PARTS, random_rotations, vehicle_of, vertices_at
@@ -263,7 +263,7 @@ def test_the_box_contains_the_mask_and_touches_it_on_four_sides(
     # Eight rays a pixel and axis, since the pointed end of a surface can be between pixel centers.
     fine = Camera(Intrinsics(8 * 64, 8 * 48, 1.0), view)
     around = 8.0 * box + [-16.0, -16.0, 32.0, 32.0]
-    inner = mask_box(vehicle_masks(PosedVehicle(VehicleTarget(shape), pose[None], {}), fine, xywh=around)[1])
+    inner = mask_box(vehicle_masks(PosedVehicle(VehicleCaster(shape), pose[None], {}), fine, xywh=around)[1])
     assert inner is not None
     inner /= 8.0
     low, high = inner[:2] - box[:2], box[:2] + box[2:] - inner[:2] - inner[2:]

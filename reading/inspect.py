@@ -21,7 +21,7 @@ from hulldown.reading.hdri import Hdri
 from hulldown.reading.pieces.asset_report import FileReport, SkyReport
 from hulldown.reading.vehicle.seen_colors import PAPER
 from hulldown.scene.posed_scene import Kind, Scene, SceneHits
-from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 
 # Colors that color-blind people tell apart: Okabe, Ito, Color universal design, 2008.
 COLORS = np.array([(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float)
@@ -113,7 +113,7 @@ def draw(asset: VehicleShape | Scenery, picture: Path | None = None, *, size: in
     """
     if isinstance(asset, VehicleShape):
         world, bounds = (
-            Scene(vehicles=[PosedVehicle(VehicleTarget(asset), np.eye(4)[None], {})]),
+            Scene(vehicles=[PosedVehicle(VehicleCaster(asset), np.eye(4)[None], {})]),
             asset.surface[0].bounds,
         )
         colors = dict(zip(asset.part_names, COLORS, strict=False))

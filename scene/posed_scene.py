@@ -218,7 +218,7 @@ class Scene:
                 assert not isinstance(thing, InstancedScene)
                 hits.instance[closer], hits.normal[closer] = i, thing.normals(face)
             if isinstance(thing, PosedVehicle):
-                hits.part[closer] = thing.target.face_part[face]
+                hits.part[closer] = thing.caster.face_part[face]
         hits.normal[np.einsum("ij,ij->i", hits.normal, along) > 0.0] *= -1.0
         return hits
 

@@ -27,7 +27,7 @@ FEW = 64  # hull vertices up to which the hull isn't simplified
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class TargetPart:
+class VehiclePart:
     """One rigid part of a vehicle.
 
     Parameters
@@ -51,8 +51,8 @@ class TargetPart:
     around: Float[np.ndarray, "c 3"]
 
 
-class VehicleTarget:
-    """A vehicle for ray casts in any pose and articulation. Immutable.
+class VehicleCaster:
+    """Casts rays against a vehicle in any pose and articulation, part by part. Immutable.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class VehicleTarget:
         )
 
     @cached_property
-    def at_rest(self) -> tuple[TargetPart, ...]:
+    def at_rest(self) -> tuple[VehiclePart, ...]:
         """The vehicle at rest as one part, which is faster if nothing is articulated."""
         mesh = self.shape.mesh
         return self.parts if len(self.parts) == 1 else (_part(0, mesh, np.arange(len(mesh.faces)), mesh.name),)
@@ -77,7 +77,7 @@ class VehicleTarget:
         self,
         camera_from_vehicle: Float[np.ndarray, "n 4 4"],
         articulation: Articulation | Sequence[Articulation] | Float[np.ndarray, "n p"],
-    ) -> list[tuple[TargetPart, Float[np.ndarray, "n 4 4"]]]:
+    ) -> list[tuple[VehiclePart, Float[np.ndarray, "n 4 4"]]]:
         """Return the parts to cast against, and their poses in n cameras' frames."""
         poses = self.shape.vehicle_from_parts(articulation)
         if (poses == np.eye(4)).all():
@@ -91,7 +91,7 @@ class PosedVehicle:
 
     Parameters
     ----------
-    target
+    caster
         The vehicle.
     world_from_vehicle
         (k, 4, 4) rigid poses.
@@ -101,7 +101,7 @@ class PosedVehicle:
         (k,) the camera each pose belongs to. None: pose i belongs to camera i, and a single pose to all cameras.
     """
 
-    target: VehicleTarget
+    caster: VehicleCaster
     world_from_vehicle: Float[np.ndarray, "k 4 4"]
     articulation: Articulation | Sequence[Articulation] | Float[np.ndarray, "k p"]
     row: Int[np.ndarray, " k"] | None = None
@@ -126,15 +126,15 @@ class PosedVehicle:
             turned = turned[kept]
         elif not isinstance(turned, Mapping):
             turned = [turned[i] for i in kept.tolist()]
-        return PosedVehicle(self.target, self.world_from_vehicle[kept], turned, row)
+        return PosedVehicle(self.caster, self.world_from_vehicle[kept], turned, row)
 
     def seen_from(
         self, world_from_camera: Float[np.ndarray, "n 4 4"]
-    ) -> tuple[Int[np.ndarray, " k"], list[tuple[TargetPart, Float[np.ndarray, "k 4 4"]]]]:
+    ) -> tuple[Int[np.ndarray, " k"], list[tuple[VehiclePart, Float[np.ndarray, "k 4 4"]]]]:
         """Return the camera of each pose, and the parts to cast against with their poses in the cameras' frames."""
         row = np.arange(len(world_from_camera)) if self.row is None else self.row
         camera_from_vehicle = compose(invert_rigid(world_from_camera)[row], self.world_from_vehicle)
-        return row, self.target.placed(camera_from_vehicle, self.articulation)
+        return row, self.caster.placed(camera_from_vehicle, self.articulation)
 
     def cast(
         self,
@@ -154,7 +154,7 @@ class PosedVehicle:
         start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         reach, hits = np.broadcast_to(max_distance, len(start)), _missed(len(start))
         pose, ray = self._pairs(row, len(start))
-        for part, world_from_part in self.target.placed(self.world_from_vehicle, self.articulation):
+        for part, world_from_part in self.caster.placed(self.world_from_vehicle, self.articulation):
             some, rays = _into(part, world_from_part, pose, start[ray], along[ray])
             at = ray[some]
             met = part.caster.cast(*rays, max_distance=np.minimum(reach, hits.distance)[at])
@@ -190,7 +190,7 @@ class PosedVehicle:
         camera_rays: CameraRays,
         world_from_camera: Float[np.ndarray, "n 4 4"],
         asked: Bool[np.ndarray, " k"],
-    ) -> Iterator[tuple[TargetPart, Int[np.ndarray, " q"], tuple[Float[np.ndarray, "q 3"], Float[np.ndarray, "q 3"]]]]:
+    ) -> Iterator[tuple[VehiclePart, Int[np.ndarray, " q"], tuple[Float[np.ndarray, "q 3"], Float[np.ndarray, "q 3"]]]]:
         """For each part, in batches, the asked rays of n cameras that may meet it, and these in the part's frame.
 
         `asked` may change between batches.
@@ -207,9 +207,9 @@ class PosedVehicle:
 
     def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
         """Return unit normals in the world of faces of the shape's mesh in the one pose; nan for faces without area."""
-        shape = self.target.shape
+        shape = self.caster.shape
         parts = self.world_from_vehicle[0] @ shape.vehicle_from_parts(self.articulation)
-        part_of_face = parts.reshape(-1, 4, 4)[self.target.face_part[face], :3, :3]
+        part_of_face = parts.reshape(-1, 4, 4)[self.caster.face_part[face], :3, :3]
         return np.einsum("nij,nj->ni", part_of_face, shape.mesh.normals(face))
 
     def _pairs(
@@ -238,7 +238,7 @@ def _keep_nearest(
 
 
 def _into(
-    part: TargetPart,
+    part: VehiclePart,
     world_from_part: Float[np.ndarray, "k 4 4"],
     pose: Int[np.ndarray, " p"],
     start: Float[np.ndarray, "p 3"],
@@ -278,8 +278,8 @@ def points_around(vertices: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "c 3"
     return corners + middle
 
 
-def _part(index: int, mesh: Mesh, face: Int[np.ndarray, " f"], name: str) -> TargetPart:
+def _part(index: int, mesh: Mesh, face: Int[np.ndarray, " f"], name: str) -> VehiclePart:
     # Only the vertices that the faces use: others would move the center that rays are traced about.
     part = replace(mesh.of_faces(face), name=name)
     hull = part.vertices[extreme_points(part.vertices)]
-    return TargetPart(index, caster_of(part), face, hull, points_around(hull))
+    return VehiclePart(index, caster_of(part), face, hull, points_around(hull))

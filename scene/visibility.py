@@ -1,4 +1,4 @@
-"""Visible share of targets, by rays at each target; small targets get as many as large ones."""
+"""Visible share of vehicles, by rays at each subject of a camera; small subjects get as many as large ones."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from hulldown.geometry.transforms import apply
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
 
-# Surfaces this close to the target don't hide it; float32 rays of a few hundred meters err by a tenth of this.
+# Surfaces this close to the subject don't hide it; float32 rays of a few hundred meters err by a tenth of this.
 TOUCHING = 1e-3
 # Rays of all cameras whose array work is done at once: enough of each model that occurs to be worth its calls.
 BLOCK = 1 << 18
@@ -27,15 +27,15 @@ NOTHING = Scene()
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Visibility:
-    """Visible shares of n cameras' targets.
+    """Visible shares of n cameras' subjects.
 
     Parameters
     ----------
     fraction
-        (n,) visible share of the target's silhouette in the frame, as it would be with nothing else in the world; nan
-        if no ray met the target in the frame.
+        (n,) visible share of the subject's silhouette in the frame, as it would be with nothing else in the world; nan
+        if no ray met the subject in the frame.
     hits
-        (n,) rays that met the target.
+        (n,) rays that met the subject.
     area
         (n,) square pixels of the silhouette in the frame.
     """

@@ -25,7 +25,7 @@ from hulldown.placement.support import support_plane
 from hulldown.placement.terrain import Terrain
 from hulldown.scene.clearance import CameraRoom
 from hulldown.scene.posed_scene import NO_OBSTACLES, Scene
-from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.scene.visibility import visible_fraction
 from hulldown.tests.shapes import box, sheet, vehicle_of
 from hulldown.tests.test_terrain import METHODS
@@ -36,7 +36,7 @@ FLOOR, CUBE = sheet((0, 0), (10, 10)), box((-1, -1, 0), (1, 1, 2), "cube")
 VGA, THREE, NO_CAMERA = (Intrinsics(640, 480, fov_x) for fov_x in (1.0, np.ones(3), np.ones(0)))
 AWAY = camera_pose([0, 0, 0], 50.0, 0.0, 0.0)[None]
 CRATE = vehicle_of(CUBE)
-SEEN = [PosedVehicle(VehicleTarget(CRATE), ONE, {})]
+SEEN = [PosedVehicle(VehicleCaster(CRATE), ONE, {})]
 PINHOLE = (800.0, 800.0, 960.0, 540.0)
 
 
@@ -155,10 +155,10 @@ WRONG = [
     (lambda: solved(center=[100.0, 0, 0]), "center: expected"),
     (lambda: visible_fraction(SEEN, AWAY, intrinsics=VGA, rays=0), "rays: expected at least 1"),
     (
-        lambda: visible_fraction([PosedVehicle(SEEN[0].target, ONE.repeat(3, 0), {})], AWAY, intrinsics=VGA),
+        lambda: visible_fraction([PosedVehicle(SEEN[0].caster, ONE.repeat(3, 0), {})], AWAY, intrinsics=VGA),
         "subjects: expected 1 or 1 poses, got 3",
     ),
-    (lambda: PosedVehicle(SEEN[0].target, ONE, [{}, {}]), "articulation: expected one or 1, got 2"),
+    (lambda: PosedVehicle(SEEN[0].caster, ONE, [{}, {}]), "articulation: expected one or 1, got 2"),
     *(
         (
             lambda m=meters: clear(obstacle_clearance=m),

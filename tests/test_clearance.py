@@ -12,12 +12,12 @@ from hulldown.geometry.transforms import compose, rigid, rotation_z
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.terrain import Terrain
 from hulldown.scene.clearance import CameraRoom
-from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.shapes import box, vehicle_of
 
 CAR = np.array([4.0, 2.0, 1.5])
 HOUSE = box([-5, -5, 0], [5, 5, 6])
-CRATE = VehicleTarget(vehicle_of(box([-3, -1.5, 0], [3, 1.5, 2])))
+CRATE = VehicleCaster(vehicle_of(box([-3, -1.5, 0], [3, 1.5, 2])))
 NOTHING = Obstacles(InstancedScene([], [], np.zeros((0, 4, 4))))
 # A house whose near wall is at x = 15.
 STREET = Obstacles(InstancedScene([HOUSE], [0], rigid(np.eye(3), [20.0, 0, 0])[None]))

@@ -13,7 +13,7 @@ from hulldown.geometry.overlap import Obstacles
 from hulldown.geometry.seen_surface import faces_with_area, seen_surface
 from hulldown.geometry.transforms import rigid, rotation_z
 from hulldown.scene.posed_scene import Scene
-from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.shapes import vehicle_of
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]])
@@ -43,7 +43,7 @@ def on_checks(at: np.ndarray) -> np.ndarray:
 
 WALL = Mesh(SQUARE + np.array([0.0, 1.0, 0.0]), HALVES)
 NET = vehicle_of(merge([card(y=-1.0), Mesh(SQUARE + np.array([2.0, 0.0, 0.0]), HALVES)])[0], name="net")
-VEHICLE = PosedVehicle(VehicleTarget(NET), np.eye(4)[None], {})
+VEHICLE = PosedVehicle(VehicleCaster(NET), np.eye(4)[None], {})
 # The flat one is cast as a separate mesh.
 POSES = np.stack([np.eye(4), rigid(np.eye(3), [0.0, 2.0, 0.0]), np.diag([1.0, 1e-9, 1.0, 1.0])])
 POSES[2, 1, 3] = -1.0

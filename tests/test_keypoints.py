@@ -18,7 +18,7 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.reading.vehicle.found_keypoints import marked_points
 from hulldown.scene.posed_scene import Scene
-from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.editing import append, edit
 from hulldown.tests.planning_assets import small_assets
 from hulldown.tests.shapes import FACES, vertices_at
@@ -39,11 +39,11 @@ CUBE_WITH_POINTS = SHAPE.with_keypoints(POINTS)
 
 def seen(vehicle, *others, camera=CAMERA, ground=None):
     found = keypoints_in_image(vehicle, camera, Scene(ground, vehicles=[vehicle, *others]))
-    return dict(zip(vehicle.target.shape.keypoint_names, found.tolist(), strict=True))
+    return dict(zip(vehicle.caster.shape.keypoint_names, found.tolist(), strict=True))
 
 
 def test_keypoints_behind_a_surface_are_hidden_and_outside_the_picture_unlabeled():
-    here = PosedVehicle(VehicleTarget(CUBE_WITH_POINTS), np.eye(4)[None], {})
+    here = PosedVehicle(VehicleCaster(CUBE_WITH_POINTS), np.eye(4)[None], {})
     found = seen(here)
     assert [found[name][2] for name in POINTS] == [2, 1, 1, 2, 0, 0]
     # 4 m away, with f = 100 px, in an image of 200 x 100.

@@ -13,7 +13,7 @@ from hulldown.geometry.transforms import apply
 from hulldown.placement.rejection import first_accepted
 from hulldown.planning.plan.row import encode_rows
 from hulldown.planning.planner import Planner
-from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.planning_assets import bare, filled_share, hills, plan, small_assets, small_config, vehicle
 from hulldown.tests.shapes import vertices_at
 
@@ -71,7 +71,7 @@ def test_a_target_smaller_than_a_pixel_covers_the_center_of_one():
         camera={"size_measure": "height", "target_fraction": [0.01, 0.03], "min_box_px": 0.1, "max_tries": 300},
     )  # fmt: skip
     assert rejected["hidden"] > 5
-    target = VehicleTarget(TANK)
+    target = VehicleCaster(TANK)
     for row in rows:
         assert row.target.bbox[3] < 2
         assert vehicle_masks(PosedVehicle(target, row.target.world_from_vehicle[None], {}), row.camera)[1].any()

@@ -32,7 +32,7 @@ from hulldown.rendering.jobs import mask_job, readable
 from hulldown.rendering.process import WORKER, Allowance, Blender, Limits, worker_command
 from hulldown.rendering.supervisor import render_plan
 from hulldown.scene.posed_scene import Scene
-from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.blender_plans import draw, drawn, job, make_plan, pixels, run_python
 from hulldown.tests.clusters import digests, wait_for
 from hulldown.tests.plan_lines import altered
@@ -88,7 +88,7 @@ def test_the_command_limits_the_time_of_a_picture(plan, blender, tmp_path):
 
 def standing(library, target):
     shape = library.shapes[target.vehicle]
-    return PosedVehicle(VehicleTarget(shape), target.world_from_vehicle[None], target.articulation)
+    return PosedVehicle(VehicleCaster(shape), target.world_from_vehicle[None], target.articulation)
 
 
 def pink(picture):
@@ -299,7 +299,7 @@ OFF_MIDDLE = ((128.0, 0.0, 40.0), (0.0, 96.0, 60.0), (0.0, 0.0, 1.0))
 )
 def test_any_field_of_view_is_rendered_exactly(plan, library, tmp_path, fov_x_deg, matrix, lens):
     """Blender clamps focal lengths."""
-    target = VehicleTarget(library.shapes["tank"])
+    target = VehicleCaster(library.shapes["tank"])
     width = float(library.shapes["tank"].size_xyz[1])
     # Seen from behind, from a distance at which the tank fills half of the frame.
     distance = width / math.tan(math.radians(fov_x_deg / 2)) + 4.0

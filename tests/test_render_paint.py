@@ -11,7 +11,7 @@ from hulldown.planning.check import check_plan
 from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.plan.coats import Coat
 from hulldown.scene.posed_scene import Scene
-from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.blender_plans import draw, make_plan, run_script
 from hulldown.tests.plan_lines import altered
 
@@ -81,7 +81,7 @@ def rendered(rows, library, folder):
 def masks(row, library):
     """Masks of the target and of its companion, without their outermost pixels, which show some background."""
     world = Scene.of(library.assets.sceneries["field"])
-    shape = VehicleTarget(library.shapes["odd"])
+    shape = VehicleCaster(library.shapes["odd"])
     return [
         ndimage.binary_erosion(
             vehicle_masks(PosedVehicle(shape, v.world_from_vehicle[None], v.articulation), row.camera, world=world)[1]

@@ -10,7 +10,7 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import rigid
 from hulldown.scene.posed_scene import Scene
-from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.shapes import CORNERS, FACES, vehicle_of
 
 CUBE = 2.0 * CORNERS - 1.0
@@ -18,7 +18,7 @@ CUBE = 2.0 * CORNERS - 1.0
 AXES = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 CAMERA = Camera(Intrinsics(200, 100, math.pi / 2), rigid(AXES, [0.0, -5.0, 0.0]))
 SHAPE = vehicle_of(Mesh(CUBE, FACES), name="cube")
-HERE = PosedVehicle(VehicleTarget(SHAPE), np.eye(4)[None], {})
+HERE = PosedVehicle(VehicleCaster(SHAPE), np.eye(4)[None], {})
 
 
 def visible(vehicle: PosedVehicle, camera: Camera, **options) -> np.ndarray:
@@ -55,5 +55,5 @@ def test_nothing_before_the_near_plane_is_visible():
 
 
 def test_the_mask_is_empty_outside_the_image():
-    assert not visible(PosedVehicle(HERE.target, rigid(np.eye(3), [99.0, 0.0, 0.0])[None], {}), CAMERA).any()
+    assert not visible(PosedVehicle(HERE.caster, rigid(np.eye(3), [99.0, 0.0, 0.0])[None], {}), CAMERA).any()
     assert not visible(HERE, CAMERA, xywh=[10.2, 10.2, 0.2, 0.2]).any()

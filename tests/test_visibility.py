@@ -16,15 +16,15 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import rigid, rotation_z
 from hulldown.scene.posed_scene import Plane, Scene
-from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget, points_around
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster, points_around
 from hulldown.scene.visibility import visible_fraction
 from hulldown.tests.planning_assets import vehicle
 from hulldown.tests.shapes import box, vehicle_of
 
 VGA = Intrinsics(640, 480, math.radians(50))
-TANK = VehicleTarget(vehicle("t72"))
+TANK = VehicleCaster(vehicle("t72"))
 HERE = np.eye(4)[None]
-CRATE = PosedVehicle(VehicleTarget(vehicle_of(box([-3, -1.5, 0], [3, 1.5, 2]))), HERE, {})
+CRATE = PosedVehicle(VehicleCaster(vehicle_of(box([-3, -1.5, 0], [3, 1.5, 2]))), HERE, {})
 # From +x, towards the crate's front of 3 m x 2 m.
 FRONT = camera_pose([0, 0, 1.0], 30.0, 0.0, 0.0)[None]
 
@@ -52,7 +52,7 @@ def test_hidden_shares_are_counted_by_the_first_occluder_ground_obstacles_or_veh
     ridge = RayCaster(wall((-50, 50), (-50, 0.4)))
     side = scene_of(wall((-50, -0.5), (-50, 50)))
     # ... and its right third behind another crate.
-    other = PosedVehicle(CRATE.target, rigid(np.eye(3), [10.0, 2.0, 0])[None], {})
+    other = PosedVehicle(CRATE.caster, rigid(np.eye(3), [10.0, 2.0, 0])[None], {})
     worlds = [Scene(ridge, side, [other]), Scene(ridge), Scene(obstacles=side), Scene(vehicles=[other])]
     views = [visible_fraction([CRATE], far, intrinsics=lens, world=world, rays=10_000) for world in worlds]
     # Perspective at 2 km moves these edges by less than 1 %.

@@ -17,7 +17,7 @@ from hulldown.placement.terrain import Terrain
 from hulldown.planning.search.stage import make_stage
 from hulldown.scene.clearance import CameraRoom
 from hulldown.scene.posed_scene import Scene
-from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.scene.visibility import visible_fraction
 from hulldown.tests.planning_assets import bare, hills, plan, small_config, vehicle, with_water
 from hulldown.tests.shapes import box, sheet
@@ -115,7 +115,7 @@ def test_water_hides_submerged_parts_like_an_opaque_surface():
     camera = camera_pose([0.0, 0.0, 1.0], 30.0, 0.0, 0.1)[None]
     for world, low, high in ((Scene.of(ford), 0.4, 0.8), (Scene(), 0.0, 0.0)):
         seen = visible_fraction(
-            [PosedVehicle(VehicleTarget(TANK), np.eye(4)[None], {})], camera, intrinsics=lens, world=world, rays=900
+            [PosedVehicle(VehicleCaster(TANK), np.eye(4)[None], {})], camera, intrinsics=lens, world=world, rays=900
         )
         assert low <= 1.0 - seen.fraction[0] <= high
 

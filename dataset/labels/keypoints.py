@@ -23,7 +23,7 @@ def _of_scene(vehicle: SeenVehicle) -> Fields | None:
     if not vehicle.keypoints:
         return None
     found = keypoints_in_image(vehicle.posed, vehicle.row.camera, vehicle.scene)
-    by_name = dict(zip(vehicle.posed.target.shape.keypoint_names, found.tolist(), strict=True))
+    by_name = dict(zip(vehicle.posed.caster.shape.keypoint_names, found.tolist(), strict=True))
     listed = [by_name.get(name, (0.0, 0.0, 0.0)) for name in vehicle.keypoints]
     flat = [number for x, y, v in listed for number in (round(x, 6), round(y, 6), int(v))]
     return Fields(flat, sum(v > 0 for _, _, v in listed))

@@ -8,7 +8,7 @@ from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.planning.plan.row import PlannedVehicle, Row
 from hulldown.scene.posed_scene import Scene
-from hulldown.scene.posed_vehicle import PosedVehicle, VehicleTarget
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 
 
 class RowScenes:
@@ -30,15 +30,15 @@ class RowScenes:
         fallback_z: float | None = None,
     ) -> None:
         self._vehicles, self._sceneries, self._fallback_z = vehicles, sceneries, fallback_z
-        self._targets: dict[str, VehicleTarget] = {}
+        self._casters: dict[str, VehicleCaster] = {}
         self._scenery: tuple[str, Scene] = ("", Scene())
 
     def posed(self, vehicle: PlannedVehicle) -> PosedVehicle:
         """Return a vehicle in its pose."""
         name = vehicle.vehicle
-        if name not in self._targets:
-            self._targets[name] = VehicleTarget(self._vehicles[name])
-        return PosedVehicle(self._targets[name], vehicle.world_from_vehicle[None], vehicle.articulation)
+        if name not in self._casters:
+            self._casters[name] = VehicleCaster(self._vehicles[name])
+        return PosedVehicle(self._casters[name], vehicle.world_from_vehicle[None], vehicle.articulation)
 
     def scene(self, row: Row) -> Scene:
         """Return a row's scenery with the vehicles in its picture."""

@@ -93,7 +93,7 @@ class Instances:
     def posed(self) -> list[PosedVehicle]:
         """Return the instances as targets for rays, a `PosedVehicle` for each model."""
         return [
-            PosedVehicle(model.target, self.world_from_vehicle[i], self.model_angles(model, i), self.row[i])
+            PosedVehicle(model.caster, self.world_from_vehicle[i], self.model_angles(model, i), self.row[i])
             for model, i in self.by_model()
         ]
 
@@ -138,7 +138,7 @@ def hull_of(
 ) -> Float[np.ndarray, "n h 3"]:
     """Return the posed vertices of the convex hulls of what can be seen of all parts, which determine the box."""
     poses = compose(world_from_vehicle[:, None], model.shape.vehicle_from_parts(angles))
-    hulls = zip(model.target.parts, model.hulls, strict=True)
+    hulls = zip(model.caster.parts, model.hulls, strict=True)
     return np.concatenate([apply(poses[:, part.index], hull) for part, hull in hulls], axis=1)
 
 

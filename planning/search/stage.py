@@ -24,7 +24,7 @@ from hulldown.planning.config.placement_sections import PlacementSection
 from hulldown.planning.config.schema import Config
 from hulldown.scene.clearance import CameraRoom
 from hulldown.scene.posed_scene import Plane, Scene
-from hulldown.scene.posed_vehicle import VehicleTarget
+from hulldown.scene.posed_vehicle import VehicleCaster
 
 _BARE_EXTENT = 50.0  # meters to each side of the origin, for a scenery without ground and obstacles
 _BOUNDS = (np.min, np.max)
@@ -70,7 +70,7 @@ class Model:
     ----------
     shape, category
         The vehicle and its class; None for a distractor without one.
-    boxes, target
+    boxes, caster
         Its bounding boxes in cameras, and its surface for rays.
     footing
         The points where it meets the ground: of its underside, or of a plate as large as its box.
@@ -79,15 +79,15 @@ class Model:
     shape: VehicleShape
     category: str | None
     boxes: VehicleBoxes
-    target: VehicleTarget
+    caster: VehicleCaster
     footing: Footing
 
     @cached_property
     def hulls(self) -> tuple[Float[np.ndarray, "h 3"], ...]:
-        """Vertices of the convex hull of what can be seen of each part of `target`; of all of it, if nothing can."""
+        """Vertices of the convex hull of what can be seen of each part of `caster`; of all of it, if nothing can."""
         if self.shape.seen is None:
-            return tuple(part.hull for part in self.target.parts)
-        seen = [(part, self.shape.seen_of(part.index)) for part in self.target.parts]
+            return tuple(part.hull for part in self.caster.parts)
+        seen = [(part, self.shape.seen_of(part.index)) for part in self.caster.parts]
         return tuple(points[extreme_points(points)] if len(points) else part.hull for part, points in seen)
 
 
@@ -126,7 +126,7 @@ class Fleet:
         self.footings = tuple(model.footing for model in self.models)
         self.contacts = stacked([footing.contact for footing in self.footings])
         self.parts = max(len(model.shape.part_names) for model in self.models)
-        parts = [list(zip(model.target.parts, model.hulls, strict=True)) for model in self.models]
+        parts = [list(zip(model.caster.parts, model.hulls, strict=True)) for model in self.models]
         self.boxes = np.array([len(of_model) for of_model in parts])
         padded = [[*of_model, *[of_model[0]] * (self.boxes.max() - len(of_model))] for of_model in parts]
         self.box_part = np.array([[part.index for part, _ in of_model] for of_model in padded])
@@ -221,13 +221,13 @@ def settle_rules(limits: PlacementSection) -> SettleRules:
 
 
 def _model(shape: VehicleShape, category: str | None, config: Config) -> Model:
-    target, limits = VehicleTarget(shape), config.placement
+    limits = config.placement
     plate = np.stack([-shape.size_xyz[:2], shape.size_xyz[:2]]) / 2
     under = underside(shape.surface[0], known=shape.underside) if limits.contact == "footprint" else plate
     return Model(
         shape=shape,
         category=category,
         boxes=VehicleBoxes(shape),
-        target=target,
+        caster=VehicleCaster(shape),
         footing=Footing.of(under, settle_rules(limits)),
     )
