@@ -1,4 +1,4 @@
-"""The arms of a study: a new one is an entry of `ARM_KINDS`, and a line of docs/study.md.
+"""The arms of a study: a new one is an entry at the end of `ARM_KINDS`, whose order is that of their colors.
 
 Arms differ only in their draws. Model, budget, and test are the same for all runs.
 """
