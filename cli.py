@@ -91,9 +91,9 @@ def _demo(arguments: argparse.Namespace) -> int:
         if code := main(words):
             return code
     from hulldown.dataset.table import Dataset
-    from hulldown.pictures.sheets import save_sheet
+    from hulldown.pictures.own_files import save_picture
 
-    save_sheet(Dataset.read(dataset).sheet(count=12, columns=3, masks=False), folder / "contact_sheet.png")
+    save_picture(Dataset.read(dataset).sheet(count=12, columns=3, masks=False), folder / "contact_sheet.png")
     say(f"look at {folder / 'contact_sheet.png'}; the dataset is {dataset / 'annotations.json'}")
     return DONE
 

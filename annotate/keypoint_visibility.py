@@ -22,7 +22,7 @@ def keypoints_in_image(vehicle: PosedVehicle, camera: Camera, world: Scene) -> F
     vehicle
         The vehicle, in one pose.
     camera
-        What sees it; nothing nearer than `NEAR` is seen.
+        The camera; nothing nearer than `NEAR` is seen.
     world
         Occluders: ground, obstacles, and vehicles, this one included. A surface less than `SLACK` in
         front of a keypoint doesn't hide it.

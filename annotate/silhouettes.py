@@ -31,7 +31,7 @@ def vehicle_masks(
     vehicle
         The vehicle, in one pose.
     camera
-        What sees it; nothing nearer than `NEAR` is seen.
+        The camera; nothing nearer than `NEAR` is seen.
     xywh
         The vehicle's box in the image: only pixels with their center in it are tested. None: all pixels.
     world

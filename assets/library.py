@@ -1,4 +1,4 @@
-"""The assets of a plan in memory: vehicles, sceneries, and HDRIs."""
+"""The assets of a plan in memory, and the files that they came from."""
 
 from __future__ import annotations
 

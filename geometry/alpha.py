@@ -204,7 +204,7 @@ class Cutouts:
     maps: tuple[AlphaMap, ...]
 
     def of(self, faces: Int[np.ndarray, " k"]) -> Cutouts | None:
-        """Return the same for a mesh of these ascending faces of this one's alone; None if none is cut out."""
+        """Return the cut-outs of a mesh of these ascending faces alone; None if none of them is cut out."""
         place = np.searchsorted(faces, self.face)
         kept = place < len(faces)
         kept[kept] = faces[place[kept]] == self.face[kept]

@@ -53,6 +53,11 @@ class RayHits:
     distance: Float[np.ndarray, " n"]
     face: Int[np.ndarray, " n"]
 
+    @classmethod
+    def missed(cls, n: int) -> RayHits:
+        """Return the hits of n rays that met nothing."""
+        return cls(np.full(n, np.inf), np.full(n, -1, dtype=np.int32))
+
     @property
     def hit(self) -> Bool[np.ndarray, " n"]:
         """Whether each ray met anything."""
@@ -118,13 +123,13 @@ class RayCaster:
             If shapes do not match, a number is not finite or a direction is zero.
         """
         start, unit, limit = checked_rays(origins, directions, max_distance)
-        distance, face = np.full(len(start), np.inf), np.full(len(start), -1, dtype=np.int32)
+        hits = RayHits.missed(len(start))
         for i, entry, along, reach, skipped in self._blocks(start, unit, limit):
             met = self._scene.run(entry, along, dists=reach.copy(), output=True)
             within = (met["primID"] >= 0) & (reach >= 0)
-            face[i[within]] = met["primID"][within]
-            distance[i[within]] = skipped[within] + met["tfar"][within]
-        return RayHits(distance, face)
+            hits.face[i[within]] = met["primID"][within]
+            hits.distance[i[within]] = skipped[within] + met["tfar"][within]
+        return hits
 
     def occluded(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
@@ -249,7 +254,7 @@ def coherent_blocks(points: Float[np.ndarray, "n d"]) -> Iterator[Int[np.ndarray
         yield np.arange(n)
         return
     key = np.zeros(n, dtype=np.uint16)
-    with np.errstate(over="ignore", invalid="ignore"):  # any key is as right as another
+    with np.errstate(over="ignore", invalid="ignore"):  # overflow costs only the order
         low = np.array([column.min() for column in points.T])
         extent = np.array([column.max() for column in points.T]) - low
         for shift, axis in enumerate(np.sort(np.argsort(extent)[-2:])):
@@ -265,7 +270,7 @@ def coherent_blocks(points: Float[np.ndarray, "n d"]) -> Iterator[Int[np.ndarray
 
 
 def in_threads(work: Callable[[T], R], items: Iterable[T], *, threads: int) -> list[R]:
-    """`work` of each item, in order, on so many threads; with one, on the caller's own."""
+    """Return the results of `work` for the items, in order; a single thread is the caller's own."""
     if threads < 1:
         raise ValueError(f"threads: expected at least 1, got {threads}")
     if threads == 1:

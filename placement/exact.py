@@ -89,7 +89,7 @@ class ExactGround:
     def _containing(
         self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], least: Float[np.ndarray, " n"]
     ) -> Iterator[tuple[slice, _Over]]:
-        """Batches of points, and the faces that contain them and may be as high as `least` there."""
+        """Yield batches of points, with the faces that contain them and may be as high as `least` there."""
         g = self._ground
         for begin in range(0, len(x), _POINTS):
             batch = slice(begin, min(begin + _POINTS, len(x)))
@@ -110,7 +110,7 @@ class ExactGround:
         point: Int[np.ndarray, " k"],
         face: Int[np.ndarray, " k"],
     ) -> _Over:
-        """Those pairs of a point and a face that contains it."""
+        """Return the pairs whose face contains the point."""
         g = self._ground
         over = _Over(point, face, np.empty((len(point), 3), dtype=np.int8))
         for i in range(3):
@@ -120,7 +120,7 @@ class ExactGround:
         return over
 
     def _highest(self, at: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]], over: _Over) -> _Over:
-        """Return one pair a point."""
+        """Return the pair of each point with its highest face."""
         alone = _alone(over.point)
         rest = over[np.flatnonzero(~alone)]
         if not len(rest.point):

@@ -120,7 +120,7 @@ def _climb(
     center: Float[np.ndarray, "2"],
     tolerance: Float[np.ndarray, " n"],
 ) -> Int[np.ndarray, "n 3"]:
-    """Pivots each row's triangle until no sample is above its plane; samples at -inf never enter."""
+    """Pivot each row's triangle until no sample is above its plane; samples at -inf never enter."""
     final = basis.copy()
     rows = np.arange(len(basis))
     for _ in range(MOST_PIVOTS):

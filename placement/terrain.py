@@ -163,7 +163,7 @@ class Terrain:
     def _guess(
         self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]
     ) -> tuple[Complex[np.ndarray, " k"], Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        """Return the slope of the ground in float32's opinion, its height, and that of the next sheet, or nan."""
+        """Return slope and height of the top face that float32 finds, and the height of the next one below, or nan."""
         g = self._ground
         with np.errstate(over="ignore", invalid="ignore"):
             face = self._caster.down(x, y).astype(np.intp)
@@ -178,7 +178,7 @@ class Terrain:
         z: Float[np.ndarray, " k"],
         slope: Complex[np.ndarray, " k"],
     ) -> Int[np.ndarray, " k"]:
-        """Return the first face below what float32 makes of faces of these heights and slopes, or -1."""
+        """Return the first face that is farther below faces of these heights and slopes than float32 errs, or -1."""
         gap = 4 * self._caster.resolution * (1.0 + np.abs(slope.real) + np.abs(slope.imag))
         return self._caster.below(x, y, z - gap).astype(np.intp)
 

@@ -19,7 +19,7 @@ from hulldown.camera.shell import shell_place
 from hulldown.camera.weather.kinds import KINDS
 from hulldown.geometry.transforms import apply
 from hulldown.pictures.bar_charts import Bars, Stairs, sheet
-from hulldown.pictures.sheets import save_sheet
+from hulldown.pictures.own_files import save_picture
 from hulldown.placement.rejection import AIMING, BY_KEY, PLACING
 from hulldown.planning.config.paint_section import OWN
 from hulldown.planning.plan.row import LeftOut, Row
@@ -206,7 +206,7 @@ class Summary:
             used = histogram.used
             edges = histogram.edges[used.start : used.stop + 1]
             charts.append(Stairs(histogram.title, edges, histogram.counts[used], bool(histogram.edges[0] > 0)))
-        save_sheet(sheet(f"{self.images:,} images at {self.positions:,} positions", charts), Path(path))
+        save_picture(sheet(f"{self.images:,} images at {self.positions:,} positions", charts), Path(path))
 
     def _bar_charts(self) -> dict[str, Mapping[str, int]]:
         counts, background = self.counts, self.counts["backgrounds"].total()

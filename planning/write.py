@@ -89,7 +89,7 @@ def plan(
     """
     # Local imports, since the worker processes import this module.
     from hulldown.base.terminal import reading_status, reporting
-    from hulldown.pictures.sheets import make_room_for_picture
+    from hulldown.pictures.own_files import make_room_for_picture
     from hulldown.planning.appearance.hdri_land import land_above_horizon
     from hulldown.planning.inputs.loading import load_library
 

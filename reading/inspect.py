@@ -16,7 +16,7 @@ from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError
 from hulldown.camera.response import ALBEDO, metered
 from hulldown.pictures.drawing import contact_sheet, lettering
-from hulldown.pictures.sheets import save_sheet
+from hulldown.pictures.own_files import save_picture
 from hulldown.reading.hdri import Hdri
 from hulldown.reading.pieces.asset_report import FileReport, SkyReport
 from hulldown.reading.vehicle.seen_colors import PAPER
@@ -93,7 +93,7 @@ def write_pictures(inspected: Sequence[Inspected], path: Path) -> list[Path]:
             names, pictures = zip(*on_it, strict=True)
             sheet = contact_sheet(pictures, columns=3, tile_width=sheet.width, captions=names)
         try:
-            save_sheet(sheet, page)
+            save_picture(sheet, page)
         except (OSError, ValueError) as error:
             raise AssetError(f"cannot be written ({error})", path=page, remedy="name a .png file in a folder") from None
     return written

@@ -60,7 +60,7 @@ class Plane:
         return 1.0 - self.occluded(origins, directions, max_distance=max_distance)
 
     def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-        """Upwards."""
+        """Return (0, 0, 1) for each face."""
         return np.tile([0.0, 0.0, 1.0], (len(face), 1))
 
 

@@ -152,7 +152,7 @@ class PosedVehicle:
             (n,) ascending: the camera of each ray, which meets the poses of that camera. None: all are of camera 0.
         """
         start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
-        reach, hits = np.broadcast_to(max_distance, len(start)), _missed(len(start))
+        reach, hits = np.broadcast_to(max_distance, len(start)), RayHits.missed(len(start))
         pose, ray = self._pairs(row, len(start))
         for part, world_from_part in self.caster.placed(self.world_from_vehicle, self.articulation):
             some, rays = _into(part, world_from_part, pose, start[ray], along[ray])
@@ -179,7 +179,7 @@ class PosedVehicle:
         asked: Bool[np.ndarray, " k"],
     ) -> RayHits:
         """Return the first face of the shape's mesh along each of n cameras' rays that is asked for."""
-        hits = _missed(len(asked))
+        hits = RayHits.missed(len(asked))
         for part, at, rays in self.through(camera_rays, world_from_camera, asked):
             met = part.caster.cast(*rays)
             _keep_nearest(hits, at, met.distance, part.face[met.face])
@@ -222,10 +222,6 @@ class PosedVehicle:
                 raise ValueError(f"vehicle: expected one pose, or the row of each, got {k}")
             row = np.zeros(rays, dtype=np.int64)
         return joined(np.zeros(1, dtype=np.int64) if self.row is None else self.row, row)
-
-
-def _missed(n: int) -> RayHits:
-    return RayHits(np.full(n, np.inf), np.full(n, -1))
 
 
 def _keep_nearest(

@@ -9,7 +9,7 @@ from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.table import Dataset
 from hulldown.pictures.drawing import IGNORED, Drawn, color_of, contact_sheet, draw
-from hulldown.pictures.sheets import refuse_foreign, save_sheet
+from hulldown.pictures.own_files import refuse_foreign, save_picture
 from hulldown.planning.summary import summarize
 from hulldown.tests.editing import append, write_dataset
 
@@ -118,7 +118,7 @@ def test_a_sheet_without_pictures_is_an_error(tmp_path):
         Dataset.read(tmp_path).sheet()
 
 
-@pytest.mark.parametrize("write", [lambda path: save_sheet(gray(), path), lambda path: summarize([]).draw(path)])
+@pytest.mark.parametrize("write", [lambda path: save_picture(gray(), path), lambda path: summarize([]).draw(path)])
 def test_only_pictures_by_hulldown_are_replaced(tmp_path, write):
     path = tmp_path / "tank.png"
     gray().save(path)

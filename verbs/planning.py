@@ -69,7 +69,7 @@ def _init_from(arguments: argparse.Namespace, values: Mapping[str, object]) -> N
 
 
 def _inspect(arguments: argparse.Namespace) -> int:
-    from hulldown.pictures.sheets import make_room_for_picture
+    from hulldown.pictures.own_files import make_room_for_picture
     from hulldown.planning.inputs.inspection import drawn_assets, inspect_file
     from hulldown.reading.inspect import Inspected, pages, write_pictures
 
@@ -133,7 +133,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _preview(arguments: argparse.Namespace) -> None:
-    from hulldown.pictures.sheets import make_room_for_picture
+    from hulldown.pictures.own_files import make_room_for_picture
     from hulldown.planning.pictures.preview import preview_sheet
     from hulldown.planning.plan.lines import picture_of
     from hulldown.planning.plan_file import read_plan

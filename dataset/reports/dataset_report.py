@@ -30,7 +30,7 @@ from hulldown.dataset.reports.page import Facet, Shape, Tile, render
 from hulldown.dataset.table import CONDITIONS, Dataset
 from hulldown.geometry.indices import spread
 from hulldown.pictures.drawing import color_of
-from hulldown.pictures.sheets import refuse_foreign
+from hulldown.pictures.own_files import refuse_foreign
 from hulldown.planning.inputs.loading import Library, load_planned_library
 from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan_file import read_plan

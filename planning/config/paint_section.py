@@ -1,4 +1,4 @@
-"""The config's paint of a vehicle, and what it has an effect on."""
+"""The config's paint of a vehicle, with doubts and notes about its effect."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.indices import spread
 from hulldown.pictures.drawing import Drawn, contact_sheet, draw
-from hulldown.pictures.sheets import save_sheet
+from hulldown.pictures.own_files import save_picture
 from hulldown.planning.appearance.light import card
 from hulldown.planning.appearance.paint import previewed
 from hulldown.planning.inputs.loading import config_of
@@ -36,7 +36,7 @@ def preview_sheet(plan: PlanFile, assets: Assets, path: str | Path, *, count: in
     """Write a contact sheet of up to `count` images, evenly spread over a plan; see `Artist.sheet`."""
     chosen = spread(len(plan), count).tolist()
     shaded = tracked("shading", chosen, len(chosen))
-    save_sheet(Artist(plan, assets).sheet(shaded, columns=4, tile_width=TILE_WIDTH), Path(path))
+    save_picture(Artist(plan, assets).sheet(shaded, columns=4, tile_width=TILE_WIDTH), Path(path))
 
 
 def caption(row: Row) -> str:

@@ -1,4 +1,4 @@
-"""Pictures for people on disk, marked as ours so that other files are never replaced."""
+"""Write pictures for people, marked as ours, so that other files are never replaced."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MARK = b"tEXtSoftware\0hulldown"
 _START = 4096  # bytes before the pixels that contain the mark
 
 
-def save_sheet(sheet: Image.Image, path: Path) -> None:
+def save_picture(picture: Image.Image, path: Path) -> None:
     """Write a picture of ours, in one step.
 
     Raises
@@ -28,7 +28,7 @@ def save_sheet(sheet: Image.Image, path: Path) -> None:
     for key, text in SOFTWARE.items():
         notes.add_text(key, text)
     with replacing(path) as file:
-        sheet.save(file, format="PNG", pnginfo=notes)
+        picture.save(file, format="PNG", pnginfo=notes)
 
 
 def refuse_foreign(path: Path, mark: bytes = _MARK) -> None:
