@@ -1,1 +1,1 @@
-"""Boxes and masks: the geometry of labels, known before rendering (paper, section 2.1.7)."""
+"""Boxes, silhouettes, keypoints, and masks: the geometry of labels, known before rendering (paper, section 2.1.7)."""

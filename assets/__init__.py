@@ -1,1 +1,1 @@
-"""Vehicles and sceneries as plain arrays, and the bundle files that store them."""
+"""Vehicles, sceneries, skies, and photographs as plain arrays, and the files that hold them."""

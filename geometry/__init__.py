@@ -1,1 +1,1 @@
-"""Meshes, rays, and rigid transforms, without vehicles, cameras, or Blender."""
+"""Meshes, rays, transforms, and portable arithmetic, without vehicles, cameras, or Blender."""

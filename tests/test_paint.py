@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hulldown.planning.appearance.paint import previewed
 from hulldown.planning.config.paint_section import PaintEntry, paint_doubts
 from hulldown.planning.pictures.preview import caption
+from hulldown.planning.pictures.shading import previewed
 from hulldown.planning.plan.coats import Coat
 from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan

@@ -1,1 +1,1 @@
-"""What an image looks like: weather, light, exposure, and paint, as functions of the seed."""
+"""What an image looks like: light, exposure, lens, and paint, as functions of the seed."""

@@ -1,4 +1,4 @@
-"""Coats of paint drawn from the config's colors, and their color in previews.
+"""Coats of paint drawn from the config's colors.
 
 Every vehicle of a position has its own coats, which all shots share. They depend only on seed, position, and the
 vehicle's number in the row.
@@ -7,13 +7,11 @@ vehicle's number in the row.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from colorsys import hsv_to_rgb, rgb_to_hsv
 
 import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.color import linear_color
 from hulldown.planning.config.paint_section import OWN, PaintEntry
 from hulldown.planning.plan.coats import Coat
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, between
@@ -49,13 +47,3 @@ def _coats(entry: PaintEntry, u: Float[np.ndarray, "n 4"]) -> list[Coat]:
         Coat(list(entry.materials), color, *shift)
         for color, shift in zip(colors, zip(hue, saturation, value, strict=True), strict=True)
     ]
-
-
-def previewed(own: Float[np.ndarray, "3"], coats: Sequence[Coat]) -> Float[np.ndarray, "3"]:
-    """Return the linear color of a vehicle in a preview: its first coat applied to its own color."""
-    if not coats:
-        return own
-    coat = coats[0]
-    hue, saturation, value = rgb_to_hsv(*(own.tolist() if coat.color is None else linear_color(coat.color)))
-    turned = (hue + coat.hue_deg / 360.0) % 1.0, min(saturation * coat.saturation, 1.0), min(value * coat.value, 1.0)
-    return np.array(hsv_to_rgb(*turned))

@@ -59,6 +59,7 @@ class Config(Section):
     weather: WeatherSection = WeatherSection()
     sensor: SensorSection = Field(default=SensorSection(), exclude_if=SensorSection().__eq__)
     render: RenderSection = RenderSection()
+    _path: Path | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
     def _camera_is_possible(self) -> Config:
@@ -69,20 +70,6 @@ class Config(Section):
         except ValueError as error:
             raise ValueError(f"camera.{error}") from None
         return self
-
-    @property
-    def calibrated(self) -> Intrinsics | None:
-        """The calibrated camera of all images; None if their fields of view are drawn."""
-        camera, render = self.camera, self.render
-        if camera.intrinsics is None:
-            return None
-        lens = camera.distortion or Distortion()
-        matrix = tuple(camera.intrinsics.model_dump().values())
-        return Intrinsics.calibrated(render.width, render.height, matrix, tuple(lens.model_dump().values()))
-
-    def intrinsics(self, fov_x_deg: np.ndarray) -> Intrinsics:
-        """Return the calibrated camera, or cameras with these fields of view (n,)."""
-        return self.calibrated or Intrinsics(self.render.width, self.render.height, np.radians(fov_x_deg))
 
     @model_validator(mode="after")
     def _targets_are_labeled(self) -> Config:
@@ -132,13 +119,6 @@ class Config(Section):
         config._path = path
         return config
 
-    def paint_of(self, vehicle: str) -> tuple[PaintEntry, ...]:
-        """Return the paint of the vehicle or distractor of this name; empty for an unknown name."""
-        entries = (*self.assets.vehicles, *self.assets.distractors)
-        return next((entry.paint for entry in entries if entry.name == vehicle), ())
-
-    _path: Path | None = PrivateAttr(default=None)
-
     @property
     def path(self) -> Path | None:
         """The file that the config was read from, if any."""
@@ -148,3 +128,22 @@ class Config(Section):
     def folder(self) -> Path:
         """The folder that relative paths in the config start from."""
         return self._path.parent if self._path is not None else Path()
+
+    @property
+    def calibrated(self) -> Intrinsics | None:
+        """The calibrated camera of all images; None if their fields of view are drawn."""
+        camera, render = self.camera, self.render
+        if camera.intrinsics is None:
+            return None
+        lens = camera.distortion or Distortion()
+        matrix = tuple(camera.intrinsics.model_dump().values())
+        return Intrinsics.calibrated(render.width, render.height, matrix, tuple(lens.model_dump().values()))
+
+    def intrinsics(self, fov_x_deg: np.ndarray) -> Intrinsics:
+        """Return the calibrated camera, or cameras with these fields of view (n,)."""
+        return self.calibrated or Intrinsics(self.render.width, self.render.height, np.radians(fov_x_deg))
+
+    def paint_of(self, vehicle: str) -> tuple[PaintEntry, ...]:
+        """Return the paint of the vehicle or distractor of this name; empty for an unknown name."""
+        entries = (*self.assets.vehicles, *self.assets.distractors)
+        return next((entry.paint for entry in entries if entry.name == vehicle), ())

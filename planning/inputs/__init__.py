@@ -1,1 +1,1 @@
-"""What a plan is made from: assets, given poses, a calibration, missed labels; and what `hulldown inspect` shows."""
+"""What a plan is made from: assets, given poses, and a calibration; and what `hulldown inspect` shows."""

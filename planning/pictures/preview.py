@@ -20,9 +20,8 @@ from hulldown.geometry.indices import spread
 from hulldown.pictures.drawing import Drawn, contact_sheet, draw
 from hulldown.pictures.own_files import save_picture
 from hulldown.planning.appearance.light import card
-from hulldown.planning.appearance.paint import previewed
 from hulldown.planning.inputs.loading import config_of
-from hulldown.planning.pictures.shading import look, paint_of, sun_of
+from hulldown.planning.pictures.shading import look, paint_of, previewed, sun_of
 from hulldown.planning.plan.lines import PlanFile
 from hulldown.planning.plan.row import Row
 from hulldown.planning.plan.row_scenes import RowScenes

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
+from colorsys import hsv_to_rgb, rgb_to_hsv
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
@@ -12,6 +13,8 @@ from jaxtyping import Bool, Float, Int, UInt8
 from hulldown.camera.projection import Camera
 from hulldown.camera.weather.extinction import air_contrast
 from hulldown.camera.weather.kinds import KINDS, Weather
+from hulldown.geometry.color import linear_color
+from hulldown.planning.plan.coats import Coat
 from hulldown.scene.posed_scene import Kind, Scene
 
 _ZENITH, _HORIZON = np.array([0.36, 0.55, 0.82]), np.array([0.78, 0.84, 0.92])
@@ -113,6 +116,16 @@ def paint_of(vehicle: str, *, distractor: bool = False) -> Float[np.ndarray, "3"
     if distractor:
         return (1.0 - share) * np.array([0.24, 0.34, 0.52]) + share * np.array([0.52, 0.30, 0.46])
     return (1.0 - share) * np.array([0.30, 0.36, 0.17]) + share * np.array([0.66, 0.52, 0.30])
+
+
+def previewed(own: Float[np.ndarray, "3"], coats: Sequence[Coat]) -> Float[np.ndarray, "3"]:
+    """Return the linear color of a vehicle in a preview: its first coat applied to its own color."""
+    if not coats:
+        return own
+    coat = coats[0]
+    hue, saturation, value = rgb_to_hsv(*(own.tolist() if coat.color is None else linear_color(coat.color)))
+    turned = (hue + coat.hue_deg / 360.0) % 1.0, min(saturation * coat.saturation, 1.0), min(value * coat.value, 1.0)
+    return np.array(hsv_to_rgb(*turned))
 
 
 def _hash(name: str) -> float:

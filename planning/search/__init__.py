@@ -1,1 +1,1 @@
-"""The search for positions: candidates, clearance, cameras, and views, as batches of instances."""
+"""The search for positions: weather, candidates, clearance, cameras, and views, as batches of instances."""
