@@ -15,14 +15,15 @@ from rich.markup import escape
 from rich.table import Table
 
 from hulldown.annotate.masks import decode, iou, mask_box
-from hulldown.assets.coco_types import Record
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.base.terminal import tracked
-from hulldown.dataset.records import Finding
+from hulldown.dataset.images import Label
+from hulldown.dataset.labels.amodal_mask import AMODAL_MASK
+from hulldown.dataset.labels.mask import MASK
+from hulldown.dataset.records import Finding, sound_images
 from hulldown.dataset.rows import not_annotated
 from hulldown.dataset.store.document import read_coco
-from hulldown.dataset.store.entries import is_box
 from hulldown.dataset.store.reservations import find_run
 from hulldown.dataset.verification.look import appearance
 from hulldown.geometry.indices import spread
@@ -121,7 +122,7 @@ def verify_masks(
     run = find_run(coco, outline.key)
     if run is None:
         raise DatasetError(f"has no images of {plan.path}", path=dataset, remedy="name the plan it was rendered from")
-    names = {image["id"]: image["file_name"] for image in coco["images"]}
+    names = {number: image.file_name for number, image in sound_images(coco).items()}
     finished = [i for i in range(len(plan)) if run.image_offset + i + 1 in names]
     chosen = [finished[i] for i in spread(len(finished), count)]
     labels = {label["id"]: label for label in coco["annotations"] if run.has_annotation(label["id"])}
@@ -139,12 +140,12 @@ def verify_masks(
         image_id, row = run.image_offset + index + 1, plan[index]
         numbers = [(number, each) for number, each in enumerate(row.vehicles, start=1) if each.label != "none"]
         for label_id, (number, target) in enumerate(numbers, start=int(first[index])):
-            label = labels.get(label_id)
-            if label is None or label.get("image_id") != image_id:
+            record = labels.get(label_id)
+            if record is None or record.get("image_id") != image_id:
                 findings.append(not_annotated(names[image_id], target.category, target.vehicle))
                 continue
             try:
-                alone, visible = of_row[number] == number, of_row[0] == number
+                label, alone, visible = Label.of(record, {}), of_row[number] == number, of_row[0] == number
                 measured = compared(names[image_id], target.vehicle, label, alone, visible)
             except ValueError as error:
                 where = f"{names[image_id]}, {target.vehicle}"
@@ -152,7 +153,7 @@ def verify_masks(
                 findings.append(Finding("error", where, problem))
                 continue
             rows.append(measured)
-            findings += [finding] if (finding := _judged(measured, label.get("area"))) else []
+            findings += [finding] if (finding := _judged(measured, MASK.read(label).area or 0.0)) else []
     return MaskReport(tuple(rows), tuple(findings))
 
 
@@ -178,7 +179,7 @@ def _intruder(folder: Path, name: str, row: Row, segmenter: Segmenter) -> Findin
 def compared(
     name: str,
     vehicle: str,
-    label: Record,
+    label: Label,
     alone: Bool[np.ndarray, "h w"],
     visible: Bool[np.ndarray, "h w"],
 ) -> MaskRow:
@@ -187,26 +188,27 @@ def compared(
     Raises
     ------
     ValueError
-        If its box or its mask is damaged.
+        If a mask of it is damaged.
     """
-    if not is_box(label.get("bbox")):
-        raise ValueError(f"bbox {label.get('bbox')!r} is not [x, y, width, height]")
     box_error, outside, rendered = math.inf, 0.0, mask_box(alone)
     if rendered is not None:
-        box = np.array(label["bbox"])
+        box = label.bbox
         beyond = np.append(box[:2] - rendered[:2], (rendered[:2] + rendered[2:]) - (box[:2] + box[2:]))
         box_error, outside = float(np.abs(beyond).max()), float(max(beyond.max(), 0.0))
     height, width = visible.shape
     overlaps = [
-        iou(decode(mask, width, height), shown) if (mask := label.get(key)) else math.nan
-        for key, shown in (("segmentation", visible), ("segmentation_amodal", alone))
+        iou(decode(mask, width, height), shown) if mask else math.nan
+        for mask, shown in (
+            (MASK.read(label).segmentation, visible),
+            (AMODAL_MASK.read(label).segmentation_amodal, alone),
+        )
     ]
     return MaskRow(name, vehicle, int(visible.sum()), box_error, outside, *overlaps)
 
 
-def _judged(row: MaskRow, area: object) -> Finding | None:
+def _judged(row: MaskRow, annotated: float) -> Finding | None:
+    """Return a finding if a label differs from Cycles' masks; `annotated` is its area in pixels."""
     where = f"{row.file_name}, {row.vehicle}"
-    annotated = float(area) if isinstance(area, int | float) else 0.0
     if row.outside > ONE_PIXEL:
         return Finding("error", where, f"reaches {row.outside:.1f} px out of its box in Cycles' mask")
     for overlap, what in ((row.mask_iou, "mask"), (row.amodal_iou, "amodal mask")):

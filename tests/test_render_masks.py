@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 from hulldown.annotate.masks import decode, encode
+from hulldown.dataset.images import Label
 from hulldown.dataset.verification.verify import verify
 from hulldown.rendering.cycles_masks import compared, verify_masks
 from hulldown.tests.render_plans import CUBES, make_row, write_plan
@@ -82,15 +83,19 @@ def test_a_deleted_label_is_a_warning_and_others_keep_their_masks(rendered, dele
     assert expected in [str(finding) for finding in verify(path.parent, plan=plan)]
 
 
+def label(**fields):
+    return Label.of({"id": 1, "image_id": 1, "category_id": 1, **fields}, {})
+
+
 def test_box_and_mask_are_measured():
-    found = compared("1.png", "cube", {"bbox": [5.2, 4.0, 10.0, 6.4], "segmentation": encode(MASK)}, MASK, MASK)
+    found = compared("1.png", "cube", label(bbox=[5.2, 4.0, 10.0, 6.4], segmentation=encode(MASK)), MASK, MASK)
     assert (found.pixels, found.box_error, found.outside) == (60, pytest.approx(0.4), pytest.approx(0.2))
     assert found.mask_iou == 1.0
     half = MASK.copy()
     half[:7] = False
-    assert compared("1.png", "cube", {"bbox": [5, 4, 10, 6], "segmentation": encode(MASK)}, MASK, half).mask_iou == 0.5
-    assert math.isnan(compared("1.png", "cube", {"bbox": [5, 4, 10, 6]}, MASK, MASK).mask_iou)
-    whole = {"bbox": [5, 4, 10, 6], "segmentation": encode(half), "segmentation_amodal": encode(half)}
+    assert compared("1.png", "cube", label(bbox=[5, 4, 10, 6], segmentation=encode(MASK)), MASK, half).mask_iou == 0.5
+    assert math.isnan(compared("1.png", "cube", label(bbox=[5, 4, 10, 6]), MASK, MASK).mask_iou)
+    whole = label(bbox=[5, 4, 10, 6], segmentation=encode(half), segmentation_amodal=encode(half))
     found = compared("1.png", "cube", whole, MASK, half)
     assert (found.mask_iou, found.amodal_iou) == (1.0, 0.5)
 
@@ -108,7 +113,7 @@ def test_an_amodal_mask_that_cycles_does_not_render_is_an_error(rendered):
 
 
 def test_the_box_error_of_an_invisible_vehicle_is_infinite():
-    assert compared("1.png", "cube", {"bbox": [5, 4, 10, 6]}, MASK & False, MASK & False).box_error == math.inf
+    assert compared("1.png", "cube", label(bbox=[5, 4, 10, 6]), MASK & False, MASK & False).box_error == math.inf
 
 
 def test_a_vehicle_in_an_empty_background_is_a_warning(tmp_path, render, monkeypatch):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import posixpath
 from collections.abc import Container, Mapping
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 
@@ -64,18 +64,8 @@ def check_annotation(record: Record, name: str) -> None:
     if not isinstance(category, str) or not category:
         raise ValueError(f"{name}: category: expected a name, got {category!r}")
     box = record.get("bbox")
-    if not is_box(box) or min(box[2:]) < 0:
+    if not isinstance(box, list) or len(box) != 4 or not are_numbers(box) or min(box[2:]) < 0:
         raise ValueError(f"{name}: bbox: expected [x, y, width, height] in pixels, got {box!r}")
-
-
-def is_box(value: Any) -> TypeGuard[list[float]]:
-    """Return whether this is [x, y, width, height], finite; width and height may be below 0."""
-    return is_list_of_numbers(value) and len(value) == 4
-
-
-def is_list_of_numbers(value: Any) -> TypeGuard[list[float]]:
-    """Return whether this is a list of finite numbers."""
-    return isinstance(value, list) and are_numbers(value)
 
 
 def new_category(name: str) -> Record:
