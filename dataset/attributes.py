@@ -16,7 +16,8 @@ from msgspec import UNSET, Struct, UnsetType
 
 from hulldown.camera.shell import shell_place
 from hulldown.dataset.images import Image, Label
-from hulldown.dataset.store.declared import Pose, Three, View, fields_of
+from hulldown.dataset.labels.box_3d import BOX_3D
+from hulldown.dataset.store.declared import Pose, View, fields_of
 
 INFINITY = math.inf
 SIDES = ("front", "side", "rear")
@@ -64,18 +65,12 @@ SCALES = (
 )  # fmt: skip
 
 
-class _Centered(Struct):
-    center: Three
-
-
 class _Numbers(Struct):
     """Fields of a label's record."""
 
-    distance: float | None = None
     slope_deg: float | None = None
     air_contrast: float | None = None
     contrast: float | None = None
-    bbox_3d: _Centered | None = None
 
 
 def numbers_of(
@@ -90,20 +85,21 @@ def numbers_of(
     image
         (g,) which of the images each label belongs to.
     """
-    fields = [fields_of(label.record, _Numbers) for label in labels]
+    fields, spaces = [fields_of(label.record, _Numbers) for label in labels], [BOX_3D.read(label) for label in labels]
     vehicles = poses([label.world_from_vehicle for label in labels])
     cameras = camera_poses(images)[image]
     # Centers of 3D boxes in the world; without one, vehicles' origins.
-    boxed = np.array([each.bbox_3d is not None for each in fields], dtype=bool)
-    in_camera = np.array([each.bbox_3d.center for each in fields if each.bbox_3d], dtype=np.float64).reshape(-1, 3)
+    boxed = np.array([space.bbox_3d is not None for space in spaces], dtype=bool)
+    in_camera = np.array([space.bbox_3d.center for space in spaces if space.bbox_3d], dtype=np.float64).reshape(-1, 3)
     centers = vehicles[:, :3, 3].copy()
     centers[boxed] = (cameras[boxed, :3, :3] @ in_camera[..., None])[..., 0] + cameras[boxed, :3, 3]
     distance, elevation, azimuth = seen_from(centers, vehicles, cameras)
     length = np.linalg.norm(vehicles[:, :3, 2], axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         slope = np.degrees(np.arccos(np.clip(vehicles[:, 2, 2] / length, -1.0, 1.0)))
-    stored = np.array([(x.distance, x.slope_deg, x.air_contrast, x.contrast) for x in fields], dtype=np.float64)
-    stored_distance, stored_slope, air_contrast, contrast = stored.reshape(-1, 4).T
+    stored_distance = np.array([space.distance for space in spaces], dtype=np.float64)
+    stored = np.array([(x.slope_deg, x.air_contrast, x.contrast) for x in fields], dtype=np.float64)
+    stored_slope, air_contrast, contrast = stored.reshape(-1, 3).T
     return {
         "visible_fraction": np.array([label.visible_fraction for label in labels], dtype=np.float64),
         "truncated_fraction": np.array([label.truncated_fraction for label in labels], dtype=np.float64),

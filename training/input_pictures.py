@@ -17,7 +17,7 @@ from hulldown.assets.foreign_labels import PICTURES, foreign_reader
 from hulldown.assets.picture_files import read_picture, read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.images import Image
-from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, JOURNAL_NAME
+from hulldown.dataset.store.document import COCO_NAME, is_own
 from hulldown.training.evaluation.labels import Labels, read_labels
 from hulldown.training.videos import VIDEOS, Video, frames_of, read_video
 
@@ -38,8 +38,8 @@ class Pictures:
         Folder that file names are relative to.
     images
         The pictures; records of a video's have ``frame``, from 0.
-    categories
-        Name -> id, of a dataset; empty otherwise.
+    category_ids
+        Id of each class's name, of a dataset; empty otherwise.
     video
         The video at `path` whose frames they are, if there is one.
     """
@@ -47,7 +47,7 @@ class Pictures:
     path: Path
     folder: Path
     images: Sequence[Image]
-    categories: Mapping[str, int]
+    category_ids: Mapping[str, int]
     video: Video | None = None
 
     @classmethod
@@ -118,8 +118,9 @@ def find_pictures(paths: Sequence[str | os.PathLike[str]]) -> Pictures:
 
 
 def _has_records(path: Path) -> bool:
-    ours = path.suffix == ".json" or any((path / name).exists() for name in (ANNOTATIONS_NAME, JOURNAL_NAME, COCO_NAME))
-    return ours or (path.is_dir() and foreign_reader(path) is not None)
+    if path.suffix == ".json" or is_own(path) or (path / COCO_NAME).exists():
+        return True
+    return path.is_dir() and foreign_reader(path) is not None
 
 
 def _files_of(path: str) -> list[Path]:

@@ -171,9 +171,9 @@ def predict(
             advance(len(done), len(found.images))
     results = [one for image in found.images for one in done[image.id]]
     names = dict(zip(ids, detector.classes, strict=True))
-    new = [NewCategory(id=i, name=name) for i, name in names.items() if name not in found.categories]
+    new = [NewCategory(id=i, name=name) for i, name in names.items() if name not in found.category_ids]
     info = PredictionInfo(detector=str(run), images=[image.id for image in found.images], categories=new)
-    if not found.categories:
+    if not found.category_ids:
         info["pictures"] = [image.record for image in found.images]
     info_file = output.with_name(output.name + INFO_SUFFIX)
     info_file.unlink(missing_ok=True)  # of earlier results
@@ -224,7 +224,7 @@ def _detected(
 
 def _category_ids(classes: Sequence[str], pictures: Pictures) -> tuple[list[int], tuple[str, ...]]:
     """Return the dataset's id of each of the detector's classes, by name; new, higher ids for missing ones."""
-    by_name = pictures.categories
+    by_name = pictures.category_ids
     if not by_name:
         return list(range(1, len(classes) + 1)), ()
     unknown = tuple(name for name in classes if name not in by_name)
@@ -268,7 +268,7 @@ def _key(run: Path, pictures: Pictures, classes: Sequence[str], tile: tuple[int,
     """Return a key of the results: weights, classes, images, and tiles."""
     digest = hashlib.sha256(sha256_of(weights_of(run)).encode())
     images = [[image.id, image.file_name, *image.size] for image in pictures.images]
-    digest.update(orjson.dumps([list(classes), images, sorted(pictures.categories.items()), tile]))
+    digest.update(orjson.dumps([list(classes), images, sorted(pictures.category_ids.items()), tile]))
     return digest.hexdigest()
 
 

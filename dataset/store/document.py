@@ -255,6 +255,11 @@ def rendered_info() -> dict[str, str]:
     return {"description": "Vehicles rendered by hulldown, with boxes and masks from planned poses", "version": by}
 
 
+def is_own(folder: Path) -> bool:
+    """Return whether a folder has a dataset in hulldown's form, possibly unfinished."""
+    return (folder / ANNOTATIONS_NAME).exists() or (folder / JOURNAL_NAME).exists()
+
+
 def check_is_dataset(folder: Path) -> None:
     """Refuse a folder without a dataset.
 
@@ -263,7 +268,7 @@ def check_is_dataset(folder: Path) -> None:
     DatasetError
         If neither file is there.
     """
-    if not (folder / ANNOTATIONS_NAME).exists() and not (folder / JOURNAL_NAME).exists():
+    if not is_own(folder):
         raise DatasetError(
             f"no {ANNOTATIONS_NAME} and no {JOURNAL_NAME} here", path=folder, remedy="name the folder of a dataset"
         )
@@ -283,14 +288,13 @@ def read_coco(folder: Path | str) -> Coco:
     folder = Path(folder)
     if folder.is_file():
         return _read_annotations(folder).to_dict()
-    ours = (folder / ANNOTATIONS_NAME).exists() or (folder / JOURNAL_NAME).exists()
-    if not ours and (folder / COCO_NAME).exists():
-        return _read_annotations(folder / COCO_NAME).to_dict()
-    if not ours and (read := foreign_reader(folder)) is not None:
-        return read()
-    if not ours:
+    if not is_own(folder):
+        if (folder / COCO_NAME).exists():
+            return _read_annotations(folder / COCO_NAME).to_dict()
+        if (read := foreign_reader(folder)) is not None:
+            return read()
         refuse_nameless(folder)
-    check_is_dataset(folder)
+        check_is_dataset(folder)
     return read_document(folder).to_dict()
 
 

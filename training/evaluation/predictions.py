@@ -6,17 +6,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, NotRequired, TypedDict
+from typing import NotRequired, TypedDict
 
 import numpy as np
 from jaxtyping import Float, Int
-from msgspec import Meta, Struct
+from msgspec import Struct
 
 from hulldown.annotate.rectangles import rectangle_corners
 from hulldown.assets.coco_types import Record
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import DATA, read_json, typed
-from hulldown.dataset.store.declared import misfits
+from hulldown.dataset.store.declared import Pixel, Share, Side, misfits
 from hulldown.training.evaluation.labels import Labels
 
 INFO_SUFFIX = ".info.json"  # of a file next to the results, a `PredictionInfo`
@@ -38,18 +38,14 @@ class PredictionInfo(TypedDict):
     pictures: NotRequired[Sequence[Record]]
 
 
-_Place = Annotated[float, Meta(ge=-1e9, le=1e9)]
-_Side = Annotated[float, Meta(ge=0, le=1e9)]
-
-
 class _Detection(Struct, kw_only=True):
     """A COCO result; `obb` is center x, center y, width, height, and angle."""
 
     image_id: int
     category_id: int
-    bbox: tuple[_Place, _Place, _Side, _Side] | None = None
-    obb: tuple[_Place, _Place, _Side, _Side, _Place] | None = None
-    score: Annotated[float, Meta(ge=0, le=1)]
+    bbox: tuple[Pixel, Pixel, Side, Side] | None = None
+    obb: tuple[Pixel, Pixel, Side, Side, Pixel] | None = None
+    score: Share
 
 
 @dataclass(frozen=True, eq=False, slots=True)
