@@ -34,10 +34,10 @@ class Child:
         A program and its arguments.
     env
         All its environment variables.
-    hear
+    on_line
         Called in another thread with each line of its stdout, and with an empty line when it ends.
     log
-        File that its stderr is appended to; None: stderr goes to `hear` too.
+        File that its stderr is appended to; None: stderr goes to `on_line` too.
 
     Raises
     ------
@@ -46,9 +46,14 @@ class Child:
     """
 
     def __init__(
-        self, command: Sequence[str], *, env: Mapping[str, str], hear: Callable[[bytes], None], log: Path | None = None
+        self,
+        command: Sequence[str],
+        *,
+        env: Mapping[str, str],
+        on_line: Callable[[bytes], None],
+        log: Path | None = None,
     ) -> None:
-        self._log, self._hear = log, hear
+        self._log, self._on_line = log, on_line
         self._log_start = 0
         with contextlib.ExitStack() as stack:
             errors: int = subprocess.STDOUT
@@ -71,8 +76,8 @@ class Child:
         assert self._process.stdout is not None
         with self._process.stdout as lines:
             while line := lines.readline(LONGEST):
-                self._hear(line)
-        self._hear(b"")
+                self._on_line(line)
+        self._on_line(b"")
 
     @property
     def pid(self) -> int:
@@ -93,7 +98,7 @@ class Child:
             return 0
 
     def write(self, line: bytes) -> None:
-        """Write to its stdin. If it has just ended, `hear` gets the empty line."""
+        """Write to its stdin. If it has just ended, `on_line` gets the empty line."""
         assert self._process.stdin is not None
         with contextlib.suppress(OSError):
             self._process.stdin.write(line)

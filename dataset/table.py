@@ -21,7 +21,7 @@ from hulldown.dataset.labels.mask import MASK
 from hulldown.dataset.records import read_usable
 from hulldown.dataset.rows import image_record, label_records
 from hulldown.geometry.indices import spread
-from hulldown.pictures.drawing import Drawn, contact_sheet, draw
+from hulldown.pictures.drawing import Overlay, contact_sheet, draw
 from hulldown.pictures.notebooks import ShownInNotebooks
 from hulldown.planning.plan_file import Plan
 
@@ -109,7 +109,7 @@ class Dataset(ShownInNotebooks):
         if not labels:
             return image
         boxes = [
-            Drawn(
+            Overlay(
                 label.bbox,
                 label.category_id,
                 label.category,

@@ -123,7 +123,7 @@ def _unit(texels: np.ndarray) -> Float32[np.ndarray, "..."]:
     return texels * np.float32(1.0 / 255.0) if texels.dtype == np.uint8 else texels
 
 
-class Footprints:
+class TexelCounts:
     """Count marked texels in any rectangle of a texture, exactly, by summed areas.
 
     An interpolated value lies between those of its four texels, and curves are monotone; so where all texels of a
@@ -224,7 +224,7 @@ class Cutouts:
                 (Cut.OPAQUE, lambda opacity: opacity >= 1.0 - NEGLIGIBLE),
                 (Cut.CLEAR, lambda opacity: opacity <= NEGLIGIBLE),
             ):
-                marked, total = Footprints(alpha, marks).count(low[map_faces], high[map_faces])
+                marked, total = TexelCounts(alpha, marks).count(low[map_faces], high[map_faces])
                 cuts[map_faces[marked == total]] = cut
         return cuts
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.alpha import HIDES, Cut, Footprints
+from hulldown.geometry.alpha import HIDES, Cut, TexelCounts
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster, RayHits, checked_rays
 
@@ -202,7 +202,7 @@ class Solidity:
         self._place = np.full(len(mesh.faces), -1)
         self._place[cutouts.face] = np.arange(len(cutouts.face))
         self._texture = _Textured(mesh.of_faces(cutouts.face))
-        self._hiding = [Footprints(alpha, lambda opacity: opacity >= HIDES) for alpha in cutouts.maps]
+        self._hiding = [TexelCounts(alpha, lambda opacity: opacity >= HIDES) for alpha in cutouts.maps]
 
     def solid(
         self,

@@ -36,8 +36,8 @@ def lettering(size: int) -> ImageFont.FreeTypeFont:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Drawn:
-    """A box to be drawn.
+class Overlay:
+    """A box to draw over a picture, with its text, mask, and keypoints.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Drawn:
         return IGNORED if self.ignored else color_of(self.category_id)
 
 
-def draw(image: Image.Image, boxes: Sequence[Drawn]) -> Image.Image:
+def draw(image: Image.Image, boxes: Sequence[Overlay]) -> Image.Image:
     """Return a copy of a picture with boxes on it.
 
     Lines are drawn just outside the boxes, so that they hide nothing inside, but never outside the picture.

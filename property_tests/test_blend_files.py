@@ -110,7 +110,7 @@ class Reader:
             self.heard: queue.SimpleQueue[bytes] = queue.SimpleQueue()
             command = [sys.executable, "-P", str(MAKER), self.folder.name]
             env = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
-            self.child = Child(command, env=env, hear=self.heard.put, log=Path(self.folder.name, "log"))
+            self.child = Child(command, env=env, on_line=self.heard.put, log=Path(self.folder.name, "log"))
         self.child.write(json.dumps(message).encode() + b"\n")
         reached = "unmade"
         with contextlib.suppress(queue.Empty):

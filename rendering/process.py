@@ -295,7 +295,7 @@ class Blender:
         self._replies: queue.SimpleQueue[Reply | None] = queue.SimpleQueue()
         replies = self._replies  # replies of a killed process are ignored
 
-        def hear(line: bytes) -> None:
+        def on_line(line: bytes) -> None:
             text = line.decode("utf-8", "replace")
             if not line:
                 replies.put(None)
@@ -309,7 +309,7 @@ class Blender:
             self._child = Child(
                 self._confinement.of(command, gpu=self._device != "cpu") if self._confinement else command,
                 env={**ENVIRONMENT, **os.environ, **more},
-                hear=hear,
+                on_line=on_line,
                 log=self._log,
             )
         except OSError as error:

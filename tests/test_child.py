@@ -18,7 +18,7 @@ SLEEP = "import time; print('here', flush=True); time.sleep(600)"
 
 
 def started(code, heard, **options):
-    return Child([sys.executable, "-I", "-c", code], env=os.environ, hear=heard.put, **options)
+    return Child([sys.executable, "-I", "-c", code], env=os.environ, on_line=heard.put, **options)
 
 
 @pytest.fixture
@@ -66,7 +66,7 @@ def test_a_surviving_grandchild_does_not_block(heard):
 def test_it_notices_the_end_of_its_parent(child):
     code = (
         "import os, sys; from hulldown.base.child import Child;"
-        f"child = Child([sys.executable, '-P', '-c', {child!r}], env=os.environ, hear=print);"
+        f"child = Child([sys.executable, '-P', '-c', {child!r}], env=os.environ, on_line=print);"
         "print(child.pid, flush=True); os.kill(os.getpid(), 9)"
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

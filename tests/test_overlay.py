@@ -8,7 +8,7 @@ from hulldown.annotate.masks import encode
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.table import Dataset
-from hulldown.pictures.drawing import IGNORED, Drawn, color_of, contact_sheet, draw
+from hulldown.pictures.drawing import IGNORED, Overlay, color_of, contact_sheet, draw
 from hulldown.pictures.own_files import refuse_foreign, save_picture
 from hulldown.planning.summary import summarize
 from hulldown.tests.editing import append, write_dataset
@@ -24,7 +24,7 @@ def pixels_of(picture: Image.Image, color: tuple[int, int, int]) -> np.ndarray:
 
 def test_outlines_are_just_outside_the_box_and_hide_nothing():
     picture = gray()
-    drawn = draw(picture, [Drawn(np.array([100.2, 60.7, 40.3, 30.1]), 1, "tank")])
+    drawn = draw(picture, [Overlay(np.array([100.2, 60.7, 40.3, 30.1]), 1, "tank")])
     outline = pixels_of(drawn, color_of(1))
     # The box covers pixels 100 to 140 and 60 to 90.
     assert not outline[60:91, 100:141].any()
@@ -38,13 +38,13 @@ def test_outlines_are_just_outside_the_box_and_hide_nothing():
 
 @pytest.mark.parametrize("bbox", [[-50, -50, 10, 10], [400, 300, 10, 10], [20, 20, -9, -9], [320, 180, 0, 0]])
 def test_a_box_outside_its_picture_is_drawn_at_the_edge(bbox):
-    outline = pixels_of(draw(gray(), [Drawn(np.array(bbox), 1, "tank")]), color_of(1))
+    outline = pixels_of(draw(gray(), [Overlay(np.array(bbox), 1, "tank")]), color_of(1))
     assert outline.any()
 
 
 @pytest.mark.parametrize("bbox", [[0, 0, 320, 180], [0, 0, 20, 20], [300, 160, 20, 20], [100, 5, 30, 170]])
 def test_names_are_inside_the_picture(bbox):
-    named = [Drawn(np.array(bbox), 2, name) for name in ("i", "truck" * 4)]
+    named = [Overlay(np.array(bbox), 2, name) for name in ("i", "truck" * 4)]
     outline = pixels_of(draw(gray(), [replace(named[0], ignored=True)]), IGNORED)  # ignored ones have no name
     short, long = (pixels_of(draw(gray(), [box]), color_of(2)) & ~outline for box in named)
     # The name's background, but for the letters: 10 pixels high at least, and a third as wide for each letter.
@@ -55,7 +55,7 @@ def test_names_are_inside_the_picture(bbox):
 def test_masks_are_tinted_exactly():
     mask = np.zeros((180, 320), dtype=bool)
     mask[80:90, 120:130] = True
-    drawn = np.asarray(draw(gray(), [Drawn(np.array([100, 60, 60, 50]), 1, "tank", segmentation=encode(mask))]))
+    drawn = np.asarray(draw(gray(), [Overlay(np.array([100, 60, 60, 50]), 1, "tank", segmentation=encode(mask))]))
     assert (drawn[mask] == np.round(0.6 * 90 + 0.4 * np.array(color_of(1)))).all()
     assert (drawn[60:110, 100:160][~mask[60:110, 100:160]] == 90).all()
 

@@ -241,7 +241,7 @@ def test_the_sky_changes_in_a_scenery_that_packs_its_pictures(plan, library, own
 @pytest.mark.parametrize("ended_by", ["its supervisor's death", "a job of another version"])
 def test_a_worker_ends(plan, library, tmp_path, ended_by):
     heard = queue.SimpleQueue()
-    with Child(worker_command(None), env=os.environ, hear=heard.put, log=tmp_path / "log") as worker:
+    with Child(worker_command(None), env=os.environ, on_line=heard.put, log=tmp_path / "log") as worker:
         assert b"ready" in heard.get(timeout=120)
         worker.write(pickle.dumps(job(plan[0], library, tmp_path / "0.png", samples=1_000_000)))
         time.sleep(1.0)

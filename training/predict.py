@@ -20,7 +20,7 @@ from hulldown.base.errors import HulldownError
 from hulldown.base.files import make_room, open_in_place, open_regular, replace_file, replacing
 from hulldown.base.outside import json_of, sha256_of
 from hulldown.base.terminal import reporting
-from hulldown.pictures.drawing import Drawn, draw
+from hulldown.pictures.drawing import Overlay, draw
 from hulldown.training.detectors.detector import (
     Detector,
     chosen_device,
@@ -247,7 +247,7 @@ def _draw(
     def labeled() -> Iterator[tuple[str, Image.Image]]:
         for image, pixels in zip(pictures.images, pictures.read(range(len(pictures.images))), strict=True):
             boxes = [(np.array(one["bbox"]), one["category_id"], one["score"]) for one in found[image.id]]
-            shown = [Drawn(box, k, f"{names[k]} {score:.2f}") for box, k, score in boxes if score >= threshold]
+            shown = [Overlay(box, k, f"{names[k]} {score:.2f}") for box, k, score in boxes if score >= threshold]
             yield image.file_name, draw(Image.fromarray(pixels), shown)
 
     if (video := pictures.video) is not None:

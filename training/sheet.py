@@ -10,7 +10,7 @@ from PIL import Image
 
 from hulldown.base.terminal import tracked
 from hulldown.geometry.indices import spread
-from hulldown.pictures.drawing import Drawn, contact_sheet, draw
+from hulldown.pictures.drawing import Overlay, contact_sheet, draw
 from hulldown.training.inputs.augment import Augmenter, changed_table
 from hulldown.training.inputs.data import at_work_size
 from hulldown.training.inputs.samples import Sample
@@ -62,4 +62,4 @@ def augmentation_sheet(
 
 def _drawn(sample: Sample, classes: Sequence[str]) -> Image.Image:
     labels = zip(sample.xywh, sample.label.tolist(), strict=True)
-    return draw(Image.fromarray(sample.picture), [Drawn(xywh, label + 1, classes[label]) for xywh, label in labels])
+    return draw(Image.fromarray(sample.picture), [Overlay(xywh, label + 1, classes[label]) for xywh, label in labels])

@@ -17,7 +17,7 @@ from hulldown.camera.response import ALBEDO
 from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.indices import spread
-from hulldown.pictures.drawing import Drawn, contact_sheet, draw
+from hulldown.pictures.drawing import Overlay, contact_sheet, draw
 from hulldown.pictures.own_files import save_picture
 from hulldown.planning.appearance.light import card
 from hulldown.planning.inputs.loading import config_of
@@ -91,7 +91,7 @@ class Artist:
         if not labels:
             return image
         boxes = [
-            Drawn(
+            Overlay(
                 scale * np.array(vehicle.bbox),
                 self.class_ids[vehicle.category],
                 vehicle.category,

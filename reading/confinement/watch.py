@@ -55,13 +55,13 @@ def watched(
     lines: deque[bytes] = deque(maxlen=LAST_LINES)
     heard = time.monotonic()
 
-    def hear(line: bytes) -> None:
+    def on_line(line: bytes) -> None:
         nonlocal heard
         lines.append(line[:LONGEST_LINE])
         heard = time.monotonic()
 
     exceeded = ""
-    with Child(command, env=env, hear=hear) as child:
+    with Child(command, env=env, on_line=on_line) as child:
         while child.code is None and not exceeded:
             held = child.memory
             if held > limits.memory:

@@ -219,7 +219,7 @@ def in_a_process(
     log.unlink(missing_ok=True)
     reasons: list[str] = []
 
-    def hear(line: bytes) -> None:
+    def on_line(line: bytes) -> None:
         try:
             message = json_of(line, RunMessage)
         except ValueError:
@@ -230,7 +230,7 @@ def in_a_process(
             progress(message.what, message.done, message.total)
 
     env = {**environment, **options.environment}
-    with Child(command, env=env, hear=hear, log=log) as child:
+    with Child(command, env=env, on_line=on_line, log=log) as child:
         while child.wait(POLL_S) is None:
             if stopping():
                 break
