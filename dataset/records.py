@@ -89,6 +89,19 @@ def read_usable(folder: Path) -> LabeledImages:
     return LabeledImages.of(coco)
 
 
+def refuse_strays(found: LabeledImages, path: Path) -> None:
+    """Refuse a dataset with a label of an image that isn't there.
+
+    Raises
+    ------
+    DatasetError
+        Naming the first.
+    """
+    for image_id, label in found.strays:
+        problem = f"annotation {label.id}: image {image_id} does not exist"
+        raise DatasetError(problem, path=path, remedy="check it with `hulldown verify`")
+
+
 def check_usable(
     folder: Path,
     categories: Sequence[Record],

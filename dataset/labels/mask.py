@@ -42,6 +42,12 @@ def _problems(label: Label, image: Image, category: Category | None) -> Iterator
         yield f"area is {label.record['area']}, its mask has {pixels} pixels"
 
 
+def area_of(label: Label) -> float:
+    """Return a label's area in pixels: that in its record, or without one its box's."""
+    area = MASK.read(label).area
+    return float(label.bbox[2] * label.bbox[3]) if area is None else area
+
+
 def outside(label: Label, extent: Float[np.ndarray, "4"] | None, what: str) -> Iterator[str]:
     """Find a mask, by its extent as of `annotate.masks.extent`, that reaches out of the label's box."""
     if extent is None:

@@ -12,9 +12,9 @@ from jaxtyping import Bool, Float, Int
 
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.images import Image, Label, LabeledImages
-from hulldown.dataset.labels.mask import MASK
+from hulldown.dataset.labels.mask import area_of
 from hulldown.dataset.positions import group_of
-from hulldown.dataset.records import read_usable
+from hulldown.dataset.records import read_usable, refuse_strays
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,10 +92,7 @@ def labels_of(found: LabeledImages, *, path: Path) -> Labels:
     DatasetError
         If a box belongs to no image, or a size is negative.
     """
-    if found.strays:
-        image_id, label = found.strays[0]
-        problem = f"annotation {label.id}: image {image_id} does not exist"
-        raise DatasetError(problem, path=path, remedy="check it with `hulldown verify`")
+    refuse_strays(found, path)
     # By image, then in the file's order, so the order of images in the file doesn't matter.
     images = sorted(found.images, key=lambda image: image.id)
     categories = sorted(found.categories, key=lambda category: category.id)
@@ -106,7 +103,6 @@ def labels_of(found: LabeledImages, *, path: Path) -> Labels:
         more = f" and {len(negative) - 10} more" if len(negative) > 10 else ""
         problem = f"boxes have a negative width or height: annotation {', '.join(negative[:10])}{more}"
         raise DatasetError(problem, path=path, remedy="correct them")
-    area = np.array([MASK.read(label).area for label in labels], dtype=np.float64)
     return Labels(
         path=path,
         class_id=np.array([category.id for category in categories], dtype=np.int64),
@@ -114,7 +110,7 @@ def labels_of(found: LabeledImages, *, path: Path) -> Labels:
         image=np.repeat(np.arange(len(images)), [len(image.labels) for image in images]),
         label=np.array([class_index[label.category_id] for label in labels], dtype=np.int64),
         xywh=xywh,
-        area=np.where(np.isnan(area), xywh[:, 2] * xywh[:, 3], area),
+        area=np.array([area_of(label) for label in labels], dtype=np.float64),
         crowd=np.array([label.crowd for label in labels], dtype=bool),
         images=images,
         annotations=labels,

@@ -149,8 +149,8 @@ def overlapping(labels: Labels, predictions: Predictions, *, at_least: float = 0
     """
     found, true, iou_of = predictions.xywh, labels.xywh, overlaps
     if predictions.corners is not None:
-        records = zip(labels.annotations, labels.image.tolist(), strict=True)
-        corners = [visible_corners(label, labels.images[image]) for label, image in records]
+        images = [labels.images[i] for i in labels.image.tolist()]
+        corners = list(map(visible_corners, labels.annotations, images))
         found, true, iou_of = predictions.corners, np.reshape(corners, (-1, 4, 2)), oriented_overlaps
     first = np.searchsorted(labels.image, np.arange(len(labels.images) + 1))
     counts = np.where(predictions.place < MAX_DETECTIONS, np.diff(first)[predictions.image], 0)

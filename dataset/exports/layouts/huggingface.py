@@ -14,7 +14,7 @@ import orjson
 
 from hulldown.dataset.exports.layouts.splits import Splits, rings_of
 from hulldown.dataset.images import Label
-from hulldown.dataset.labels.mask import MASK
+from hulldown.dataset.labels.mask import MASK, area_of
 
 FOLDERS = {"train": "train", "valid": "validation", "test": "test"}  # folder names of the splits
 
@@ -43,13 +43,9 @@ def write(splits: Splits, out: Path) -> None:
 
 
 def _objects(labels: Sequence[Label], outlined: bool) -> dict[str, object]:
-    areas = [MASK.read(label).area for label in labels]
     columns: dict[str, object] = {
         "id": [label.id for label in labels],
-        "area": [
-            float(label.bbox[2] * label.bbox[3]) if area is None else area
-            for label, area in zip(labels, areas, strict=True)
-        ],
+        "area": [area_of(label) for label in labels],
         "bbox": [label.bbox.tolist() for label in labels],
         "category": [label.category for label in labels],
         "iscrowd": [int(label.crowd) for label in labels],
