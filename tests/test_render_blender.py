@@ -83,7 +83,7 @@ def test_the_command_limits_the_time_of_a_picture(plan, blender, tmp_path):
     options = ["--limit", "1", "--blender", str(hanging), "--image-timeout", "0.25"]
     assert main(["render", str(plan.path), "-o", str(tmp_path / "d"), *options]) == FOUND
     (failure,) = read_failures(tmp_path / "d")
-    assert failure["reasons"] == ["no answer within 0.25 s"] * 3
+    assert failure.reasons == ["no answer within 0.25 s"] * 3
 
 
 def standing(library, target):
