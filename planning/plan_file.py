@@ -13,7 +13,8 @@ from hulldown.base.errors import HulldownError
 from hulldown.base.terminal import reading_status
 from hulldown.geometry.indices import spread
 from hulldown.pictures.notebooks import ShownInNotebooks
-from hulldown.planning.inputs.loading import config_of, load_planned_library
+from hulldown.planning.config.schema import Config
+from hulldown.planning.inputs.loading import load_planned_library
 from hulldown.planning.plan.lines import PlanFile
 from hulldown.planning.plan.row import encode
 
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     import pandas
     from PIL import Image
 
-    from hulldown.planning.config.schema import Config
     from hulldown.planning.pictures.preview import Artist
     from hulldown.planning.summary import Summary
 
@@ -40,7 +40,7 @@ class Plan(PlanFile, ShownInNotebooks):
     @property
     def config(self) -> Config:
         """The config of the plan, with its folder."""
-        return config_of(self)
+        return Config.of_plan(self)
 
     @cached_property
     def summary(self) -> Summary:

@@ -10,7 +10,7 @@ import numpy as np
 from hulldown.assets.library import Assets
 from hulldown.camera.projection import Camera
 from hulldown.geometry.indices import spread
-from hulldown.planning.inputs.loading import config_of
+from hulldown.planning.config.schema import Config
 from hulldown.planning.plan.lines import PlanFile
 from hulldown.planning.plan.row import Row
 from hulldown.scene.posed_scene import Scene
@@ -23,7 +23,7 @@ SEEN = 0.01  # share of an image above which the land counts as visible
 
 def land_above_horizon(plan: PlanFile, assets: Assets) -> tuple[int, int]:
     """Return the number of images with an HDRI's land in place of terrain, and the number of examined images."""
-    fallback_z = config_of(plan).ground.fallback_z
+    fallback_z = Config.of_plan(plan).ground.fallback_z
     chosen = spread(len(plan), LOOKED_AT).tolist()
     rows: dict[str, list[Row]] = defaultdict(list)
     for index in chosen:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import Field, PrivateAttr, model_validator
@@ -27,6 +28,9 @@ from hulldown.planning.config.render_section import RenderSection
 from hulldown.planning.config.section import Section
 from hulldown.planning.config.sensor_section import SensorSection
 from hulldown.planning.config.weather_section import WeatherSection
+
+if TYPE_CHECKING:
+    from hulldown.planning.plan.lines import PlanFile
 
 
 class Config(Section):
@@ -118,6 +122,12 @@ class Config(Section):
         config = validated(cls, sections, path)
         config._path = path
         return config
+
+    @classmethod
+    def of_plan(cls, plan: PlanFile) -> Config:
+        """Return the config in a plan's header, with the folder that the header names."""
+        root = Path(os.path.normpath(plan.path.absolute().parent / plan.header.root))
+        return cls.of(plan.header.config, path=root / plan.path.name)
 
     @property
     def path(self) -> Path | None:

@@ -226,15 +226,9 @@ def load_planned_library(
     if not cache and own_cache.is_symlink():
         remedy = "name the folder that it leads to by --cache, if it is yours"
         raise ConfigError("is a link", path=own_cache, remedy=remedy)
-    library = load_library(config_of(plan), cache=cache or own_cache, progress=progress, limits=limits)
+    library = load_library(Config.of_plan(plan), cache=cache or own_cache, progress=progress, limits=limits)
     refuse_changed(plan, library.assets)
     return library
-
-
-def config_of(plan: PlanFile) -> Config:
-    """Return the config of a plan, with its folder."""
-    root = Path(os.path.normpath(plan.path.absolute().parent / plan.header.root))
-    return Config.of(plan.header.config, path=root / plan.path.name)
 
 
 def _as_listed(shape: VehicleShape, entry: ModelEntry, config: Config) -> VehicleShape:

@@ -20,7 +20,7 @@ from hulldown.geometry.indices import spread
 from hulldown.pictures.drawing import Overlay, contact_sheet, draw
 from hulldown.pictures.own_files import save_picture
 from hulldown.planning.appearance.light import card
-from hulldown.planning.inputs.loading import config_of
+from hulldown.planning.config.schema import Config
 from hulldown.planning.pictures.shading import look, paint_of, previewed, sun_of
 from hulldown.planning.plan.lines import PlanFile
 from hulldown.planning.plan.row import Row
@@ -70,7 +70,7 @@ class Artist:
     def __init__(self, plan: PlanFile, assets: Assets) -> None:
         self._plan, self._assets = plan, assets
         self.shapes = {**assets.vehicles, **assets.distractors}
-        self._scenes = RowScenes(self.shapes, assets.sceneries, fallback_z=config_of(plan).ground.fallback_z)
+        self._scenes = RowScenes(self.shapes, assets.sceneries, fallback_z=Config.of_plan(plan).ground.fallback_z)
         self.class_ids = {name: i + 1 for i, name in enumerate(plan.header.categories)}
 
     def sheet(self, indices: Iterable[int], *, columns: int, tile_width: int) -> Image.Image:
