@@ -28,7 +28,7 @@ from hulldown.dataset.store.entries import (
     plain_json,
 )
 from hulldown.dataset.store.journal import MERGED, Journal
-from hulldown.dataset.store.reservations import Run
+from hulldown.dataset.store.reservations import Reservation
 from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, sealed
 
 LOCK_NAME = ".hulldown.lock"
@@ -139,7 +139,8 @@ class CocoDataset:
     def missing(self) -> int:
         """Return the number of images reserved for a plan and not in the dataset."""
         ids = self._document.images.ids
-        return sum(run.images - sum(map(run.has_image, ids)) for run in self._document.runs.values())
+        reservations = self._document.reservations.values()
+        return sum(each.images - sum(map(each.has_image, ids)) for each in reservations)
 
     def add_categories(self, records: Iterable[Record], *, keypoints: bool = False) -> None:
         """Give an id to each category with a new name; its other fields are kept.
@@ -166,7 +167,7 @@ class CocoDataset:
             self._write({"categories": categories})
             self._document.pending += 1
 
-    def run(self, key: str, *, images: int, annotations: int) -> Run:
+    def reserve(self, key: str, *, images: int, annotations: int) -> Reservation:
         """Reserve ids and file names for a plan, or return the reservation it has.
 
         So ``annotations.json`` doesn't depend on the order in which images are finished, and two plans
@@ -180,21 +181,21 @@ class CocoDataset:
             Largest number of each.
         """
         if not key or images < 0 or annotations < 0:
-            raise ValueError(f"run: expected a key and counts of at least 0, got {key!r}, {images}, {annotations}")
+            raise ValueError(f"reserve: expected a key and counts of at least 0, got {key!r}, {images}, {annotations}")
         document = self._document
-        if (known := document.runs.get(key)) is not None:
+        if (known := document.reservations.get(key)) is not None:
             return known
-        used = document.images.ids or document.runs or any(self.folder.glob("images/*"))
-        run = Run(
+        used = document.images.ids or document.reservations or any(self.folder.glob("images/*"))
+        reservation = Reservation(
             key=key,
             image_offset=document.images.highest,
             annotation_offset=document.annotations.highest,
-            prefix=f"{len(document.runs) + 1}-{key[:8]}-" if used else "",
+            prefix=f"{len(document.reservations) + 1}-{key[:8]}-" if used else "",
             images=images,
             annotations=annotations,
         )
-        self._write({"run": msgspec.structs.asdict(run)})
-        return run
+        self._write({"run": msgspec.structs.asdict(reservation)})
+        return reservation
 
     def append(self, image: Record, annotations: Sequence[Record]) -> int:
         """Append a finished image and its annotations; they're on disk when this returns.
@@ -203,7 +204,7 @@ class CocoDataset:
         ----------
         image
             ``file_name`` (relative to the folder, new in the dataset), ``width``, ``height``, and any other
-            fields. An ``id`` is used as given, for ids reserved by `run`; without one it gets the next. With
+            fields. An ``id`` is used as given, for ids reserved by `reserve`; without one it gets the next. With
             ``picture_sha256``, the hash of its file, it and its annotations are sealed:
             `dataset.verification.verify` finds what is changed later.
         annotations

@@ -29,7 +29,7 @@ from hulldown.dataset.provenance import (
 from hulldown.dataset.records import check_usable
 from hulldown.dataset.store.document import Document, check_is_dataset, read_document
 from hulldown.dataset.store.placed_pictures import confined, own_picture, place
-from hulldown.dataset.store.reservations import Run
+from hulldown.dataset.store.reservations import Reservation
 from hulldown.dataset.store.seals import broken
 
 
@@ -65,22 +65,22 @@ class _Part:
     provenance: dict[str, Provenance]
     failures: list[Failure]
 
-    def runs(self, target: CocoDataset) -> list[tuple[Run, Run]]:
+    def reservations(self, target: CocoDataset) -> list[tuple[Reservation, Reservation]]:
         """Return each plan's run here, and in the target, which reserves one if it has none."""
-        runs = self.document.runs.values()
-        return [(run, target.run(run.key, images=run.images, annotations=run.annotations)) for run in runs]
+        reservations = self.document.reservations.values()
+        return [(own, target.reserve(own.key, images=own.images, annotations=own.annotations)) for own in reservations]
 
 
 @dataclass(frozen=True, slots=True)
 class _Move:
-    """An image of a part, its new name, and for a planned one its id and the runs of part and dataset."""
+    """An image of a part, its new name, and for a planned one its id and the reservations of part and dataset."""
 
     part: _Part
     index: int
     old_name: str
     name: str
     image_id: int | None = None
-    runs: tuple[Run, Run] | None = None
+    reservations: tuple[Reservation, Reservation] | None = None
 
     @property
     def picture(self) -> Path:
@@ -150,9 +150,11 @@ def join(
             target.append(*_records(move))
             advance(done, len(left))
         for part in read:
-            first = {now.key: now.image_offset + 1 for _, now in part.runs(target) if now.key in part.provenance}
-            made = {key: replace(part.provenance[key], first_image_id=first[key]) for key in first}
-            add_provenance(folder, made)
+            first = {now.key: now.image_offset + 1 for _, now in part.reservations(target)}
+            made = part.provenance.items()
+            add_provenance(
+                folder, {key: replace(each, first_image_id=first[key]) for key, each in made if key in first}
+            )
         unmade = [failure for name, failure in sorted(failures.items()) if not target.finished(name)]
         write_failures(folder, unmade)
         return Joined(len(left), len(moves) - len(left), len(unmade), target.missing())
@@ -197,28 +199,28 @@ def _failures(parts: Sequence[_Part], target: CocoDataset) -> dict[str, Failure]
     """Failed images of dataset and parts, by their name in the dataset."""
     latest = {failure.file_name: failure for failure in read_failures(target.folder)}
     for part in parts:
-        runs = part.runs(target)
+        reservations = part.reservations(target)
         for failure in part.failures:
             name = failure.file_name  # failed images have no id
-            own_runs = [(was, now) for was, now in runs if PurePosixPath(name).name.startswith(was.prefix)]
-            if own_runs:
-                was, now = max(own_runs, key=lambda pair: len(pair[0].prefix))
+            own = [(was, now) for was, now in reservations if PurePosixPath(name).name.startswith(was.prefix)]
+            if own:
+                was, now = max(own, key=lambda pair: len(pair[0].prefix))
                 name = now.file_name(was.planned(name))
             latest[name] = replace(failure, file_name=name)
     return latest
 
 
 def _moves(part: _Part, target: CocoDataset) -> Iterator[_Move]:
-    runs = part.runs(target)
+    reservations = part.reservations(target)
     for index, record in enumerate(part.document.images):
         image_id, old = record["id"], record["file_name"]
-        own_runs = next((pair for pair in runs if pair[0].owns(image_id, old)), None)
-        if own_runs is None:
+        own = next((pair for pair in reservations if pair[0].owns(image_id, old)), None)
+        if own is None:
             yield _Move(part, index, old, old)
         else:
-            was, now = own_runs
+            was, now = own
             new_id = image_id - was.image_offset + now.image_offset
-            yield _Move(part, index, old, now.file_name(was.planned(old)), new_id, own_runs)
+            yield _Move(part, index, old, now.file_name(was.planned(old)), new_id, own)
 
 
 def _refuse_other_images(moves: Sequence[_Move], target: CocoDataset) -> None:
@@ -278,8 +280,8 @@ def _records(move: _Move) -> tuple[Record, Sequence[Record]]:
         label = document.annotations[i]
         new = {key: value for key, value in label.items() if key not in ("id", "image_id", "category_id")}
         new["category"] = names[label["category_id"]]
-        if move.runs is not None and move.runs[0].has_annotation(label["id"]):
-            new["id"] = label["id"] + move.runs[1].annotation_offset - move.runs[0].annotation_offset
+        if move.reservations is not None and move.reservations[0].has_annotation(label["id"]):
+            new["id"] = label["id"] + move.reservations[1].annotation_offset - move.reservations[0].annotation_offset
         labels.append(new)
     ids = {} if move.image_id is None else {"id": move.image_id}
     return {**{key: value for key, value in image.items() if key != "id"}, **ids, "file_name": move.name}, labels

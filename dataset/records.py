@@ -25,7 +25,7 @@ from hulldown.dataset.labels.types import LABEL_TYPES, LabelFields
 from hulldown.dataset.store.declared import CategoryRecord, ImageRecord, LabelRecord, View, fields_of, misfits
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.entries import place_of
-from hulldown.dataset.store.reservations import runs_of
+from hulldown.dataset.store.reservations import reservations_of
 from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, broken
 from hulldown.dataset.usable_labels import ROUNDED, beyond
 
@@ -289,11 +289,11 @@ def _seal_problems(where: str, record: Record, image: Record) -> Iterator[Findin
         yield Finding("warning", where, f"has no {RECORD_KEY}: it was added or changed by hand, or is damaged")
 
 
-def check_runs(coco: Coco) -> Iterator[Finding]:
+def check_reservations(coco: Coco) -> Iterator[Finding]:
     """Find two plans with the same reserved ids."""
-    runs = runs_of(coco)
+    reservations = reservations_of(coco)
     for kind in ("image", "annotation"):
-        ranges = sorted((getattr(run, f"{kind}_offset"), getattr(run, f"{kind}s"), run.key) for run in runs)
+        ranges = sorted((getattr(each, f"{kind}_offset"), getattr(each, f"{kind}s"), each.key) for each in reservations)
         for (start, length, first), (following, _, second) in pairwise(ranges):
             if following < start + length:
                 problem = f"{kind} ids from {following + 1} on are reserved for two plans, {first:.12} and {second:.12}"

@@ -10,7 +10,7 @@ import orjson
 from hulldown.assets.coco_types import Coco, Record
 from hulldown.dataset.labels.types import fields_of_row
 from hulldown.dataset.records import Finding
-from hulldown.dataset.store.reservations import find_run, plan_key
+from hulldown.dataset.store.reservations import find_reservation, plan_key
 from hulldown.planning.plan.row import PlannedVehicle, Row, encode, fields
 from hulldown.planning.plan_file import Plan
 
@@ -37,16 +37,16 @@ def check_planned(coco: Coco, plan: Plan) -> Iterator[Finding]:
     ConfigError
         If a line isn't a row.
     """
-    run = find_run(coco, plan_key(plan.path))
-    if run is None:
+    reservation = find_reservation(coco, plan_key(plan.path))
+    if reservation is None:
         yield Finding("error", plan.path.name, "nothing here was rendered from this file, as it is now")
         return
     names = {category["id"]: category.get("name") for category in coco["categories"]}
-    images = {image["id"]: image for image in coco["images"] if run.has_image(image["id"])}
-    boxes = {box["id"]: box for box in coco["annotations"] if run.has_annotation(box["id"])}
-    first, missing, example = run.annotation_offset + 1, 0, ""
-    for i, row in enumerate(plan, start=run.image_offset + 1):
-        image, name, labels = images.get(i), run.file_name(row.file_name), label_records(row)
+    images = {image["id"]: image for image in coco["images"] if reservation.has_image(image["id"])}
+    boxes = {box["id"]: box for box in coco["annotations"] if reservation.has_annotation(box["id"])}
+    first, missing, example = reservation.annotation_offset + 1, 0, ""
+    for i, row in enumerate(plan, start=reservation.image_offset + 1):
+        image, name, labels = images.get(i), reservation.file_name(row.file_name), label_records(row)
         if image is None:
             missing, example = missing + 1, example or name
         else:

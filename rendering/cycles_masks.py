@@ -24,7 +24,7 @@ from hulldown.dataset.labels.mask import MASK
 from hulldown.dataset.records import Finding, sound_images
 from hulldown.dataset.rows import not_annotated
 from hulldown.dataset.store.document import read_coco
-from hulldown.dataset.store.reservations import find_run
+from hulldown.dataset.store.reservations import find_reservation
 from hulldown.dataset.verification.look import appearance
 from hulldown.geometry.indices import spread
 from hulldown.planning.inputs.loading import Library
@@ -119,14 +119,14 @@ def verify_masks(
     plan = read_plan(plan_path)
     coco = read_coco(dataset)
     outline = Outline(plan)
-    run = find_run(coco, outline.key)
-    if run is None:
+    reservation = find_reservation(coco, outline.key)
+    if reservation is None:
         raise DatasetError(f"has no images of {plan.path}", path=dataset, remedy="name the plan it was rendered from")
     names = {number: image.file_name for number, image in sound_images(coco).items()}
-    finished = [i for i in range(len(plan)) if run.image_offset + i + 1 in names]
+    finished = [i for i in range(len(plan)) if reservation.image_offset + i + 1 in names]
     chosen = [finished[i] for i in spread(len(finished), count)]
-    labels = {label["id"]: label for label in coco["annotations"] if run.has_annotation(label["id"])}
-    first = outline.first_annotations(run)
+    labels = {label["id"]: label for label in coco["annotations"] if reservation.has_annotation(label["id"])}
+    first = outline.first_annotations(reservation)
     maps = cycles_masks(plan, chosen, library)
     rows: list[MaskRow] = []
     segmenter = Segmenter(library.shapes, library.assets.sceneries)
@@ -134,10 +134,10 @@ def verify_masks(
         finding
         for i in chosen
         if (row := plan[i]).empty
-        and (finding := _intruder(Path(dataset), names[run.image_offset + i + 1], row, segmenter))
+        and (finding := _intruder(Path(dataset), names[reservation.image_offset + i + 1], row, segmenter))
     ]
     for index, of_row in zip(chosen, maps, strict=True):
-        image_id, row = run.image_offset + index + 1, plan[index]
+        image_id, row = reservation.image_offset + index + 1, plan[index]
         numbers = [(number, each) for number, each in enumerate(row.vehicles, start=1) if each.label != "none"]
         for label_id, (number, target) in enumerate(numbers, start=int(first[index])):
             record = labels.get(label_id)

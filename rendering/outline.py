@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Int
 
-from hulldown.dataset.store.reservations import Run, plan_key
+from hulldown.dataset.store.reservations import Reservation, plan_key
 from hulldown.planning.plan.row import Row
 from hulldown.planning.plan_file import Plan
 
@@ -35,9 +35,9 @@ class Outline:
         self.key = plan_key(plan.path)
         self.labels = np.array([labels for _, _, labels, _ in self.rows], dtype=np.int64)
 
-    def first_annotations(self, run: Run) -> Int[np.ndarray, " images"]:
+    def first_annotations(self, reservation: Reservation) -> Int[np.ndarray, " images"]:
         """Return the id of each image's first label, which depends on the plan alone."""
-        return np.cumsum(self.labels) - self.labels + run.annotation_offset + 1
+        return np.cumsum(self.labels) - self.labels + reservation.annotation_offset + 1
 
 
 @dataclass(frozen=True, slots=True)

@@ -109,13 +109,15 @@ class Session:
             keypoints=next((category.get("keypoints", ()) for category in categories), ()),
         )
         dataset.add_categories(categories, keypoints=True)
-        run = self._run = dataset.run(outline.key, images=len(outline.rows), annotations=int(outline.labels.sum()))
-        rows, firsts = part.of(outline), outline.first_annotations(run).tolist()
+        labels = int(outline.labels.sum())
+        reservation = self._reservation = dataset.reserve(outline.key, images=len(outline.rows), annotations=labels)
+        rows, firsts = part.of(outline), outline.first_annotations(reservation).tolist()
         self._left: dict[int, tuple[str, int]] = {}  # index -> name in the dataset, and id of the first label
         for _, index, labels, planned in rows:
-            if not dataset.finished(name := run.file_name(planned)):
+            if not dataset.finished(name := reservation.file_name(planned)):
                 self._left[index] = name, firsts[index]
-                dataset.check_free(name, run.image_offset + index + 1, range(firsts[index], firsts[index] + labels))
+                of_labels = range(firsts[index], firsts[index] + labels)
+                dataset.check_free(name, reservation.image_offset + index + 1, of_labels)
         names = {name for name, _ in self._left.values()}
         self.images, self.already = len(rows), len(rows) - len(self._left)
         self._progress = progress
@@ -187,12 +189,12 @@ class Session:
             return
         made = Provenance(
             file=self._plan.path.name,
-            first_image_id=self._run.image_offset + 1,
+            first_image_id=self._reservation.image_offset + 1,
             images=len(self._plan),
             **self.made_by,
             plan=self._plan.header,
         )
-        add_provenance(self._folder, {self._run.key: made})
+        add_provenance(self._folder, {self._reservation.key: made})
         self._recorded = self.made_by
 
     def _output(self, row: Row) -> Path:
@@ -230,7 +232,8 @@ class Session:
         with writing(self._folder, name):
             picture.write_bytes(content)
         publish(picture, self._folder, name)
-        about = {"id": self._run.image_offset + index + 1, "file_name": name, "device": outcome.made_by["devices"]}
+        image_id = self._reservation.image_offset + index + 1
+        about = {"id": image_id, "file_name": name, "device": outcome.made_by["devices"]}
         self._dataset.append(
             {**about, PICTURE_KEY: digest(content), **image_record(row)},
             [{"id": first + i, **record} for i, record in enumerate(records)],

@@ -91,25 +91,27 @@ def test_the_first_of_two_categories_with_the_same_name_is_used(tmp_path):
 
 def test_two_plans_get_different_ids_and_names(tmp_path):
     with CocoDataset.open(tmp_path) as dataset:
-        first = dataset.run("f" * 64, images=10, annotations=20)
+        first = dataset.reserve("f" * 64, images=10, annotations=20)
         dataset.append({**image(1), "id": 1}, [annotation(id=1)])
-        second = dataset.run("e" * 64, images=5, annotations=5)
+        second = dataset.reserve("e" * 64, images=5, annotations=5)
     assert first.file_name("images/1.png") == "images/1.png"
     assert second.file_name("images/1.png") == "images/2-eeeeeeee-1.png"
     assert (second.image_offset, second.annotation_offset) == (10, 20)
     with CocoDataset.open(tmp_path) as dataset:
-        assert dataset.run("e" * 64, images=5, annotations=5) == second
+        assert dataset.reserve("e" * 64, images=5, annotations=5) == second
         assert dataset.append(image(7), [annotation()]) == 16
     (tmp_path / "journal.jsonl").unlink()
     with CocoDataset.open(tmp_path) as dataset:
-        assert dataset.run("f" * 64, images=10, annotations=20) == first
+        assert dataset.reserve("f" * 64, images=10, annotations=20) == first
 
 
 def test_pictures_from_elsewhere_are_never_overwritten(tmp_path):
     (tmp_path / "images").mkdir()
     (tmp_path / "images" / "00000001.png").write_bytes(b"mine")
     with CocoDataset.open(tmp_path) as dataset:
-        assert dataset.run("a" * 64, images=1, annotations=1).file_name("images/00000001.png") != "images/00000001.png"
+        assert (
+            dataset.reserve("a" * 64, images=1, annotations=1).file_name("images/00000001.png") != "images/00000001.png"
+        )
 
 
 def test_records_deleted_by_hand_stay_deleted(tmp_path):

@@ -12,11 +12,11 @@ from hulldown.camera.sensor import Sensor
 from hulldown.camera.weather.kinds import Weather
 from hulldown.dataset.images import Image
 from hulldown.dataset.records import sound_images
-from hulldown.dataset.store.reservations import Run
+from hulldown.dataset.store.reservations import Reservation
 from hulldown.dataset.verification.check_skies import SkyCheck, deviation, radiance
 from hulldown.scene.posed_scene import Plane, Scene
 
-RUN = Run("a" * 64, 0, 0, "", 9, 9)
+RUN = Reservation("a" * 64, 0, 0, "", 9, 9)
 POSE = [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 2.0], [0.0, 0.0, 0.0, 1.0]]  # looks along +x
 IMAGE = {
     **{"id": 1, "file_name": "images/1.png", "width": 160, "height": 90, "scenery": "plain", "fov_x_deg": 60.0},

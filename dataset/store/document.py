@@ -24,7 +24,7 @@ from hulldown.base.errors import DatasetError
 from hulldown.base.outside import DATA, converted, json_of, json_parts, json_records, read_file
 from hulldown.dataset.store.entries import place_of
 from hulldown.dataset.store.journal import last_merged, read_journal, replaced
-from hulldown.dataset.store.reservations import Run, runs_of
+from hulldown.dataset.store.reservations import Reservation, reservations_of
 
 ANNOTATIONS_NAME = "annotations.json"
 JOURNAL_NAME = "journal.jsonl"
@@ -85,7 +85,7 @@ class Document:
         The records.
     file_names
         The images' names in normal form.
-    runs
+    reservations
         The reservation of each plan by its key.
     pending
         Number of lines that the file lacks.
@@ -96,7 +96,7 @@ class Document:
         self.categories: list[Record] = []
         self.images, self.annotations = Records(), Records()
         self.file_names: set[str] = set()
-        self.runs: dict[str, Run] = {}
+        self.reservations: dict[str, Reservation] = {}
         self.pending = 0
 
     @property
@@ -130,7 +130,7 @@ class Document:
                 raise ValueError(f"category {name!r} with id {number}")
             self.categories.append(category)
         if "run" in line:
-            self.add_run(converted(line["run"], Run))
+            self.add_reservation(converted(line["run"], Reservation))
         image = line.get("image")
         if image is None or place_of(image["file_name"]) in self.file_names:
             return
@@ -146,12 +146,12 @@ class Document:
         for annotation in annotations:
             self.annotations.add(annotation)
 
-    def add_run(self, new: Run) -> None:
+    def add_reservation(self, new: Reservation) -> None:
         """Add a reservation; ValueError if its plan has another one."""
-        if (run := self.runs.setdefault(new.key, new)) != new:
+        if self.reservations.setdefault(new.key, new) != new:
             raise ValueError(f"two records of what is set aside for {new.key!r}")
-        self.images.highest = max(self.images.highest, run.image_offset + run.images)
-        self.annotations.highest = max(self.annotations.highest, run.annotation_offset + run.annotations)
+        self.images.highest = max(self.images.highest, new.image_offset + new.images)
+        self.annotations.highest = max(self.annotations.highest, new.annotation_offset + new.annotations)
 
     def to_dict(self) -> Coco:
         """Return the whole as one COCO dictionary, in the order it is written."""
@@ -172,13 +172,14 @@ class Document:
 
     def _parts(self) -> tuple[Record, Iterator[bytes], Iterator[bytes]]:
         """Return all but the records, images, and annotations, in the order they're written."""
-        head, runs = self.head, self.runs.values()
-        if runs and isinstance(info := head.get("info", {}), dict):
-            head = {**head, "info": {**rendered_info(), **info, "hulldown_runs": msgspec.to_builtins(list(runs))}}
+        head, reservations = self.head, self.reservations.values()
+        if reservations and isinstance(info := head.get("info", {}), dict):
+            reserved = msgspec.to_builtins(list(reservations))
+            head = {**head, "info": {**rendered_info(), **info, "hulldown_runs": reserved}}
         return (
             {**head, "categories": self.categories},
-            self.images.ordered(run.image_offset for run in runs),
-            self.annotations.ordered(run.annotation_offset for run in runs),
+            self.images.ordered(reservation.image_offset for reservation in reservations),
+            self.annotations.ordered(reservation.annotation_offset for reservation in reservations),
         )
 
 
@@ -319,8 +320,8 @@ def _read_annotations(path: Path) -> Document:
     except ValueError as error:
         raise _unusable(path, f"isn't a COCO object ({error})") from error
     try:
-        for run in runs_of(document.head):
-            document.add_run(run)
+        for reservation in reservations_of(document.head):
+            document.add_reservation(reservation)
     except ValueError as error:
         raise _unusable(path, f"'info' has 'hulldown_runs' that are not as they were written ({error})") from None
     return document

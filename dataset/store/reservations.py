@@ -13,7 +13,7 @@ from hulldown.base.outside import converted, sha256_of
 _Count: TypeAlias = Annotated[int, msgspec.Meta(ge=0)]
 
 
-class Run(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Reservation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Ids and file names reserved for a plan's images, the same whenever the plan is resumed.
 
     Parameters
@@ -63,12 +63,12 @@ def plan_key(plan: Path) -> str:
     return sha256_of(plan)
 
 
-def runs_of(coco: Record) -> list[Run]:
+def reservations_of(coco: Record) -> list[Reservation]:
     """Return the reservations for plans in a COCO dictionary; ValueError if they were damaged."""
     info = coco.get("info")
-    return converted(info.get("hulldown_runs", []) if isinstance(info, dict) else [], list[Run])
+    return converted(info.get("hulldown_runs", []) if isinstance(info, dict) else [], list[Reservation])
 
 
-def find_run(coco: Record, key: str) -> Run | None:
+def find_reservation(coco: Record, key: str) -> Reservation | None:
     """Return the reservation for a plan in a COCO dictionary; None if there is none."""
-    return next((run for run in runs_of(coco) if run.key == key), None)
+    return next((reservation for reservation in reservations_of(coco) if reservation.key == key), None)

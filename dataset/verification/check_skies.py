@@ -24,7 +24,7 @@ from hulldown.camera.weather.kinds import Weather, air_layers, airlight, even_sk
 from hulldown.dataset.images import Image
 from hulldown.dataset.records import Finding
 from hulldown.dataset.store.declared import Pose
-from hulldown.dataset.store.reservations import Run, find_run, plan_key
+from hulldown.dataset.store.reservations import Reservation, find_reservation, plan_key
 from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan_file import Plan
 from hulldown.reading.hdri import sky_map
@@ -63,13 +63,13 @@ class SkyCheck:
         Ground and obstacles of each scenery, by its name.
     skies
         Equirectangular map of each HDRI, by its name; see `radiance`.
-    run
+    reservation
         The plan's images in the dataset.
     """
 
     worlds: Mapping[str, Scene]
     skies: Mapping[str, Float[np.ndarray, "_ _ 3"]]
-    run: Run
+    reservation: Reservation
 
     def __call__(self, image: Image, pixels: UInt8[np.ndarray, "h w 3"]) -> Iterator[Finding]:
         """Find a problem with the sky of a picture."""
@@ -79,7 +79,7 @@ class SkyCheck:
             return
         name, hdri, intrinsics = image.file_name, shot.hdri, image.intrinsics
         known = hdri in self.skies and shot.scenery in self.worlds
-        if not self.run.owns(image.id, name) or not known or intrinsics is None:
+        if not self.reservation.owns(image.id, name) or not known or intrinsics is None:
             return
         height = max(1, round(WIDTH * image.height / image.width))
         along, sky, light = self._sky(shot, intrinsics.resized(WIDTH, height))
@@ -144,15 +144,15 @@ def sky_check(plan: Plan, coco: Coco, read: Callable[[], Library]) -> SkyCheck |
     HulldownError
         If its assets can't be read.
     """
-    run = find_run(coco, plan_key(plan.path))
-    if run is None:
+    reservation = find_reservation(coco, plan_key(plan.path))
+    if reservation is None:
         return None
     library = read()
-    used = {image.get("hdri") for image in coco["images"] if run.has_image(image["id"])}
+    used = {image.get("hdri") for image in coco["images"] if reservation.has_image(image["id"])}
     skies = {name: sky_map(hdri) for name, hdri in library.hdris.items() if name in used}
     sceneries = library.assets.sceneries
     worlds = {name: Scene.of(sceneries[name], fallback_z=plan.config.ground.fallback_z) for name in sceneries}
-    return SkyCheck(worlds, skies, run)
+    return SkyCheck(worlds, skies, reservation)
 
 
 def _labeled(image: Image, shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:

@@ -14,7 +14,14 @@ from pycocotools.coco import COCO
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.base.outside import DATA, json_with_repeats, read_file
 from hulldown.base.terminal import reading_status, reporting
-from hulldown.dataset.records import Finding, check_annotations, check_categories, check_images, check_runs, check_seals
+from hulldown.dataset.records import (
+    Finding,
+    check_annotations,
+    check_categories,
+    check_images,
+    check_reservations,
+    check_seals,
+)
 from hulldown.dataset.rows import check_planned
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, JOURNAL_NAME, read_coco
 from hulldown.dataset.store.journal import is_cut_off
@@ -80,7 +87,7 @@ def verify(
     findings += check_categories(coco["categories"])
     findings += check_images(coco["images"])
     findings += check_annotations(coco)
-    findings += check_runs(coco)
+    findings += check_reservations(coco)
     if planned is not None:
         findings += check_planned(coco, planned)
     findings += _check_loading(folder)
