@@ -148,15 +148,12 @@ class LabeledImages:
     ----------
     categories, images
         In the order of the file.
-    strays
-        Labels of images that aren't there, with the images' ids.
     head
         The other keys of the COCO dictionary.
     """
 
     categories: tuple[Category, ...]
     images: tuple[Image, ...]
-    strays: tuple[tuple[int, Label], ...]
     head: Record
 
     @classmethod
@@ -165,16 +162,11 @@ class LabeledImages:
         categories = tuple(map(Category.of, coco["categories"]))
         names = {category.id: category.name for category in categories}
         of_image: dict[int, list[Label]] = {image["id"]: [] for image in coco["images"]}
-        strays = []
         for record in coco["annotations"]:
-            label, image_id = Label.of(record, names), record["image_id"]
-            if image_id in of_image:
-                of_image[image_id].append(label)
-            else:
-                strays.append((image_id, label))
+            of_image[record["image_id"]].append(Label.of(record, names))
         images = tuple(Image.of(image, of_image[image["id"]]) for image in coco["images"])
         head = {key: value for key, value in coco.items() if key not in ("categories", "images", "annotations")}
-        return cls(categories, images, tuple(strays), head)
+        return cls(categories, images, head)
 
     @property
     def names(self) -> dict[int, str]:
@@ -194,8 +186,7 @@ class LabeledImages:
         ['tank']
         """
         ordered = sorted(self.categories, key=lambda category: category.id)
-        of_images = (label for image in self.images for label in image.labels)
-        used = {label.category_id for label in (*of_images, *(label for _, label in self.strays))}
+        used = {label.category_id for image in self.images for label in image.labels}
         # A list, since a foreign record may have a value that can't be hashed.
         parents = [c.record.get("supercategory") for c in ordered if c.record.get("supercategory") != c.name]
         return [category for category in ordered if category.id in used or category.name not in parents]

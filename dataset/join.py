@@ -186,9 +186,6 @@ def _read_part(folder: Path, target: Path, allowed: Sequence[Path]) -> _Part:
             raise DatasetError(f"{what} aren't unique", path=folder, remedy="check it with `hulldown verify`")
     boxes: dict[int, list[int]] = {}
     for i, record in enumerate(annotations):
-        if record["image_id"] not in images.ids:
-            problem = f"annotation {record['id']}: image {record['image_id']} does not exist"
-            raise DatasetError(problem, path=folder, remedy="check it with `hulldown verify`")
         boxes.setdefault(record["image_id"], []).append(i)
     for name in sorted(document.file_names):
         own_picture(folder, name, allowed)

@@ -89,19 +89,6 @@ def read_usable(folder: Path) -> LabeledImages:
     return LabeledImages.of(coco)
 
 
-def refuse_strays(found: LabeledImages, path: Path) -> None:
-    """Refuse a dataset with a label of an image that isn't there.
-
-    Raises
-    ------
-    DatasetError
-        Naming the first.
-    """
-    for image_id, label in found.strays:
-        problem = f"annotation {label.id}: image {image_id} does not exist"
-        raise DatasetError(problem, path=path, remedy="check it with `hulldown verify`")
-
-
 def check_usable(
     folder: Path,
     categories: Sequence[Record],
@@ -137,7 +124,7 @@ def check_usable(
             refuse(_name(image), problem)
     for annotation in annotations:
         where = f"annotation {annotation['id']}"
-        if not isinstance(annotation.get("image_id"), int):
+        if not isinstance(annotation.get("image_id"), int) or annotation["image_id"] not in first:
             refuse(where, f"image {annotation.get('image_id')!r} does not exist")
         if not isinstance(annotation.get("category_id"), int) or annotation["category_id"] not in known:
             refuse(where, f"category {annotation.get('category_id')!r} does not exist")

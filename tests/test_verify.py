@@ -123,6 +123,7 @@ def test_every_damage_is_found(dataset, change, severity, text):
         (lambda c: c["annotations"][1].update(bbox=[5, True, 10, 6]), "bbox is [5, True"),
         (lambda c: c["annotations"][1].update(category_id=[1]), "category [1] does not exist"),
         (lambda c: c["annotations"][1].update(image_id=[2]), "image [2] does not exist"),
+        (lambda c: c["annotations"][1].update(image_id=99), "image 99 does not exist"),
         (lambda c: c["categories"].append({"id": 5}), "category 5: name is None"),
     ],
 )

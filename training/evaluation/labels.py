@@ -14,7 +14,7 @@ from hulldown.base.errors import DatasetError
 from hulldown.dataset.images import Image, Label, LabeledImages
 from hulldown.dataset.labels.mask import area_of
 from hulldown.dataset.positions import group_of
-from hulldown.dataset.records import read_usable, refuse_strays
+from hulldown.dataset.records import read_usable
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,9 +90,8 @@ def labels_of(found: LabeledImages, *, path: Path) -> Labels:
     Raises
     ------
     DatasetError
-        If a box belongs to no image, or a size is negative.
+        If a size is negative.
     """
-    refuse_strays(found, path)
     # By image, then in the file's order, so the order of images in the file doesn't matter.
     images = sorted(found.images, key=lambda image: image.id)
     categories = sorted(found.categories, key=lambda category: category.id)

@@ -19,7 +19,7 @@ from hulldown.assets.picture_files import read_picture, read_pixels
 from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.dataset.images import Label, LabeledImages
 from hulldown.dataset.labels.mask import MASK
-from hulldown.dataset.records import read_usable, refuse_strays
+from hulldown.dataset.records import read_usable
 from hulldown.dataset.usable_labels import clipped
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
 from hulldown.training.inputs.samples import Sample
@@ -212,7 +212,6 @@ def _checked(folder: Path) -> LabeledImages:
     found = read_usable(folder)
     if not found.images:
         raise DatasetError("has no images", path=folder, remedy="name a dataset that has some")
-    refuse_strays(found, folder)
     for image in found.images:
         for label in image.labels:
             if not label.crowd and (mask := MASK.read(label).segmentation):
