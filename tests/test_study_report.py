@@ -13,9 +13,9 @@ from hulldown.dataset.reports.charts import svg
 from hulldown.tests.test_study import pretend, settled
 from hulldown.tests.training_pictures import make_dataset, make_datasets
 from hulldown.training.evaluation.labels import read_labels
-from hulldown.training.study.comparison import ReportedCell, compared_runs
 from hulldown.training.study.manifest import write_manifest
 from hulldown.training.study.results import Estimate, needed
+from hulldown.training.study.study_comparison import ReportedCell, compared_runs
 from hulldown.training.study.study_page import PAPER, PAPER_FIGURES, bars_of_arms, over_photographs, page, png
 from hulldown.training.study.study_report import write_report
 

@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.base.errors import DatasetError
+from hulldown.dataset.image_positions import group_of
 from hulldown.dataset.images import Image, Label, LabeledImages
 from hulldown.dataset.labels.mask import area_of
-from hulldown.dataset.positions import group_of
 from hulldown.dataset.records import read_usable
 
 

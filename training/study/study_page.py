@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from hulldown.dataset.reports.charts import COLORS, INK, SOFT, differences, tidy
 from hulldown.dataset.reports.page import number, ranged, render
 from hulldown.training.study.arms import ARM_KINDS
-from hulldown.training.study.comparison import ReportedCell, StudyReport
 from hulldown.training.study.results import COUNTS, ENOUGH, MEASURES, TITLES
+from hulldown.training.study.study_comparison import ReportedCell, StudyReport
 from hulldown.training.subset import subset_name
 
 OVER = ("ap50", "f1", "recall", "precision")

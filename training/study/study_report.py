@@ -9,7 +9,7 @@ import msgspec
 
 from hulldown.base.files import replace_file
 from hulldown.dataset.reports.charts import svg
-from hulldown.training.study.comparison import StudyReport, compared_runs
+from hulldown.training.study.study_comparison import StudyReport, compared_runs
 from hulldown.training.study.study_page import charts_of, page, png
 
 
