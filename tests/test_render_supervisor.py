@@ -9,6 +9,7 @@ import random
 import signal
 import threading
 import time
+import warnings
 
 import numpy as np
 import pytest
@@ -192,6 +193,7 @@ def test_failures_of_images_that_are_not_rendered_now_are_kept(tmp_path, render)
 
 def run_apart(render, plan, dataset, engine):
     os.setsid()
+    warnings.simplefilter("ignore")  # a journal's line that the last kill cut off
     render(plan, dataset, engine=engine)
     os._exit(0)
 
