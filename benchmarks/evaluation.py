@@ -123,7 +123,7 @@ def _drawn(seen) -> None:
 
 def _intervals(seen) -> None:
     labels, predictions = seen.labels, seen.predictions
-    sums = sums_by(seen, of_detection=predictions.label, of_label=labels.label, bins=CLASSES).sum(axis=1)
+    sums = sums_by(seen, of_detection=predictions.class_index, of_label=labels.class_index, bins=CLASSES).sum(axis=1)
     figure_intervals(figures(sums.sum(axis=0)), figures(resampled_sums(sums)), denominators(sums))
 
 
@@ -160,10 +160,10 @@ def _records(labels: Labels, predictions: Predictions) -> tuple[dict, list[dict]
     true = [
         {"id": k + 1, "image_id": i + 1, "category_id": c + 1, "bbox": box, "area": box[2] * box[3], "iscrowd": 0}
         for k, (i, c, box) in enumerate(
-            zip(labels.image.tolist(), labels.label.tolist(), labels.xywh.tolist(), strict=True)
+            zip(labels.image.tolist(), labels.class_index.tolist(), labels.xywh.tolist(), strict=True)
         )
     ]
-    columns = (predictions.image, predictions.label, predictions.xywh, predictions.score)
+    columns = (predictions.image, predictions.class_index, predictions.xywh, predictions.score)
     found = [
         {"image_id": i + 1, "category_id": c + 1, "bbox": box, "score": score}
         for i, c, box, score in zip(*(column.tolist() for column in columns), strict=True)

@@ -44,7 +44,7 @@ def test_a_box_stays_in_the_picture_and_agrees_with_its_mask(scene, seed):
     assert (boxes >= -1e-4).all()  # Albumentations computes boxes in float32
     assert (boxes <= np.array([WIDTH, HEIGHT] * 2) + 1e-4).all()
     assert (found.xywh[:, 2:] > 0).all()
-    assert len(set(found.label.tolist())) == len(found.label)
+    assert len(set(found.class_index.tolist())) == len(found.class_index)
     assert len(found.masks) == (len(boxes) if sample.masks else 0)
     for box, mask in zip(boxes, found.masks, strict=False):
         assert np.abs(box - mask_corners(mask)).max() <= 1.0 + 1e-3

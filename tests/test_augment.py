@@ -67,8 +67,8 @@ def test_a_box_cut_to_less_than_a_fifth_is_dropped(masked):
     sizes = set()
     for seed in range(60):
         found = augment(sample, seed)
-        sizes.add(len(found.label))
-        for box, label in zip(found.xywh, found.label, strict=True):
+        sizes.add(len(found.class_index))
+        for box, label in zip(found.xywh, found.class_index, strict=True):
             assert box[2] * box[3] >= 0.2 * (400, 400, 200)[label] - 20  # a mask has whole pixels
     assert min(sizes) < 3 == max(sizes)
 

@@ -19,8 +19,8 @@ IOUS = (0.1, 0.5, 0.75, 0.95)
 def pycocotools_evaluation(labels, predictions, **params):
     """pycocotools' evaluation of the same data, numbered from 1, since it takes annotation 0 for unmatched."""
     more = [{"area": area, "iscrowd": crowd} for area, crowd in zip(labels.area, labels.crowd, strict=True)]
-    boxes = zip(labels.image + 1, labels.label + 1, labels.xywh, more, strict=True)
-    found = zip(predictions.image + 1, predictions.label + 1, predictions.xywh, predictions.score, strict=True)
+    boxes = zip(labels.image + 1, labels.class_index + 1, labels.xywh, more, strict=True)
+    found = zip(predictions.image + 1, predictions.class_index + 1, predictions.xywh, predictions.score, strict=True)
     truth = COCO()
     truth.dataset = dataset(boxes, images=len(labels.images), classes=predictions.class_names)
     with contextlib.redirect_stdout(io.StringIO()):

@@ -61,7 +61,7 @@ def test_onnxruntime_gives_the_detectors_results(kind, tmp_path, capsys):
         close(scores[order], expected.score[same])
         close(corners[order][:, :2], expected.xywh[same][:, :2])
         close((corners[:, 2:] - corners[:, :2])[order], expected.xywh[same][:, 2:])
-        np.testing.assert_array_equal(labels[order], expected.label[same])
+        np.testing.assert_array_equal(labels[order], expected.class_index[same])
 
 
 def test_another_suffix_is_refused(tmp_path):

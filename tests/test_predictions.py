@@ -70,7 +70,7 @@ def test_results_can_be_a_list_or_inside_an_object(folder):
 def test_a_category_that_the_dataset_lacks_is_a_separate_class(folder):
     found = read(folder, [GOOD, {**GOOD, "category_id": 9}])
     assert found.class_names == ("tank", "truck", "category 9")
-    assert found.label.tolist() == [0, 2]
+    assert found.class_index.tolist() == [0, 2]
 
 
 def test_detections_are_in_a_defined_order():
@@ -80,7 +80,7 @@ def test_detections_are_in_a_defined_order():
     back = loaded(dataset([], images=2), found[::-1])[1]
     assert np.array_equal(forth.xywh, back.xywh)
     assert forth.image.tolist() == [0, 0, 0, 1]
-    assert forth.label.tolist() == [0, 0, 1, 0]
+    assert forth.class_index.tolist() == [0, 0, 1, 0]
 
 
 @pytest.mark.parametrize("name", ["annotations.json", "_annotations.coco.json", "test.json"])

@@ -41,9 +41,12 @@ def test_classes_are_matched_by_name_for_any_ids(tmp_path):
     edit(made, renumber)
     classes, (first, second) = read_sources({"real": real, "made": made})
     assert classes == ("square", "disc")
-    np.testing.assert_array_equal(first.label, second.label)
+    np.testing.assert_array_equal(first.class_index, second.class_index)
     assert read_sources({"made": made})[0] == ("square", "disc")
-    assert read_sources({"made": made}, classes=("disc", "square"))[1][0].label.tolist() == (1 - first.label).tolist()
+    assert (
+        read_sources({"made": made}, classes=("disc", "square"))[1][0].class_index.tolist()
+        == (1 - first.class_index).tolist()
+    )
 
 
 def test_a_parent_category_without_boxes_is_not_a_class(tmp_path):

@@ -28,9 +28,9 @@ SKILL = {("real", 1.0): 80, ("real", 0.5): 50, ("real", 0.25): 20, ("mixed", 1.0
 def looked(labels, share, *, seed):
     """Detections of a share of the labels, and a false positive in every eighth image."""
     rng = np.random.default_rng(seed)
-    order = np.random.default_rng(5).permutation(len(labels.label))  # hard labels are hard for every detector
+    order = np.random.default_rng(5).permutation(len(labels.class_index))  # hard labels are hard for every detector
     found = [
-        {"image_id": labels.images[labels.image[k]].id, "category_id": int(labels.class_id[labels.label[k]]),
+        {"image_id": labels.images[labels.image[k]].id, "category_id": int(labels.class_id[labels.class_index[k]]),
          "bbox": labels.xywh[k].tolist(), "score": 0.6 + 0.3 * float(rng.random())}
         for k in order[: round(share / 100 * len(order))]
     ]  # fmt: skip

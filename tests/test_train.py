@@ -114,7 +114,7 @@ def test_a_killed_run_ends_like_an_undisturbed_one(pictures, tmp_path, monkeypat
     for found, image in zip(detector.detect(images), images, strict=True):
         assert found.xywh.shape == (len(found.score), 4)
         assert (np.diff(found.score) <= 0).all()
-        assert set(found.label) <= {0, 1}
+        assert set(found.class_index) <= {0, 1}
         corner = found.xywh[:, :2] + found.xywh[:, 2:]
         assert (found.xywh[:, :2] >= -1e-3).all()
         assert (corner <= np.array(image.shape[1::-1]) + 1e-3).all()

@@ -35,10 +35,10 @@ def _target(k: int, example: Example) -> tuple[Tensor, dict[str, Tensor]]:
     boxes = box_convert(example.xyxy, "xyxy", "cxcywh")
     target = {
         "boxes": boxes / torch.tensor([width, height] * 2),
-        "labels": example.label,
+        "labels": example.class_index,
         "image_id": torch.tensor([k]),
         "area": boxes[:, 2:].prod(dim=1),
-        "iscrowd": torch.zeros_like(example.label),
+        "iscrowd": torch.zeros_like(example.class_index),
         "orig_size": torch.tensor([height, width]),
         "size": torch.tensor([height, width]),
     }

@@ -72,7 +72,7 @@ def _averaged(average: torch.Tensor, weights: torch.Tensor, steps: int | torch.T
 def collated(batch: Sequence[Example]) -> tuple[Tensor, list[Tensor], list[Tensor]]:
     """Return the pictures of a batch, and the corners and classes of each one's boxes."""
     pictures = torch.stack([example.picture for example in batch])
-    return pictures, [example.xyxy for example in batch], [example.label for example in batch]
+    return pictures, [example.xyxy for example in batch], [example.class_index for example in batch]
 
 
 def fit_small(training: Training) -> RunFigures:

@@ -214,7 +214,7 @@ def _detected(
         images = [pictures.images[k].id for k in indices[start : start + batch]]
         done: dict[int, Found] = {}
         for image, found in zip(images, detector.detect(list(islice(pixels, batch))), strict=True):
-            columns = found.label.tolist(), found.xywh.round(DIGITS).tolist(), found.score.tolist()
+            columns = found.class_index.tolist(), found.xywh.round(DIGITS).tolist(), found.score.tolist()
             done[image] = [
                 {"image_id": image, "category_id": ids[label], "bbox": box, "score": score}
                 for label, box, score in zip(*columns, strict=True)

@@ -61,5 +61,5 @@ def augmentation_sheet(
 
 
 def _drawn(sample: Sample, classes: Sequence[str]) -> Image.Image:
-    labels = zip(sample.xywh, sample.label.tolist(), strict=True)
+    labels = zip(sample.xywh, sample.class_index.tolist(), strict=True)
     return draw(Image.fromarray(sample.picture), [Overlay(xywh, label + 1, classes[label]) for xywh, label in labels])

@@ -52,13 +52,13 @@ class Detections:
         (k, 4) boxes in the picture's pixels, inside it.
     score
         (k,) confidence, from 0 to 1.
-    label
+    class_index
         (k,) index into the detector's classes.
     """
 
     xywh: Float[np.ndarray, "k 4"]
     score: Float[np.ndarray, " k"]
-    label: Int[np.ndarray, " k"]
+    class_index: Int[np.ndarray, " k"]
 
 
 @runtime_checkable

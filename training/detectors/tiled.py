@@ -60,7 +60,7 @@ def _found(detector: Detector, tiles: list[UInt8[np.ndarray, "_ _ 3"]]) -> list[
         sv.Detections(
             np.concatenate((one.xywh[:, :2], one.xywh[:, :2] + one.xywh[:, 2:]), axis=1),
             confidence=one.score,
-            class_id=one.label,
+            class_id=one.class_index,
         )
         for one in detector.detect(tiles)
     ]

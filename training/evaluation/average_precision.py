@@ -55,7 +55,7 @@ def _loaded(labels: Labels, predictions: Predictions) -> list[COCO]:
         (labels, labels.area, labels.crowd, np.zeros(len(labels.area))),  # a label's score is ignored
         (predictions, areas, nothing, predictions.score),
     ):
-        columns = (boxes.image + 1, boxes.label + 1, boxes.xywh, area, crowd.astype(np.int64), score)
+        columns = (boxes.image + 1, boxes.class_index + 1, boxes.xywh, area, crowd.astype(np.int64), score)
         rows = enumerate(zip(*(column.tolist() for column in columns), strict=True), start=1)
         coco = COCO()
         coco.dataset = {
@@ -84,9 +84,9 @@ def resampled_averages(
     order = np.argsort(-predictions.score, kind="stable")
     each = []
     for c in range(len(predictions.class_names)):
-        rows = order[predictions.label[order] == c]
+        rows = order[predictions.class_index[order] == c]
         where = labels.position[predictions.image[rows]]
-        wanted = labels.position[labels.image[(labels.label == c) & ~labels.crowd]]
+        wanted = labels.position[labels.image[(labels.class_index == c) & ~labels.crowd]]
         wanted_at = np.bincount(wanted, minlength=weights.shape[1]).astype(np.float64)
         counts = np.stack([~one.ignored[rows] for one in matchings])
         true = np.stack([one.true[rows] for one in matchings])

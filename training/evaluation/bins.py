@@ -62,9 +62,9 @@ def fields(labels: Labels, predictions: Predictions) -> list[BinnedField]:
     numbers = numbers_of(labels.annotations, labels.images, labels.image)
     if (unknown := np.isnan(numbers["contrast"])).any():
         numbers["contrast"] = np.where(unknown, measured_contrast(labels), numbers["contrast"])
-    classes = np.where(labels.crowd, -1, labels.label)
+    classes = np.where(labels.crowd, -1, labels.class_index)
     found = [
-        _field("class", "class", predictions.class_names, classes, predictions.label),
+        _field("class", "class", predictions.class_names, classes, predictions.class_index),
         _field(SIZE.name, SIZE.title, SIZE.bins, *(bins_of(_side_length(x), SIZE) for x in (labels, predictions))),
         *(_field(one.name, one.title, one.bins, bins_of(numbers[one.name], one), None) for one in SCALES),
         _field("azimuth_seen", "side seen", SIDES, sides_of(numbers["azimuth"]), None),
@@ -84,7 +84,7 @@ def measured_contrast(labels: Labels) -> Float[np.ndarray, " g"]:
 
     It's nan if a label has no mask, or its picture can't be read.
     """
-    found = np.full(len(labels.label), np.nan)
+    found = np.full(len(labels.class_index), np.nan)
     masked = np.array([bool(MASK.read(label).segmentation) for label in labels.annotations], dtype=bool) & ~labels.crowd
     rows = np.flatnonzero(masked)
     by_image = [list(group) for _, group in groupby(rows.tolist(), key=labels.image.__getitem__)]

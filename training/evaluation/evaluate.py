@@ -84,7 +84,8 @@ class Evaluation:
     def position_sums(self) -> Float[np.ndarray, "positions c 6"]:
         """`metrics.SUMS` of each class in each position."""
         classes = len(self.predictions.class_names)
-        return sums_by(self.seen, of_detection=self.predictions.label, of_label=self.labels.label, bins=classes)
+        by_class = {"of_detection": self.predictions.class_index, "of_label": self.labels.class_index}
+        return sums_by(self.seen, **by_class, bins=classes)
 
     @cached_property
     def resampled_sums(self) -> Float[np.ndarray, "r c 6"]:

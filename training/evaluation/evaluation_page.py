@@ -209,7 +209,7 @@ def thumbnails(one: Evaluation) -> tuple[list[Tile], str]:
     visible = np.array([label.visible_fraction for label in one.labels.annotations], dtype=np.float64)
     visible = np.where((visible >= 0.0) & (visible <= 1.0), visible, 1.0)
     size = one.labels.xywh[:, 2] * one.labels.xywh[:, 3] * visible
-    overlap = np.zeros(len(one.labels.label))
+    overlap = np.zeros(len(one.labels.class_index))
     overlap[one.seen.found] = one.matching.iou[one.matching.detection[one.seen.found]]
     cases: list[tuple[str, int, Labels | Predictions]] = [
         *(("missed", k, one.labels) for k in _first(one.seen.missed, -size)),
@@ -254,7 +254,7 @@ def _about(one: Evaluation, outcome: str, k: int) -> tuple[list[str], dict[str, 
     """Caption and values in each facet of the k-th detection, if it's a false alarm, else of the k-th label."""
     false = outcome == "false alarm"
     boxes = one.predictions if false else one.labels
-    name = one.predictions.class_names[boxes.label[k]]
+    name = one.predictions.class_names[boxes.class_index[k]]
     values = {"outcome": [outcome]}
     if false:
         caption = [f"{name} {one.predictions.score[k]:.2f}, false"]

@@ -29,7 +29,7 @@ class Labels:
         (c,) ascending.
     class_names
         Of each.
-    image, label
+    image, class_index
         (g,) indices of each box's image, ascending, and of its class.
     xywh
         (g, 4) pixels.
@@ -45,7 +45,7 @@ class Labels:
     class_id: Int[np.ndarray, " c"]
     class_names: tuple[str, ...]
     image: Int[np.ndarray, " g"]
-    label: Int[np.ndarray, " g"]
+    class_index: Int[np.ndarray, " g"]
     xywh: Float[np.ndarray, "g 4"]
     area: Float[np.ndarray, " g"]
     crowd: Bool[np.ndarray, " g"]
@@ -95,7 +95,7 @@ def labels_of(found: LabeledImages, *, path: Path) -> Labels:
     # By image, then in the file's order, so the order of images in the file doesn't matter.
     images = sorted(found.images, key=lambda image: image.id)
     categories = sorted(found.categories, key=lambda category: category.id)
-    class_index = {category.id: i for i, category in enumerate(categories)}
+    index_of = {category.id: i for i, category in enumerate(categories)}
     labels = [label for image in images for label in image.labels]
     xywh = np.array([label.bbox for label in labels], dtype=np.float64).reshape(-1, 4)
     if negative := [str(labels[k].id) for k in np.flatnonzero((xywh[:, 2:] < 0).any(axis=1))]:
@@ -107,7 +107,7 @@ def labels_of(found: LabeledImages, *, path: Path) -> Labels:
         class_id=np.array([category.id for category in categories], dtype=np.int64),
         class_names=tuple(category.name for category in categories),
         image=np.repeat(np.arange(len(images)), [len(image.labels) for image in images]),
-        label=np.array([class_index[label.category_id] for label in labels], dtype=np.int64),
+        class_index=np.array([index_of[label.category_id] for label in labels], dtype=np.int64),
         xywh=xywh,
         area=np.array([area_of(label) for label in labels], dtype=np.float64),
         crowd=np.array([label.crowd for label in labels], dtype=bool),

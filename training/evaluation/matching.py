@@ -178,7 +178,7 @@ def match(labels: Labels, predictions: Predictions, pairs: Overlaps, *, iou: flo
     iou
         Least IoU.
     """
-    same = labels.label[pairs.box] == predictions.label[pairs.detection]
+    same = labels.class_index[pairs.box] == predictions.class_index[pairs.detection]
     keep = same & (pairs.iou >= min(iou, 1.0 - 1e-10))
     chosen = greedy(pairs.where(keep), predictions.place, labels.crowd)
     box = np.full(len(predictions.score), -1, dtype=np.int64)
@@ -186,7 +186,7 @@ def match(labels: Labels, predictions: Predictions, pairs: Overlaps, *, iou: flo
     box[chosen.detection], overlap[chosen.detection] = chosen.box, chosen.iou
     ignored = predictions.place >= MAX_DETECTIONS
     ignored[chosen.detection] |= labels.crowd[chosen.box]
-    detection = np.full(len(labels.label), -1, dtype=np.int64)
+    detection = np.full(len(labels.class_index), -1, dtype=np.int64)
     real = chosen.where(~labels.crowd[chosen.box])
     detection[real.box] = real.detection
     return Matching(labels, predictions, pairs, iou, box, overlap, ignored, detection)

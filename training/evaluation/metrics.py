@@ -85,7 +85,7 @@ def curves(matching: Matching, *, label: int | None = None) -> dict[str, Float[n
     labels, predictions = matching.labels, matching.predictions
     counted, wanted = ~matching.ignored, ~labels.crowd
     if label is not None:
-        counted, wanted = counted & (predictions.label == label), wanted & (labels.label == label)
+        counted, wanted = counted & (predictions.class_index == label), wanted & (labels.class_index == label)
     rows, last = _by_score(predictions.score, counted)
     tp = np.cumsum(matching.true[rows])[last]
     fp, fn = last + 1 - tp, int(wanted.sum()) - tp
@@ -121,10 +121,10 @@ def confusion(matching: Matching) -> Int[np.ndarray, "k k"]:
     turn = np.empty(len(by_score), dtype=np.int64)
     turn[by_score] = places(predictions.image[by_score])
     mixed = greedy(left, turn, labels.crowd)
-    meant = np.where(matching.true, predictions.label, background)
-    meant[mixed.detection], missed[mixed.box] = labels.label[mixed.box], False
-    rows = np.concatenate([meant[counted], labels.label[missed]])
-    columns = np.concatenate([predictions.label[counted], np.full(missed.sum(), background)])
+    meant = np.where(matching.true, predictions.class_index, background)
+    meant[mixed.detection], missed[mixed.box] = labels.class_index[mixed.box], False
+    rows = np.concatenate([meant[counted], labels.class_index[missed]])
+    columns = np.concatenate([predictions.class_index[counted], np.full(missed.sum(), background)])
     cells = np.bincount(rows * (background + 1) + columns, minlength=(background + 1) ** 2)
     return cells.reshape(background + 1, background + 1)
 
@@ -140,8 +140,9 @@ def sums_at_best(matching: Matching, weights: Float[np.ndarray, "r positions"]) 
     score, true, where = predictions.score[rows], matching.true[rows], labels.position[predictions.image[rows]]
     iou = np.where(true, matching.iou[rows], 0.0)
     each = np.stack([true, ~true, np.zeros(len(rows)), iou, true * score, ~true * score], axis=1)
-    of_class = csr_array((np.ones(len(rows)), (predictions.label[rows], np.arange(len(rows)))), (classes, len(rows)))
-    of_all = sums_by(matching, of_detection=predictions.label, of_label=labels.label, bins=classes)
+    cells = predictions.class_index[rows], np.arange(len(rows))
+    of_class = csr_array((np.ones(len(rows)), cells), (classes, len(rows)))
+    of_all = sums_by(matching, of_detection=predictions.class_index, of_label=labels.class_index, bins=classes)
     wanted = weights @ denominators(of_all)["recall"]
     result = np.zeros((len(weights), classes, len(SUMS)))
     for k, weight in enumerate(weights):

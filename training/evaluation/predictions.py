@@ -60,7 +60,7 @@ class Predictions:
         Their name, unique in a comparison.
     class_names
         Of c classes: the dataset's, in its order, then those of the detections alone.
-    image, label
+    image, class_index
         (d,) indices of each detection's image and class.
     xywh
         (d, 4) pixels; around `corners` if the boxes are oriented.
@@ -73,7 +73,7 @@ class Predictions:
     name: str
     class_names: tuple[str, ...]
     image: Int[np.ndarray, " d"]
-    label: Int[np.ndarray, " d"]
+    class_index: Int[np.ndarray, " d"]
     xywh: Float[np.ndarray, "d 4"]
     score: Float[np.ndarray, " d"]
     corners: Float[np.ndarray, "d 4 2"] | None = None
@@ -81,7 +81,7 @@ class Predictions:
     @property
     def place(self) -> Int[np.ndarray, " d"]:
         """Place of each detection among those of its image and class, from 0."""
-        return places(self.image * len(self.class_names) + self.label)
+        return places(self.image * len(self.class_names) + self.class_index)
 
 
 def places(group: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:

@@ -53,7 +53,7 @@ def _causes(matching: Matching) -> tuple[Int[np.ndarray, " d"], Int[np.ndarray, 
     """Cause of each false positive, and the label that it meant, by the order of the paper's program."""
     labels, predictions = matching.labels, matching.predictions
     pairs = matching.pairs.where(~labels.crowd[matching.pairs.box])
-    same = predictions.label[pairs.detection] == labels.label[pairs.box]
+    same = predictions.class_index[pairs.detection] == labels.class_index[pairs.box]
     foreground = pairs.iou >= matching.iou_threshold
     place, other, doubled, anything = (
         _best(pairs, among, len(predictions.score))
@@ -80,7 +80,7 @@ def _best(pairs: Overlaps, among: Bool[np.ndarray, " p"], detections: int) -> In
 
 def _losses(matching: Matching, cause: Int[np.ndarray, " d"], meant: Int[np.ndarray, " d"]) -> dict[str, float]:
     labels, predictions = matching.labels, matching.predictions
-    wanted = np.bincount(labels.label[~labels.crowd], minlength=len(predictions.class_names))
+    wanted = np.bincount(labels.class_index[~labels.crowd], minlength=len(predictions.class_names))
     order = np.argsort(-predictions.score, kind="stable")
 
     def mean_ap(
@@ -99,12 +99,12 @@ def _losses(matching: Matching, cause: Int[np.ndarray, " d"], meant: Int[np.ndar
 
     missed, counted, true = matching.missed, ~matching.ignored, matching.true
     missed[meant[meant >= 0]] = False
-    before = mean_ap(predictions.label, true, counted, wanted)
+    before = mean_ap(predictions.class_index, true, counted, wanted)
     loss = {}
     for number, name in enumerate(CAUSES):
-        kept, right, label, left = counted.copy(), true.copy(), predictions.label.copy(), wanted
+        kept, right, label, left = counted.copy(), true.copy(), predictions.class_index.copy(), wanted
         if name == "missed":
-            left = wanted - np.bincount(labels.label[missed], minlength=len(wanted))
+            left = wanted - np.bincount(labels.class_index[missed], minlength=len(wanted))
         else:
             kept[cause == number] = False
         if name in ("class", "localization"):
@@ -112,6 +112,6 @@ def _losses(matching: Matching, cause: Int[np.ndarray, " d"], meant: Int[np.ndar
             rows = order[cause[order] == number]
             rows = rows[~matching.found[meant[rows]]]
             mended = rows[np.unique(meant[rows], return_index=True)[1]]
-            kept[mended], right[mended], label[mended] = True, True, labels.label[meant[mended]]
+            kept[mended], right[mended], label[mended] = True, True, labels.class_index[meant[mended]]
         loss[name] = mean_ap(label, right, kept, left) - before
     return loss

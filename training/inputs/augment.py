@@ -121,7 +121,7 @@ class Augmenter:
         given: dict[str, object] = {
             "image": sample.picture,
             "bboxes": np.concatenate((sample.xywh[:, :2], sample.xywh[:, :2] + sample.xywh[:, 2:]), axis=1),
-            "index": np.arange(len(sample.label)),
+            "index": np.arange(len(sample.class_index)),
         }
         if sample.masks:
             given["masks"] = [mask.view(np.uint8) for mask in sample.masks]
@@ -129,7 +129,7 @@ class Augmenter:
         index = np.asarray(found["index"], dtype=np.int64)
         corners = np.asarray(found["bboxes"], dtype=np.float64).reshape(-1, 4)
         xywh = np.concatenate((corners[:, :2], corners[:, 2:] - corners[:, :2]), axis=1)
-        changed, kept = Sample(np.ascontiguousarray(found["image"]), xywh, sample.label[index]), []
+        changed, kept = Sample(np.ascontiguousarray(found["image"]), xywh, sample.class_index[index]), []
         if not sample.masks:
             return changed
         masks = [np.asarray(found["masks"][i], dtype=bool) for i in index.tolist()]
@@ -141,7 +141,7 @@ class Augmenter:
             if np.abs([x, y, x + width, y + height] - corners[row]).max() > MASK_ROUNDING:
                 xywh[row] = seen
             kept.append(row)
-        return Sample(changed.picture, xywh[kept], changed.label[kept], tuple(masks[row] for row in kept))
+        return Sample(changed.picture, xywh[kept], changed.class_index[kept], tuple(masks[row] for row in kept))
 
 
 def changed_table(changes: Mapping[str, object]) -> Table:

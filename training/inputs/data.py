@@ -29,13 +29,13 @@ class Example:
         (3, h, w) RGB.
     xyxy
         (n, 4) corners of boxes, pixels.
-    label
+    class_index
         (n,) class of each.
     """
 
     picture: UInt8[torch.Tensor, "3 h w"]
     xyxy: Float[torch.Tensor, "n 4"]
-    label: Int[torch.Tensor, " n"]
+    class_index: Int[torch.Tensor, " n"]
 
 
 class DrawnExamples(Dataset[Example]):
@@ -98,7 +98,7 @@ def example(sample: Sample, size: tuple[int, int]) -> Example:
     return Example(
         torch.from_numpy(np.ascontiguousarray(seen.picture.transpose(2, 0, 1))),
         torch.from_numpy(corners.astype(np.float32)),
-        torch.from_numpy(seen.label),
+        torch.from_numpy(seen.class_index),
     )
 
 

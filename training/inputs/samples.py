@@ -18,7 +18,7 @@ class Sample:
         (h, w, 3) RGB.
     xywh
         (n, 4) boxes, pixels.
-    label
+    class_index
         (n,) class index of each.
     masks
         Mask of each box; empty if they are unknown or don't count.
@@ -26,7 +26,7 @@ class Sample:
 
     picture: UInt8[np.ndarray, "h w 3"]
     xywh: Float[np.ndarray, "n 4"]
-    label: Int[np.ndarray, " n"]
+    class_index: Int[np.ndarray, " n"]
     masks: tuple[Bool[np.ndarray, "h w"], ...] = ()
 
     def resized(self, width: int, height: int) -> Sample:
@@ -40,7 +40,7 @@ class Sample:
         return Sample(
             cv2.resize(self.picture, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR),
             self.xywh * ([width / was_width, height / was_height] * 2),
-            self.label,
+            self.class_index,
             tuple(
                 cv2.resize(mask.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) >= 0.5
                 for mask in self.masks

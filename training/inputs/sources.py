@@ -45,7 +45,7 @@ class LabeledPictures:
         (n + 1,) picture i has the boxes from ``starts[i]`` to ``starts[i + 1]``.
     xywh
         (m, 4) pixels.
-    label
+    class_index
         (m,) index into the classes that all sources share.
     segmentations
         COCO's segmentation of each box; None if it has none.
@@ -59,7 +59,7 @@ class LabeledPictures:
     sizes: tuple[tuple[int, int], ...]
     starts: Int[np.ndarray, " s"]
     xywh: Float[np.ndarray, "m 4"]
-    label: Int[np.ndarray, " m"]
+    class_index: Int[np.ndarray, " m"]
     segmentations: tuple[object, ...]
     digest: str
 
@@ -83,7 +83,7 @@ class LabeledPictures:
         width, height = self.sizes[i]
         decoded = (decode(segmentation, width, height) for segmentation in self.segmentations[boxes] if masks)
         pixels = read_pixels(self.folder / self.file_names[i], (width, height))
-        return Sample(pixels, self.xywh[boxes], self.label[boxes], tuple(decoded))
+        return Sample(pixels, self.xywh[boxes], self.class_index[boxes], tuple(decoded))
 
 
 def read_sources(
@@ -244,7 +244,7 @@ def _source(name: str, folder: Path, found: LabeledImages, classes: Sequence[str
         sizes=tuple(image.size for image in images),
         starts=np.concatenate(([0], np.cumsum([len(labels) for labels in boxes], dtype=np.int64))),
         xywh=np.array([label.bbox for label in ordered], dtype=np.float64).reshape(-1, 4),
-        label=np.array([classes.index(label.category) for label in ordered], dtype=np.int64),
+        class_index=np.array([classes.index(label.category) for label in ordered], dtype=np.int64),
         segmentations=tuple(MASK.read(label).segmentation or None for label in ordered),
         digest=hashlib.sha256(orjson.dumps(learned)).hexdigest(),
     )

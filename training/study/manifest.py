@@ -237,7 +237,7 @@ def _equal_shares(shares: Mapping[tuple[int, float], Int[np.ndarray, " k"]]) -> 
 
 
 def _boxes(source: LabeledPictures, classes: Sequence[str]) -> dict[str, int]:
-    return dict(zip(classes, np.bincount(source.label, minlength=len(classes)).tolist(), strict=True))
+    return dict(zip(classes, np.bincount(source.class_index, minlength=len(classes)).tolist(), strict=True))
 
 
 def _check_classes(sources: Mapping[str, LabeledPictures], classes: Sequence[str]) -> None:
@@ -255,7 +255,7 @@ def _missing(
     run: PlannedRun, real: LabeledPictures, photographs: Int[np.ndarray, " k"], classes: Sequence[str]
 ) -> list[str]:
     of_box = np.repeat(np.arange(len(real)), np.diff(real.starts))
-    there = np.bincount(real.label[np.isin(of_box, photographs)], minlength=len(classes))
+    there = np.bincount(real.class_index[np.isin(of_box, photographs)], minlength=len(classes))
     if not (lacking := [name for name, boxes in zip(classes, there, strict=True) if not boxes]):
         return []
     return [f"{run.name}: its {len(photographs)} photographs show no {', '.join(lacking)}; stratified = true may help"]
