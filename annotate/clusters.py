@@ -13,11 +13,11 @@ from hulldown.annotate.curves import CurvedView, extremes_of_curved
 from hulldown.annotate.posing import PosedParts, move, slices
 from hulldown.camera.frustum import Frustum
 from hulldown.camera.projection import NEAR
+from hulldown.geometry.transforms import BOX_CORNERS
 
 SMALL = 30_000  # triangles: clipping up to so many takes less time than choosing among them
 LEAF = 64  # triangles in a cluster: fewer cost more bounds, more cost more clipping
 ROUND = 4  # clusters looked at for each side at first; twice as many in every round that follows
-_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64).T
 SLACK = 1e-12  # of a cluster's distance and size: what bounds may be off by their rounding
 
 
@@ -133,7 +133,7 @@ class _Clusters:
         self, camera_from_parts: Float[np.ndarray, "p 3 4"]
     ) -> tuple[Float[np.ndarray, "k 2"], Float[np.ndarray, "k 2"]]:
         """Return the corners at unit depth of what holds each box; nan if it isn't all beyond the near plane."""
-        boxes = self._center[:, :, None] + self._half[:, :, None] * _CORNERS[:, None]
+        boxes = self._center[:, :, None] + self._half[:, :, None] * BOX_CORNERS.T[:, None]
         x, y, z = move(boxes.reshape(3, -1), slices(8 * self._ends), camera_from_parts[None]).reshape(3, -1, 8)
         z = np.where((z >= NEAR).all(axis=1)[:, None], z, np.nan)
         at = np.stack([x / z, y / z], 2)

@@ -18,11 +18,10 @@ from hulldown.geometry.cutouts import Solidity
 from hulldown.geometry.indices import rounds
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.portable import sin_cos
-from hulldown.geometry.transforms import apply, compose, invert_rigid, rotate
+from hulldown.geometry.transforms import BOX_CORNERS, apply, compose, invert_rigid, rotate
 
 ROOM = 100.0  # meters; a sky dome is farther away
 PAIRS = 1 << 14  # pairs of box and triangle tested at a time
-_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
 
 def _skyward(n: int) -> Float[np.ndarray, "n 3"]:
@@ -221,7 +220,7 @@ class Obstacles:
             self._triangles[number] = tree, np.ascontiguousarray(corners.transpose(1, 2, 0)), solidity
         tree, triangles, solidity = self._triangles[number]
         mesh_from_box = compose(self._scene.instance_from_world[instance], world_from_box[box])
-        corners = apply(mesh_from_box, _CORNERS * half[box][:, None])
+        corners = apply(mesh_from_box, BOX_CORNERS * half[box][:, None])
         pair, face = tree.overlapping(corners.min(axis=1), corners.max(axis=1))
         box_from_mesh = compose(invert_rigid(world_from_box[box]), self._scene.world_from_instance[instance])
         moves = np.ascontiguousarray(np.moveaxis(box_from_mesh[:, :3], 0, 2))

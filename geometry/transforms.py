@@ -13,6 +13,9 @@ from numpy.typing import ArrayLike
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.portable import sin_cos
 
+# (8, 3) corners of a box from its center, in halves of its size; z changes from one to the next.
+BOX_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+
 
 def apply(b_from_a: ArrayLike, points_a: ArrayLike) -> Float[np.ndarray, "... n 3"]:
     """Return points of frame a in frame b.

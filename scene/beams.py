@@ -14,14 +14,13 @@ from hulldown.camera.projection import NEAR, Camera
 from hulldown.geometry.cutouts import PASSED
 from hulldown.geometry.indices import numbered, rounds
 from hulldown.geometry.instances import InstancedScene, InstanceHits
-from hulldown.geometry.transforms import apply, invert_rigid, rotate
+from hulldown.geometry.transforms import BOX_CORNERS, apply, invert_rigid, rotate
 
 # Parts of a beam along its length: their boxes enclose less empty space than one box.
 LENGTHS = 8
 RAYS = 1 << 18  # pairs of ray and instance in memory at a time
 PAIRS = 1 << 16  # the same where rays and instances of one camera are paired
 BARELY = 1e-6  # meters ahead of a camera
-_CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 _EDGES = np.array([(i, i + step) for step in (1, 2, 4) for i in range(8) if not i & step]).T  # pairs of corners
 
 
@@ -157,9 +156,9 @@ def _in_view(
 
 def _corners(scene: InstancedScene, instance: Int[np.ndarray, " p"]) -> Float[np.ndarray, "p 8 3"]:
     """Return corners of instances' bounds, grown by more than rounding, in the world."""
-    corners = np.where(_CORNERS, scene.bounds[instance, None, 1], scene.bounds[instance, None, 0])
+    corners = np.where(BOX_CORNERS > 0.0, scene.bounds[instance, None, 1], scene.bounds[instance, None, 0])
     pad = 1e-5 * np.ptp(scene.bounds[instance], axis=1) + 1e-9
-    return corners + np.where(_CORNERS, 1.0, -1.0) * pad[:, None]
+    return corners + BOX_CORNERS * pad[:, None]
 
 
 def _pairs(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from itertools import product
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -13,7 +12,7 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import directions
 from hulldown.camera.shell import camera_pose
 from hulldown.geometry.portable import hypot, log, sin_cos
-from hulldown.geometry.transforms import rotate
+from hulldown.geometry.transforms import BOX_CORNERS, rotate
 from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.likeness import Likeness, Wishes
 from hulldown.planning.search.matching_cameras import DIRECTIONS, chosen_directions, fitting
@@ -22,7 +21,6 @@ from hulldown.planning.search.random_streams import RowStreams
 STEEP = math.radians(15.0)  # elevation above which level ground tells a companion's distance better than its box does
 FLAT = 0.05  # least fall of a ray that's followed to the ground, relative to its length
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
-CORNERS = np.array(list(product((-0.5, 0.5), repeat=3)))
 
 
 def poses_beside(
@@ -77,7 +75,7 @@ def poses_beside(
     away = np.where(steep, to_ground, by_height)[:, None] * ray
 
     sy, cy = (part[..., None] for part in sin_cos(yaw))
-    x, y, z = np.moveaxis(CORNERS * size[:, None], 2, 0)[:, :, None]
+    x, y, z = np.moveaxis(BOX_CORNERS * (size[:, None] / 2.0), 2, 0)[:, :, None]
     corners = np.stack(np.broadcast_arrays(cy * x - sy * y, sy * x + cy * y, z), axis=-1) + away[:, None, None]
     right, down, ahead = np.moveaxis(corners @ camera[:, None, :3, :3], 3, 0)
     ahead = np.maximum(ahead, 0.1 * distance[:, None, None])

@@ -16,6 +16,7 @@ from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.hulls import extreme_points
 from hulldown.geometry.overlap import Obstacles
+from hulldown.geometry.transforms import BOX_CORNERS
 from hulldown.placement.contact import Footing, stacked
 from hulldown.placement.footprint import underside
 from hulldown.placement.rules import SettleRules
@@ -28,7 +29,6 @@ from hulldown.scene.posed_vehicle import VehicleCaster
 
 _BARE_EXTENT = 50.0  # meters to each side of the origin, for a scenery without ground and obstacles
 _BOUNDS = (np.min, np.max)
-_CORNERS = np.array(list(product((False, True), repeat=3)))  # (8, 3) whether a corner of a box is high in x, y, and z
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -134,7 +134,7 @@ class Fleet:
             np.array([[bound(hull, axis=0) for _, hull in of_model] for of_model in padded]) for bound in _BOUNDS
         )
         self.half, self.box_center = (high - low) / 2, (low + high) / 2
-        self.corners = np.where(_CORNERS, high[..., None, :], low[..., None, :])
+        self.corners = np.where(BOX_CORNERS > 0.0, high[..., None, :], low[..., None, :])
         self.reach = np.array([_reach(model.shape) for model in self.models])
 
 
