@@ -150,13 +150,10 @@ class _Weather(Struct):
     visibility_m: float | None = None
 
 
-class Conditions(Struct):
+class Conditions(View):
     """Fields of an image's record about its scenery, light, and air."""
 
-    scenery: str | None = None
-    hdri: str | None = None
     position: float | None = None
-    fov_x_deg: float | None = None
     strength: float | None = None
     weather: _Weather | str | UnsetType | None = UNSET
 
