@@ -1,8 +1,8 @@
-"""Frozen dataclasses of arrays as tables: every field is an array of n rows, or a table of n rows."""
+"""Frozen dataclasses of arrays as tables, whose fields are arrays or tables of n rows; rows as objects."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
@@ -18,6 +18,7 @@ class Columns(Protocol):
 
 
 Table = TypeVar("Table", bound=Columns)
+RowObject = TypeVar("RowObject")
 
 
 def take(table: Table, rows: Int[np.ndarray, " k"]) -> Table:
@@ -42,3 +43,8 @@ def join(tables: Sequence[Table]) -> Table:
     return type(tables[0])(
         *(np.concatenate(parts) if isinstance(parts[0], np.ndarray) else join(parts) for parts in columns)
     )
+
+
+def objects_of(kind: Callable[..., RowObject], columns: Mapping[str, Iterable[object]]) -> list[RowObject]:
+    """Return an object for each row of columns of the same length; their names are its fields."""
+    return [kind(**dict(zip(columns, values, strict=True))) for values in zip(*columns.values(), strict=True)]

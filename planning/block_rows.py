@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import repeat
-from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.assets.library import Assets
+from hulldown.geometry.columns import objects_of
 from hulldown.placement.rejection import Rejection
 from hulldown.planning.appearance.light import draw_lights, draw_sensors
 from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, draw_coats
@@ -27,7 +27,6 @@ from hulldown.planning.search.stage import Site
 from hulldown.planning.search.views import Views
 from hulldown.reading.scenery.geotiff import on_map
 
-T = TypeVar("T")
 _NAMES = {Role.COMPANION: "companion", Role.DISTRACTOR: "distractor"}
 LONGEST_CUT = 0.8  # default share of a labeled box that the frame may cut off, unless targets may lose more
 
@@ -68,7 +67,7 @@ def rows_of(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarray,
         "rejected": [{k: n for k, n in zip(kinds, counts, strict=True) if n} for counts in planned.rejected.tolist()],
         "left_out": np.bincount(table.row[~table.found], minlength=len(target))[owner].tolist(),
     }
-    rows = structs_of(Row, columns)
+    rows = objects_of(Row, columns)
     return [row for row, lost in zip(rows, planned.given_up[owner].tolist(), strict=True) if not lost]
 
 
@@ -80,11 +79,6 @@ def _of_camera(config: Config) -> dict[str, object]:
         return size
     matrix = tuple(map(tuple, camera.matrix.tolist()))
     return size | {"K": matrix} | ({"dist": camera.distortion} if config.camera.distortion else {})
-
-
-def structs_of(kind: Callable[..., T], columns: Mapping[str, Iterable[object]]) -> list[T]:
-    """Return a struct for each row of columns of the same length, which are its fields."""
-    return [kind(**dict(zip(columns, values, strict=True))) for values in zip(*columns.values(), strict=True)]
 
 
 def _followed(block: Block, views: Views) -> list[Followed | None]:
@@ -112,7 +106,7 @@ def _in_images(
 ) -> list[PlannedVehicle]:
     """Return n instances in images; `instances` are the columns of `_of_instances`."""
     of_instance = {key: [column[i] for i in instance.tolist()] for key, column in instances.items()}
-    return structs_of(PlannedVehicle, {"role": roles, **of_instance, **of_views(views), "label": labels})
+    return objects_of(PlannedVehicle, {"role": roles, **of_instance, **of_views(views), "label": labels})
 
 
 def _extras(

@@ -14,6 +14,7 @@ from hulldown.base.errors import ConfigError
 from hulldown.camera.response import ALBEDO, FARTHEST_EV, metered
 from hulldown.camera.sensor import LIMITS, Sensor
 from hulldown.camera.weather.kinds import KINDS, Weather
+from hulldown.geometry.columns import objects_of
 from hulldown.planning.config.light_section import LightSection
 from hulldown.planning.config.sensor_section import SensorSection
 from hulldown.planning.plan.row import rounded
@@ -114,7 +115,4 @@ def draw_sensors(section: SensorSection, *, draws: RandomStreams, image: Int[np.
     u = draws.uniform(Purpose.SENSOR, image, 0, count=len(LIMITS)).T
     table = {key: rounded("sensor", between(*ranges[key], own)) for key, own in zip(LIMITS, u, strict=True)}
     table["jpeg_quality"] = np.rint(table["jpeg_quality"]).astype(np.int64)
-    return [
-        Sensor(**dict(zip(table, values, strict=True)))
-        for values in zip(*(column.tolist() for column in table.values()), strict=True)
-    ]
+    return list(objects_of(Sensor, {key: column.tolist() for key, column in table.items()}))
