@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterator
 from functools import cache
 from typing import Annotated, Any, TypeVar, get_type_hints
@@ -96,33 +95,29 @@ def fields_of(record: Record, kind: type[Declared]) -> Declared:
     try:
         return typed(record, kind)
     except ValueError:
-        wrong = {
-            key for key, (hint, optional) in _fields(kind).items() if optional and not _fits(record.get(key), hint)
-        }
+        wrong = {key for key, _ in _misfits(record, kind)}
         return typed({key: value for key, value in record.items() if key not in wrong}, kind)
-
-
-def _fits(value: object, hint: Any) -> bool:
-    with contextlib.suppress(ValueError):
-        typed(value, hint)
-        return True
-    return False
 
 
 def misfits(record: Record, kind: type[Struct]) -> Iterator[str]:
     """Yield a sentence for each field that doesn't have its declared type and range, or is missing."""
+    return (f"{key} is {record.get(key)!r:.60} ({error})" for key, error in _misfits(record, kind))
+
+
+def _misfits(record: Record, kind: type[Struct]) -> Iterator[tuple[str, ValueError]]:
+    """Yield each such field with its error."""
     try:
         typed(record, kind)
         return
     except ValueError:
         pass
-    for key, field in _fields(kind).items():
-        if key not in record and field[1]:
+    for key, (hint, optional) in _fields(kind).items():
+        if key not in record and optional:
             continue
         try:
-            typed(record.get(key), field[0])
+            typed(record.get(key), hint)
         except ValueError as error:
-            yield f"{key} is {record.get(key)!r:.60} ({error})"
+            yield key, error
 
 
 @cache
