@@ -150,11 +150,9 @@ def join(
             target.append(*_records(move))
             advance(done, len(left))
         for part in read:
-            first = {now.key: now.image_offset + 1 for _, now in part.reservations(target)}
-            made = part.provenance.items()
-            add_provenance(
-                folder, {key: replace(each, first_image_id=first[key]) for key, each in made if key in first}
-            )
+            plans = [now for _, now in part.reservations(target) if now.key in part.provenance]
+            made = {now.key: replace(part.provenance[now.key], first_image_id=now.image_offset + 1) for now in plans}
+            add_provenance(folder, made)
         unmade = [failure for name, failure in sorted(failures.items()) if not target.finished(name)]
         write_failures(folder, unmade)
         return Joined(len(left), len(moves) - len(left), len(unmade), target.missing())

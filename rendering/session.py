@@ -109,8 +109,9 @@ class Session:
             keypoints=next((category.get("keypoints", ()) for category in categories), ()),
         )
         dataset.add_categories(categories, keypoints=True)
-        labels = int(outline.labels.sum())
-        reservation = self._reservation = dataset.reserve(outline.key, images=len(outline.rows), annotations=labels)
+        reservation = self._reservation = dataset.reserve(
+            outline.key, images=len(outline.rows), annotations=int(outline.labels.sum())
+        )
         rows, firsts = part.of(outline), outline.first_annotations(reservation).tolist()
         self._left: dict[int, tuple[str, int]] = {}  # index -> name in the dataset, and id of the first label
         for _, index, labels, planned in rows:
